@@ -92,7 +92,7 @@ def list_grants(as_json: bool) -> None:
 @click.command()
 @_who_and_what
 def revoke(words: tuple[str, ...], group: str | None, site: str | None, everything: bool) -> None:
-    """Take USER's grant for ROBOT away; what it opened ends, unless another grant is for it.
+    """Take USER's grant for ROBOT away; what it opened ends, unless another grant allows it.
 
     Instead of USER: --group GROUP. Instead of ROBOT: --site SITE or --all.
     """

@@ -112,7 +112,7 @@ def rekey(name: str) -> None:
 def rotate_key(name: str) -> None:
     """Ask a robot's agent to make a new key.
 
-    Its connections live on, and the old key opens nothing afterwards.
+    Its connections stay open. Afterwards the old key opens nothing.
     """
     with open_database().transaction() as tx:
         robots.rotate_key(tx, SOURCE, name)

@@ -49,7 +49,7 @@ def show_settings(name: str) -> None:
 @click.option(
     "--shell-user",
     metavar="ACCOUNT",
-    help="Account on the robot that ssh takes; '' for none in particular.",
+    help="Account on the robot that ssh logs in to; '' for everybody's own user name.",
 )
 def set_settings(name: str, changes: Sequence[str], shell_user: str | None) -> None:
     """Change a robot's settings, all given ones or none.

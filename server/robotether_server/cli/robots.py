@@ -41,9 +41,9 @@ SESSIONS_SHOWN = 5
 @click.command()
 @click.argument("name")
 def disable(name: str) -> None:
-    """Keep a robot out, and end its connection.
+    """Disable a robot, and end its connection.
 
-    Whatever its key, until: enable.
+    No key connects it until: enable.
     """
     with open_database().transaction() as tx:
         robots.disable(tx, SOURCE, name)

@@ -108,7 +108,7 @@ def role(name: str, new_role: Role) -> None:
 @user.command()
 @click.argument("name")
 def disable(name: str) -> None:
-    """Keep a user out; logins, tokens and SSH keys work no more. Undone with: enable."""
+    """Disable a user: logins, tokens and SSH keys no longer work. To undo it: enable."""
     with open_database().transaction() as tx:
         users.set_disabled(tx, SOURCE, name, disabled=True)
     click.echo(f"disabled user {name}")

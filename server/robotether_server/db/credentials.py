@@ -166,7 +166,7 @@ def delete_token(tx: Transaction, token_id: int) -> None:
 
 @dataclass(frozen=True)
 class JoinToken:
-    """What may be told about a join token; its text is known only to who asked for it."""
+    """A join token without its text, which only its creator knows."""
 
     id: int
     name: Label
@@ -218,8 +218,8 @@ def list_join_tokens(tx: Transaction) -> list[JoinToken]:
     return [_join_token(row) for row in tx.rows(SELECT_JOIN_TOKENS + "ORDER BY id DESC")]
 
 
-def has_let_in(tx: Transaction, token_id: int, fingerprint: str) -> bool:
-    """Tell whether this token has let that key in before."""
+def has_admitted(tx: Transaction, token_id: int, fingerprint: str) -> bool:
+    """Return whether this token has admitted that key before."""
     found = tx.row(
         "SELECT 1 FROM join_token_uses WHERE token_id = %s AND fingerprint = %s",
         (token_id, fingerprint),
@@ -244,5 +244,5 @@ def use_join_token(tx: Transaction, token_id: int, fingerprint: str) -> bool:
 
 
 def delete_join_token(tx: Transaction, token_id: int) -> None:
-    """Delete a token; the robots that it let in stay."""
+    """Delete a token; the robots that it admitted stay."""
     tx.change("DELETE FROM join_tokens WHERE id = %s", (token_id,))

@@ -78,7 +78,7 @@ class Robot:
 
 @dataclass(frozen=True)
 class Claim:
-    """A key that waits (`robot_id`) or was turned away (`rejected_at`, `rejected_by`)."""
+    """A key that waits (`robot_id`) or was rejected (`rejected_at`, `rejected_by`)."""
 
     id: int
     key: PublicKey
@@ -365,7 +365,7 @@ def add_claim(tx: Transaction, robot: Robot, key: PublicKey, report: Report) -> 
 
 
 def add_rejected_key(tx: Transaction, robot: Robot, by: str) -> None:
-    """Remember the key that this robot's row had as turned away. Raises RecordExists."""
+    """Remember the key that this robot's row had as rejected. Raises RecordExists."""
     report = robot.report
     tx.insert(
         "INSERT INTO key_claims (robot, mac, fingerprint, public_key, hostname, agent_version, address, "
@@ -410,7 +410,7 @@ def list_claims(tx: Transaction) -> list[Claim]:
 
 
 def list_rejected_keys(tx: Transaction) -> list[Claim]:
-    """Return the keys that were turned away, the newest first."""
+    """Return the keys that were rejected, the newest first."""
     rows = tx.rows(
         SELECT_CLAIM + "WHERE c.rejected_at IS NOT NULL ORDER BY c.rejected_at DESC, c.id DESC"
     )

@@ -12,12 +12,12 @@ unbounded buffer for anybody.
     events/      the fleet as operators see it, as server-sent events
     video/       a robot's cameras: the frames protocol, multipart streams, web_video_server passed through
     rosbridge/   an operator's WebSocket joined to a robot's rosbridge; every message is checked and written anew
-    drives/      what a drive came to, for its record
+    drives/      a driver's commands on their way, and what the drive came to, for its record
     control/     who drives, who waits, who stopped; leases, stops, and the requests for them
     auth/        who asks and what for: tickets, logins, tokens, and the live connections that they opened
     robots/      robots' sessions over TCP, what is known of each robot, and the way to its ports
     db/          the database on threads of its own: reads robots and rights, writes what happens
-    http/        sockets, close reasons, rates
+    http/        sockets, close reasons, and `timing`: rates, silence, clocks
 
 Each folder imports only from those below it; events, video and rosbridge not from each other, nor robots and db.
 """

@@ -33,8 +33,8 @@ from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.events.fleet_events import FleetEvents
 from robotether_server.relay.events.handler import EventsHandler
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.liveness import DRIVER_LIMITS, LivenessLimits
 from robotether_server.relay.http.sockets import RobotSocket, refuse_redirects
+from robotether_server.relay.http.timing import DRIVER_LIMITS, LivenessLimits
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver
 from robotether_server.relay.robots.port_checks import PortChecker

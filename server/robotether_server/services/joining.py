@@ -129,7 +129,7 @@ class _Joining:
             return self._claim(robot)
         if self.credential is not None or self._is_first_key(robot):
             return _active(
-                let_in(self.tx, self.source, robot, self.request.presented, self.credential)
+                admit(self.tx, self.source, robot, self.request.presented, self.credential)
             )
         return self._wait(robot)
 
@@ -284,7 +284,7 @@ def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: Pre
 
 
 def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
-    """Raise KeyRejected for a key that an admin turned away."""
+    """Raise KeyRejected for a key that an admin rejected."""
     claim = robots.find_claim(tx, key.fingerprint)
     if claim is not None and claim.is_rejected:
         raise KeyRejected(
@@ -311,14 +311,14 @@ def check_key_is_free(
     _release(tx, source, holder, claim)
 
 
-def let_in(
+def admit(
     tx: Transaction,
     source: Source,
     robot: Robot,
     presented: PresentedKey,
     credential: EnrolmentCredential | None,
 ) -> Robot:
-    """Make the key the robot's own, and the robot active; None: JOIN_POLICY lets first keys in.
+    """Make the key the robot's own, and the robot active; None: JOIN_POLICY admits first keys.
 
     Raises TokenUsedUp; a use of a join token is counted here and nowhere else.
     """
@@ -354,8 +354,8 @@ def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:
 
 
 def is_spent(tx: Transaction, credential: EnrolmentCredential, key: PublicKey) -> bool:
-    """Tell whether the join token let this key in before, which an admin has undone since."""
-    return credential.token is not None and credentials.has_let_in(
+    """Return whether the join token admitted this key before, and an admin has undone that since."""
+    return credential.token is not None and credentials.has_admitted(
         tx, credential.token.id, key.fingerprint
     )
 
@@ -379,7 +379,7 @@ def usual_names(mac: str) -> Iterator[str]:
 
 
 def _count_use(tx: Transaction, token: credentials.JoinToken, key: PublicKey) -> None:
-    if credentials.has_let_in(tx, token.id, key.fingerprint):
+    if credentials.has_admitted(tx, token.id, key.fingerprint):
         raise TokenUsedUp(
             f"cannot join with this token: it has admitted key {key.fingerprint} before, and an admin has undone "
             "that; get another token, or an admin's approval"
@@ -387,7 +387,7 @@ def _count_use(tx: Transaction, token: credentials.JoinToken, key: PublicKey) ->
     if not credentials.use_join_token(tx, token.id, key.fingerprint):
         raise TokenUsedUp(
             f"cannot join with this token: it was good for {token.uses} "
-            f"{'robot' if token.uses == 1 else 'robots'}, which are in; make another"
+            f"{'robot' if token.uses == 1 else 'robots'}, and has admitted them; get another"
         )
 
 

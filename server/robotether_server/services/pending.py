@@ -28,7 +28,7 @@ class PendingKey:
 
 @dataclass(frozen=True)
 class RejectedKey:
-    """A key that was turned away; `robot` is the name that its robot had then."""
+    """A rejected key; `robot` is the name that its robot had then."""
 
     id: int
     fingerprint: Fingerprint
@@ -48,7 +48,7 @@ def waiting(tx: Transaction) -> list[PendingKey]:
 
 
 def rejected(tx: Transaction) -> list[RejectedKey]:
-    """Return every key that was turned away, the newest first."""
+    """Return every rejected key, the newest first."""
     return [_rejected(claim) for claim in robots.list_rejected_keys(tx)]
 
 

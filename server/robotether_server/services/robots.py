@@ -78,7 +78,7 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
         macs.check_universal(presented.mac)
     joining.check_key_is_free(tx, source, presented, is_authorized=True)
     row = found or _add(tx, presented.mac, registration.name)
-    return joining.let_in(tx, source, row, presented, registration.credential), found is None
+    return joining.admit(tx, source, row, presented, registration.credential), found is None
 
 
 def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Robot:
@@ -120,7 +120,7 @@ def reject(tx: Transaction, source: Source, name: str, fingerprint: str) -> None
 
 
 def disable(tx: Transaction, source: Source, name: str) -> Robot:
-    """Keep a robot out, whatever its key."""
+    """Disable a robot, whatever its key."""
     found = _get(tx, name)
     if found.state != "disabled":
         _change_state(tx, source, found, "disabled", "robot_disabled")

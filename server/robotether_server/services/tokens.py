@@ -119,7 +119,7 @@ def list_join_tokens(tx: Transaction) -> list[JoinToken]:
 
 
 def delete_join_token(tx: Transaction, source: Source, token_id: int) -> JoinToken:
-    """Delete a token and return it; the robots that it let in stay. Raises RecordMissing."""
+    """Delete a token and return it; the robots that it admitted stay. Raises RecordMissing."""
     token = credentials.get_join_token(tx, token_id)
     credentials.delete_join_token(tx, token_id)
     details: dict[str, object] = {"token": token.name, "used": token.used}
@@ -137,7 +137,7 @@ def delete_join_tokens_of(tx: Transaction, source: Source, maker: str) -> None:
 def find_credential(tx: Transaction, text: str) -> EnrolmentCredential:
     """Return whose token that is; raise TokenInvalid, TokenExpired or GrantMissing.
 
-    A join token that is used up still tells who asks: a use is counted when it lets a robot in.
+    A join token that is used up still tells who asks: a use is counted when it admits a robot.
     """
     if text.startswith(credentials.JOIN_PREFIX):
         return EnrolmentCredential(ROBOT, token=_join_token(tx, text))

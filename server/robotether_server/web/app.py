@@ -1,9 +1,10 @@
-"""Builds the Flask application from its settings, with headers for every answer; gunicorn calls make_app."""
+"""Builds the Flask application, with headers for every answer and for pages of other sites; gunicorn calls make_app."""
 
 import datetime as dt
 import logging
 import os
 import re
+from collections.abc import Collection
 
 from flask import Flask, Response, request
 from werkzeug.middleware.proxy_fix import ProxyFix
@@ -13,9 +14,10 @@ from robotether_server.api.context import AppContext, csrf
 from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
 from robotether_server.install_line import SiteCertificates
+from robotether_server.problems import OriginRefused
 from robotether_server.settings import WebSettings, load_web
 from robotether_server.tickets import TicketSigner
-from robotether_server.web import admin, cors, current_user, errors, page_texts
+from robotether_server.web import admin, current_user, errors, page_texts
 from robotether_server.web.pages import (
     button_forms,
     drive_page_form,
@@ -54,6 +56,15 @@ PERMISSIONS_POLICY = ", ".join(
     )
 )
 
+# What pages of ALLOWED_ORIGINS need to drive, with an API token. The relay does the same for control and video.
+CORS_PATHS = frozenset(("/api/v1/tickets", "/api/v1/robots"))
+CORS_METHODS = "GET, POST"
+CORS_HEADERS = "Authorization, Content-Type"
+PREFLIGHT_CACHE_S = 600
+# The same for everybody, and no secret: any page may load it. Kept so shortly that an upgrade reaches all pages.
+CLIENT = "/static/dist/robotether-client.js"
+CLIENT_CACHE_S = 300
+
 
 def create_app(settings: WebSettings) -> Flask:
     """Return the application; it opens no connection before the first request."""
@@ -87,7 +98,7 @@ def create_app(settings: WebSettings) -> Flask:
     csrf.exempt(api.blueprint)
     errors.register(app)
     app.after_request(_add_headers)
-    cors.register(app, settings.allowed_origins)
+    _register_cors(app, settings.allowed_origins)
     page_texts.register(app)
     current_user.register(app)
     app.register_blueprint(home.blueprint)
@@ -138,3 +149,50 @@ def content_security_policy(host: str) -> str:
             "frame-ancestors 'none'",
         )
     )
+
+
+def _register_cors(app: Flask, allowed_origins: Collection[str]) -> None:
+    """Answer browsers that ask whether a page of another site may, and mark what it may read.
+
+    No answer allows credentials, so their browsers never use a login.
+    """
+    allowed = frozenset(allowed_origins)
+
+    @app.before_request
+    def preflight() -> Response | None:
+        return _answer_preflight(allowed) if _is_preflight() else None
+
+    @app.after_request
+    def mark(response: Response) -> Response:
+        if request.path in CORS_PATHS:
+            _mark_readable(response, allowed)
+        elif request.path == CLIENT:
+            response.headers["Access-Control-Allow-Origin"] = "*"
+            response.headers["Cache-Control"] = f"public, max-age={CLIENT_CACHE_S}"
+        return response
+
+
+def _is_preflight() -> bool:
+    asks = "Access-Control-Request-Method" in request.headers
+    return request.method == "OPTIONS" and asks and request.path in CORS_PATHS
+
+
+def _answer_preflight(allowed: frozenset[str]) -> Response:
+    origin = request.headers.get("Origin", "")
+    if origin not in allowed:
+        raise OriginRefused(
+            f"cannot serve a page of {origin[:100]!r}: it is not in ALLOWED_ORIGINS"
+        )
+    response = Response(status=204)
+    response.headers["Access-Control-Allow-Methods"] = CORS_METHODS
+    response.headers["Access-Control-Allow-Headers"] = CORS_HEADERS
+    response.headers["Access-Control-Max-Age"] = str(PREFLIGHT_CACHE_S)
+    return response
+
+
+def _mark_readable(response: Response, allowed: frozenset[str]) -> None:
+    # Also where there is none: a cache must not give its answer to a page of another site.
+    response.vary.add("Origin")
+    origin = request.headers.get("Origin")
+    if origin is not None and origin in allowed:
+        response.headers["Access-Control-Allow-Origin"] = origin

@@ -41,7 +41,7 @@ def require_admin() -> AnyResponse | None:
             return to_login()
         remember(tx, user)
     if not user.is_admin:
-        raise GrantMissing("cannot show this page: it is for admins; ask one of this site's")
+        raise GrantMissing("cannot show this page: it is for admins; ask one of them")
     return None
 
 

@@ -74,7 +74,7 @@ def _answer_http(error: HTTPException) -> Response:
     # Redirects are HTTPExceptions too.
     if error.code is None or error.code < HTTPStatus.BAD_REQUEST:
         return Response(error.get_body(), error.code, error.get_headers())
-    response = answer(HttpProblem(error.code, error.description or "no more is known"))
+    response = answer(HttpProblem(error.code, error.description or "there are no details"))
     for name, value in error.get_headers():
         if name.lower() not in {"content-type", "content-length"}:
             response.headers[name] = value

@@ -86,7 +86,7 @@ export class Connection {
     return this.now() - this.receivedAt;
   }
 
-  // For news that an attempt may work now; `asked` when a person wants it, whatever the state.
+  // Called when an attempt may work now; `asked` when a person wants it, whatever the state.
   // Without effect on a live link, during an attempt, or once it was stopped.
   retryNow({ asked = false } = {}) {
     if (!this.started || this.live || this.connecting || !(asked || this.state.retry)) return;
@@ -193,7 +193,7 @@ export class Connection {
     this.show(LIVE);
   }
 
-  // For news that the network is gone: the browser may keep a dead link open for minutes.
+  // Called when the network is gone: the browser may keep a dead link open for minutes.
   cut() {
     if (this.live) this.settle(LINK_LOST);
   }
@@ -254,7 +254,7 @@ const BY_CLOSE_CODE = {
   1001: () => retrying("server_unreachable", reasons.restarting),
   1008: () => retrying("link_lost"),
   1009: () => retrying("link_lost"),
-  // Rights or settings changed; what is left, the next ticket tells.
+  // Rights or settings changed; the next ticket shows what is left.
   4001: () => retrying("connecting"),
   4002: lostControl("superseded"),
   4003: lostControl("robot_stopped"),

@@ -1,4 +1,4 @@
-// Drives for a program: keeps its word going at 20 Hz for as long as it repeats it, and ends with zeros.
+// Drives for a program: repeats its last command at 20 Hz while the program repeats it, and ends with zeros.
 // It must never send anything but zero that its program has not said within the last 0.3 s, nor start again by itself
 // after it had to stop: then the program has to say zero first, as a person has to let go of the stick.
 

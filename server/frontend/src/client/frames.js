@@ -1,6 +1,6 @@
-// A camera's pictures, always the newest, each with its moment (docs/reference/media.md): opens a link, tells how it stands and
+// A camera's frames, always the newest, each with its timestamp (docs/reference/media.md): opens a link, reports its state and
 // opens the next one after a cut. Used by the drive page and, through index.js, by pages of others.
-// It must never make a picture look newer than it is: driving is held by its age.
+// It must never make a frame look newer than it is: driving is held by its age.
 
 import { backoff } from "./api.js";
 
@@ -25,7 +25,7 @@ export class FrameStream {
   // `url()` gives (a promise of) the address of the frames for each attempt, ticket included where it needs one, and may
   // throw what has a `status`, as TicketRefused has. `want` as in docs/reference/media.md; what is missing has its default there.
   // `onFrame({jpeg, number, at})`: `at` on the clock of `now()`, never later than it was; a promise that it gives is
-  // waited for before the next picture is asked for. `onStatus({picture, why, detail, quality, width, height, fps, source,
+  // waited for before the next frame is asked for. `onStatus({picture, why, detail, quality, width, height, fps, source,
   // bytes})` at each change: `picture` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down
   // (the camera's source, with `detail`), old, cut, unreachable, login_missing, refused (`detail`: the status) or of BY_CODE.
   /**
@@ -91,14 +91,14 @@ export class FrameStream {
     this.link?.want(this.wanted);
   }
 
-  // For news that an attempt may work now.
+  // Called when an attempt may work now.
   retryNow() {
     if (!this.running || this.link || this.asking) return;
     this.delays = backoff();
     this.attempt();
   }
 
-  // The age of the newest picture in ms, or null without one.
+  // The age of the newest frame in ms, or null without one.
   get ageMs() {
     return this.at === null ? null : this.now() - this.at;
   }
@@ -178,7 +178,7 @@ export class FrameStream {
     this.link = null;
   }
 
-  // What was seen on a link that has ended is no picture any more.
+  // What was seen on a link that has ended is over.
   forget(why, detail = "") {
     this.at = null;
     this.details = NO_DETAILS;
@@ -208,14 +208,14 @@ export class FrameStream {
 }
 
 // One WebSocket of the frames protocol (docs/reference/media.md), from its opening to its end; FrameStream opens the next one.
-// It must never have more pictures under way than the page can show, or what it shows would be late.
+// It must never have more frames under way than the page can show, or what it shows would be late.
 const CREDITS = 2; // one is shown while the next is on its way
 const SYNC_MS = 500;
 const SILENCE_MS = 4000; // every beat is answered
 
 class FramesLink {
   // `want` as in docs/reference/media.md. `onFrame({jpeg, number, at, quality, byCamera, bytes})` may give a promise: the next
-  // picture is asked for when it has settled. `onStatus` gets the sender's own, `onEnd({code, reason, opened})` comes once.
+  // frame is asked for when it has settled. `onStatus` gets the sender's own, `onEnd({code, reason, opened})` comes once.
   constructor(socket, { want, onFrame, onStatus, onEnd, now, wall }) {
     this.socket = socket;
     this.wanted = want;
@@ -289,12 +289,12 @@ class FramesLink {
     this.turn = this.turn.then(() => this.credit(1));
   }
 
-  // A picture that cannot be decoded is one that is skipped.
+  // A frame that cannot be decoded is one that is skipped.
   async hand(frame) {
     if (this.onEnd) await Promise.resolve(this.onFrame(frame)).catch(() => {});
   }
 
-  // For a page that needs no more of it; nothing is told any more.
+  // For a page that needs no more of it; nothing is reported any more.
   close() {
     this.onEnd = null;
     clearInterval(this.timer);
@@ -317,12 +317,12 @@ function parse(text) {
   }
 }
 
-// Takes a picture of the frames protocol (docs/reference/media.md) apart. Pure.
+// Takes a frame of the frames protocol (docs/reference/media.md) apart. Pure.
 const LENGTH = 16; // Python's struct: !BBHId
 const JPEG = 1;
 const CAMERA_STAMP = 1;
 
-// Gives {number, quality, byCamera, timestampMs, jpeg}, the moment by the sender's clock; null for what this page
+// Gives {number, quality, byCamera, timestampMs, jpeg}, the timestamp by the sender's clock; null for what this page
 // cannot show, such as a codec of a newer server. Nothing is copied: `jpeg` is a view of `data`.
 export function readFrame(data) {
   if (data.byteLength <= LENGTH) return null;
@@ -338,9 +338,9 @@ export function readFrame(data) {
   };
 }
 
-// Tells when a picture was taken, by this page's clock (docs/reference/media.md, "SenderClock"). A beat is on its way for a while
+// Says when a frame was taken, by this page's clock (docs/reference/media.md, "Timestamps"). A beat is on its way for a while
 // before the sender reads its clock, so each difference is at least the true one, and the least comes nearest: a
-// moment is never told later than it was. Pure.
+// timestamp is never later than the truth. Pure.
 const MAX_AGE_MS = 30_000;
 const STEP_MS = 250; // over what clocks drift in that time, and over what browsers blur them by
 
@@ -359,14 +359,14 @@ export class SenderClock {
     this.samples = [...this.fresh(at), { at, ahead: sender_ms - t_ms, slept: this.wall() - at }];
   }
 
-  // The moment on the clock of `now()`; null while nothing is known of the sender's clock.
+  // The timestamp on the clock of `now()`; null while nothing is known of the sender's clock.
   timestamp(sender_ms) {
     const now = this.now();
     const known = this.fresh(now).map(({ ahead }) => ahead);
     return known.length ? Math.min(now, sender_ms - Math.min(...known)) : null;
   }
 
-  // After a sleep of this machine, what was known would make old pictures look new.
+  // After a sleep of this machine, what was known would make old frames look new.
   fresh(at) {
     const slept = this.wall() - at;
     return this.samples.filter((sample) => at - sample.at <= MAX_AGE_MS && Math.abs(slept - sample.slept) < STEP_MS);

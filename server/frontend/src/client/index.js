@@ -16,7 +16,7 @@ const STOP_CONFIRM_MS = 3000;
 export class Robot {
   // `server`: https://HOST, by default the page's own. Who asks: `token`, an API token; or `getTicket({robot, mode})`, which
   // gives (a promise of) a ticket, from a backend of yours; or else the login of a page on that server.
-  // `driveType` and `wheelbase` where the robot does not tell or steers; `letGoOnBlur` false for a page that drives
+  // `driveType` and `wheelbase` where the robot does not report its type or steers; `letGoOnBlur` false for a page that drives
   // by a program and needs nobody to look at it.
   constructor(options) {
     const { robot, server, token, getTicket, driveTopic, driveType, wheelbase, letGoOnBlur } = {
@@ -127,7 +127,7 @@ export class Robot {
     });
   }
 
-  // Lets the stopped robot be driven again, if the stop is the one that this page was told of. Its wheels stay still until
+  // Lets the stopped robot be driven again, if the stop is the one that was reported to this page. Its wheels stay still until
   // the next connect and drive.
   async release() {
     const stopped = this.control?.stopped;
@@ -169,8 +169,8 @@ export class Robot {
     return values;
   }
 
-  // Shows a camera in an <img> or <canvas>, always the newest picture. `want` as in docs/reference/media.md. Gives the stream:
-  // stop(), want(changes), ageMs of the newest picture.
+  // Shows a camera in an <img> or <canvas>, always the newest frame. `want` as in docs/reference/media.md. Gives the stream:
+  // stop(), want(changes), ageMs of the newest frame.
   showVideo(
     element,
     /** @type {{topic?: string, onStatus?: (status: object) => void}} */ { topic = USUAL_CAMERA, onStatus, ...want } = {},
@@ -243,8 +243,8 @@ function credentials(token) {
 
 export { FrameStream, TicketRefused };
 
-// Shows pictures in an <img> or on a <canvas> of the page, one at a time.
-// Gives the function that shows {jpeg} and settles when it is to be seen; it rejects for what is no picture.
+// Shows frames in an <img> or on a <canvas> of the page, one at a time.
+// Gives the function that shows {jpeg} and settles when it is to be seen; it rejects for what is no image.
 function showOn(element) {
   if (element.localName === "canvas") return ({ jpeg }) => draw(element, jpeg);
   if (element.localName === "img") return imageShower(element);

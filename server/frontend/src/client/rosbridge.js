@@ -46,7 +46,7 @@ export class Link {
     });
   }
 
-  // `onRefused(why)` of the spec hears when the server does not let the subscription through.
+  // `onRefused(why)` of the spec is called when the server refuses the subscription.
   subscribe(spec, handler) {
     const topic = this.topic(spec);
     topic.subscribe(handler);
@@ -59,8 +59,8 @@ export class Link {
     };
   }
 
-  // What is published may carry `robotether`, the moment of a drive command, which roslib has no place for.
-  // `onRefused(why)` of the spec hears of each message that the server did not let through.
+  // What is published may carry `robotether`, the timestamp of a drive command, which roslib has no place for.
+  // `onRefused(why)` of the spec is called for each message that the server refused.
   advertise(spec) {
     const topic = this.topic(spec);
     topic.advertise();
@@ -190,7 +190,7 @@ const TWIST_STAMPED = "geometry_msgs/TwistStamped";
 const ACKERMANN_STAMPED = "ackermann_msgs/AckermannDriveStamped";
 const DRIVE_TYPES = [TWIST, TWIST_STAMPED, ACKERMANN_STAMPED];
 
-// Of a robot whose settings do not tell: about that of the small cars that take steering angles.
+// Of a robot whose settings have none: about that of the small cars that take steering angles.
 const USUAL_WHEELBASE_M = 0.33;
 
 // "geometry_msgs/msg/Twist" (ROS 2) and "geometry_msgs/Twist" (ROS 1) are one type.
@@ -240,7 +240,7 @@ export const speedReader = (type) => SPEED_READERS[plainType(type)];
 const SPEED_TYPES = Object.keys(SPEED_READERS);
 const SPEED_TOPICS = ["/odom", "/pose"];
 
-// The topic that tells the robot's speed: odometry before pose, the usual name before others.
+// The topic with the robot's speed: odometry before pose, the usual name before others.
 export function speedTopic(topics) {
   const rank = ({ name, type }) => SPEED_TYPES.indexOf(plainType(type)) * 2 + (SPEED_TOPICS.includes(name) ? 0 : 1);
   return topics.filter(({ type }) => speedReader(type)).sort((a, b) => rank(a) - rank(b))[0];

@@ -1,5 +1,5 @@
-// All that drives a robot over one connection that stays: the connection itself, the relay's clock, news of the control,
-// and drive commands, each with its moment. Used by the drive page and by index.js.
+// All that drives a robot over one connection that stays: the connection itself, the relay's clock, the state of control,
+// and drive commands, each with its timestamp. Used by the drive page and by index.js.
 // It must never believe what a robot says in the relay's name.
 
 import { Connection } from "./connection.js";
@@ -9,7 +9,7 @@ import { median } from "./rtt.js";
 /**
  * @typedef {import("../input/teleop.js").Twist} Twist
  * @typedef {import("../control/driveMode.js").Control} Control
- * @typedef {{t_ms: number}} Stamp the moment of a command in the relay's time
+ * @typedef {{t_ms: number}} Stamp the timestamp of a command in the relay's time
  */
 
 const BACKLOG_BYTES = 2048; // about half a second of drive commands
@@ -72,7 +72,7 @@ export class Session {
   }
 }
 
-// Publishes drive commands on the robot's drive topic, each with its moment. Pure.
+// Publishes drive commands on the robot's drive topic, each with its timestamp. Pure.
 // It must advertise nothing on a connection that only watches: the server would refuse it.
 export class Commands {
   // `advertise(spec)` as of connection.js; `stamp(timestamp)` as of ClockSync; `wheelbase` in m of a robot that steers.
@@ -95,7 +95,7 @@ export class Commands {
     this.used = false;
   }
 
-  // The type that the robot takes, as soon as it has told.
+  // The type that the robot takes, as soon as it is known.
   useType(type) {
     if (type === this.type) return;
     this.type = type;
@@ -122,8 +122,8 @@ export class Commands {
 }
 
 // What is known of a robot's control object (docs/reference/protocols.md, "Control"). It comes twice: on the page's own
-// connection and with the fleet's events. Mixing them would bring old news after new ones, so while the
-// connection tells it, it alone counts. Pure.
+// connection and with the fleet's events. Mixing them would bring old states after new ones, so while the
+// connection reports it, it alone counts. Pure.
 export class ControlState {
   /** @param {{onControl: (control: Control) => void}} options */
   constructor({ onControl }) {
@@ -143,7 +143,7 @@ export class ControlState {
     else this.onControl(control);
   }
 
-  // What the events told since the connection's last word counts when that one has ended.
+  // What the events reported since the connection's last report counts when the connection has ended.
   linkEnded() {
     const { pending } = this;
     this.linked = false;
@@ -154,7 +154,7 @@ export class ControlState {
 
 // This page's clock against the relay's, by beats over the rosbridge connection (docs/reference/protocols.md, "Age").
 // An answer is on its way for a while, so each difference is at most the true one, and the greatest comes
-// nearest: a moment that is told in the relay's time is never told later than it was. Pure but for its timer.
+// nearest: a timestamp in the relay's time is never later than the truth. Pure but for its timer.
 const SYNC_MS = 250;
 const MAX_AGE_MS = 10_000;
 const SAMPLES = 12; // three seconds of them
@@ -170,7 +170,7 @@ export class ClockSync {
     this.forget();
   }
 
-  // `send(message)` sends on the connection that has just opened. What another one told is forgotten: it may
+  // `send(message)` sends on the connection that has just opened. What another one reported is forgotten: it may
   // have been another relay, which has another clock.
   start(send) {
     this.stop();
@@ -208,7 +208,7 @@ export class ClockSync {
     this.samples = [...this.fresh(at), { at, ahead: relay_ms - at }];
   }
 
-  // What {robotether} of a drive message is to say of the moment `t_ms`; undefined while nothing is known,
+  // What {robotether} of a drive message says of the timestamp `t_ms`; undefined while nothing is known,
   // and then the relay goes by its own pings.
   /** @type {(t_ms: number) => Stamp | undefined} */
   stamp(t_ms) {

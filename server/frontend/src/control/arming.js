@@ -17,7 +17,7 @@ export class Arming {
     this.armed = false;
   }
 
-  // `mayMove`: the link stands, this page drives, and the person has begun. `watches`: a press is heard all the same, and
+  // `mayMove`: the link stands, this page drives, and the person has begun. `watches`: a press is reported all the same, and
   // takes the control if `free`.
   update({ mayMove, watches = false, free = false }) {
     if (mayMove && this.interlock.held) this.hold();
@@ -48,7 +48,7 @@ export class Arming {
     this.controls().arm(false);
   }
 
-  // The link stands, so the robot is told to stand still.
+  // The link stands, so a zero is sent to the robot.
   hold() {
     this.controls().disarm();
     this.armed = false;
@@ -64,12 +64,12 @@ export class Arming {
 }
 
 // Decides whether driving pauses because the person cannot see what the robot sees now.
-// It must never take a picture for newer than it was told to be, nor its own timer for what keeps it honest: what asks
-// whether a command may go asks check() at that moment.
+// It must never take a frame for newer than its timestamp, nor its own timer for what keeps it honest: what asks
+// whether a command may go asks check() right then.
 const STEP_MS = 250; // between two clocks of this machine: it slept, or one of them was set
 
 export class VideoInterlock {
-  // `afterMs`: the greatest age of the picture, null for any. `onChange()` comes when `kind` has become another.
+  // `afterMs`: the greatest age of the frame, null for any. `onChange()` comes when `kind` has become another.
   // `now()` is the clock of ages, which may stand still in a sleep of the machine; `wall()` goes on.
   /** @param {{afterMs: number | null, onChange?: () => void, now?: () => number, wall?: () => number}} options */
   constructor({ afterMs, onChange = () => {}, now = () => performance.now(), wall = () => Date.now() }) {
@@ -86,7 +86,7 @@ export class VideoInterlock {
     this.kind = this.found;
   }
 
-  // Of the main picture: {state: "fresh"|"old"|"none"|"off", ageMs}; "off" when the robot has no camera.
+  // Of the main frame: {state: "fresh"|"old"|"none"|"off", ageMs}; "off" when the robot has no camera.
   /** @param {{state: string, ageMs: number | null}} reading */
   receive({ state, ageMs }) {
     this.state = state;
@@ -94,7 +94,7 @@ export class VideoInterlock {
     this.check();
   }
 
-  // A person wants to drive without seeing, until the picture is back.
+  // A person wants to drive without seeing, until the video is back.
   allow() {
     this.allowed = true;
     this.check();
@@ -127,7 +127,7 @@ export class VideoInterlock {
   }
 
   // "seen": drive; "off": there is nothing to see; "missing", "old": held; "blind": allowed all the same.
-  // `kind` is what was found at the last check, so that all who read it between two read the same, and hear of each change.
+  // `kind` is what was found at the last check, so that all who read it between two read the same, and learn of each change.
   get found() {
     if (this.afterMs === null || this.state === "off") return "off";
     const why = this.lack;

@@ -9,7 +9,7 @@ import { Deafness } from "./question.js";
 const texts = { ...connection, ...states };
 
 export class Banner {
-  // `onRetry()`: try to connect now; `onBlind()`: a person wants to drive without the picture.
+  // `onRetry()`: try to connect now; `onBlind()`: a person wants to drive without video.
   constructor(root, { onRetry, onBlind, now = () => performance.now() }) {
     this.element = byTestId(root, "state");
     this.button = part(this.element, "state-action");

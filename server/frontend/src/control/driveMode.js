@@ -22,7 +22,7 @@ const NOTHING = { driver: null, waiting: null, reserved: null, stopped: null, gu
 
 export class DriveMode {
   // `me` is the user's name, `level` observe, drive or manage. `onMove()` asks for a connection of the mode
-  // that counts from now on, `onChange()` tells of all else. `drove` is the drive mode's `saved` of before a reload, or null.
+  // that counts from now on, `onChange()` reports all else. `drove` is the drive mode's `saved` of before a reload, or null.
   /** @param {{me: string, level: string, drove?: {armed: boolean} | null, onMove: () => void, onChange?: () => void}} options */
   constructor({ me, level, drove = null, onMove, onChange = () => {} }) {
     this.me = me;
@@ -63,7 +63,7 @@ export class DriveMode {
     this.onChange();
   }
 
-  // Whether the note tells of a state that has ended.
+  // Whether the note is about a state that has ended.
   outlives(before) {
     if (this.note?.busy) return this.note.why !== this.busy;
     const released = before.stopped && !this.control.stopped;
@@ -125,7 +125,7 @@ export class DriveMode {
     else this.setNote({ why: "released" });
   }
 
-  // This page is told nothing any more.
+  // Nothing is reported to this page any more.
   end() {
     Object.assign(this, { control: NOTHING, known: false, asked: null, note: null });
     this.onChange();
@@ -222,7 +222,7 @@ export class DriveMode {
   }
 }
 
-// Lets a reload of the page go on driving. It is told when the page goes and believed once, soon after: a page that is
+// Lets a reload of the page go on driving. It is saved when the page goes and believed once, soon after: a page that is
 // opened, another tab of the same person, one that is duplicated or comes back later must not take the control by that.
 const GOOD_MS = 10_000;
 const AGAIN = ["reload", "back_forward"];

@@ -146,7 +146,7 @@ export class OwnDrive {
     this.fence = null;
   }
 
-  // What the page's own connection tells of the control. Its first word that names this user means this page:
+  // What the page's own connection reports of control. Its first report that names this user means this page:
   // the server gives a drive its number before it opens the connection. A later one may be another window's.
   receive({ driver }, driving) {
     if (this.fence === null && driving && driver?.user === this.me) this.fence = driver.fence;

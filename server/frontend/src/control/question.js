@@ -1,4 +1,4 @@
-// A question that comes up by itself, over the picture. It is deaf while it is new and while somebody drives: what is
+// A question that comes up by itself, over the video. It accepts no input while it is new and while somebody drives: what is
 // pressed then was meant for what stood there before, or slipped off the stick.
 
 const NEW_MS = 700;

@@ -117,7 +117,7 @@ const TWICE_MS = 5000;
 const KEYS = ["Enter", "Space", "NumpadEnter"];
 
 export class Hold {
-  // `onDone()` comes at the end of the time; `onState("idle"|"held"|"once")` tells how far it is.
+  // `onDone()` comes at the end of the time; `onState("idle"|"held"|"once")` reports how far it is.
   /** @param {{onDone: () => void, onState?: (state: "idle" | "held" | "once") => void, now?: () => number}} options */
   constructor({ onDone, onState = () => {}, now = () => Date.now() }) {
     this.onDone = onDone;

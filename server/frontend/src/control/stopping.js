@@ -1,4 +1,4 @@
-// What the Stop button does: says it on every way that there is, none waiting for another, and says again
+// What the Stop button does: sends the stop by every path, none waiting for another, and sends it again
 // until the server has it. What it shows is what is confirmed and nothing more. Pure but for its timer.
 
 const AGAIN_MS = 1000;
@@ -10,7 +10,7 @@ export const sameStop = (a, b) => a?.by === b?.by && a?.at === b?.at;
 
 export class Stopping {
   // `send()` says it on the page's own connection, if that is open; `post()` asks the API and gives
-  // {ok, status, detail}. `onChange()` tells that `shown` may be another.
+  // {ok, status, detail}. `onChange()` reports that `shown` may be another.
   /** @param {{send: () => void, post: () => Promise<{ok: boolean, status: number, detail: string}>, onChange: () => void}} options */
   constructor({ send, post, onChange }) {
     this.send = send;

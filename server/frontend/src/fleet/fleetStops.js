@@ -13,7 +13,7 @@ export function managedSites(robots) {
   return [...new Set(managed.map(({ site }) => site))].sort();
 }
 
-// What is said of each robot: the answer, or what its control object has told since. Pure.
+// What is said of each robot: the answer, or what its control object has said since. Pure.
 export function outcome({ name, stopped, confirmed }, control) {
   if (!control?.stopped) return texts.stopResult({ name, stopped, confirmed });
   return texts.stopResult({ name, stopped: true, confirmed: control.stopped.confirmed });

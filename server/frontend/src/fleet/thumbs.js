@@ -48,7 +48,7 @@ class Thumb {
     on("blur", () => clearTimeout(this.timer));
   }
 
-  // Who only passes over it wants no picture.
+  // No picture is loaded for a pointer that only passes over it.
   intend() {
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.load(), INTENT_MS);

@@ -6,8 +6,8 @@
 export const MAX_POLL_GAP_MS = 250;
 
 export class Gamepad {
-  // `accepts()` says whether driving counts now. `onHold` gets the input and the moment of the look; `onStop()` comes
-  // with each press of the stop button; `onState` tells "unknown" (no profile), "off" (nothing counts now),
+  // `accepts()` says whether driving counts now. `onHold` gets the input and the timestamp of the poll; `onStop()` comes
+  // with each press of the stop button; `onState` reports "unknown" (no profile), "off" (nothing counts now),
   // "stuck" (enable must be released first), "ready", "driving" or "turbo".
   /**
    * @param {{
@@ -166,7 +166,7 @@ function pushed(motion, axes, deadZone) {
 const PRESSED = 0.5; // for triggers, which some browsers never call pressed
 
 export class GamepadLoop {
-  // `onFound({id, mapping, axes, buttons})` comes with the device that is looked at from now on (axes, buttons: how
+  // `onFound({id, mapping, axes, buttons})` comes with the device that is polled from now on (axes, buttons: how
   // many), `onSeen({axes, buttons}, at)` with each look, `onLost()` when that device is gone, `onAll([{index, id, chosen}])`
   // with all that there are.
   /**

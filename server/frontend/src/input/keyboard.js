@@ -25,7 +25,7 @@ const ALL = { ...DIRECTIONS, ...SIDEWAYS };
 const FOCUS_MS = 300;
 
 export class Keyboard {
-  // `accepts()` says whether a press counts now, `sideways` whether Q and E do. `onHold` gets the input and its moment.
+  // `accepts()` says whether a press counts now, `sideways` whether Q and E do. `onHold` gets the input and its timestamp.
   // `onLetGo()` asks to let go of everything. `fields` is a FieldFocus.
   constructor({ sideways = false, accepts, onHold, onRelease, onLetGo, fields = new FieldFocus() }) {
     this.accepts = accepts;

@@ -88,7 +88,7 @@ const DEAD_ZONE = 0.08; // of the radius: a resting thumb must not creep the rob
 const PRESSED = 1; // in PointerEvent.buttons: the main button, a finger or a pen's tip
 
 export class Joystick {
-  // `accepts()` says whether a press counts now. `onHold` gets where the stick is, as of `stick`, and its moment.
+  // `accepts()` says whether a press counts now. `onHold` gets where the stick is, as of `stick`, and its timestamp.
   constructor({ element, knob, accepts, onHold, onRelease }) {
     this.element = element;
     this.knob = knob;

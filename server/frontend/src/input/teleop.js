@@ -15,9 +15,9 @@ const LATE_MS = 300; // a timer that is later ran on a page that could not see a
 const TAKE_MS = 1000; // a press that has not brought the control by then has to be made anew
 
 export class Teleop {
-  // `publish({forward, left, turn}, timestamp)` in m/s and rad/s, the moment by the clock of event.timeStamp, which
+  // `publish({forward, left, turn}, timestamp)` in m/s and rad/s, the timestamp by the clock of event.timeStamp, which
   // `timestamp()` reads: when it was pressed, or last seen that it is still held. `mayQueue()` is false while old commands wait to be sent;
-  // `onDrop()` tells the inputs that what they hold no longer counts; `onTake()` comes with a press while it watches.
+  // `onDrop()` reports to the inputs that what they hold no longer counts; `onTake()` comes with a press while it watches.
   // `now()` must go on while the
   // machine sleeps, which performance.now() does not everywhere. `limits` and `kind` as of `mixed`.
   /**
@@ -95,8 +95,8 @@ export class Teleop {
     this.armed = this.watching = false;
   }
 
-  // `input` names keyboard, joystick or the like; `value` as of `mixed`; `at` is the event's moment. One that is
-  // polled says for how many ms its word is good: nobody tells when polling ends.
+  // `input` names keyboard, joystick or the like; `value` as of `mixed`; `at` is the event's timestamp. One that is
+  // polled says for how many ms its value holds: nothing reports when polling ends.
   hold(input, value, at = this.timestamp(), goodForMs = Infinity) {
     if (!this.accepts) return;
     const starting = this.held.size === 0;
@@ -163,7 +163,7 @@ export class Teleop {
     else if (this.armed) this.sendWanted(seenAt);
   }
 
-  // The moment for which this tick can answer. A late one may run before the release that came meanwhile, so
+  // The timestamp for which this tick can answer. A late one may run before the release that came meanwhile, so
   // it answers for no more than the time at which it should have run.
   see() {
     const due = this.seenAt + PERIOD_MS;
@@ -180,7 +180,7 @@ export class Teleop {
     return [...this.held.values()].filter(({ goodForMs }) => goodForMs < Infinity);
   }
 
-  // True when a polled input has not been looked at for too long.
+  // True when a polled input has not been polled for too long.
   get unpolled() {
     return this.polls.some(({ at, goodForMs }) => this.timestamp() - at > goodForMs);
   }

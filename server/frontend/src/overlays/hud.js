@@ -1,4 +1,4 @@
-// Commanded and measured speed as a figure over the picture: an arrow for the way (up is forward), an arc for the turn
+// Commanded and measured speed as a figure over the video: an arrow for the way (up is forward), an arc for the turn
 // (to the left is left). Hollow is what was commanded, filled what the robot measures.
 
 const SIZE = 96; // CSS pixels, as in drive-view.css

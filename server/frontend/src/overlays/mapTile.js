@@ -145,7 +145,7 @@ function drawGrid(context, canvas, { x, y }, zoom) {
   stroke(context, COLOURS.grid, 1 / zoom);
 }
 
-// The first row of the picture is the map's lowest, and y goes up here: so it stands right.
+// The first row of the image is the map's lowest, and y goes up here: so it stands right.
 function drawMap(context, { bitmap, origin, resolution }) {
   within(context, origin, () => {
     context.imageSmoothingEnabled = false;

@@ -1,4 +1,4 @@
-// Battery and diagnostics of the robot, small beside the picture.
+// Battery and diagnostics of the robot, small beside the video.
 
 import { part, setText } from "../pages/page.js";
 import { battery as batteryTexts, diagnostics as texts } from "../texts/video.js";
@@ -92,7 +92,7 @@ export class BatteryReader {
     this.hundredths = false;
   }
 
-  // Gives {percent, volts, charging, low}, percent and volts null where the message does not tell, or null for no battery at all.
+  // Gives {percent, volts, charging, low}, percent and volts null where the message has none, or null for no battery at all.
   read({ percentage, voltage, power_supply_status: status, present }) {
     if (present === false) return null;
     const percent = this.percent(percentage);

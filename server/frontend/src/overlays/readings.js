@@ -1,4 +1,4 @@
-// The numbers of the drive page: measured and commanded speed, how old speed and picture are, round trip and its parts.
+// The numbers of the drive page: measured and commanded speed, how old speed and video are, round trip and its parts.
 
 import { poseReader, speedReader } from "../client/rosbridge.js";
 import { byTestId, part, setText } from "../pages/page.js";
@@ -8,7 +8,7 @@ const OLD_MS = 2500;
 const TICK_MS = 250;
 
 export class Readings {
-  // `frameAge()` gives the age of the main picture in ms, null for none.
+  // `frameAge()` gives the age of the main frame in ms, null for none.
   constructor(root, { frameAge }) {
     this.root = root;
     this.frameAge = frameAge;
@@ -73,7 +73,7 @@ function rounded(parts) {
 
 // Where the time of a round trip goes. Pure.
 // `total` from this page to the robot's rosbridge and back, `server` to the server, `robot` from there to the robot: ms,
-// or null for what is not known. They are measured apart, so what is left for rosbridge is never told as less than 0.
+// or null for what is not known. They are measured apart, so what is left for rosbridge is never shown as less than 0.
 export function latencyBreakdown({ total, server, robot }) {
   const known = [total, server, robot].every((part) => Number.isFinite(part));
   return { server, robot, rosbridge: known ? Math.max(0, total - server - robot) : null };

@@ -200,7 +200,7 @@ const fits = (width, height, resolution) => width > 0 && height > 0 && width * h
 
 const signedBytes = (base64) => Int8Array.from(atob(base64), (char) => char.charCodeAt(0));
 
-// Where `pose`, which is told in the frame of `frame`, is in the frame that `frame` is told in.
+// Where `pose`, which is given in the frame of `frame`, is in the frame that `frame` is given in.
 export function compose(frame, { x, y, theta }) {
   const [cos, sin] = [Math.cos(frame.theta), Math.sin(frame.theta)];
   return {

@@ -101,7 +101,7 @@ function controlOptions() {
   };
 }
 
-// A gamepad's driver touches nothing that the page would hear of.
+// A gamepad's driver touches nothing that causes an event of the page.
 function useWanted(twist) {
   if (Object.values(twist).some((value) => value !== 0)) loginUse.note();
   readings.wanted(twist);
@@ -144,7 +144,7 @@ function useLink(live) {
   }
 }
 
-// The banner says why; who drives and what the cameras see this page is told no more.
+// The banner says why; who drives and what the cameras see is no longer reported to this page.
 function endAll({ login }) {
   driveMode.end();
   byTestId(root, "control").hidden = true;

@@ -21,7 +21,7 @@ const thumbs = new Thumbs({ queue: new Queue(), snapshots: new Snapshots() });
 
 const containers = { cards: part(main, "cards"), table: part(main, "rows") };
 const robots = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, atFirst(dataset)]));
-// What the server wrote into the page and the events do not tell; "" for a robot that came since.
+// What the server wrote into the page and the events do not have; "" for a robot that came since.
 const known = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, { ...dataset }]));
 const lists = { cards: listIn(containers.cards, "robot-card"), table: listIn(containers.table, "robot-row") };
 

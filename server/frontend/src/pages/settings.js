@@ -3,7 +3,7 @@
 const USUAL = { topic: "/cmd_vel", linear: 1.0, angular: 1.5, holdAfterMs: 1000 };
 
 // Gives {driveTopic, kind, wheelbase, limits: {maxLinear, maxAngular}, holdAfterMs}, in m, m/s and rad/s; the limits are
-// never more than the robot's guard lets through. `holdAfterMs` null: an old picture does not hold driving.
+// never more than the robot's guard allows. `holdAfterMs` null: old video does not pause driving.
 /** @param {{guard?: Record<string, any>, page?: Record<string, any>}} settings */
 export function driveSettings({ guard = {}, page = {} }) {
   const { kind = "differential", wheelbase_m: wheelbase = null, hold_after_ms: holdAfterMs = USUAL.holdAfterMs } = page;

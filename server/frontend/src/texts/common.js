@@ -59,7 +59,7 @@ export const control = {
   guardOff: "This robot's guard is switched off. The robot does not stop by itself.",
   asks: (user) => `${user} asks for control.`,
   passes: (seconds) => `If you neither reply nor drive, control passes on in ${seconds} s.`,
-  arrives: (user, seconds) => `You asked ${user}. Without a reply you get control in ${seconds} s.`,
+  arrives: (user, seconds) => `You asked ${user}. If ${user} neither replies nor drives, you get control in ${seconds} s.`,
   takeSure: (user) => `Take control from ${user}? The robot stops, and ${user} can only watch.`,
   failed: (detail) => detail || "The server does not answer. Try again.",
 };

@@ -44,7 +44,7 @@ export const topics = {
   plotted: ({ now, min, max }) => `Now ${now}; in the last minute ${min} to ${max}.`,
   notPlotted: "No value in the last minute.",
   large:
-    "Messages of this type can have several MB. While one passes, video and control have less of the robot's uplink: " +
+    "Messages of this type can be several MB large. While one passes, video and control have less of the robot's uplink: " +
     "1 MB fills 5 Mbit/s for 1.6 s. So the page requests them one by one.",
   getOne: "Get one message",
 };

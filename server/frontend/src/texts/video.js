@@ -8,7 +8,7 @@ export const frame = {
   quality: (percent) => `${percent} %`,
   size: ({ width, height }) => `${width}×${height}`,
   enlarge: (name) => `Show ${name} large`,
-  // Why there is no new picture, by the words of client/frames.js.
+  // Why there is no new frame, by the words of client/frames.js.
   why: {
     starting: () => "Waiting for the first frame.",
     waiting: () => "The camera sends no video.",

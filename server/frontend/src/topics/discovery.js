@@ -1,4 +1,4 @@
-// Asks the robot which topics it has, through rosapi, and asks again until it has told what the page needs: which of them
+// Asks the robot which topics it has, through rosapi, and asks again until it knows what the page needs: which of them
 // are cameras, and which ones map and readouts are made of.
 
 import { plainType, speedReader, speedTopic, twistType } from "../client/rosbridge.js";
@@ -54,7 +54,7 @@ export class Discovery {
     return speedReader(named.type) ? named : undefined;
   }
 
-  // What the robot told once stands while it does not tell: another type in mid-drive would stop it.
+  // What the robot reported once holds while it reports nothing: another type in mid-drive would stop it.
   async driveType(call) {
     const { type } = await ask(call, "/rosapi/topic_type", { topic: this.driveTopic });
     this.knownType = type || this.knownType;
@@ -119,7 +119,7 @@ export function offeredCameras({ configured = [], known = [] }) {
   return topics.map((topic) => ({ topic, name: nameOf(topic, topics), turned_deg: 0 }));
 }
 
-// What tells a camera from others, without what all of them end in: "front" of /front/image_raw.
+// What distinguishes a camera from others, without what all of them end in: "front" of /front/image_raw.
 function nameOf(topic, topics) {
   const name = shortened(topic);
   return topics.some((other) => other !== topic && shortened(other) === name) ? topic : name;

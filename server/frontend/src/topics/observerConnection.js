@@ -1,5 +1,5 @@
 // A connection of its own that only watches, for probes of topics: a message that is too large for the server ends
-// the connection it comes on, and that must not be the one that drives. Open only while something is looked at.
+// the connection it comes on, and that must not be the one that drives. Open only while a probe is open.
 
 import { backoff } from "../client/api.js";
 

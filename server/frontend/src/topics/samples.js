@@ -1,4 +1,4 @@
-// What is kept of a topic that is looked at: the numbers of the last minute, and how often messages come. Pure.
+// What is kept of a topic under a probe: the numbers of the last minute, and how often messages come. Pure.
 
 const MINUTE_MS = 60_000;
 const MOST = 600;

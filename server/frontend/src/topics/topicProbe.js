@@ -1,4 +1,4 @@
-// A probe of one topic: what was heard of it, and how often. Pure but for its timer.
+// A probe of one topic: what was received of it, and how often. Pure but for its timer.
 // It asks for two messages a second at most, and of a large type for one when the person says so.
 
 import { plainType } from "../client/rosbridge.js";
@@ -42,7 +42,7 @@ export class TopicProbe {
     });
   }
 
-  // Every message for a moment: a throttled topic does not tell its rate.
+  // Every message for a while: a throttled topic does not show its rate.
   measure() {
     if (this.measuring || this.state !== "open") return;
     let count = 0;

@@ -5,7 +5,7 @@ import { frame as texts } from "../texts/video.js";
 
 export class CameraTile {
   // `camera` {topic, name}; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `wanted()` the
-  // part of `want` that is the same for all cameras; `set` the settings' {width, height}. `oldMs`: from when a picture is grey.
+  // part of `want` that is the same for all cameras; `set` the settings' {width, height}. `oldMs`: from when a frame is grey.
   constructor(element, { camera, openFrames, wanted, set, oldMs, onPainted, now, painter = new Painter(part(element, "picture")) }) {
     this.element = element;
     this.camera = camera;
@@ -39,7 +39,7 @@ export class CameraTile {
     this.stream.start();
   }
 
-  // No picture comes any more; the last stays, as old as it gets.
+  // No frame comes any more; the last stays, as old as it gets.
   stop(why = "paused") {
     const { stream } = this;
     this.stream = null;
@@ -51,7 +51,7 @@ export class CameraTile {
     this.stream?.retryNow();
   }
 
-  // The picture may be older than its moment says.
+  // The frame may be older than its timestamp says.
   forget() {
     this.at = null;
     this.showState();
@@ -87,7 +87,7 @@ export class CameraTile {
     this.stream?.want(want);
   }
 
-  // Only what is seen counts: the moment is kept when the picture stands on the page.
+  // Only what is seen counts: the timestamp is kept when the frame is on the page.
   async paint({ jpeg, at }) {
     const { stream } = this;
     const size = await this.painter.show(jpeg);
@@ -99,7 +99,7 @@ export class CameraTile {
     this.onPainted(this.camera.topic);
   }
 
-  // A smaller picture than before may be one that was asked for.
+  // A smaller frame than before may be one that was asked for.
   learn(size) {
     this.size = size;
     if (this.full && this.full.width >= size.width) return;
@@ -121,7 +121,7 @@ export class CameraTile {
     return this.ageMs > this.oldMs ? "old" : "live";
   }
 
-  // Called a few times a second: numbers that change with each picture cost a layout each, and nobody can read them.
+  // Called a few times a second: numbers that change with each frame cost a layout each, and nobody can read them.
   showState() {
     const { state } = this;
     this.element.dataset.picture = state;
@@ -136,7 +136,7 @@ export class CameraTile {
     return reason || texts.why.waiting();
   }
 
-  // A small picture has room for its age alone.
+  // A small tile has room for its age alone.
   facts(state) {
     if (state === "none") return "";
     const age = texts.age(this.ageMs);
@@ -150,7 +150,7 @@ export class CameraTile {
   }
 }
 
-// Draws JPEGs on a canvas, turned as the camera needs it. Decoding happens beside the page's own work, one picture at a time.
+// Draws JPEGs on a canvas, turned as the camera needs it. Decoding happens beside the page's own work, one frame at a time.
 export class Painter {
   // `decode(jpeg)` gives a promise of what drawImage takes.
   constructor(canvas, { decode = decodeBeside } = {}) {
@@ -160,7 +160,7 @@ export class Painter {
     this.turned = 0;
   }
 
-  // Gives the picture's own size; rejects for what is no picture.
+  // Gives the frame's own size; rejects for what is no image.
   async show(jpeg) {
     const image = await this.decode(jpeg);
     const { width, height } = image;
@@ -200,7 +200,7 @@ export class FrameRate {
     this.timestamps = [...this.fresh(now), now];
   }
 
-  // One decimal; null before there are two to tell a rate from.
+  // One decimal; null before there are two to get a rate from.
   perSecond(now) {
     const timestamps = this.fresh(now);
     if (timestamps.length < 2) return timestamps.length ? null : 0;
@@ -217,7 +217,7 @@ export class FrameRate {
 // Automatic, or one of the steps that the paper drove with, and one below.
 const QUALITIES = ["auto", "90", "70", "50", "30"];
 
-// A small picture is asked for in few sizes: each change is a new request at the camera.
+// A small frame is asked for in few sizes: each change is a new request at the camera.
 const PARTS = [0.25, 0.5];
 const ENOUGH = 0.9; // of the pixels that the page has
 

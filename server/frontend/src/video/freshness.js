@@ -3,7 +3,7 @@
 const REPORT_MS = 100;
 const SLEPT_MS = 500; // more than clocks drift between two looks
 
-// `offered`: the robot has a camera at all. `at`: the moment of the main picture, null for none.
+// `offered`: the robot has a camera at all. `at`: the timestamp of the main frame, null for none.
 // Gives {state: "fresh"|"old"|"none"|"off", ageMs}.
 export function freshness({ offered, hidden, at }, limitMs, now) {
   if (!offered || hidden) return { state: "off", ageMs: null };
@@ -28,15 +28,15 @@ export class FreshnessReporter {
   }
 }
 
-// The moment of what stands in the main place. Another camera that is put there begins with the moment of the one before, as the
-// driver has seen that much; from its own first picture on it answers for itself.
+// The timestamp of what is in the main place. Another camera that is put there begins with the timestamp of the one before, as the
+// driver has seen that much; from its own first frame on it answers for itself.
 export class MainTimestamp {
   constructor() {
     this.id = null;
     this.before = null;
   }
 
-  // `at` is the moment of the newest picture of the source `id`, null before its first.
+  // `at` is the timestamp of the newest frame of the source `id`, null before its first.
   read(id, at) {
     if (id !== this.id) {
       this.before = this.newest ?? null;

@@ -27,7 +27,7 @@ export class Layout {
     this.ids = [...ids];
   }
 
-  // The wish for a source that is not there yet, or no longer, is kept.
+  // The choice of a source that is not there yet, or no longer, is kept.
   get main() {
     return this.ids.includes(this.wanted) ? this.wanted : (this.ids[0] ?? null);
   }

@@ -8,7 +8,7 @@ import { CameraTile } from "./cameraTile.js";
 import { MAP } from "./layout.js";
 
 export class Tiles {
-  // `options`: what CameraTile and MapTile take, and `onChoose(id)` for a small picture that is to be the main one.
+  // `options`: what CameraTile and MapTile take, and `onChoose(id)` for a small tile that is to be the main one.
   constructor(stage, options) {
     this.stage = stage;
     this.options = options;
@@ -52,7 +52,7 @@ export class Tiles {
     const isMain = id === main;
     element.dataset.place = place;
     element.dataset.main = isMain;
-    // The one that is looked at has the name that it always had.
+    // The main tile has this test id wherever it is.
     part(element, "picture").dataset.testid = isMain ? "video" : "side-video";
     const button = part(element, "enlarge");
     button.hidden = isMain;

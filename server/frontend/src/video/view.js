@@ -1,5 +1,5 @@
 // The video of the drive page: which cameras, their layout, their quality, and how old the main one is.
-// It must never say that a picture is fresher than it is: driving is held by what it tells.
+// It must never say that a frame is fresher than it is: driving is paused by what it reports.
 
 import { plainQuery } from "../client/api.js";
 import { Hud } from "../overlays/hud.js";
@@ -22,7 +22,7 @@ const SETTLE_MS = 300;
 
 export class View {
   // `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `subscribe` as of connection.js;
-  // `onFreshness({state: "fresh"|"old"|"none"|"off", ageMs})` tells of the main picture, at each change and ten times a second at most.
+  // `onFreshness({state: "fresh"|"old"|"none"|"off", ageMs})` reports the main frame, at each change and ten times a second at most.
   constructor(root, { robot, settings, openFrames, subscribe, onFreshness, now = () => performance.now() }) {
     this.root = root;
     this.robot = robot;
@@ -84,7 +84,7 @@ export class View {
     this.offer();
   }
 
-  // No picture comes to this page any more; `why` as of texts/video.js.
+  // No frame comes to this page any more; `why` as of texts/video.js.
   refuse(why) {
     this.refused = why;
     this.arrange();
@@ -108,7 +108,7 @@ export class View {
     this.world.receivePose(pose);
   }
 
-  // A robot that tells of no camera may have the usual one all the same.
+  // A robot that reports no camera may have the usual one all the same.
   seen(topic) {
     this.known.add(topic);
     this.checkFreshness();
@@ -215,7 +215,7 @@ export class View {
     this.checkFreshness();
   }
 
-  // What the driver goes by: the main picture, or beside the map the first camera that is shown.
+  // What the driver goes by: the main frame, or beside the map the first camera that is shown.
   get watched() {
     const cameras = this.layout.shown.filter((id) => id !== MAP);
     return cameras.includes(this.layout.main) ? this.layout.main : (cameras[0] ?? null);
@@ -259,7 +259,7 @@ export class View {
 
 const storedAs = (robot) => `sight.${robot}`;
 
-// What the person chose for the picture of this robot, on this device.
+// What the person chose for the video of this robot, on this device.
 export function chosenBefore(store, robot) {
   const chosen = store.read(storedAs(robot));
   return chosen !== null && typeof chosen === "object" ? chosen : {};
@@ -277,7 +277,7 @@ function scaleOf(settings) {
   return { speed: maxLinear, turn: maxAngular };
 }
 
-// The whole drive page in fullscreen: the picture alone would leave stick and Stop behind. Older Safari has names of its own.
+// The whole drive page in fullscreen: the video alone would leave stick and Stop behind. Older Safari has names of its own.
 const safari = () => /** @type {any} */ (document);
 
 const mayBeFull = (root) => Boolean(root.requestFullscreen ?? root.webkitRequestFullscreen);
@@ -303,7 +303,7 @@ async function toggleFull(root) {
   }
 }
 
-// The keys of the picture: C the next camera, 1 to 4 one of them, F fullscreen. By their place on the keyboard, as the keys
+// The keys of the video: C the next camera, 1 to 4 one of them, F fullscreen. By their place on the keyboard, as the keys
 // that drive, which they must never be.
 
 // Gives the action that a key asks for: {next}, {nth: 0..3}, {fullscreen}, or null.
@@ -332,7 +332,7 @@ export function snapshotName(robot, camera, time) {
   return `${robot}-${plain}-${time.toISOString().replace(/[-:]|\.\d+/g, "")}.jpg`;
 }
 
-// Gives null, or the status of the answer that was no picture (0 for none).
+// Gives null, or the status of the answer that was no image (0 for none).
 async function saveSnapshot(robot, { topic, name }) {
   const answer = await fetch(snapshotUrl(robot, topic), { cache: "no-store" }).catch(() => null);
   const isImage = answer?.ok && answer.headers.get("Content-Type")?.startsWith("image/");

@@ -15,7 +15,7 @@ from typing import Protocol
 
 from robotether_server.db.fleet import RelayUser
 from robotether_server.problems import AlreadyAsked, LeaseFree, LeaseNotYours, NobodyAsks, Throttled
-from robotether_server.relay.http.rate_limiter import RateLimiter
+from robotether_server.relay.http.timing import RateLimiter
 
 PASSES_AFTER_S = 20.0
 RESERVED_FOR_S = 10.0

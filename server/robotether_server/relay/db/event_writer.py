@@ -15,7 +15,7 @@ from robotether_server.db.control import DriveEntry, StopEntry
 from robotether_server.db.fleet import Entry, SessionEntry
 from robotether_server.problems import StoreProblem, StoreUnavailable
 from robotether_server.relay.db.database import RelayDatabase
-from robotether_server.relay.http.backoff import delays
+from robotether_server.relay.http.timing import delays
 
 log = logging.getLogger(__name__)
 

@@ -1,1 +1,1 @@
-"""Counts a drive for its record."""
+"""A drive: its commands on their way to the robot, and what it came to."""

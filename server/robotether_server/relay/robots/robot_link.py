@@ -18,11 +18,10 @@ from typing import Any
 from robotether_common.session import ByeCode, Kind
 
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.http.rate_limiter import RateLimiter
+from robotether_server.relay.http.timing import RateLimiter, RobotClock
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import needs_config, port_of
 from robotether_server.relay.robots.port_checks import LinkChecks, PortChecker, wait_released
-from robotether_server.relay.robots.robot_clock import RobotClock
 from robotether_server.relay.robots.session_messages import BrokenLineError, Preface
 from robotether_server.relay.robots.sessions import SessionRegistry
 

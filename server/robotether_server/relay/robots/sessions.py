@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 
 from robotether_common.session import Battery, ByeCode, GuardState, Kind, ServiceState
 
-from robotether_server.relay.robots.robot_clock import RobotClock
+from robotether_server.relay.http.timing import RobotClock
 
 # What the agent does in front of rosbridge; unknown until it has said so.
 GuardMode = Literal["on", "off", "unknown"]

@@ -18,11 +18,11 @@ from typing import Any
 
 from aiohttp import WebSocketError, WSCloseCode, WSMsgType
 
+from robotether_server.relay.drives.drive_path import CommandTimestamps, DriveLease, DrivePath
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.liveness import Liveness, LivenessLimits
 from robotether_server.relay.http.sockets import OperatorSocket, RobotSocket
-from robotether_server.relay.rosbridge.drive_path import CommandTimestamps, DriveLease, DrivePath
+from robotether_server.relay.http.timing import Liveness, LivenessLimits
 from robotether_server.relay.rosbridge.message_validator import (
     MessageRefusedError,
     MessageValidator,

@@ -9,10 +9,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from robotether_common.ros import MAX_NAME_LENGTH, full_name
+from robotether_common.ros import (
+    ACKERMANN,
+    ACKERMANN_STAMPED,
+    AXES,
+    MAX_NAME_LENGTH,
+    TWIST,
+    TWIST_STAMPED,
+    full_name,
+)
 
 Check = Callable[[Any], object]
 
@@ -23,6 +31,7 @@ WHOLE_64_BIT = (-(2**63), 2**63 - 1)
 WHOLE_53_BIT = (-(2.0**53), 2.0**53)
 # A field of a ROS message; `op` would make an operation of the object that it stands in.
 FIELD_NAME = re.compile(r"(?!op\Z)[A-Za-z][A-Za-z0-9_]{0,63}")
+_AXES = frozenset(AXES)
 
 
 class FieldRefusedError(ValueError):
@@ -155,3 +164,45 @@ def _whole_64_bit(value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
         raise FieldRefusedError("holds what is neither a text nor a number of 64 bits")
     return value
+
+
+def speeds(msg: Mapping[str, Any]) -> tuple[float, float | None]:
+    """Return the speed in m/s and the turn in rad/s; raise FieldRefusedError when it is no command.
+
+    The shape tells the type: geometry_msgs/Twist and TwistStamped, ackermann_msgs/AckermannDriveStamped. A member
+    that is missing is zero, as it is to rosbridge.
+    """
+    members = msg.keys()
+    if members <= TWIST:
+        return _of_twist(msg)
+    if members <= TWIST_STAMPED:
+        return _of_twist(_object(msg.get("twist", {}), TWIST))
+    if members <= ACKERMANN_STAMPED:
+        drive = _object(msg.get("drive", {}), ACKERMANN)
+        for value in drive.values():
+            _finite(value)
+        return abs(_finite(drive.get("speed", 0.0))), None
+    raise FieldRefusedError(
+        "is neither a Twist, a TwistStamped nor an AckermannDriveStamped, which a drive topic takes"
+    )
+
+
+def _of_twist(twist: Mapping[str, Any]) -> tuple[float, float]:
+    return _length(twist.get("linear", {})), _length(twist.get("angular", {}))
+
+
+def _length(vector: Any) -> float:
+    return _finite(math.hypot(*map(_finite, _object(vector, _AXES).values())))
+
+
+def _object(value: Any, known: frozenset[str]) -> Mapping[str, Any]:
+    if not isinstance(value, dict) or not value.keys() <= known:
+        raise FieldRefusedError(f"has a part that is no object of {', '.join(sorted(known))}")
+    return value
+
+
+def _finite(value: Any) -> float:
+    # True is a number to Python only.
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise FieldRefusedError("holds a speed that is no finite number")
+    return float(value)

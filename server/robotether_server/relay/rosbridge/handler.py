@@ -19,16 +19,15 @@ from robotether_server.problems import HttpProblem, StoreUnavailable
 from robotether_server.relay.auth.access import HandlerContext, Permit, request_of
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control.control import Control
-from robotether_server.relay.drives.drive_log import DriveCounters, DriveLog
+from robotether_server.relay.drives.drive_path import DriveCounters, DriveLease, DriveLog
 from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.liveness import LivenessLimits
 from robotether_server.relay.http.sockets import OperatorSocket
+from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.sessions import utc_now
 from robotether_server.relay.rosbridge.bridge import Bridge, RobotEnd, Traffic
-from robotether_server.relay.rosbridge.drive_path import DriveLease
 from robotether_server.relay.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.rosbridge.own_operations import OwnOperations
 

@@ -26,9 +26,9 @@ from typing import Any, Literal, NamedTuple
 from robotether_common.guard import STAMP
 from robotether_common.ros import Globs
 
-from robotether_server.relay.http.rate_limiter import Excess, RateLimiter
+from robotether_server.relay.drives.drive_path import DriveCommand
+from robotether_server.relay.http.timing import Excess, RateLimiter
 from robotether_server.relay.rosbridge import fields, json_text
-from robotether_server.relay.rosbridge.drive_path import DriveCommand, speeds
 from robotether_server.relay.rosbridge.fields import Check, FieldRefusedError
 from robotether_server.robot_settings import LevelPolicy, Limits
 
@@ -350,7 +350,7 @@ class MessageValidator:
         if not self._is_drive_topic(topic):
             return ValidatedMessage(_write(written), "publish")
         try:
-            speed, turn = speeds(written.get("msg", {}))
+            speed, turn = fields.speeds(written.get("msg", {}))
         except FieldRefusedError as exc:
             raise _RefusalError(
                 "shape", f"cannot publish to {topic}: msg {exc}", written.get("id")

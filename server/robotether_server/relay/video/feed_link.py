@@ -24,10 +24,9 @@ from robotether_common.frames import HEADER, MAX_FRAME_BYTES, PATH, StreamReques
 from yarl import URL
 
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.backoff import delays
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.rate_limiter import RateLimiter
 from robotether_server.relay.http.sockets import LIMIT_MARGIN, ROBOT_FAREWELL_S, RobotSocket
+from robotether_server.relay.http.timing import RateLimiter, delays
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
 from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
 from robotether_server.relay.video.feeds import Feed

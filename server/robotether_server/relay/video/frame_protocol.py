@@ -28,7 +28,7 @@ from robotether_common.frames import (
     StreamRequest,
 )
 
-from robotether_server.relay.robots.robot_clock import WindowedMaximum
+from robotether_server.relay.http.timing import WindowedMaximum
 
 CLOCK_SYNCS_KEPT_S = 30.0
 MAX_DETAIL = 200

@@ -21,9 +21,8 @@ from robotether_server.problems import HttpProblem
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.liveness import Liveness, LivenessLimits
-from robotether_server.relay.http.rate_limiter import RateLimiter
 from robotether_server.relay.http.sockets import ViewerSocket
+from robotether_server.relay.http.timing import Liveness, LivenessLimits, RateLimiter
 from robotether_server.relay.robots.sessions import utc_now
 from robotether_server.relay.video.feeds import Feed
 from robotether_server.relay.video.frame_protocol import (

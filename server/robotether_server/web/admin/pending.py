@@ -79,7 +79,7 @@ def reject(name: str) -> AnyResponse:
             f"{waiting.fingerprint}",
             _what_stays(waiting),
         ),
-        undo="Let the key ask again, in the list of rejected keys.",
+        undo="Allow the key to ask again, in the list of rejected keys.",
         button="Reject",
         done=f"The key that waited for robot {name} is rejected.",
         back=PAGE,
@@ -95,7 +95,7 @@ def forgive(key_id: int) -> AnyResponse:
     """Forget a rejection: the key may join again."""
     key = _rejected(key_id)
     action = ConfirmedAction(
-        title="Let this key ask again?",
+        title="Allow this key to ask again?",
         effects=(
             f"The machine {key.hostname} (MAC {key.mac}) with key {key.fingerprint} waits for approval when it asks "
             "the next time.",

@@ -21,7 +21,7 @@ MAX_USER_LENGTH = 32
 
 @blueprint.route("/disable", methods=METHODS)
 def disable(name: str) -> AnyResponse:
-    """Keep a robot out."""
+    """Disable a robot."""
     get(name)
     action = ConfirmedAction(
         title=f"Disable robot {name}?",

@@ -82,12 +82,12 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Observers",
-        "What connections may name that only watch.",
+        "What a connection that only watches may use.",
         (_globs("policy.observe.subscribe", "Subscribe to", "Topics that they may subscribe to."),),
     ),
     Section(
         "Drivers",
-        "What the connection of a driver may name.",
+        "What a driver's connection may use.",
         (
             _globs("policy.drive.subscribe", "Subscribe to", "Topics that they may subscribe to."),
             _globs(
@@ -104,7 +104,7 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Managers",
-        "What the connection of a driver who manages the robot may name.",
+        "What a driver's connection may use if the driver manages the robot.",
         (
             _globs("policy.manage.subscribe", "Subscribe to", "Topics that they may subscribe to."),
             _globs(

@@ -63,12 +63,12 @@ def to_defaults(name: str) -> AnyResponse:
     """Go back to the defaults."""
     robot_pages.get(name)
     action = ConfirmedAction(
-        title=f"Policy and guard of robot {name} back to the defaults?",
+        title=f"Reset policy and guard of robot {name} to the defaults?",
         effects=(
             "No limits of speed and acceleration; it stops by itself after 0.5 s; drive topics /cmd_vel and */cmd_vel.",
             "Observers subscribe to everything, drivers drive, managers may do everything. The shell user stays.",
-            "It holds at once. If policy, drive topics or the oldest command change by it, who is connected is cut "
-            "off and has to open the robot anew; it stops by itself.",
+            "It applies at once. If this changes the policy, the drive topics or the oldest command, everybody is "
+            "disconnected and has to open the robot's page again; a robot that is driven stops by itself.",
         ),
         undo="Set them again; the audit log keeps what they were.",
         button="Back to the defaults",

@@ -62,8 +62,8 @@ def remove_robot(name: str, robot: str) -> AnyResponse:
     action = ConfirmedAction(
         title=f"Remove robot {robot} from site {name}?",
         effects=(
-            f"What only the grants for site {name} give is lost for {robot}; what is open by them is cut within "
-            "2 seconds, and the robot stops by itself if it is driven by them.",
+            f"Users lose what only the grants for site {name} allow on {robot}. Connections that need them are cut "
+            "within 2 seconds; if one of them drives the robot, it stops by itself.",
         ),
         undo=f"Add {robot} again.",
         button="Remove",

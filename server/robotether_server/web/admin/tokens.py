@@ -38,7 +38,7 @@ def delete(token_id: int) -> AnyResponse:
         effects=(
             "Programs that use it are rejected from now on; their connections are cut within 2 seconds.",
         ),
-        undo=f"A deleted token cannot be restored; {token.user} makes another one in the profile.",
+        undo=f"A deleted token cannot be restored; {token.user} creates another one in the profile.",
         button="Delete",
         done=f"API token {token.name} of {token.user} is deleted.",
         back="/admin/tokens",
@@ -94,7 +94,7 @@ def delete_join_token(token_id: int) -> AnyResponse:
             f"No robot can join with it from now on; {token.uses - token.used} of {token.uses} uses are left.",
             "Robots that joined with it stay.",
         ),
-        undo="A deleted token cannot be restored; make another one.",
+        undo="A deleted token cannot be restored; create another one.",
         button="Delete",
         done=f"Join token {token.name} is deleted.",
         back="/admin/join-tokens",

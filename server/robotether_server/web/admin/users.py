@@ -123,7 +123,7 @@ def set_role(name: str) -> AnyResponse:
 
 @blueprint.route("/<name>/disable", methods=METHODS)
 def disable(name: str) -> AnyResponse:
-    """Keep a user out."""
+    """Disable a user."""
     user = _get(name)
     action = ConfirmedAction(
         title=f"Disable user {name}?",

@@ -176,7 +176,7 @@ def create_token() -> str | tuple[str, int]:
         return render(problem, "tokens"), problem.status
     return render_template(
         "admin/secret.html",
-        title=f"API token {name} is made",
+        title=f"API token {name} is created",
         secret=text,
         what="The token",
         advice="Programs send it as the header Authorization: Bearer TOKEN. It may do what you may do.",
@@ -193,7 +193,7 @@ def delete_token(token_id: int) -> AnyResponse:
         effects=(
             "Programs that use it are rejected from now on; their connections are cut within 2 seconds.",
         ),
-        undo="A deleted token cannot be restored; make another one.",
+        undo="A deleted token cannot be restored; create another one.",
         button="Delete",
         done=f"API token {token.name} is deleted.",
         back=f"{PAGE}#tokens",
