@@ -1,5 +1,5 @@
 #!/bin/sh
-# Starts the door to robots' published ports. Without a list of sources, or with one that nginx does not understand, it
+# Starts the proxy for robots' published ports. Without a list of sources, or with one that nginx does not understand, it
 # does not start, and then nothing is published.
 set -eu
 

@@ -295,7 +295,7 @@ int main(int argc, char **argv)
     int relay;
 
     signal(SIGPIPE, SIG_IGN);
-    wanted_kind(); /* refuse before the relay hears of it */
+    wanted_kind(); /* refuse before the relay learns of it */
     relay = connect_relay();
     send_preface(relay, &robot);
     join(relay);

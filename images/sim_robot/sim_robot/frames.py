@@ -1,10 +1,11 @@
 """Gives the newest camera frame to whoever asks; draws only when somebody does.
 
-Used by video_server.py. All viewers who want the same size and quality share one drawing. Drawing happens
-in one thread beside the robot's loop, and never more often than the camera's rate.
+Used by video_server.py, and by `CompressedCamera` for a topic. All viewers who want the same size and quality share one
+drawing. Drawing happens in one thread beside the robot's loop, and never more often than the camera's rate.
 """
 
 import asyncio
+import base64
 import logging
 from collections import OrderedDict
 from collections.abc import Callable
@@ -12,10 +13,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from sim_robot import camera
+from sim_robot.bus import Node
+from sim_robot.graph import Graph
 
 log = logging.getLogger(__name__)
 
 MAX_FORMATS = 8
+NODE = Node("/camera")
 
 
 @dataclass(frozen=True)
@@ -105,3 +109,49 @@ class FrameFeed:
 def _frame(scene: camera.Scene, wanted: FrameFormat) -> bytes:
     image = camera.draw(scene, (wanted.width, wanted.height))
     return camera.jpeg(image, wanted.quality)
+
+
+FORMAT = FrameFormat(quality=80)  # image_transport's own default
+
+
+class CompressedCamera:
+    """Publishes one camera's frames on `CAMERA/compressed`, as image_transport does: sensor_msgs/CompressedImage.
+
+    `simulator` calls it at each step of the loop. Frames are drawn only while somebody is subscribed, and then come
+    from the same feed as those of the video server.
+    """
+
+    def __init__(self, graph: Graph, camera: str, feed: FrameFeed) -> None:
+        self.topic = f"{camera}/compressed"
+        self._graph = graph
+        self._feed = feed
+        self._task: asyncio.Task[None] | None = None
+        graph.bus.advertise(self.topic, "sensor_msgs/CompressedImage", NODE)
+
+    def step(self) -> None:
+        """Begin, if somebody listens and nothing runs yet."""
+        is_running = self._task is not None and not self._task.done()
+        if not is_running and self._graph.bus.has_subscribers(self.topic):
+            self._task = asyncio.create_task(self._show())
+
+    async def close(self) -> None:
+        """Publish nothing more."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+    async def _show(self) -> None:
+        sequence = -1
+        while self._graph.bus.has_subscribers(self.topic):
+            frame = await self._feed.next_frame(FORMAT, after=sequence)
+            sequence = frame.sequence
+            if self._graph.bus.has_subscribers(self.topic):
+                self._publish(frame)
+
+    def _publish(self, frame: RenderedFrame) -> None:
+        values = {
+            "header": self._graph.types.header("camera", frame.stamp_ns, frame.sequence),
+            "format": "jpeg",
+            "data": base64.b64encode(frame.jpeg).decode(),
+        }
+        self._graph.bus.publish(self.topic, values)

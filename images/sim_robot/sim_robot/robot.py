@@ -13,10 +13,9 @@ from collections.abc import Callable
 
 from sim_robot.bus import Node, TopicMessage
 from sim_robot.drivetrain import DRIVETRAINS
-from sim_robot.graph import Graph
+from sim_robot.graph import Graph, Service
 from sim_robot.kinematics import Turtle
 from sim_robot.messages import Values, float32
-from sim_robot.services import Service
 
 log = logging.getLogger(__name__)
 

@@ -5,19 +5,19 @@ Started by __main__.py, and by tests on free ports.
 
 import asyncio
 import contextlib
+import logging
 import time
+from collections.abc import Callable
 from functools import partial
 from types import TracebackType
 from typing import Self
 
-from sim_robot import compressed, devices, sensors
+from sim_robot import devices, frames, sensors
 from sim_robot.camera import Scene
-from sim_robot.compressed import CompressedCamera
 from sim_robot.devices import Devices
-from sim_robot.frames import FrameFeed
+from sim_robot.frames import CompressedCamera, FrameFeed
 from sim_robot.graph import make_graph
 from sim_robot.kinematics import STEP_S
-from sim_robot.rate import FixedRate
 from sim_robot.robot import RobotNode
 from sim_robot.rosbridge import rosapi
 from sim_robot.rosbridge.server import RosbridgeServer
@@ -26,7 +26,57 @@ from sim_robot.settings import SimSettings
 from sim_robot.video_server import VideoServer
 from sim_robot.world import World
 
+log = logging.getLogger(__name__)
+
+LATE_LIMIT_S = 0.25
+WARN_EVERY_S = 10.0
 CAMERAS = {"/camera/image_raw": "front", "/rear/image_raw": "rear"}
+
+
+class FixedRate:
+    """Calls `action` every `period_s` seconds until its task is cancelled, and says so when it cannot.
+
+    Deadlines are multiples of the period from the start, so that a late call does not move the following ones; missed
+    calls are made up, up to a limit.
+    """
+
+    def __init__(self, period_s: float, action: Callable[[], None]) -> None:
+        self._period_s = period_s
+        self._action = action
+        self.calls = 0
+        self.skipped = 0
+
+    async def run(self) -> None:
+        """Run for ever."""
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time()
+        warn_at_s = deadline_s
+        while True:
+            deadline_s += self._period_s
+            # Also when late: others get their turn between two calls that are made up.
+            await asyncio.sleep(max(deadline_s - loop.time(), 0.0))
+            late_s = loop.time() - deadline_s
+            if late_s > LATE_LIMIT_S:
+                deadline_s += self._skip(late_s)
+                if loop.time() >= warn_at_s:
+                    warn_at_s = loop.time() + WARN_EVERY_S
+                    self._warn(late_s)
+            self._action()
+            self.calls += 1
+
+    def _skip(self, late_s: float) -> float:
+        missed = int(late_s / self._period_s)
+        self.skipped += missed
+        return missed * self._period_s
+
+    def _warn(self, late_s: float) -> None:
+        log.warning(
+            "cannot hold %.1f Hz: was %.0f ms late, %d steps skipped since the start;"
+            " give this robot more processor time",
+            1 / self._period_s,
+            late_s * 1000,
+            self.skipped,
+        )
 
 
 class Simulator:
@@ -52,9 +102,9 @@ class Simulator:
         self.video = VideoServer(self.feeds)
         self._loop_task: asyncio.Task[None] | None = None
         rosapi.offer(self.graph)
-        # Listed for clients that look for cameras; their images go through the video server or `compressed`.
+        # Listed for clients that look for cameras; their images go through the video server or a CompressedCamera.
         for topic in self.feeds:
-            self.graph.bus.advertise(topic, "sensor_msgs/Image", compressed.NODE)
+            self.graph.bus.advertise(topic, "sensor_msgs/Image", frames.NODE)
 
     async def start(self) -> None:
         """Listen and move."""

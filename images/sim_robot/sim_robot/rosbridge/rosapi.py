@@ -7,10 +7,9 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from sim_robot.graph import Graph
+from sim_robot.graph import Graph, Service
 from sim_robot.messages import ROS_1, Fields, Values
 from sim_robot.problems import SimRobotProblem
-from sim_robot.services import Service
 
 NODE = "/rosapi"
 _NOTHING: Fields = ()

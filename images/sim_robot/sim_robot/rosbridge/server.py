@@ -12,7 +12,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from sim_robot.graph import Graph
 from sim_robot.listener import Listener
 from sim_robot.rosbridge.client import Client
-from sim_robot.rosbridge.dispatch import handle
+from sim_robot.rosbridge.operations import handle
 from sim_robot.rosbridge.outbox import Outbox
 
 log = logging.getLogger(__name__)

@@ -3,10 +3,68 @@
 As in the real rosbridge, each call may have an id and its own requests; what goes out satisfies all of them.
 """
 
+import asyncio
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
+from sim_robot.bus import TopicMessage
 from sim_robot.rosbridge import encoding
-from sim_robot.rosbridge.throttled_queue import ThrottledQueue
+
+QUEUE_LIMIT = 1000  # whatever queue_length a client asks for
+
+
+class ThrottledQueue:
+    """Throttles one client's messages of one topic, by rosbridge's throttle_rate and queue_length.
+
+    Without a queue, messages that come before the throttle time is over are left out. With one, they wait, the oldest
+    making room, and go out one a throttle time.
+    """
+
+    def __init__(self, send: Callable[[TopicMessage], None]) -> None:
+        self._send = send
+        self._loop = asyncio.get_running_loop()
+        self._throttle_s = 0.0
+        self._queue: deque[TopicMessage] | None = None
+        self._due_s = 0.0
+        self._timer: asyncio.TimerHandle | None = None
+
+    def configure(self, throttle_ms: int, queue_length: int) -> None:
+        """Set both; what waits stays, as far as it fits."""
+        self._throttle_s = throttle_ms / 1000
+        waiting = self._queue or ()
+        length = min(queue_length, QUEUE_LIMIT)
+        self._queue = deque(waiting, maxlen=length) if length else None
+
+    def offer(self, message: TopicMessage) -> None:
+        """Send a message now, later or never."""
+        is_due = self._loop.time() >= self._due_s
+        if self._queue is not None and (self._queue or not is_due):
+            self._queue.append(message)
+            self._start_timer()
+        elif is_due:
+            self._send_now(message)
+
+    def close(self) -> None:
+        """Forget what waits."""
+        self._queue = None
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _send_now(self, message: TopicMessage) -> None:
+        self._due_s = self._loop.time() + self._throttle_s
+        self._send(message)
+
+    def _start_timer(self) -> None:
+        if self._timer is None:
+            self._timer = self._loop.call_at(self._due_s, self._send_waiting)
+
+    def _send_waiting(self) -> None:
+        self._timer = None
+        if self._queue:
+            self._send_now(self._queue.popleft())
+        if self._queue:
+            self._start_timer()
 
 
 @dataclass(frozen=True, slots=True)

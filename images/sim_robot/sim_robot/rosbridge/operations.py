@@ -1,0 +1,256 @@
+"""The operations that a client may send: one function a kind, the list of all, and the border of one request.
+
+server.py hands each message to `handle`. An operation takes the client and the whole message, and raises a
+SimRobotProblem when it cannot be done. Errors go back to the client as rosbridge's status message and end neither the
+connection nor anything else.
+"""
+
+import json
+import logging
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from sim_robot.bus import TopicMessage, full_name
+from sim_robot.graph import Graph
+from sim_robot.problems import (
+    MessageBroken,
+    OperationFieldInvalid,
+    OperationRefused,
+    OperationUnknown,
+    SimRobotProblem,
+)
+from sim_robot.rosbridge import encoding, fields
+from sim_robot.rosbridge.client import STATUS_LEVELS, Client
+from sim_robot.rosbridge.subscription import SubscribeRequest, Subscription, ThrottledQueue
+
+log = logging.getLogger(__name__)
+
+# The real rosbridge knows these; refused by name, so that nobody waits for an answer that does not come.
+REFUSED = (
+    "advertise_service",
+    "unadvertise_service",
+    "service_response",
+    "advertise_action",
+    "unadvertise_action",
+    "send_action_goal",
+    "cancel_action_goal",
+    "action_feedback",
+    "action_result",
+    "fragment",
+    "png",
+    "auth",
+)
+
+
+def advertise(client: Client, operation: dict[str, Any]) -> None:
+    """Establish the topic, if need be, and count this advertisement; `latch` and `queue_size` have no effect."""
+    topic = full_name(fields.text(operation, "topic"))
+    type_name = fields.text(operation, "type")
+    fields.optional_flag(operation, "latch")
+    _register(client, topic, type_name, fields.identity(operation))
+
+
+def unadvertise(client: Client, operation: dict[str, Any]) -> None:
+    """Take one advertisement back, or all of the topic when the operation has no id."""
+    topic = full_name(fields.text(operation, "topic"))
+    identity = fields.identity(operation)
+    if topic not in client.advertised:
+        client.status("warning", f"unadvertise: {topic} is not advertised by this client", identity)
+        return
+    held = client.advertised[topic]
+    held.discard(identity)
+    if identity is None or not held:
+        del client.advertised[topic]
+        client.graph.bus.unadvertise(topic, client.node)
+
+
+def _register(
+    client: Client, topic: str, type_name: str | None, identity: str | int | None
+) -> None:
+    """Make the client a publisher of the topic."""
+    client.check_limit()
+    client.graph.bus.advertise(topic, type_name, client.node)
+    client.advertised.setdefault(topic, set()).add(identity)
+
+
+def publish(client: Client, operation: dict[str, Any]) -> None:
+    """Hand a message, checked and filled up, to all subscribers of its topic, the client itself included.
+
+    A topic that the client did not advertise is advertised on the way, as the real rosbridge does.
+    """
+    topic = full_name(fields.text(operation, "topic"))
+    type_name = fields.optional_text(operation, "type")
+    values = fields.optional_object(operation, "msg") or {}
+    bus, types = client.graph.bus, client.graph.types
+    if topic not in client.advertised:
+        _register(client, topic, type_name, fields.identity(operation))
+    elif type_name is not None:
+        bus.advertise(topic, type_name, client.node)  # refuses another type
+    key = bus.type_key(topic)
+    if key is not None and bus.has_subscribers(topic):
+        bus.publish(topic, types.conform(key, values, time.time_ns()))
+    elif key is not None:
+        types.conform(key, values, time.time_ns())
+
+
+def subscribe(client: Client, operation: dict[str, Any]) -> None:
+    """Add one subscription of the client to the topic.
+
+    `throttle_rate` (ms) and `queue_length` act as in the real rosbridge, `compression` may be none or cbor.
+    `fragment_size` is checked and has no effect. A latched message comes at once, as to each new subscriber.
+    """
+    as_written = fields.text(operation, "topic")
+    topic = full_name(as_written)
+    type_name = fields.optional_text(operation, "type")
+    request = _request(operation)
+    fields.count(operation, "fragment_size")
+    client.check_limit()
+    known = client.subscriptions.get(topic)
+    subscription = known or Subscription(
+        ThrottledQueue(partial(_deliver, client, topic, as_written))
+    )
+    client.graph.bus.subscribe(topic, type_name, client.node, subscription.offer)
+    client.subscriptions[topic] = subscription
+    subscription.add(fields.identity(operation), request)
+    latched = client.graph.bus.latched(topic)
+    if known is None and latched is not None:
+        subscription.offer(latched)
+
+
+def unsubscribe(client: Client, operation: dict[str, Any]) -> None:
+    """End one subscription, or all to the topic when the operation has no id."""
+    topic = full_name(fields.text(operation, "topic"))
+    identity = fields.identity(operation)
+    subscription = client.subscriptions.get(topic)
+    if subscription is None:
+        client.status("warning", f"unsubscribe: this client has none to {topic}", identity)
+        return
+    subscription.remove(identity)
+    if not len(subscription):
+        del client.subscriptions[topic]
+        subscription.close()
+        client.graph.bus.unsubscribe(topic, client.node)
+
+
+def _request(operation: dict[str, Any]) -> SubscribeRequest:
+    compression = fields.optional_text(operation, "compression") or encoding.NONE
+    if compression not in encoding.COMPRESSIONS:
+        raise OperationFieldInvalid(
+            f"cannot send with compression {compression!r:.40}:"
+            f" the simulated robot has {' and '.join(encoding.COMPRESSIONS)}"
+        )
+    return SubscribeRequest(
+        throttle_ms=fields.count(operation, "throttle_rate"),
+        queue_length=fields.count(operation, "queue_length"),
+        compression=compression,
+    )
+
+
+def _deliver(client: Client, topic: str, as_written: str, message: TopicMessage) -> None:
+    # The client knows the topic by the name that it wrote, which may lack the leading slash.
+    client.deliver(message, as_written, client.subscriptions[topic].compression)
+
+
+def call_service(client: Client, operation: dict[str, Any]) -> None:
+    """Queue the service's response; of a call that fails, `result` is false and `values` the reason."""
+    name = fields.text(operation, "service")
+    answer: dict[str, Any] = {"op": "service_response", "service": name}
+    try:
+        values = _call(client.graph, name, operation.get("args"))
+    except SimRobotProblem as problem:
+        client.reply(answer | {"values": str(problem), "result": False}, fields.identity(operation))
+    else:
+        client.reply(answer | {"values": values, "result": True}, fields.identity(operation))
+
+
+def _call(graph: Graph, name: str, args: object) -> dict[str, Any]:
+    service = graph.services.get(full_name(name))
+    if isinstance(args, list):
+        args = dict(zip((field for field, _ in service.request), args, strict=False))
+    given = args if isinstance(args, dict) else {}
+    what = graph.types.name_of(service.key, "srv")
+    request = graph.types.conform_fields(what, service.request, given, time.time_ns())
+    return service.handler(request)
+
+
+def set_level(client: Client, operation: dict[str, Any]) -> None:
+    """Send only status messages of this level and above from now on."""
+    level = fields.text(operation, "level")
+    if level not in STATUS_LEVELS:
+        raise OperationFieldInvalid(
+            f"Expected field level to be one of {', '.join(STATUS_LEVELS)}, not {level!r}"
+        )
+    client.level = level
+
+
+def status(client: Client, operation: dict[str, Any]) -> None:
+    """Write what a client reports into the log."""
+    log.debug("%s reports: %.200s", client.name, operation.get("msg"))
+
+
+def refuse(_client: Client, operation: dict[str, Any]) -> None:
+    """Say that this is not offered."""
+    raise OperationRefused(f"the simulated robot does not offer the operation {operation['op']}")
+
+
+OPERATIONS: Mapping[str, Callable[[Client, dict[str, Any]], None]] = {
+    "advertise": advertise,
+    "unadvertise": unadvertise,
+    "publish": publish,
+    "subscribe": subscribe,
+    "unsubscribe": unsubscribe,
+    "call_service": call_service,
+    "set_level": set_level,
+    "status": status,
+    **dict.fromkeys(REFUSED, refuse),
+}
+
+
+def handle(client: Client, data: str | bytes) -> None:
+    """Do what one message asks for."""
+    operation: dict[str, Any] = {}
+    try:
+        operation = _parse(data)
+        _run(client, operation)
+    except SimRobotProblem as problem:
+        log.info("%s: %s: %s", client.name, problem.code, problem)
+        _report(client, operation, str(problem))
+    except Exception:
+        log.exception("%s: an operation failed", client.name)
+        _report(client, operation, "the simulator failed; its log has the reason")
+
+
+def _run(client: Client, operation: dict[str, Any]) -> None:
+    name = operation.get("op")
+    if name is None:
+        raise OperationUnknown(f"Received a message without an op; known are {_known()}")
+    if not isinstance(name, str) or name not in OPERATIONS:
+        raise OperationUnknown(f"Unknown operation: {name!r:.60}; known are {_known()}")
+    fields.identity(operation)
+    OPERATIONS[name](client, operation)
+
+
+def _known() -> str:
+    return ", ".join(OPERATIONS)
+
+
+def _parse(data: str | bytes) -> dict[str, Any]:
+    try:
+        operation = json.loads(data, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise MessageBroken(f"cannot read a message: it is no JSON ({error})") from error
+    if not isinstance(operation, dict):
+        raise MessageBroken("cannot read a message: it is JSON, but no object")
+    return operation
+
+
+def _refuse_constant(text: str) -> float:
+    raise ValueError(f"JSON has no {text}")
+
+
+def _report(client: Client, operation: dict[str, Any], text: str) -> None:
+    name, identity = operation.get("op"), operation.get("id")
+    prefix = f"{name}: " if isinstance(name, str) and name in OPERATIONS else ""
+    client.status("error", prefix + text, identity if isinstance(identity, str | int) else None)
