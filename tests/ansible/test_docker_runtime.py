@@ -7,6 +7,8 @@ from docker.types import Mount
 from playbooks import Site
 from robot_hosts import SYSTEMD, RobotHost, RobotHosts
 
+# An image is built, carried over and loaded by a Docker inside the host.
+pytestmark = pytest.mark.release
 # Its usual bridge would have the very address at which this machine's server is.
 SETTINGS = b'{"bridge": "none"}'
 # A container's /proc/sys is read-only, and Docker inside it sets its networks up there.

@@ -1,11 +1,13 @@
-"""enroll.yml takes robots from SSH and Python to drivable, once, and they stay drivable over a reboot."""
+"""enroll.yml takes robots from SSH and Python to drivable, once, and retire.yml undoes it on server and robot."""
 
 from __future__ import annotations
 
 import asyncio
+import io
 import json
 import re
 import subprocess
+import tarfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +16,7 @@ from pathlib import Path
 import pytest
 from playbooks import FROM_INDEX, Played, Site
 from programs import Program
-from robot_hosts import NEWER_IMAGE, ROOT, RobotHost, RobotHosts, newer_systemd_boots
+from robot_hosts import NEWER_IMAGE, ROOT, WHEELHOUSE, RobotHost, RobotHosts, newer_systemd_boots
 
 # The aim is 3 s after the network is up, which `make enrol-times` measures; here another module's hosts may boot or be
 # installed meanwhile, on the same two cores.
@@ -26,6 +28,8 @@ class Enrolled:
     """One robot enrolled with an admin's token and pip, and what each run said."""
 
     robot: RobotHost
+    # All files that it had before.
+    before: set[str]
     check: Played
     rows_after_check: list[list[str]]
     changed_by_check: set[str]
@@ -38,14 +42,13 @@ def enrolled(site: Site, hosts: RobotHosts) -> Enrolled:
     """A robot after check, first and second run."""
     robot = hosts.boot("turtle")
     before = robot.footprint()
-    # As a site does: with the wheel of this checkout, built by the playbook itself, and the rest from the index.
-    of_checkout = {"robotether_wheel_file": "", "robotether_agent_environment": FROM_INDEX}
-    check = site.play("enroll.yml", robot, check=True, **of_checkout)
+    check = site.play("enroll.yml", robot, check=True)
     changed = before ^ robot.footprint()
     rows = site.stack.sql("SELECT name FROM robots")
-    first = site.play_well("enroll.yml", robot, **of_checkout)
-    second = site.play_well("enroll.yml", robot, verbosity=3, **of_checkout)
-    return Enrolled(robot, check, rows, changed, first, second)
+    # As a site does, with packages from the index.
+    first = site.play_well("enroll.yml", robot, robotether_agent_environment=FROM_INDEX)
+    second = site.play_well("enroll.yml", robot, verbosity=3)
+    return Enrolled(robot, before, check, rows, changed, first, second)
 
 
 def _program(site: Site) -> Program:
@@ -154,12 +157,49 @@ async def _answers(site: Site, robot: str) -> bool:
         return False
 
 
-def test_join_token_and_wheelhouse(site: Site, hosts: RobotHosts, wheelhouse: Path) -> None:
+def test_no_answer_retires_nothing(enrolled: Enrolled, site: Site) -> None:
+    """Without a terminal and without retire_confirm nothing happens."""
+    played = site.play("retire.yml", enrolled.robot)
+    assert played.code != 0
+    played.must_say("nothing changed: the answer was not yes")
+    assert site.stack.online("turtle")
+
+
+def test_a_join_token_retires_nothing(enrolled: Enrolled, site: Site) -> None:
+    """A join token lets robots in and retires none."""
+    token = site.join_token(uses=1)
+    played = site.play("retire.yml", enrolled.robot, token=token, retire_confirm="true")
+    played.must_say("that needs an admin's API token")
+    assert site.stack.online("turtle")
+
+
+def test_retired_leaves_nothing(enrolled: Enrolled, site: Site) -> None:
+    """After it, also under another name on the server, files, users, units and row are as before the enrolment."""
+    site.stack.admin.ask("PATCH", "/robots/turtle", {"name": "renamed"})
+    site.play_well("retire.yml", enrolled.robot, retire_confirm="true")
+    assert enrolled.robot.footprint() ^ enrolled.before == set()
+    assert not enrolled.robot.succeeds("pgrep -f robotether-agent")
+    assert not enrolled.robot.succeeds("systemctl cat robotether-agent")
+    rows = site.stack.sql(f"SELECT name FROM robots WHERE mac = '{enrolled.robot.mac}'")
+    assert rows == []
+
+
+def test_retired_twice(enrolled: Enrolled, site: Site) -> None:
+    """A robot that is retired already changes nothing."""
+    played = site.play_well("retire.yml", enrolled.robot, retire_confirm="true")
+    assert played.recaps["turtle"].changed == 0
+
+
+@pytest.mark.release
+def test_join_token_and_wheelhouse(site: Site, hosts: RobotHosts, tmp_path: Path) -> None:
     """A join token with one use and a folder of wheels are enough, on a robot whose pip reaches no index."""
     rover = hosts.boot("rover")
+    packed, _ = rover.container.get_archive(WHEELHOUSE)
+    with tarfile.open(fileobj=io.BytesIO(b"".join(packed))) as archive:
+        archive.extractall(tmp_path, filter="data")
     token = site.join_token(uses=1)
     variables = {
-        "agent_wheelhouse": str(wheelhouse),
+        "agent_wheelhouse": str(tmp_path / Path(WHEELHOUSE).name),
         "robotether_agent_environment": {"PIP_INDEX_URL": "https://127.0.0.1:1/"},
     }
     first = site.play_well("enroll.yml", rover, token=token, **variables)
@@ -169,6 +209,7 @@ def test_join_token_and_wheelhouse(site: Site, hosts: RobotHosts, wheelhouse: Pa
     rover.wait("online", lambda: site.stack.online("rover"))
 
 
+@pytest.mark.release
 def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts) -> None:
     """A row that an admin made before gets the robot's key; the run tells what of the robot should be otherwise."""
     scout = hosts.boot("scout")
@@ -180,6 +221,7 @@ def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts) -> None:
     played.must_say("WARNING: rosbridge listens on 0.0.0.0: anyone in its own network")
 
 
+@pytest.mark.release
 @pytest.mark.skipif(
     not newer_systemd_boots(), reason="systemd 257 does not boot in a container on cgroup v1"
 )

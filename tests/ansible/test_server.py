@@ -15,6 +15,7 @@ from docker.types import Mount
 from image_names import image
 from robot_hosts import ROOT, SYSTEMD, RobotHost, RobotHosts
 
+pytestmark = pytest.mark.release
 FOLDER = "/opt/robotether"
 SERVICES = {"mysql", "nginx", "relay", "sshd", "web"}
 IMAGES = [image(name) for name in ("mysql", "sshd", "nginx", "acme", "server")]
@@ -117,7 +118,7 @@ def test_bare_machine_becomes_the_server_once(server: Server) -> None:
     assert server.secrets() == secrets
 
 
-def test_firewall_lets_in_what_it_should(server: Server) -> None:
+def test_firewall_admits_what_it_should(server: Server) -> None:
     """Only SSH and the stack's ports answer from outside; local accounts reach no container but by published ports."""
     host = server.host
     host.container.reload()

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 from jump_people import ended
-from playbooks import Site
-from robot_hosts import ROOT, USER, RobotHost, RobotHosts
+from robot_hosts import ROOT, USER, WHEELHOUSE, RobotHost, RobotHosts
 from shell_hosts import make_key
 from stack import Stack
 
@@ -81,12 +80,17 @@ class Person:
 
 
 @pytest.fixture(scope="module")
-def turtle(site: Site, hosts: RobotHosts) -> RobotHost:
-    """A robot with a real sshd, enrolled by the playbook; its shell is on."""
+def turtle(stack: Stack, hosts: RobotHosts, token: str) -> RobotHost:
+    """A robot with a real sshd, made by the install line; its shell is on."""
     robot = hosts.boot(NAME)
-    site.play_well("enroll.yml", robot)
-    site.stack.robotether("robot", "shell", NAME, "on")
-    site.stack.robotether("robot", "set", NAME, "--shell-user", USER)
+    invitation = {"name": NAME, "uses": 1, "hours": 1}
+    # The line names the server as whoever asks for it does.
+    headers = {"Authorization": f"Bearer {token}", "Host": f"cloud:{stack.https_port}"}
+    status, answer = stack.request("POST", "/api/v1/join-tokens", invitation, headers)
+    assert status == 201, answer
+    robot.run(f"{answer['command']} --interface eth0 --wheelhouse {WHEELHOUSE} --name {NAME}")
+    stack.robotether("robot", "shell", NAME, "on")
+    stack.robotether("robot", "set", NAME, "--shell-user", USER)
     return robot
 
 

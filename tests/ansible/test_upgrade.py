@@ -9,6 +9,8 @@ import pytest
 from playbooks import Site, build_wheel
 from robot_hosts import ROOT, RobotHost, RobotHosts
 
+# Each version is built and installed on hosts of its own.
+pytestmark = pytest.mark.release
 # A version that starts and dies, as one with a defect does.
 BROKEN = '\n\ndef run(settings, environ):\n    raise RuntimeError("broken on purpose")\n'
 

@@ -50,11 +50,11 @@ def pytest_runtest_makereport(
 
 @pytest.fixture
 def page(stack: Stack, context: BrowserContext, request: pytest.FixtureRequest) -> Iterator[Page]:
-    """A page logged in as admin; a console error or a failing test leaves a picture in tests/artifacts."""
+    """A page, not yet opened, of the admin; a console error or a failing test leaves a picture in tests/artifacts."""
+    be_logged_in(context, stack)
     opened = context.new_page()
     errors: list[str] = []
     opened.on("pageerror", lambda error: errors.append(str(error)))
-    be_logged_in(opened, stack)
     yield opened
     if errors or FAILED in request.node.stash:
         name = re.sub(r"\W+", "_", request.node.name)

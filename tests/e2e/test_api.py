@@ -75,6 +75,7 @@ def api(stack: Stack) -> Iterator[Api]:
     assert api.records() == before
 
 
+@pytest.mark.release
 def test_api_keeps_to_its_description(api: Api, tmp_path: Path) -> None:
     """Whatever is sent: described answers, problems in JSON, refusals of what is not allowed, and never a 500."""
     protected = {kind: sorted(names) for kind, names in api.records().items()}

@@ -8,7 +8,7 @@ import time
 
 import pytest
 from page_users import PageUsers
-from pages import drive_robot, expect_armed, open_robot
+from pages import drive_live, expect_armed, log_in, open_page, open_robot
 from playwright.sync_api import Browser, Page, expect
 from sim_service import call_sim
 from sim_watch import SimWatch
@@ -46,8 +46,10 @@ def _assert_stops(watch: SimWatch) -> None:
     assert all(seen.msg["linear"]["x"] == 0 for seen in watch.commands(last.at))
 
 
-def test_fleet_shows_the_robots_online(page: Page) -> None:
-    """The three simulated robots are there and online after the login."""
+def test_fleet_shows_the_robots_online(page: Page, stack: Stack) -> None:
+    """The three simulated robots are there and online after the login, which asks for name and password."""
+    page.context.clear_cookies()
+    log_in(page, stack)
     for name in ("sim1", "sim2", "sim3"):
         expect(page.get_by_test_id(f"robot-card-{name}")).to_have_attribute(
             "data-online", "true", timeout=10_000
@@ -56,6 +58,7 @@ def test_fleet_shows_the_robots_online(page: Page) -> None:
 
 def test_fleet_follows_a_robot_that_goes_and_comes(page: Page, stack: Stack) -> None:
     """A card changes without a reload when its robot is switched off and on."""
+    open_page(page, stack, "/")
     card = page.get_by_test_id("robot-card-sim3")
     expect(card).to_have_attribute("data-online", "true", timeout=10_000)
     stack.container("sim3").stop(timeout=5)
@@ -66,25 +69,24 @@ def test_fleet_follows_a_robot_that_goes_and_comes(page: Page, stack: Stack) -> 
     expect(card).to_have_attribute("data-online", "true", timeout=30_000)
 
 
-@pytest.mark.parametrize("key", ["w", "ArrowUp"])
-def test_holding_a_key_drives_and_releasing_stops(page: Page, stack: Stack, key: str) -> None:
+def test_holding_a_key_drives_and_releasing_stops(page: Page, stack: Stack) -> None:
     """The robot moves while the key is down, and stands after it is released."""
-    drive_robot(page, stack, "sim1")
+    drive_live(page, stack, "sim1")
     # Not at a wall, to which another test may have driven it.
     call_sim(stack, "sim1", "/reset")
     with SimWatch(stack, "sim1") as watch:
         start = dict(watch.pose)
         expect_armed(page)
-        page.keyboard.down(key)
+        page.keyboard.down("w")
         watch.wait_pose("moving", lambda pose: _distance(pose, start) > 0.2)
         expect(page.get_by_test_id("speed-linear")).to_contain_text("m/s")
-        page.keyboard.up(key)
+        page.keyboard.up("w")
         _assert_stops(watch)
 
 
 def test_joystick_drives_and_release_stops(page: Page, stack: Stack) -> None:
     """Dragging the stick up and left drives forward in a left turn; letting go stops."""
-    drive_robot(page, stack, "sim1")
+    drive_live(page, stack, "sim1")
     box = page.get_by_test_id("joystick").bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -101,26 +103,25 @@ def test_joystick_drives_and_release_stops(page: Page, stack: Stack) -> None:
         _assert_stops(watch)
 
 
-@pytest.mark.parametrize(
-    "event",
-    [
-        "window.dispatchEvent(new Event('blur'))",
-        "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
-        "Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});"
-        "document.dispatchEvent(new Event('visibilitychange'))",
-    ],
-    ids=["blur", "hidden"],
-)
-def test_losing_the_page_stops_the_robot(page: Page, stack: Stack, event: str) -> None:
+LOSSES = {
+    "blur": "window.dispatchEvent(new Event('blur'))",
+    "hidden": "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
+    "Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});"
+    "document.dispatchEvent(new Event('visibilitychange'))",
+}
+
+
+def test_losing_the_page_stops_the_robot(page: Page, stack: Stack) -> None:
     """A key held while the window loses focus or is hidden drives no longer."""
-    drive_robot(page, stack, "sim1")
+    drive_live(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
-        page.evaluate(event)
-        _assert_stops(watch)
-        page.keyboard.up("w")
+        for how, event in LOSSES.items():
+            expect_armed(page)
+            page.keyboard.down("w")
+            watch.wait_pose(f"moving before {how}", lambda pose: pose["linear_velocity"] > 0)
+            page.evaluate(event)
+            _assert_stops(watch)
+            page.keyboard.up("w")
 
 
 def test_video_shows_the_robots_camera(page: Page, stack: Stack) -> None:
@@ -134,7 +135,7 @@ def test_video_shows_the_robots_camera(page: Page, stack: Stack) -> None:
 
 def test_page_resumes_by_itself_after_a_cut(page: Page, stack: Stack) -> None:
     """When the robot's tunnel is cut the page says so, comes back without a reload, and drives again."""
-    drive_robot(page, stack, "sim2")
+    drive_live(page, stack, "sim2")
     page.evaluate("window.sameDocument = true")
     state = page.get_by_test_id("state")
     stack.container("sim2").stop(timeout=5)

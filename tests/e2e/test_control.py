@@ -132,6 +132,7 @@ def test_the_driver_refuses_and_drives_on(ann: Page, ben: Page) -> None:
     expect(ann.get_by_test_id("question")).to_be_hidden()
 
 
+@pytest.mark.release
 def test_without_an_answer_the_control_passes_on(ann: Page, ben: Page, stack: Stack) -> None:
     """Both see 20 s count down; then the control is with who asked."""
     before = time.monotonic()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 
 import pytest
-from pages import drive_robot, expect_armed
+from pages import drive_live, expect_armed
 from playwright.sync_api import Locator, Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -23,7 +23,7 @@ SLIDERS = ("limit-linear", "limit-angular")
 def robot(page: Page, stack: Stack) -> Page:
     """The robot's page, which drives, with all its cameras found."""
     stack.wait_until_drivable(ROBOT)
-    drive_robot(page, stack, ROBOT)
+    drive_live(page, stack, ROBOT)
     expect(page.get_by_test_id("camera").locator("option")).to_have_count(3)
     expect_armed(page)
     return page
@@ -49,23 +49,21 @@ def _taken(page: Page) -> Locator:
     return page.get_by_test_id("keys-taken")
 
 
-@pytest.mark.parametrize("name", MENUS)
-def test_a_menu_that_was_opened_and_closed_keeps_no_key(
-    robot: Page, stack: Stack, name: str
-) -> None:
+def test_a_menu_that_was_opened_and_closed_keeps_no_key(robot: Page, stack: Stack) -> None:
     """Looked into by pointer and left as it was: its list has the keys while it is open, and the robot after that."""
-    menu = robot.get_by_test_id(name)
-    before = menu.input_value()
     with SimWatch(stack, ROBOT) as watch:
-        menu.click()
-        opened = time.monotonic()
-        robot.keyboard.press("ArrowDown")
-        robot.keyboard.press("ArrowUp")
-        robot.keyboard.press("Escape")
-        _assert_not_driven(watch, opened)
-        _expect_drives(robot, watch, "w", "ArrowUp")
-    assert menu.input_value() == before
-    expect(_taken(robot)).to_be_empty()
+        for name in MENUS:
+            menu = robot.get_by_test_id(name)
+            before = menu.input_value()
+            menu.click()
+            opened = time.monotonic()
+            robot.keyboard.press("ArrowDown")
+            robot.keyboard.press("ArrowUp")
+            robot.keyboard.press("Escape")
+            _assert_not_driven(watch, opened)
+            _expect_drives(robot, watch, "w", "ArrowUp")
+            assert menu.input_value() == before, name
+            expect(_taken(robot)).to_be_empty()
 
 
 def test_a_menu_in_which_something_was_chosen_keeps_no_key(robot: Page, stack: Stack) -> None:
@@ -80,15 +78,15 @@ def test_a_menu_in_which_something_was_chosen_keeps_no_key(robot: Page, stack: S
     assert menu.input_value() == "90"
 
 
-@pytest.mark.parametrize("name", SLIDERS)
-def test_a_slider_that_was_clicked_keeps_no_key(robot: Page, stack: Stack, name: str) -> None:
+def test_a_slider_that_was_clicked_keeps_no_key(robot: Page, stack: Stack) -> None:
     """The limit is where it was clicked, and stays there while the arrow keys drive."""
-    slider = robot.get_by_test_id(name)
-    slider.click()
-    chosen = slider.input_value()
     with SimWatch(stack, ROBOT) as watch:
-        _expect_drives(robot, watch, "ArrowUp", "w")
-    assert slider.input_value() == chosen
+        for name in SLIDERS:
+            slider = robot.get_by_test_id(name)
+            slider.click()
+            chosen = slider.input_value()
+            _expect_drives(robot, watch, "ArrowUp", "w")
+            assert slider.input_value() == chosen, name
 
 
 def test_who_comes_by_tab_moves_a_slider_and_reads_how_to_drive(robot: Page, stack: Stack) -> None:

@@ -1,4 +1,4 @@
-"""The fleet page with 500 robots: found in a moment, without lag, and with nothing that moves under a pointer."""
+"""The fleet page with 500 robots: found at once, without lag, and with nothing that moves under a pointer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from events_double import double_events
 from page_users import release_all
-from pages import expect_no_sideways_scroll, log_in, open_page
+from pages import be_logged_in, expect_no_sideways_scroll, open_page
 from playwright.sync_api import Browser, Page, expect
 from stack import Stack
 
@@ -81,7 +81,7 @@ def fleet(page: Page, stack: Stack, _crowd: None) -> Page:
     # A test before may have switched one off and on.
     for robot in SIMS:
         stack.wait_until_drivable(robot)
-    page.reload()
+    open_page(page, stack, "/")
     expect(page.get_by_test_id("fleet-count")).to_have_text(
         f"3 of {CROWD + 3} online", timeout=15_000
     )
@@ -141,8 +141,9 @@ def test_500_online_robots_are_followed_without_lag(browser: Browser, stack: Sta
     context = browser.new_context(ignore_https_errors=True, viewport={"width": 1280, "height": 800})
     page = context.new_page()
     try:
+        be_logged_in(context, stack)
         double_events(page, robots=CROWD, every_ms=4)
-        log_in(page, stack)
+        open_page(page, stack, "/")
         count = page.get_by_test_id("fleet-count")
         expect(count).to_have_text(f"{CROWD} of {CROWD} online", timeout=15_000)
         page.evaluate(NOTE_LONG_TASKS)

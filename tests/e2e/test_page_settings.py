@@ -9,7 +9,7 @@ from http import HTTPStatus
 from typing import Any
 
 import pytest
-from pages import drive_live, expect_no_sideways_scroll, log_in, open_live
+from pages import be_logged_in, drive_live, expect_no_sideways_scroll, open_live
 from playwright.sync_api import Browser, Page, expect
 from stack import Stack
 
@@ -49,9 +49,9 @@ def _opened(
     context = browser.new_context(ignore_https_errors=True, **options)
     errors: list[str] = []
     try:
+        be_logged_in(context, stack, name, password)
         page = context.new_page()
         page.on("pageerror", lambda error: errors.append(str(error)))
-        log_in(page, stack, name, password)
         yield page
     finally:
         context.close()

@@ -330,7 +330,7 @@ def test_a_picture_comes_only_when_it_is_asked_for(dora: Page) -> None:
     """One message at a time, after the page has said what that costs."""
     subscribed = Subscriptions(dora)
     look = _look(dora, "/camera/image_raw/compressed")
-    expect(look).to_contain_text("can have several MB.")
+    expect(look).to_contain_text("can be several MB large.")
     expect(look.get_by_test_id("topic-content")).to_have_text("")
     assert subscribed.topics == []
     look.get_by_test_id("topic-get-one").click()

@@ -1,4 +1,4 @@
-"""What comes up by itself while somebody drives covers neither stick nor Stop, nor is it answered by a slip."""
+"""What comes up by itself while somebody drives is not answered by a slip; test_layout.py says where it comes up."""
 
 from __future__ import annotations
 
@@ -13,14 +13,7 @@ from playwright.sync_api import Browser, FloatRect, Page, expect
 from stack import Stack
 
 ROBOT = "sim1"
-TOUCH = {"has_touch": True, "is_mobile": True}
-SCREENS = {
-    "1280x800": {"viewport": {"width": 1280, "height": 800}},
-    "1920x1080": {"viewport": {"width": 1920, "height": 1080}},
-    "820x1180": {"viewport": {"width": 820, "height": 1180}, **TOUCH},
-    "390x844": {"viewport": {"width": 390, "height": 844}, **TOUCH},
-    "844x390": {"viewport": {"width": 844, "height": 390}, **TOUCH},
-}
+PHONE = {"viewport": {"width": 844, "height": 390}, "has_touch": True, "is_mobile": True}
 # A thumb that is already on its way presses in the moment in which the question comes up, whatever that is.
 PRESS_AT_ONCE = """() => {
   const question = document.querySelector("[data-testid=question]");
@@ -30,22 +23,13 @@ PRESS_AT_ONCE = """() => {
     window.pressedAtOnce = true;
   }).observe(question, { attributes: true, attributeFilter: ["hidden"] });
 }"""
-# Of both at once, which is more than ever comes.
-BOXES = """() => {
-  const sure = document.querySelector("[data-testid=take-sure]");
-  sure.hidden = false;
-  const found = [...document.querySelectorAll(".question")].map((one) => one.getBoundingClientRect().toJSON());
-  sure.hidden = true;
-  return found;
-}"""
-HIT = """([x, y]) => document.elementFromPoint(x, y).closest("[data-testid]").dataset.testid"""
 
 
 @pytest.fixture
-def asking(stack: Stack, browser: Browser, request: pytest.FixtureRequest) -> Iterator[Asking]:
+def asking(stack: Stack, browser: Browser) -> Iterator[Asking]:
     """Somebody new, as the server lets nobody ask again and again."""
     stack.wait_until_drivable(ROBOT)
-    name = f"ben{request.node.callspec.id}"
+    name = "bernd"
     with closing(PageUsers(stack, browser)) as people:
         people.let(name, "drive", ROBOT)
     yield Asking(stack, name)
@@ -76,15 +60,6 @@ def _box(page: Page, test_id: str) -> FloatRect:
     return box
 
 
-def _overlap(one: FloatRect, other: FloatRect) -> bool:
-    return (
-        one["x"] < other["x"] + other["width"]
-        and other["x"] < one["x"] + one["width"]
-        and one["y"] < other["y"] + other["height"]
-        and other["y"] < one["y"] + one["height"]
-    )
-
-
 def _centre(box: FloatRect) -> tuple[float, float]:
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
@@ -100,13 +75,10 @@ def _expect_unanswered(page: Page) -> None:
     expect(page.get_by_test_id("question")).to_be_visible()
 
 
-@pytest.mark.parametrize("context", SCREENS.values(), ids=SCREENS, indirect=True)
-def test_a_question_covers_neither_stick_nor_stop_and_hears_no_slip(
-    page: Page, stack: Stack, asking: Asking
-) -> None:
+@pytest.mark.parametrize("context", [PHONE], ids=["phone"], indirect=True)
+def test_a_question_hears_no_slip(page: Page, stack: Stack, asking: Asking) -> None:
     """Deaf for its first 0.7 s and while stick or key is held; then a press hands over."""
     drive_live(page, stack, ROBOT)
-    page.get_by_test_id("two-sticks").click()
     expect_armed(page)
     page.evaluate(PRESS_AT_ONCE)
     asking.ask()
@@ -114,12 +86,7 @@ def test_a_question_covers_neither_stick_nor_stop_and_hears_no_slip(
     expect(question).to_contain_text(f"{asking.name} asks for control")
     assert page.evaluate("window.pressedAtOnce")
     _expect_unanswered(page)
-    for box in page.evaluate(BOXES):
-        for name in ("joystick", "joystick-turn", "stop"):
-            assert not _overlap(box, _box(page, name)), f"it covers {name}"
     x, y = _centre(_box(page, "joystick"))
-    for below in (0, 6, 60):
-        assert page.evaluate(HIT, [x, y + below]) == "joystick"
     expect(question).to_have_attribute("data-deaf", "false")
     page.mouse.move(x, y)
     page.mouse.down()

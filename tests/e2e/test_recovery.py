@@ -102,7 +102,8 @@ async def test_open_connection_goes_on_without_the_database(program: Program, st
             # Its lease is in the database by then, which the next lines take away.
             assert await echo(socket, "driving") == "driving"
             await drive_on(socket, asyncio.to_thread(mysql.stop, timeout=20))
-            await drive_on(socket, asyncio.sleep(10))
+            # Longer than the relay waits for an answer, and than a driver lasts of whom nothing comes.
+            await drive_on(socket, asyncio.sleep(5))
             # This takes seconds on a busy machine, in which a driver who reads nothing is gone.
             await drive_on(socket, asyncio.to_thread(mysql.start))
             await drive_on(socket, asyncio.to_thread(stack.wait_healthy, "mysql"))

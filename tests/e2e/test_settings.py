@@ -10,10 +10,7 @@ from stack import Stack
     ("service", "variable", "value"),
     [
         ("web", "TICKET_TTL_S", "soon"),
-        ("web", "JOIN_POLICY", "everybody"),
-        ("web", "SSH_PORTS", "2222,99999"),
         ("relay", "MESSAGE_LIMIT_MB", "0"),
-        ("relay", "LOG_LEVEL", "loud"),
         ("migrate", "PORT_RANGE_FIRST", "80"),
     ],
 )

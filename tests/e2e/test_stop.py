@@ -142,17 +142,20 @@ def test_an_observers_stop_is_seen_by_the_driver_at_once(
     expect(ann.get_by_test_id("control-note")).to_contain_text("The robot was stopped")
 
 
-@pytest.mark.parametrize("focus", ["limit-linear", "quality", "control-leave", "stop"])
-def test_the_space_bar_stops_whatever_has_the_focus(ann: Page, focus: str) -> None:
+def test_the_space_bar_stops_whatever_has_the_focus(ann: Page, stack: Stack) -> None:
     """It neither scrolls, nor changes, nor presses what has the focus."""
-    focused = ann.get_by_test_id(focus)
-    focused.focus()
-    value = focused.evaluate("element => element.value")
-    ann.keyboard.press("Space")
-    _expect_stopped(ann, "ann")
-    assert focused.evaluate("element => element.value") == value
-    assert ann.evaluate("scrollY") == 0
-    expect(ann.get_by_test_id("control-note")).to_contain_text("The robot was stopped")
+    for focus in ("limit-linear", "quality", "control-leave", "stop"):
+        focused = ann.get_by_test_id(focus)
+        focused.focus()
+        value = focused.evaluate("element => element.value")
+        ann.keyboard.press("Space")
+        _expect_stopped(ann, "ann")
+        assert focused.evaluate("element => element.value") == value, focus
+        assert ann.evaluate("scrollY") == 0, focus
+        expect(ann.get_by_test_id("control-note")).to_contain_text("The robot was stopped")
+        release_all(stack, [ROBOT])
+        _expect_released(ann)
+        take_control(ann)
 
 
 def test_a_release_has_to_be_held(page_users: PageUsers, ann: Page, stack: Stack) -> None:
@@ -214,18 +217,18 @@ def test_a_release_does_not_end_a_stop_that_its_person_did_not_see(
     _expect_released(ann)
 
 
-@pytest.mark.parametrize("key", ["Enter", "Space"])
-def test_a_release_can_be_held_by_a_key(ann: Page, key: str) -> None:
+def test_a_release_can_be_held_by_a_key(ann: Page) -> None:
     """On the release button the key is held, and does not stop anew."""
-    ann.get_by_test_id("stop").click()
-    _expect_stopped(ann, "ann")
-    ann.evaluate(NOTE_HOLDS)
-    ann.get_by_test_id("release").focus()
-    ann.keyboard.down(key)
-    _expect_held(ann)
-    ann.keyboard.up(key)
-    _expect_released(ann)
-    expect_mode(ann, "drive")
+    for key in ("Enter", "Space"):
+        ann.get_by_test_id("stop").click()
+        _expect_stopped(ann, "ann")
+        ann.evaluate(NOTE_HOLDS)
+        ann.get_by_test_id("release").focus()
+        ann.keyboard.down(key)
+        _expect_held(ann)
+        ann.keyboard.up(key)
+        _expect_released(ann)
+        expect_mode(ann, "drive")
 
 
 def test_a_stop_outlives_the_page(page_users: PageUsers, ann: Page) -> None:
@@ -252,7 +255,7 @@ def test_a_stop_goes_through_the_api_when_the_connection_carries_nothing(
     page_users: PageUsers,
 ) -> None:
     """A page whose connection is stuck stops the robot all the same."""
-    page = page_users.open_fleet("ann")
+    page = page_users.browse("ann")
 
     def without_stops(socket: WebSocketRoute) -> None:
         server = socket.connect_to_server()
@@ -321,18 +324,16 @@ def test_a_manager_stops_a_site_alone(page_users: PageUsers, stack: Stack) -> No
         stack.robotether("site", "remove", "lab", "--yes")
 
 
-@pytest.mark.parametrize("size", [(360, 640), (390, 844), (740, 360), (1280, 800)], ids=str)
-def test_stop_is_on_the_screen_at_every_size(
-    page_users: PageUsers, ann: Page, size: tuple[int, int]
-) -> None:
+def test_stop_is_on_the_screen_at_every_size(ann: Page) -> None:
     """Wherever the page is scrolled to, and without scrolling sideways."""
-    width, height = size
-    ann.set_viewport_size({"width": width, "height": height})
-    for scroll in ("0", "document.body.scrollHeight"):
-        ann.evaluate(f"scrollTo(0, {scroll})")
-        box = ann.get_by_test_id("stop").bounding_box()
-        assert box is not None
-        assert box["y"] >= 0
-        assert box["y"] + box["height"] <= height
-        assert box["height"] >= 44
-    expect_no_sideways_scroll(ann)
+    for width, height in ((360, 640), (390, 844), (740, 360), (1280, 800)):
+        ann.set_viewport_size({"width": width, "height": height})
+        for scroll in ("0", "document.body.scrollHeight"):
+            ann.evaluate(f"scrollTo(0, {scroll})")
+            box = ann.get_by_test_id("stop").bounding_box()
+            where = f"at {width}x{height}, scrolled to {scroll}: {box}"
+            assert box is not None, where
+            assert box["y"] >= 0, where
+            assert box["y"] + box["height"] <= height, where
+            assert box["height"] >= 44, where
+        expect_no_sideways_scroll(ann)

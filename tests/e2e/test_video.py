@@ -1,4 +1,4 @@
-"""Cameras through the running stack: one stream leaves the robot, each viewer sees the newest picture."""
+"""Cameras through the running stack: one stream leaves the robot, each viewer sees the newest frame."""
 
 from __future__ import annotations
 
@@ -82,17 +82,17 @@ def sent_bytes(pid: int) -> int:
 
 
 async def test_one_stream_leaves_the_robot_whoever_watches(stack: Stack, program: Program) -> None:
-    """With 1, 5 and 20 viewers a picture costs the robot's uplink the same, and each viewer gets them all."""
+    """With 1 and with 20 viewers a picture costs the robot's uplink the same, and each viewer gets them all."""
     bytes_a_picture = {}
     # Read here and at once: a command in there takes the time of some pictures, now more and now less.
     sim = stack.container("sim1").attrs["State"]["Pid"]
-    for count in (1, 5, 20):
+    for count in (1, 20):
         async with viewing(program) as watch:
             viewers = [await watch(**STEADY) for _ in range(count)]
             # Until it runs evenly.
             begun = await asyncio.gather(*(take(viewer, 1) for viewer in viewers))
             before = sent_bytes(sim)
-            taken = await asyncio.gather(*(take(viewer, 6) for viewer in viewers))
+            taken = await asyncio.gather(*(take(viewer, 5) for viewer in viewers))
             after = sent_bytes(sim)
         assert min(map(len, taken)) > 0.6 * max(map(len, taken))
         # Not those that had been sent before, and that only some had seen by then.
@@ -125,6 +125,7 @@ async def test_a_slow_viewer_slows_no_one_and_sees_the_newest(program: Program) 
         assert now_ms - new.timestamp_ms < 1500
 
 
+@pytest.mark.release
 async def test_a_slow_stream_skips_pictures_too(stack: Stack, program: Program) -> None:
     """What an <img> does not take meanwhile is left out at the relay, beside a viewer that takes all."""
     ticket = await asyncio.to_thread(program.ticket, "sim1", "observe")
@@ -207,7 +208,7 @@ async def test_a_robot_that_restarts_is_watched_again(stack: Stack, program: Pro
 
 
 async def test_frames_refuse_who_has_nothing_to_show(stack: Stack) -> None:
-    """No ticket, no login, no token: 401 through the front door, and an upgrade on other paths is none."""
+    """No ticket, no login, no token: 401 through nginx, and an upgrade on other paths is none."""
     url = f"{stack.url}/robots/sim1/video/frames?topic={quote(TOPIC)}"
     async with aiohttp.ClientSession() as http:
         with pytest.raises(aiohttp.WSServerHandshakeError) as refused:

@@ -18,7 +18,7 @@ import atheris
 sys.path[:0] = [str(Path(__file__).resolve().parents[2] / name) for name in ("common", "server")]
 with atheris.instrument_imports(include=["robotether_common", "robotether_server", "json"]):
     from robotether_common.ros import Globs
-    from robotether_server.relay.rosbridge.drive_path import stamped
+    from robotether_server.relay.drives.drive_path import stamped
     from robotether_server.relay.rosbridge.message_validator import (
         OPERATIONS,
         ROSAPI_LOOKUPS,

@@ -15,18 +15,30 @@ NOT_YET = b"renewal is not needed"
 ASKED_TO = b"renewal is needed"
 
 
+def let_in(folder: Path) -> Path:
+    """Let the containers' users enter a folder."""
+    for place in (folder, *folder.parents[:3]):
+        place.chmod(place.stat().st_mode | 0o055)
+    return folder
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A folder that the containers' users may enter."""
-    for place in (tmp_path, *tmp_path.parents[:3]):
-        place.chmod(place.stat().st_mode | 0o055)
-    return tmp_path
+    return let_in(tmp_path)
 
 
 @pytest.fixture
 def network(folder: Path) -> Iterator[AcmeNetwork]:
     """nginx, acme and an authority whose certificates last an hour."""
     with AcmeNetwork(folder) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def lonely(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AcmeNetwork]:
+    """A network without an authority, for tests that remove what they started."""
+    with AcmeNetwork(let_in(tmp_path_factory.mktemp("lonely"))) as made:
         yield made
 
 
@@ -40,6 +52,7 @@ def test_a_certificate_is_got_and_served(network: AcmeNetwork) -> None:
     assert acme.exec_run(["/usr/lib/robotether/healthy"]).exit_code == 0
 
 
+@pytest.mark.release
 def test_a_short_lived_certificate_is_renewed_before_it_ends(folder: Path) -> None:
     """The next one is there while it still holds, though its life is half a minute."""
     with AcmeNetwork(folder, validity_s=VALIDITY_S) as network:
@@ -56,7 +69,9 @@ def test_a_short_lived_certificate_is_renewed_before_it_ends(folder: Path) -> No
         network.wait_served(nginx, "*Pebble*", acme)
 
 
-@pytest.mark.parametrize("days", [6, 25, 47, 64, 90])
+@pytest.mark.parametrize(
+    "days", [90, *(pytest.param(days, marks=pytest.mark.release) for days in (6, 25, 47, 64))]
+)
 def test_a_certificate_is_renewed_when_the_authority_asks_for_it(folder: Path, days: int) -> None:
     """Not while it is new, however short its life is; at once when its renewal window (ARI) has begun."""
     with AcmeNetwork(folder, validity_s=days * 86400) as network:
@@ -77,6 +92,7 @@ def test_a_certificate_is_renewed_when_the_authority_asks_for_it(folder: Path, d
         assert acme.logs().count(GOT) == 2
 
 
+@pytest.mark.release
 def test_another_authority_is_asked_for_a_certificate_of_its_own(folder: Path) -> None:
     """It cannot renew what another has given; so the move from a staging authority needs no clean-up."""
     with AcmeNetwork(folder) as network:
@@ -90,6 +106,7 @@ def test_another_authority_is_asked_for_a_certificate_of_its_own(folder: Path) -
         network.wait("a certificate", lambda: GOT in second.logs(), second)
 
 
+@pytest.mark.release
 def test_an_authority_that_is_away_keeps_nothing_from_starting(network: AcmeNetwork) -> None:
     """The self-signed certificate serves, the client is unhealthy and says why, and it gets there later."""
     nginx, acme = network.start_nginx(), network.start_acme()
@@ -101,6 +118,7 @@ def test_an_authority_that_is_away_keeps_nothing_from_starting(network: AcmeNetw
     network.wait_served(nginx, "*Pebble*", acme, seconds=60)
 
 
+@pytest.mark.release
 def test_a_name_that_leads_elsewhere_gets_nothing(network: AcmeNetwork) -> None:
     """The authority's refusal stands in the log, and the self-signed certificate goes on."""
     network.start_authority()
@@ -110,11 +128,14 @@ def test_a_name_that_leads_elsewhere_gets_nothing(network: AcmeNetwork) -> None:
 
 
 @pytest.mark.parametrize("domain", ["", "Robots.Example", "localhost", "-x.example", "a b.example"])
-def test_a_wrong_domain_stops_the_start(network: AcmeNetwork, domain: str) -> None:
+def test_a_wrong_domain_stops_the_start(lonely: AcmeNetwork, domain: str) -> None:
     """With a sentence that names the variable."""
-    acme = network.start_acme(domain)
-    assert acme.wait(timeout=20)["StatusCode"] == 1
-    assert b"DOMAIN is" in acme.logs()
+    acme = lonely.start_acme(domain)
+    try:
+        assert acme.wait(timeout=20)["StatusCode"] == 1
+        assert b"DOMAIN is" in acme.logs()
+    finally:
+        lonely.stop(acme)
 
 
 def test_the_admins_own_certificate_wins_and_is_followed(network: AcmeNetwork) -> None:
@@ -133,9 +154,13 @@ def test_the_admins_own_certificate_wins_and_is_followed(network: AcmeNetwork) -
     network.wait_served(nginx, "next.example.test")
 
 
-def test_nginx_speaks_in_problems(network: AcmeNetwork) -> None:
+def test_nginx_speaks_in_problems(lonely: AcmeNetwork) -> None:
     """Where no program answers, nginx's own answer has the headers of all others."""
-    headers = network.wait_served(network.start_nginx(), DOMAIN)
+    nginx = lonely.start_nginx()
+    try:
+        headers = lonely.wait_served(nginx, DOMAIN)
+    finally:
+        lonely.stop(nginx)
     assert headers["content-type"] == "application/problem+json"
     assert headers["content-security-policy"].startswith("default-src 'none'")
     assert headers["x-content-type-options"] == "nosniff"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,30 @@ REGISTER = "/run/robotether/jump"
 def registered(stack: Stack) -> list[str]:
     """The files of the register."""
     return stack.exec("sshd", "ls", "-A", REGISTER, user="jump:jumpwatch").split()
+
+
+@pytest.fixture(scope="module")
+def in_force(stack: Stack) -> list[str]:
+    """What sshd itself says that is in force for the account."""
+    of_jump = "user=jump,host=somewhere,addr=192.0.2.1"
+    return stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", of_jump).splitlines()
+
+
+@pytest.fixture(scope="module")
+def manager(
+    stack: Stack,
+    tmp_path_factory: pytest.TempPathFactory,
+    robot: ShellRobot,
+    other: ShellRobot,
+) -> Iterator[Person]:
+    """Somebody with ann's rights, which no test changes."""
+    person = Person(stack, tmp_path_factory.mktemp("manager"), "jumping-manager")
+    try:
+        person.grant(robot, "manage")
+        person.grant(other, "drive")
+        yield person
+    finally:
+        person.remove()
 
 
 @pytest.mark.parametrize(
@@ -44,22 +69,22 @@ def registered(stack: Stack) -> list[str]:
         ("unusedconnectiontimeout", "10"),
     ],
 )
-def test_sshd_runs_for_jump_with_the_setting(stack: Stack, setting: str, value: str) -> None:
+def test_sshd_runs_for_jump_with_the_setting(in_force: list[str], setting: str, value: str) -> None:
     """Sshd itself says that the setting is in force for the account."""
-    of_jump = "user=jump,host=somewhere,addr=192.0.2.1"
-    printed = stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", of_jump)
-    assert f"{setting} {value}" in printed.splitlines()
+    assert f"{setting} {value}" in in_force
 
 
-def test_person_reaches_the_robot(ann: Person, robot: ShellRobot) -> None:
+def test_person_reaches_the_robot(manager: Person, robot: ShellRobot) -> None:
     """Who manages the robot gets to the first line of its sshd."""
-    assert ann.reach(robot.shell_port).stdout.encode() == BANNER.replace(b"\r\n", b"\n")
+    assert manager.reach(robot.shell_port).stdout.encode() == BANNER.replace(b"\r\n", b"\n")
 
 
-def test_person_reaches_the_robot_through_443(ann: Person, robot: ShellRobot, stack: Stack) -> None:
+def test_person_reaches_the_robot_through_443(
+    manager: Person, robot: ShellRobot, stack: Stack
+) -> None:
     """So does a person on a network that lets only 443 out."""
     target = f"127.0.0.1:{robot.shell_port}"
-    done = ann.key.ssh("-W", target, JUMP, port=stack.https_port)
+    done = manager.key.ssh("-W", target, JUMP, port=stack.https_port)
     assert done.stdout.encode() == BANNER.replace(b"\r\n", b"\n")
 
 
@@ -90,23 +115,25 @@ def test_less_than_manage_reaches_nothing(ann: Person, robot: ShellRobot, level:
     ],
 )
 def test_person_reaches_nothing_else(
-    ann: Person, robot: ShellRobot, other: ShellRobot, target: str
+    manager: Person, robot: ShellRobot, other: ShellRobot, target: str
 ) -> None:
     """Neither another robot's shell, nor any robot's rosbridge, nor a service of the server."""
     ros, video = robot.key.ports()
     ports = {"shell": robot.shell_port, "other": other.shell_port, "ros": ros, "video": video}
-    done = ann.key.ssh("-W", target.format(**ports), JUMP)
+    done = manager.key.ssh("-W", target.format(**ports), JUMP)
     assert done.returncode != 0
     assert done.stdout == ""
     assert "administratively prohibited" in done.stderr
 
 
-def test_socks_reaches_only_the_robot(ann: Person, robot: ShellRobot, other: ShellRobot) -> None:
+def test_socks_reaches_only_the_robot(
+    manager: Person, robot: ShellRobot, other: ShellRobot, stack: Stack
+) -> None:
     """A dynamic forward opens what a plain one opens, and no more."""
     port = free_port()
-    running = ann.key.start("-N", "-D", f"127.0.0.1:{port}", JUMP)
+    running = manager.key.start("-N", "-D", f"127.0.0.1:{port}", JUMP)
     try:
-        assert ann.stack.wait("the robot", lambda: _through_socks(port, robot.shell_port)) == BANNER
+        assert stack.wait("the robot", lambda: _through_socks(port, robot.shell_port)) == BANNER
         assert _through_socks(port, other.shell_port) == b""
     finally:
         end(running)
@@ -140,18 +167,20 @@ def _through_socks(proxy: int, port: int) -> bytes | None:
     ],
     ids=" ".join,
 )
-def test_person_runs_and_opens_nothing(ann: Person, arguments: tuple[str, ...]) -> None:
+def test_person_runs_and_opens_nothing(manager: Person, arguments: tuple[str, ...]) -> None:
     """No shell, no command, no file transfer, no port on the server, no socket file, no network device."""
     # With a path for -W the client waits until sshd ends the connection, after 10 s without a use of it.
-    done = ann.key.ssh(*arguments, timeout=40)
+    done = manager.key.ssh(*arguments, timeout=40)
     assert done.returncode != 0
     assert done.stdout == ""
     assert "Permission denied" not in done.stderr
 
 
-def test_persons_key_opens_no_tunnel_and_robots_key_no_jump(ann: Person, robot: ShellRobot) -> None:
+def test_persons_key_opens_no_tunnel_and_robots_key_no_jump(
+    manager: Person, robot: ShellRobot
+) -> None:
     """Each key is good for its own account."""
-    assert "Permission denied" in ann.key.ssh("tunnel@127.0.0.1", "session").stderr
+    assert "Permission denied" in manager.key.ssh("tunnel@127.0.0.1", "session").stderr
     done = robot.key.ssh("-W", f"127.0.0.1:{robot.shell_port}", JUMP)
     assert "Permission denied" in done.stderr
 

@@ -1,4 +1,4 @@
-"""What the front door lets through, asked of the running daemon."""
+"""What nginx passes on, asked of the running daemon."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_tls_version_is_offered(stack: Stack, version: ssl.TLSVersion) -> None:
 
 
 def test_old_tls_is_refused(stack: Stack) -> None:
-    """A client that knows only TLS 1.1 is turned away."""
+    """A client that knows only TLS 1.1 is rejected."""
     context = insecure_tls()
     context.set_ciphers("ALL:@SECLEVEL=0")
     with pytest.warns(DeprecationWarning, match="TLSv1_1"):

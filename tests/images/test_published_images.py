@@ -74,6 +74,7 @@ def test_every_target_has_labels() -> None:
         assert labels[f"{OCI}source"] == "https://example.test/robotether"
 
 
+@pytest.mark.release
 def test_release_is_pushed_with_attestations() -> None:
     """Every image that a site runs: SLSA provenance in full, and an SBOM."""
     targets = described("release")
@@ -95,6 +96,7 @@ def listed(file: Path) -> set[tuple[str, str]]:
     return {(each["name"], each["version"]) for each in sbom["components"]}
 
 
+@pytest.mark.release
 def test_sbom_lists_what_is_in_the_image(tmp_path: Path) -> None:
     """Each Debian package and each Python package that the image itself tells of."""
     bake("sbom_server", "--set", f"*.output=type=local,dest={tmp_path}")

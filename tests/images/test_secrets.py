@@ -6,6 +6,7 @@ import json
 import subprocess
 import uuid
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -13,8 +14,7 @@ from typing import Any
 
 import pytest
 from dated_certificate import make_certificate
-from image_names import image
-from stack import ROOT
+from image_names import ensure_built, image
 
 FOLDERS: dict[str, set[str]] = {
     "mysql": {
@@ -48,7 +48,7 @@ print(json.dumps({
 @pytest.fixture(scope="module", autouse=True)
 def built() -> None:
     """The image, as it is in this checkout."""
-    subprocess.run(["tools/build", "server"], cwd=ROOT, check=True, capture_output=True)
+    ensure_built("server")
 
 
 @dataclass(frozen=True)
@@ -105,14 +105,21 @@ class Site:
         )
 
 
-@pytest.fixture
-def site(tmp_path: Path) -> Iterator[Site]:
+@contextmanager
+def site_in(folder: Path) -> Iterator[Site]:
     """Nothing made yet."""
-    own = tmp_path / "own"
+    own = folder / "own"
     own.mkdir(mode=0o700)
     volume = f"robotether-test-secrets-{uuid.uuid4().hex[:8]}"
     yield Site(volume, own)
     subprocess.run(["docker", "volume", "rm", volume], check=True, capture_output=True)
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Site]:
+    """A site that was never started."""
+    with site_in(tmp_path) as made:
+        yield made
 
 
 def test_each_service_gets_its_own_secrets(site: Site) -> None:
@@ -187,6 +194,25 @@ def test_own_certificate_is_handed_to_nginx_and_taken_back(site: Site, tmp_path:
     assert site.texts()["nginx"] == {}
 
 
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two pairs, one that has ended, and a folder."""
+    folder = tmp_path_factory.mktemp("certificates")
+    (folder / "own").mkdir()
+    make_pair(folder, "one")
+    make_pair(folder, "two")
+    make_pair(folder, "ended", days=-1)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def serving(certificates: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """A site with a certificate of its own, which no test changes."""
+    with site_in(tmp_path_factory.mktemp("serving")) as made:
+        assert made.make(certificates / "one.crt", certificates / "one.key")[0] == 0
+        yield made
+
+
 @pytest.mark.parametrize(
     ("pair", "why"),
     [
@@ -199,15 +225,12 @@ def test_own_certificate_is_handed_to_nginx_and_taken_back(site: Site, tmp_path:
     ],
 )
 def test_own_certificate_that_cannot_serve_stops_the_start(
-    site: Site, tmp_path: Path, pair: tuple[str, str], why: str
+    serving: Site, certificates: Path, pair: tuple[str, str], why: str
 ) -> None:
     """With a sentence; what serves goes on."""
-    good = make_pair(tmp_path, "one")
-    site.make(*good)
-    make_pair(tmp_path, "two")
-    make_pair(tmp_path, "ended", days=-1)
-    status, said = site.make(*(name and tmp_path / name for name in pair))
+    status, said = serving.make(*(name and certificates / name for name in pair))
     assert status == 1
     assert "cannot use your own certificate: " in said
     assert why in said
-    assert site.texts()["nginx"]["cert.pem"] == good[0].read_text()
+    good = (certificates / "one.crt").read_text()
+    assert serving.texts()["nginx"]["cert.pem"] == good

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import io
 import json
-import subprocess
 import time
 import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import aiohttp
 import docker
 import pytest
 from docker.models.containers import Container
-from image_names import image
+from image_names import ensure_built, image
 from inside import run_inside
 from PIL import Image
 from stopwatch import Stopwatch
 
-ROOT = Path(__file__).resolve().parents[2]
 IMAGE = image("sim_robot")
 NOWHERE = {
     "ROBOTETHER_SERVER": "127.0.0.1:1",
@@ -66,10 +63,7 @@ class Robot:
 @pytest.fixture(scope="module")
 def image() -> str:
     """The image, built from this checkout."""
-    done = subprocess.run(
-        ["tools/build", "sim_robot"], cwd=ROOT, check=False, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr[-4000:]
+    ensure_built("sim_robot")
     return IMAGE
 
 

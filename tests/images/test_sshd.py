@@ -48,10 +48,21 @@ def _session_line(running: subprocess.Popen[str], seconds: float = 10) -> dict[s
 def _free_port(key: RobotKey) -> int:
     """The robot's rosbridge port, when nobody holds it: sshd hears a moment later that a test has ended its client."""
     ros, _ = key.ports()
-    connect = ["bash", "-c", f"exec 3<>/dev/tcp/127.0.0.1/{ros}"]
-    sshd = key.stack.container("sshd")
-    key.stack.wait("the port free", lambda: sshd.exec_run(connect).exit_code != 0, "sshd")
+    key.stack.wait("the port free", lambda: not _listens(key.stack, ros), "sshd")
     return ros
+
+
+def _listens(stack: Stack, port: int) -> bool:
+    """Whether somebody answers at a port of sshd's container."""
+    connect = ["bash", "-c", f"exec 3<>/dev/tcp/127.0.0.1/{port}"]
+    return stack.container("sshd").exec_run(connect).exit_code == 0
+
+
+@pytest.fixture(scope="module")
+def in_force(stack: Stack) -> list[str]:
+    """What sshd itself says that is in force for robots."""
+    of_tunnel = "user=tunnel,host=somewhere,addr=192.0.2.1"
+    return stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", of_tunnel).splitlines()
 
 
 @pytest.mark.parametrize(
@@ -87,11 +98,11 @@ def _free_port(key: RobotKey) -> int:
         ("persourcepenalties", "no"),
     ],
 )
-def test_sshd_runs_for_tunnel_with_the_setting(stack: Stack, setting: str, value: str) -> None:
+def test_sshd_runs_for_tunnel_with_the_setting(
+    in_force: list[str], setting: str, value: str
+) -> None:
     """Sshd itself says that the setting is in force for robots."""
-    of_tunnel = "user=tunnel,host=somewhere,addr=192.0.2.1"
-    printed = stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", of_tunnel)
-    assert f"{setting} {value}" in printed.splitlines()
+    assert f"{setting} {value}" in in_force
 
 
 def test_two_addresses_cannot_make_sshd_refuse_others(stack: Stack) -> None:
@@ -149,7 +160,7 @@ def test_robots_with_older_openssh_log_in(key: RobotKey, option: str, value: str
     ],
 )
 def test_weak_algorithms_are_refused(key: RobotKey, option: str, value: str) -> None:
-    """A client that knows nothing better is turned away before it shows a key."""
+    """A client that knows nothing better is rejected before it shows a key."""
     # An AEAD cipher needs no MAC.
     said = key.ssh("-o", f"{option}={value}", "-o", "Ciphers=aes128-ctr", USER, "id").stderr
     assert "no matching" in said
@@ -313,33 +324,21 @@ def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> No
             end(each)
 
 
-def test_connection_without_a_session_ends(key: RobotKey) -> None:
-    """A connection that only holds ports is ended, since the relay could not end it."""
-    ros = _free_port(key)
-    holding = key.start("-N", "-R", f"0.0.0.0:{ros}:127.0.0.1:9", USER)
-    try:
-        assert holding.wait(timeout=20) != 0
-    finally:
-        end(holding)
-
-
-def test_connection_without_a_session_ends_though_somebody_uses_it(
-    key: RobotKey, stack: Stack
-) -> None:
-    """Neither does a client of the robot's port keep such a connection alive."""
-    ros = _free_port(key)
+def test_connection_without_a_session_ends(key: RobotKey, stack: Stack) -> None:
+    """A connection that only holds ports is ended, since the relay could not; nor does a client of a port keep it."""
+    ros, video = _free_port(key), key.ports()[1]
     with RobotSshd.running() as target:
-        holding = key.start("-N", "-R", f"0.0.0.0:{ros}:127.0.0.1:{target}", USER)
-        connect = f"exec 3<>/dev/tcp/127.0.0.1/{ros} && head -n 1 <&3"
+        used = key.start("-N", "-R", f"0.0.0.0:{ros}:127.0.0.1:{target}", USER)
+        unused = key.start("-N", "-R", f"0.0.0.0:{video}:127.0.0.1:9", USER)
+        use = f"exec 3<>/dev/tcp/127.0.0.1/{ros} && head -n 1 <&3; sleep 60"
         try:
-            stack.wait(
-                "the port listens",
-                lambda: stack.container("sshd").exec_run(["bash", "-c", connect]).exit_code == 0,
-            )
-            stack.container("sshd").exec_run(["bash", "-c", f"{connect}; sleep 60"], detach=True)
-            assert holding.wait(timeout=35) != 0
+            stack.wait("both listen", lambda: _listens(stack, ros) and _listens(stack, video))
+            stack.container("sshd").exec_run(["bash", "-c", use], detach=True)
+            assert unused.wait(timeout=20) != 0
+            assert used.wait(timeout=35) != 0
         finally:
-            end(holding)
+            end(used)
+            end(unused)
 
 
 def test_robot_that_reads_nothing_loses_its_session(key: RobotKey, stack: Stack) -> None:

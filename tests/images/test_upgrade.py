@@ -34,6 +34,8 @@ SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
 SIMS = ("sim1", "sim2", "sim3")
 UP_WITHIN_S = 600
 
+pytestmark = pytest.mark.release
+
 
 def run(*command: str | Path, cwd: Path = ROOT) -> str:
     """Run a program that must succeed; what it printed."""

@@ -14,7 +14,7 @@ from playwright.sync_api import Page
 LB, RB, B = 4, 5, 1
 LEFT_X, LEFT_Y, RIGHT_X = 0, 1, 2
 
-Way = Literal["gone", "disconnected", "silently gone"]
+Way = Literal["gone", "silently gone"]
 
 _SCRIPT = """
 {
@@ -38,8 +38,7 @@ _SCRIPT = """
       pad.timestamp = performance.now();
     },
     unplug(way) {
-      if (way === "disconnected") pad.connected = false;
-      else pad = null;
+      pad = null;
       if (way === "gone") tell("gamepaddisconnected");
     },
   };
@@ -68,7 +67,7 @@ class GamepadDouble:
         self._page.evaluate("gamepadDouble.connect()")
 
     def unplug(self, way: Way = "gone") -> None:
-        """Let it go: with the browser's event, without, or called disconnected."""
+        """Let it go, with the browser's event or without."""
         self._page.evaluate("(way) => gamepadDouble.unplug(way)", way)
 
     def press(self, *buttons: int) -> None:

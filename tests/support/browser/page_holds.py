@@ -1,4 +1,4 @@
-"""Whether a page had to let go of what is held, because the machine held it up or its picture was late.
+"""Whether a page had to let go of what is held, because the machine delayed it or its video was late.
 
 A page that did not look for a while may have missed a release, and one whose picture is too old shows nothing to drive
 by; both let go, and whoever drives has to press anew. A test of what happens as long as something is held needs a

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
-from pages import log_in, open_live, take_control
+from pages import be_logged_in, open_live, take_control
 from playwright.sync_api import Browser, BrowserContext, Page, ViewportSize
 from stack import Stack
 
@@ -31,14 +31,19 @@ class PageUsers:
 
     def open_fleet(self, name: str) -> Page:
         """A user's own browser on the fleet page; `admin` is there from the beginning."""
-        context = self._open.enter_context(self._context())
-        page = context.new_page()
-        log_in(page, self.stack, name, None if name == "admin" else PASSWORD)
+        page = self.browse(name)
+        page.goto(f"{self.stack.url}/")
         return page
+
+    def browse(self, name: str) -> Page:
+        """A page of a user's own browser, not yet opened."""
+        context = self._open.enter_context(self._context())
+        be_logged_in(context, self.stack, name, None if name == "admin" else PASSWORD)
+        return context.new_page()
 
     def open(self, name: str, robot: str) -> Page:
         """A user's own browser on a robot's page, whose connection stands."""
-        page = self.open_fleet(name)
+        page = self.browse(name)
         self.go(page, robot)
         return page
 

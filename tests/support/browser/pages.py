@@ -6,15 +6,24 @@ import re
 import time
 from collections.abc import Callable
 from http import HTTPStatus
-from typing import Protocol
+from typing import Any, Protocol
 
 from browser_network import LAUNCHER, browser_network
-from playwright.sync_api import Browser, Page, Playwright, expect
+from playwright.sync_api import (
+    APIRequestContext,
+    Browser,
+    BrowserContext,
+    Page,
+    Playwright,
+    expect,
+)
 
 CSRF = re.compile(r'name="csrf_token" value="([^"]+)"')
 ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking")
 # In one look: a page that is held may lose its connection before the next one.
 LIVE = "[data-testid=state][data-state=live]:not([data-shown=held])"
+# Of each site, name and password.
+_cookies: dict[tuple[str, str, str], list[Any]] = {}
 
 
 class Site(Protocol):
@@ -48,24 +57,29 @@ def log_in(page: Page, site: Site, name: str = "admin", password: str | None = N
     page.wait_for_url(f"{site.url}/", timeout=10_000)
 
 
-def be_logged_in(page: Page, site: Site) -> None:
-    """Be the admin on the fleet page: log in beside the browser, which then has the cookie and one page to load."""
-    http, door = page.context.request, f"{site.url}/login"
+def be_logged_in(
+    context: BrowserContext, site: Site, name: str = "admin", password: str | None = None
+) -> None:
+    """Give a browser the cookies of this person, who logs in beside it once; a page that logs out uses `log_in`."""
+    secret = password or site.admin_password
+    key = (site.url, name, secret)
+    if key not in _cookies:
+        _cookies[key] = _cookies_of(context.request, site, name, secret)
+    context.add_cookies(_cookies[key])
+
+
+def _cookies_of(http: APIRequestContext, site: Site, name: str, password: str) -> list[Any]:
+    door = f"{site.url}/login"
     form = CSRF.search(http.get(door).text())
     assert form is not None, f"{door} has no form"
     answer = http.post(
         door,
-        form={
-            "csrf_token": form[1],
-            "name": "admin",
-            "password": site.admin_password,
-            "next": "",
-        },
+        form={"csrf_token": form[1], "name": name, "password": password, "next": ""},
         headers={"Referer": door},
         max_redirects=0,
     )
     assert answer.status == HTTPStatus.SEE_OTHER, answer.text()
-    page.goto(f"{site.url}/")
+    return list(http.storage_state()["cookies"])
 
 
 def open_robot(page: Page, site: Site, name: str) -> None:
@@ -81,12 +95,6 @@ def open_live(page: Page, site: Site, robot: str) -> None:
     """Go straight to a robot's page and wait until its connection stands."""
     page.goto(f"{site.url}/robots/{robot}")
     expect_live(page, seconds=15)
-
-
-def drive_robot(page: Page, site: Site, name: str) -> None:
-    """Go from the fleet page to a robot's page and take the control."""
-    open_robot(page, site, name)
-    take_control(page)
 
 
 def drive_live(page: Page, site: Site, robot: str) -> None:
@@ -144,4 +152,4 @@ def expect_no_sideways_scroll(page: Page) -> None:
         "[...document.querySelectorAll('body *')].filter(e => e.getBoundingClientRect().right > innerWidth)"
         ".map(e => e.outerHTML.slice(0, 80))"
     )
-    assert wide == [], f"{page.url} is too wide: {wide[:3]}"
+    assert wide == [], f"{page.url} is too wide for {page.viewport_size}: {wide[:3]}"

@@ -1,4 +1,4 @@
-"""`make screenshots`: pictures of the pages over the running demo, for people to see, into docs/screenshots.
+"""`make screenshots`: screenshots of the pages of the running demo, into docs/screenshots.
 
 A machine that waits, a join token, a second driver, an observer and buttons are made for the pictures, and removed
 again; sim1's cameras freeze, it is stopped and released, and sim3 is switched off and on.

@@ -1,4 +1,4 @@
-"""Doubles of where a robot's pictures come from: web_video_server, and rosbridge with topics.
+"""Doubles of the sources of a robot's video: web_video_server, and rosbridge with topics.
 
 FakeVideoServer's modes: `streams`; `silent` sends headers and no picture; `ends` ends each stream at once; `refuses`
 answers 500; `lists` is another type than multipart. Its pictures are a JPEG's headers, with as many bytes as their

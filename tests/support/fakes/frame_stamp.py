@@ -1,4 +1,4 @@
-"""Reads the moment that a simulated camera has drawn into its picture back out of it.
+"""Reads the timestamp that a simulated camera has drawn into its frame.
 
 `read_stamp` takes a JPEG, a screenshot of the picture alone or any other image file; `READ_STAMP` is the same in a
 page's own JavaScript, for an <img>, <canvas> or <video>, so that the age of what is on the screen is known without a

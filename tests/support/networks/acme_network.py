@@ -14,13 +14,14 @@ import time
 import uuid
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import docker
 from docker.models.containers import Container
-from image_names import image
+from image_names import ensure_built, image
 from inside import run_inside
 from local_network import insecure_tls
 
@@ -40,11 +41,7 @@ class AcmeNetwork:
         self._containers: list[Container] = []
 
     def __enter__(self) -> Self:
-        subprocess.run(
-            [ROOT / "tools" / "build", "nginx", "acme", "pebble"],
-            check=True,
-            capture_output=True,
-        )
+        _build_images()
         self._network = self._engine.networks.create(self._name)
         self._volumes = [
             self._engine.volumes.create(f"{self._name}-{part}")
@@ -230,6 +227,13 @@ class AcmeNetwork:
             "certificateValidityPeriod": self._validity_s,
         }
         (place / "pebble.json").write_text(json.dumps({"pebble": settings}))
+
+
+@cache
+def _build_images() -> None:
+    ensure_built("nginx", "acme")
+    # No site runs it.
+    subprocess.run([ROOT / "tools" / "build", "pebble"], check=True, capture_output=True)
 
 
 def make_certificate(folder: Path, name: str, *more: str, days: int = 2) -> None:

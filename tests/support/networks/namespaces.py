@@ -1,4 +1,4 @@
-"""Network namespaces for tests: made under names that tell whose they are, entered, and removed.
+"""Network namespaces for tests: made under names that say whose they are, entered, and removed.
 
 Needs root. A name is `rtlink-PID-NUMBER-END`; whoever makes one first sweeps away those whose process is gone.
 """

@@ -1,4 +1,4 @@
-"""What the kernel tells of processes in /proc/PID/stat, of which some end while they are looked at."""
+"""What the kernel says of processes in /proc/PID/stat; some end while they are read."""
 
 from __future__ import annotations
 

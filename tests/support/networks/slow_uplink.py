@@ -1,7 +1,7 @@
-"""A door on the robot, reached over an emulated link as through ssh: for tests of what leaves the robot; needs root.
+"""A video proxy on the robot, reached over an emulated link as through ssh, for tests of what leaves it; needs root.
 
-async with SlowUplink(link, door_port) as uplink:
-    door.use(uplink.tunnel)
+async with SlowUplink(link, proxy_port) as uplink:
+    proxy.use(uplink.tunnel)
     connect to uplink.port, the server's end
 """
 
@@ -19,10 +19,10 @@ CHUNK = 32 * 1024
 
 
 class SlowUplink:
-    """One connection at a time of the server, carried over the link to the door."""
+    """One connection at a time of the server, carried over the link to the proxy."""
 
-    def __init__(self, link: Link, door_port: int) -> None:
-        self._door_port = door_port
+    def __init__(self, link: Link, proxy_port: int) -> None:
+        self._proxy_port = proxy_port
         with link.robot.entered():
             self._inner = socket.create_server((link.robot.address, 0))
         with link.server.entered():
@@ -48,16 +48,16 @@ class SlowUplink:
     async def _carry(self) -> None:
         loop = asyncio.get_running_loop()
         client, _ = await loop.sock_accept(self._outer)
-        door = socket.socket()
-        with client, door:
-            for one in (client, door):
+        proxy = socket.socket()
+        with client, proxy:
+            for one in (client, proxy):
                 one.setblocking(False)
-            await loop.sock_connect(door, ("127.0.0.1", self._door_port))
+            await loop.sock_connect(proxy, ("127.0.0.1", self._proxy_port))
             pairs = [
                 (client, self._there),
                 (self._there, client),
-                (self.tunnel, door),
-                (door, self.tunnel),
+                (self.tunnel, proxy),
+                (proxy, self.tunnel),
             ]
             with suppress(OSError):
                 await asyncio.gather(*(pump(*pair) for pair in pairs))

@@ -1,6 +1,6 @@
 """What the tests of attacks take into their hands: people with little rights, their cookies and tickets, raw requests.
 
-Everything goes through the running stack's own front door, as somebody outside would send it; the library of an honest
+Everything goes through the running stack's own nginx, as somebody outside would send it; the library of an honest
 client would not let most of it out.
 """
 

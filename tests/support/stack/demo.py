@@ -1,4 +1,4 @@
-"""The running demo as experiments and pictures see it: its containers, its door from outside, an API token, tickets.
+"""The running demo as experiments and screenshots see it: its containers, its address, an API token, tickets.
 
 Needs `make demo`, and changes nothing of it but for one API token, which ends after a day.
 """

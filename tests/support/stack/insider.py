@@ -74,7 +74,7 @@ class Insider:
         self, host: str, port: int, path: str = "/", method: str = "GET", **headers: str
     ) -> str:
         """Send an HTTP request; the status line of the answer, or what `send` says."""
-        named = {"Host": host, "Content-Length": "0", **headers}
+        named = {"Host": host, "Content-Length": "0", "Connection": "close", **headers}
         spelt = [f"{name.replace('_', '-')}: {value}" for name, value in named.items()]
         request = "\r\n".join([f"{method} {path} HTTP/1.1", *spelt, "", ""])
         return self.send(host, port, request.encode()).split("\r\n", 1)[0]

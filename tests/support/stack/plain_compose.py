@@ -102,7 +102,7 @@ class PlainCompose:
                 raise AssertionError(f"still not: {what}\n{self.compose('logs', *services)}")
             time.sleep(0.5)
 
-    def lets_in(self, password: str) -> bool:
+    def accepts_login(self, password: str) -> bool:
         """Whether the log-in form takes this password for admin, and then shows who is logged in."""
         opener = urllib.request.build_opener(
             urllib.request.HTTPSHandler(context=insecure_tls()),

@@ -19,14 +19,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from robot_hosts import CA_BUNDLE, PIP_CACHE, ROOT, WHEELS, RobotHost, RobotHosts
+from robot_hosts import CA_BUNDLE, PIP_CACHE, ROOT, WHEELHOUSE, RobotHost, RobotHosts
 from stack import Stack
 
 ANSIBLE = ROOT / "ansible"
 # How a robot's pip gets what the agent needs: from the package index, this machine's way, as behind an inspecting
-# proxy; or from a folder that the tests' hosts have, which costs neither the network nor a copy of each wheel.
+# proxy; or from the folder that the tests' hosts have, which costs neither the network nor a copy of each wheel.
 FROM_INDEX = {"PIP_CERT": CA_BUNDLE, "PIP_CACHE_DIR": PIP_CACHE}
-FROM_WHEELS = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": WHEELS}
+FROM_WHEELS = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": WHEELHOUSE}
 # Some two minutes are usual for twenty hosts on two cores; this is for a playbook that hangs.
 ENDS_WITHIN_S = 1200
 RECAP = re.compile(
@@ -137,7 +137,7 @@ class Site:
             "robotether_agent_tls_fingerprint": self.fingerprint,
             # A container's interface is virtual, so the agent's rule finds none by itself.
             "robotether_agent_interface": "eth0",
-            "robotether_agent_environment": str(FROM_WHEELS if self.hosts.wheels else FROM_INDEX),
+            "robotether_agent_environment": str(FROM_WHEELS),
             **self.variables,
         }
         lines = [

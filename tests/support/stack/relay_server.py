@@ -28,7 +28,7 @@ from robotether_server.db.grants import Level
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.db.database import RelayDatabase
-from robotether_server.relay.http.liveness import LivenessLimits
+from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.main import Listen, Relay, Timing
 from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSettings
 from robotether_server.tickets import CredentialKind, Mode, Ticket, TicketSigner
@@ -39,14 +39,12 @@ MESSAGE_LIMIT = 10 * 1024 * 1024
 
 # Short enough for tests, and longer than a shared machine stands still.
 FAST = Timing(
-    limits=LivenessLimits(
-        ping_every_s=0.2, silent_after_s=1.5, slow_after_s=1.5, check_every_s=0.05
-    ),
+    limits=LivenessLimits(ping_every_s=0.2, silent_after_s=4, slow_after_s=4, check_every_s=0.05),
     driver_limits=LivenessLimits(
-        ping_every_s=0.1, silent_after_s=1.5, slow_after_s=1.5, check_every_s=0.05, strict=True
+        ping_every_s=0.1, silent_after_s=4, slow_after_s=4, check_every_s=0.05, strict=True
     ),
     heartbeat_s=0.1,
-    timeout_s=1.5,
+    timeout_s=4,
     poll_every_s=0.05,
 )
 

@@ -38,7 +38,8 @@ USER = "pi"
 # In every host, so that pip there trusts what this machine trusts; a site behind an inspecting proxy does the same.
 CA_BUNDLE = "/etc/ssl/site-ca.pem"
 PIP_CACHE = "/var/cache/pip"
-WHEELS = "/var/cache/wheels"
+# What the agent needs, in the image.
+WHEELHOUSE = "/opt/wheelhouse"
 # What systemd needs beyond Docker's usual: to mount, and its own control group, on cgroup v1 and v2.
 SYSTEMD: dict[str, Any] = {
     "cap_add": ["SYS_ADMIN", "NET_ADMIN"],
@@ -46,6 +47,11 @@ SYSTEMD: dict[str, Any] = {
     "tmpfs": {"/run": "", "/run/lock": ""},
     "cgroupns": "host",
     "tty": True,
+}
+# What of this machine a host sees.
+VOLUMES = {
+    "/sys/fs/cgroup": {"bind": "/sys/fs/cgroup", "mode": "rw"},
+    "robot-host-pip-cache": {"bind": PIP_CACHE, "mode": "rw"},
 }
 BOOTING_AT_ONCE = 4
 EXEC_LIMIT_S = 600.0
@@ -194,13 +200,9 @@ class RobotHost:
 
 @dataclass
 class RobotHosts:
-    """The hosts of one test module, on a network of their own; all are removed at the end.
-
-    Each finds the folder `wheels`, if there is one, as WHEELS.
-    """
+    """The hosts of one test module, on a network of their own; all are removed at the end."""
 
     folder: Path
-    wheels: Path | None = None
     engine: docker.DockerClient = field(default_factory=docker.from_env)
     booted: list[RobotHost] = field(default_factory=list)
 
@@ -257,13 +259,13 @@ class RobotHosts:
             ports={"22/tcp": ("127.0.0.1", ssh_port)},
             mac_address=mac,
             network=self.network.name,
-            volumes=self._volumes(),
+            volumes=VOLUMES,
             **{**SYSTEMD, **options},
         )
         host = RobotHost(name, mac, ssh_port, container, self.key)
         self.booted.append(host)
         container.start()
-        self._let_in(host)
+        self._authorize_ssh(host)
         if "command" not in options:
             host.wait_booted()
         return host
@@ -281,16 +283,7 @@ class RobotHosts:
         self.booted.remove(host)
         host.container.remove(force=True, v=True)
 
-    def _volumes(self) -> dict[str, dict[str, str]]:
-        """What of this machine a host sees, as the engine wants it."""
-        of_wheels = {str(self.wheels): {"bind": WHEELS, "mode": "ro"}} if self.wheels else {}
-        return {
-            "/sys/fs/cgroup": {"bind": "/sys/fs/cgroup", "mode": "rw"},
-            "robot-host-pip-cache": {"bind": PIP_CACHE, "mode": "rw"},
-            **of_wheels,
-        }
-
-    def _let_in(self, host: RobotHost) -> None:
+    def _authorize_ssh(self, host: RobotHost) -> None:
         public = self.key.with_suffix(".pub").read_bytes()
         host.put(public, "/home/pi/.ssh/authorized_keys")
         host.run(f"chown {USER}:{USER} /home/{USER}/.ssh/authorized_keys")

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import docker
+import image_names
 from docker.models.containers import Container
 from inside import run_inside
 from local_network import free_port, insecure_tls
@@ -46,8 +47,8 @@ class Stack:
     # The sources whose tools and settings these are, and what goes before the settings.
     root: Path = ROOT
     variables: dict[str, str] = field(default_factory=dict)
-    # The make targets build first; two stacks that start at once need not look for changes again.
-    is_built: bool = "IMAGES_ARE_BUILT" in os.environ
+    # Two stacks that start at once need not look for changes again.
+    is_built: bool = image_names.ARE_BUILT
 
     @property
     def url(self) -> str:

@@ -1,4 +1,4 @@
-"""Moments and days as people write them."""
+"""Times and days as people write them."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import time
 
 import pytest
 from sim_client import until
-from sim_robot.rate import FixedRate
+from sim_robot.simulator import FixedRate
 from stopwatch import Stopwatch
 
 

@@ -1,4 +1,4 @@
-"""A picture carries its moment, and a machine reads it back."""
+"""A frame carries its timestamp, and a machine reads it back."""
 
 import io
 

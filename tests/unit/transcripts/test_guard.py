@@ -152,7 +152,7 @@ async def test_what_the_guard_writes(
     assert transcript == recorded
 
 
-async def test_who_is_let_in(
+async def test_who_is_admitted(
     guard: GuardProcess, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
 ) -> None:
     """The answer to each handshake that opens nothing, and the close code of each connection that ends."""

@@ -388,12 +388,12 @@ async def test_a_disk_that_became_read_only_keeps_both_keys(cloud, settings, mon
     assert (await enroller.key()).public == coming.public
 
 
-async def test_a_key_that_an_admin_turned_away_is_given_up(cloud, settings):
+async def test_a_key_that_an_admin_rejected_is_given_up(cloud, settings):
     """The next try is with another one, and the robot keeps its own."""
     enroller = await enrol(settings)
-    refusal = {"code": "key_rejected", "detail": "this key was turned away"}
+    refusal = {"code": "key_rejected", "detail": "this key was rejected"}
     cloud.refuses_rotation = lambda: web.json_response(refusal, status=403)
-    with pytest.raises(JoinRefused, match="turned away"):
+    with pytest.raises(JoinRefused, match="rejected"):
         await enroller.rotate()
     assert await enroller.next_key() is None
     assert (await enroller.enrolment()).robot == "sim1"

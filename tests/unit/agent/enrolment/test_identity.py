@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from fake_root import FakeRoot
 from robotether_agent.enrolment.identity import find_interface, interface_with
+from robotether_agent.fields import MacError, normalise_mac
 from robotether_agent.problems import InterfaceMissing
-from robotether_agent.setting_values import MacError, normalise_mac
 
 WIFI = "b8:27:eb:01:02:03"
 

@@ -1,4 +1,4 @@
-"""Who gets through the guard's door."""
+"""Whose connections the guard accepts."""
 
 from __future__ import annotations
 

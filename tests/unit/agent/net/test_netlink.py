@@ -1,4 +1,4 @@
-"""What the kernel says about its network: parsed whatever comes, heard when something changes."""
+"""What the kernel says about its network: parsed whatever comes, reported when something changes."""
 
 from __future__ import annotations
 

@@ -150,8 +150,8 @@ def test_each_key_uses_a_token_once(database: Database) -> None:
         )
         assert token is not None
         assert credentials.use_join_token(tx, token.id, "SHA256:a")
-        assert credentials.has_let_in(tx, token.id, "SHA256:a")
-        assert not credentials.has_let_in(tx, token.id, "SHA256:b")
+        assert credentials.has_admitted(tx, token.id, "SHA256:a")
+        assert not credentials.has_admitted(tx, token.id, "SHA256:b")
         assert credentials.use_join_token(tx, token.id, "SHA256:b")
         assert not credentials.use_join_token(tx, token.id, "SHA256:c")
         assert credentials.get_join_token(tx, token.id).used == 2

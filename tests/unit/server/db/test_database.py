@@ -1,4 +1,4 @@
-"""Transactions: all or nothing, moments in UTC, and database errors in our own words."""
+"""Transactions: all or nothing, times in UTC, and database errors in our own words."""
 
 from __future__ import annotations
 

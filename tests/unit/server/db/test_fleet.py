@@ -85,7 +85,7 @@ def test_the_snapshot_is_of_one_moment(database, relay_database, sim1, monkeypat
     assert set(snapshot.by_name) == {"sim1"}
 
 
-def test_the_snapshot_has_shell_keys_and_wishes(database, relay_database, sim1):
+def test_the_snapshot_has_shell_keys_and_key_requests(database, relay_database, sim1):
     """A shell port once the shell is on, the two keys, and whether the agent is asked for a new one."""
     with relay_database.transaction() as tx:
         before = fleet.load(tx).robots[sim1]

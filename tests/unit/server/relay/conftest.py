@@ -14,8 +14,9 @@ import uvloop
 from fake_frames import FakeFrames
 from fake_robot import FakeRobot, RobotSession
 from frames_viewer import FramesViewer
-from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
+from relay_server import FAST, SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
 from robotether_server.db.fleet import RelayRobot, RelayUser
+from robotether_server.relay.robots import port_checks, robot_dialer
 
 Connect = Callable[..., Awaitable[RobotSession]]
 
@@ -66,8 +67,12 @@ def sim1(memory_database: MemoryDatabase) -> RelayRobot:
 
 
 @pytest_asyncio.fixture
-async def relay(memory_database: MemoryDatabase) -> AsyncIterator[RelayServer]:
-    """Run a relay."""
+async def relay(
+    memory_database: MemoryDatabase, monkeypatch: pytest.MonkeyPatch
+) -> AsyncIterator[RelayServer]:
+    """Run a relay; a robot may answer late, as all do while the machine stands still."""
+    monkeypatch.setattr(robot_dialer, "MIN_CONNECT_TIMEOUT_S", FAST.timeout_s)
+    monkeypatch.setattr(port_checks, "CONNECT_WITHIN_S", FAST.timeout_s)
     async with running_relay(memory_database) as server:
         yield server
 

@@ -14,7 +14,7 @@ from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import AuditEntry, Entry, RelayRobot, SessionEntry, Snapshot
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.db.event_writer import EventWriter
-from robotether_server.relay.drives.drive_log import DriveLog
+from robotether_server.relay.drives.drive_path import DriveLog
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import GuardCounts, RelayObserver

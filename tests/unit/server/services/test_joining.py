@@ -325,7 +325,7 @@ def test_wrong_tokens_are_told_apart(site: Site) -> None:
         ("x" * 64, "robot-006101"),
     ],
 )
-def test_wished_name_is_given_with_a_token(site: Site, wish: str, name: str) -> None:
+def test_requested_name_is_given_with_a_token(site: Site, wish: str, name: str) -> None:
     """Where it can be; without a token, and for a MAC that has a row, nobody hears it."""
     site.announce("taken", "00:1b:44:00:61:09")
     token = site.admins_token()

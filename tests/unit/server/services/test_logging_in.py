@@ -1,4 +1,4 @@
-"""Log-ins, and when the next try is heard."""
+"""Log-ins, and when the next attempt is accepted."""
 
 from __future__ import annotations
 

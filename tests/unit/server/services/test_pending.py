@@ -1,4 +1,4 @@
-"""Keys that wait, and those that were turned away."""
+"""Keys that wait, and those that were rejected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The control object, and who hears of changes."""
+"""The control object, and who is notified of changes."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ async def test_a_new_name_is_told_on_the_same_session(relay, sim1, memory_databa
     assert session.bye is None
 
 
-async def test_a_first_shell_port_and_a_wish_for_a_key_are_told_on_the_same_session(
+async def test_a_first_shell_port_and_a_key_request_are_sent_on_the_same_session(
     relay, sim1, memory_database, connect
 ):
     """Both reach the agent as a new configuration line; nothing ends."""

@@ -1,4 +1,4 @@
-"""Who is let in on the port for robots' sessions, over real sockets, and who may stay."""
+"""Who is accepted on the port for robots' sessions, over real sockets, and who may stay."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ async def test_an_unknown_robot_is_told(relay, connect):
     assert await ended(await connect(robot_id=999)) == "robot_unknown"
 
 
-async def test_a_robot_newer_than_the_last_poll_is_let_in(memory_database):
-    """A robot that was approved a moment ago is looked up again instead of being turned away."""
+async def test_a_robot_newer_than_the_last_poll_is_admitted(memory_database):
+    """A robot that was approved a moment ago is looked up again instead of being rejected."""
     async with running_relay(memory_database, Timing(poll_every_s=3600)) as relay:
         memory_database.add_robot(8, "sim8")
         session = RobotSession(8, kind="session", session_key=SESSION_KEY)

@@ -1,4 +1,4 @@
-"""Who is let in to a robot's rosbridge, and how the robot is reached."""
+"""Who is connected to a robot's rosbridge, and how the robot is reached."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Texts that all parsers read alike, and those that are turned away."""
+"""Texts that all parsers read alike, and those that are rejected."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robotether_common.ros import Globs
-from robotether_server.relay.rosbridge.drive_path import stamped
+from robotether_server.relay.drives.drive_path import stamped
 from robotether_server.relay.rosbridge.message_validator import (
     ANSWERS_PER_S,
     OPERATIONS,

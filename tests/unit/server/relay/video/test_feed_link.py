@@ -25,7 +25,7 @@ async def test_the_robot_is_asked_for_its_clock_again_and_again(camera, watch, m
     await until(lambda: len(camera.of("beat")) > 3, "it is asked")
 
 
-async def test_no_viewers_wish_no_frame(camera, relay, sim1, http):
+async def test_without_viewers_no_frame_is_requested(camera, relay, sim1, http):
     """As long as nobody has said what to see, the robot's cameras stay off."""
     url = f"{relay.url}/robots/sim1/video/frames?topic=/a&ticket={relay.ticket(sim1)}"
     async with http.ws_connect(url) as socket:
@@ -35,7 +35,7 @@ async def test_no_viewers_wish_no_frame(camera, relay, sim1, http):
         await camera.wait_for("credit", frames=2)
 
 
-async def test_wishes_that_come_together_are_told_once(camera, watch, monkeypatch):
+async def test_requests_that_come_together_are_sent_once(camera, watch, monkeypatch):
     """A slider that is dragged does not make the robot's camera start for each step."""
     monkeypatch.setattr("robotether_server.relay.video.feed_link.REQUEST_EVERY_S", 0.4)
     viewer = await watch()

@@ -131,7 +131,7 @@ async def test_one_viewers_defect_is_its_own(feed, caplog):
     assert "a defect of this viewer" in caplog.text
 
 
-async def test_wishes_of_all_are_one(feed):
+async def test_requests_of_all_are_one(feed):
     """Who has not said a request yet has none."""
     assert feed.stream_request() is None
     feed.join(Eye())

@@ -98,7 +98,7 @@ def test_what_is_no_text_of_the_protocol_is_refused(data):
         parse_text(data)
 
 
-def test_each_member_of_a_wish_has_a_default():
+def test_each_member_of_a_request_has_a_default():
     """An empty request is the default, and a member that nobody knows is skipped."""
     assert parse_stream_request({"op": "want", "codecs": ["vp9"]}) == StreamRequest()
     assert parse_stream_request({"fps": 5, "width": 640, "height": 480}) == StreamRequest(
@@ -126,7 +126,7 @@ def test_each_member_of_a_wish_has_a_default():
     ],
     ids=str,
 )
-def test_a_wish_out_of_bounds_is_refused(member):
+def test_a_request_out_of_bounds_is_refused(member):
     """Nothing is bent into what it might have meant."""
     with pytest.raises(BrokenFramesError):
         parse_stream_request(member)

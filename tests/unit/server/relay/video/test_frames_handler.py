@@ -287,7 +287,7 @@ async def test_what_breaks_the_protocol_ends_it(camera, watch, text):
     assert reason.startswith("you broke the frames protocol")
 
 
-async def test_credit_before_a_wish_ends_it(camera, relay, sim1, http):
+async def test_credit_before_a_request_ends_it(camera, relay, sim1, http):
     """A request comes first."""
     url = frames_url(relay, sim1, f"topic=/a&ticket={relay.ticket(sim1)}")
     async with http.ws_connect(url) as socket:

@@ -96,7 +96,7 @@ async def test_a_quality_is_the_best_that_is_wanted(*, relay, sim1, http, login,
 @pytest.mark.parametrize(
     "query", ["quality=0", "quality=high", "width=320", "width=5000&height=1", "quality=1e2"]
 )
-async def test_a_wish_that_is_none_is_refused(*, relay, sim1, http, login, on_air, query):
+async def test_an_invalid_request_is_refused(*, relay, sim1, http, login, on_air, query):
     """422, and the robot is not asked."""
     async with http.get(
         video_url(relay, sim1, f"stream?topic=/a&{query}"), headers=login

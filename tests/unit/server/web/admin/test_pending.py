@@ -32,7 +32,7 @@ def asked(action: str, robot: str, key: int) -> str:
 def test_nobody_waits_at_first(admin: Browser) -> None:
     """The page says how somebody comes to."""
     page = admin.ask("GET", "/admin/pending").text
-    assert "Nobody waits" in page
+    assert "No key waits" in page
     assert "/admin/join-tokens" in page
 
 
@@ -107,7 +107,7 @@ def test_a_rejected_key_is_refused_until_it_may_ask_again(
 ) -> None:
     """The list of rejected keys takes it back."""
     join(program, "02:00:00:00:51:77", 1)
-    assert "Let the key ask again" in admin.ask("GET", asked("reject", "robot-005177", 1)).text
+    assert "Allow the key to ask again" in admin.ask("GET", asked("reject", "robot-005177", 1)).text
     form = {"fingerprint": fingerprint(1)}
     assert send(admin, "/admin/pending/reject/robot-005177", **form).status_code == 303
     with pytest.raises(RecordMissing):

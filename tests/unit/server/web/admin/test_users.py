@@ -102,7 +102,7 @@ def test_a_user_is_thrown_out(
     assert audit_kinds(database)[-1] == (kind, "root", "198.51.100.7")
 
 
-def test_a_disabled_user_is_let_in_again(admin: Browser, ann: Browser) -> None:
+def test_an_enabled_user_logs_in_again(admin: Browser, ann: Browser) -> None:
     """With the password of before."""
     send(admin, "/admin/users/ann/disable")
     send(admin, "/admin/users/ann/enable")

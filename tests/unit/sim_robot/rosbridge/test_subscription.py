@@ -5,7 +5,7 @@ import time
 
 from sim_client import until
 from sim_robot.bus import TopicMessage
-from sim_robot.rosbridge.throttled_queue import QUEUE_LIMIT, ThrottledQueue
+from sim_robot.rosbridge.subscription import QUEUE_LIMIT, ThrottledQueue
 
 
 class Sink:

@@ -1,0 +1,197 @@
+"""Rates, silence, clocks and pauses, without a network and with moments of the test's own."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_server.relay.http.timing import (
+    DRIVER_LIMITS,
+    MAX_SAMPLES,
+    WINDOW_S,
+    Liveness,
+    LivenessLimits,
+    RateLimiter,
+    RobotClock,
+    WindowedMaximum,
+    delays,
+)
+
+LIMITS = LivenessLimits()
+timestamps = st.floats(0, 1e6)
+
+
+def taken(limiter: RateLimiter, now: float, tries: int) -> int:
+    return sum(limiter.allow(now) for _ in range(tries))
+
+
+def test_a_limiter_allows_so_many_at_once_and_no_more():
+    """A full allowance is used up at once."""
+    assert taken(RateLimiter(0.0, per_s=10, at_once=5), 0.0, 100) == 5
+
+
+def test_a_limiter_fills_again_with_time():
+    """After a while there is as much as the rate gives, and never more than at first."""
+    limiter = RateLimiter(0.0, per_s=10, at_once=5)
+    assert taken(limiter, 0.0, 100) == 5
+    assert taken(limiter, 0.25, 100) == 2
+    assert taken(limiter, 60.0, 100) == 5
+
+
+def test_a_steady_use_below_the_rate_is_never_refused():
+    """Who keeps to the average has no need of the reserve."""
+    limiter = RateLimiter(0.0, per_s=10, at_once=2)
+    assert all(limiter.allow(step / 9) for step in range(1000))
+
+
+def test_trying_in_vain_costs_nothing():
+    """Refusals do not delay the next success."""
+    limiter = RateLimiter(0.0, per_s=1, at_once=1)
+    assert taken(limiter, 0.0, 1000) == 1
+    assert limiter.allow(1.0)
+
+
+def test_something_may_count_more_than_once():
+    """It takes as much as it counts, or nothing."""
+    limiter = RateLimiter(0.0, per_s=1, at_once=10)
+    assert limiter.allow(0.0, 7)
+    assert not limiter.allow(0.0, 4)
+    assert limiter.allow(0.0, 3)
+
+
+def test_a_limiter_says_when_it_may_be_used_again():
+    """At once, or when enough has filled again."""
+    limiter = RateLimiter(0.0, per_s=0.5, at_once=2)
+    assert limiter.free_in_s(0.0) == 0
+    assert taken(limiter, 0.0, 2) == 2
+    assert limiter.free_in_s(0.0) == 2
+    assert limiter.free_in_s(1.5) == 0.5
+    assert not limiter.allow(1.5)
+    assert limiter.allow(2.0)
+
+
+def verdicts(looks: list[tuple[float, float, tuple[int, int], tuple[int, int]]]) -> list[str]:
+    """Judge (now, heard at, to client, to robot) one after the other."""
+    liveness = Liveness(LIMITS, 0.0)
+    return [
+        liveness.check(now, received_at=received_at, to_client=to_client, to_robot=to_robot)
+        for now, received_at, to_client, to_robot in looks
+    ]
+
+
+def test_who_is_heard_is_alive():
+    """As long as something comes, nothing is wrong."""
+    assert verdicts([(t, t - 1, (0, 0), (0, 0)) for t in (2.0, 20.0, 200.0)]) == ["ok"] * 3
+
+
+def test_silence_counts_from_the_last_sign():
+    """More than 6 s without message and pong is silent, not less."""
+    assert verdicts([(5.9, 0.0, (0, 0), (0, 0)), (6.1, 0.0, (0, 0), (0, 0))]) == [
+        "ok",
+        "client_silent",
+    ]
+
+
+def test_a_full_buffer_that_does_not_move_is_slow():
+    """More than 10 s with the same bytes waiting is slow, although nothing was heard for longer."""
+    stuck = (1_000_000, 70_000)
+    looks = [(t / 2, 0.0, stuck, (0, 0)) for t in range(1, 22)]
+    assert verdicts([*looks, (11.0, 0.0, stuck, (0, 0))])[-2:] == ["ok", "client_slow"]
+
+
+def test_a_buffer_that_moves_is_neither_slow_nor_silent():
+    """One large message over a slow line may take longer than both limits."""
+    looks = [(t, 0.0, (10_000_000, 10_000_000 - t * 100_000), (0, 0)) for t in range(1, 60)]
+    assert set(verdicts(looks)) == {"ok"}
+
+
+def test_after_a_full_buffer_silence_counts_anew():
+    """A ping behind data arrives late, so its pong may be as late."""
+    looks = [
+        (1.0, 0.0, (1000, 100), (0, 0)),
+        (6.5, 0.0, (1000, 50), (0, 0)),
+        (7.0, 0.0, (1000, 0), (0, 0)),
+        (12.4, 0.0, (1000, 0), (0, 0)),
+        (12.6, 0.0, (1000, 0), (0, 0)),
+    ]
+    assert verdicts(looks) == ["ok", "ok", "ok", "ok", "client_silent"]
+
+
+def test_a_robot_that_takes_nothing_is_the_slow_one():
+    """While the robot's side is full the client is not read, and not called silent."""
+    full = (5_000_000, 70_000)
+    looks = [(float(t), 0.0, (0, 0), full) for t in range(1, 13)]
+    assert verdicts(looks)[9] == "ok"
+    assert verdicts(looks)[-1] == "robot_slow"
+
+
+def test_a_driver_is_silent_whatever_waits_for_it():
+    """Data on its way to a driver is no sign of it; a full robot's side is, for it is not read then."""
+    liveness = Liveness(DRIVER_LIMITS, 0.0)
+    moving = [(t / 10, (10_000_000, 9_000_000 - t)) for t in range(1, 27)]
+    found = [
+        liveness.check(now, received_at=0.0, to_client=waiting, to_robot=(0, 0))
+        for now, waiting in moving
+    ]
+    assert (found[24], found[25]) == ("ok", "client_silent")
+    liveness = Liveness(DRIVER_LIMITS, 0.0)
+    full = [
+        liveness.check(t / 10, received_at=0.0, to_client=(0, 0), to_robot=(9000, 9000 - t))
+        for t in range(1, 40)
+    ]
+    assert set(full) == {"ok"}
+
+
+@given(st.lists(st.tuples(st.floats(0, 5), st.integers(-100, 100)), max_size=30))
+def test_the_windows_greatest_is_what_a_look_at_all_values_finds(steps):
+    """Whatever the order of values, the window's greatest comes out."""
+    maximum, all_of_them, now = WindowedMaximum(10), [], 0.0
+    for pause, value in steps:
+        now += pause
+        maximum.add(now, value)
+        all_of_them.append((now, value))
+        assert maximum.at(now) == max(v for at, v in all_of_them if now - at <= 10)
+
+
+def test_memory_of_the_window_is_bounded():
+    """A robot that pings without end costs no more than some samples."""
+    maximum = WindowedMaximum()
+    for value in range(10 * MAX_SAMPLES):
+        maximum.add(0.0, -value)
+    assert len(maximum._samples) == MAX_SAMPLES
+
+
+@given(
+    st.lists(st.tuples(timestamps, st.floats(0, 3)), min_size=1, max_size=20), st.floats(-1e9, 1e9)
+)
+def test_the_robots_clock_is_never_told_too_late(pings, ahead_s):
+    """Whatever the delays of the pings, the result is no later than what the clock really showed."""
+    clock = RobotClock()
+    for sent_at, delay in sorted(pings):
+        clock.on_ping(sent_at + delay, (sent_at + ahead_s) * 1000)
+    now = max(sent_at + delay for sent_at, delay in pings)
+    told = clock.at(now, now)
+    assert told is None or told <= (now + ahead_s) * 1000 + 0.1
+
+
+def test_the_fastest_ping_counts():
+    """One ping without delay is enough for the truth."""
+    clock = RobotClock()
+    clock.on_ping(1.3, 5000)
+    clock.on_ping(2.0, 6000)
+    assert clock.at(2.5, 2.25) == pytest.approx(6250)
+    assert clock.at(2.5 + WINDOW_S, 2.25) is None
+
+
+def test_pauses_double_up_to_the_longest():
+    """Half a second first, five at most, for ever."""
+    assert list(islice(delays(), 7)) == [0.5, 1.0, 2.0, 4.0, 5.0, 5.0, 5.0]
+
+
+def test_each_outage_begins_with_a_short_pause():
+    """Two generators know nothing of each other."""
+    worn = delays(first_s=0.1, max_s=1.0, factor=3.0)
+    assert list(islice(worn, 4))[-1] == 1.0
+    assert next(delays(first_s=0.1, max_s=1.0, factor=3.0)) == 0.1
