@@ -1,13 +1,13 @@
-"""A program of your own on a robot behind Robotether: hear its topics, drive it for a second, save a picture.
+"""A program for a robot behind Robotether: publishes and subscribes, drives for a second, saves a frame.
 
 Needs `pip install roslibpy` and an API token (`robotether token create --user NAME --name laptop`):
 
     python roslibpy_client.py https://robots.example sim1 rt_...
 
-Take a new ticket for every connection: a ticket opens one WebSocket, within 30 s. Its mode `drive` makes this program
-the robot's driver, if nobody else drives and the robot is not stopped; `observe` is for subscribing alone. Whoever may
-`drive` publishes on the drive topics, such as /cmd_vel; for any other topic, as here, it takes `manage`, or the topic
-in the robot's policy. With a self-signed certificate give its file in SSL_CERT_FILE, or set ROBOTETHER_INSECURE=1 on a
+Get a new ticket for every connection: a ticket opens one WebSocket, within 30 s. Its mode `drive` makes this program
+the robot's driver, if nobody else drives and the robot is not stopped; `observe` is for subscribing alone. Users with
+level `drive` publish on the drive topics, such as /cmd_vel; any other topic, as here, needs `manage`, or the topic in
+the robot's policy. With a self-signed certificate give its file in SSL_CERT_FILE, or set ROBOTETHER_INSECURE=1 on a
 network that you trust. docs/reference/client.md has the same for web pages.
 """
 
@@ -69,11 +69,11 @@ def echo(ros: roslibpy.Ros, text: str) -> bool:
     topic = roslibpy.Topic(ros, "/robotether_hello", "std_msgs/String")
     came_back = threading.Event()
 
-    def hear(message: dict[str, str]) -> None:
+    def on_message(message: dict[str, str]) -> None:
         print(message["data"])  # noqa: T201 - what this example is for
         came_back.set()
 
-    topic.subscribe(hear)
+    topic.subscribe(on_message)
     topic.advertise()
     for _ in range(TRIES):
         topic.publish(roslibpy.Message({"data": text}))
@@ -102,8 +102,8 @@ def twist(forward: float, turn: float) -> roslibpy.Message:
     return roslibpy.Message({"linear": linear, "angular": angular})
 
 
-def pictures(server: str, robot: str, token: str, topic: str) -> Iterator[bytes]:
-    """Yield the JPEGs of a camera, always the newest one that there is."""
+def frames(server: str, robot: str, token: str, topic: str) -> Iterator[bytes]:
+    """Yield the JPEGs of a camera, always the newest one."""
     with ask(f"{server}/robots/{robot}/video/stream?topic={topic}", token) as stream:
         length = 0
         while line := stream.readline(LONGEST_LINE):
@@ -116,7 +116,7 @@ def pictures(server: str, robot: str, token: str, topic: str) -> Iterator[bytes]
 
 
 def main() -> None:
-    """Say hello to the robot, drive it for a second, save a picture."""
+    """Say hello to the robot, drive it for a second, save a frame."""
     server, robot, token = sys.argv[1:4]
     with connected(server, robot, token) as ros:
         if not echo(ros, f"hello from {robot}"):
@@ -124,8 +124,8 @@ def main() -> None:
                 f"nothing came back from {robot}: does somebody drive it, or its policy refuse this?"
             )
         drive(ros, forward=0.2, turn=0.0, seconds=1.0)
-    picture = next(pictures(server, robot, token, "/camera/image_raw"))
-    Path(f"{robot}.jpg").write_bytes(picture)
+    frame = next(frames(server, robot, token, "/camera/image_raw"))
+    Path(f"{robot}.jpg").write_bytes(frame)
 
 
 if __name__ == "__main__":
