@@ -13,7 +13,7 @@ SUPPORT := tests/support/fakes:tests/support/networks:tests/support/stack:tests/
 
 comma := ,
 
-.PHONY: help demo up down docker images robot-host-image test-hosts ready test test-release test-unit test-images test-e2e test-running test-ansible test-server lint check check-lint check-unit coverage mutants bench experiments enrol-times screenshots venv frontend-test clean
+.PHONY: help demo up down docker images robot-host-image test-hosts ready test test-release test-unit test-images test-e2e test-running test-ansible test-server lint check check-lint check-unit coverage mutants bench experiments enrol-times screenshots venv frontend-test docs clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -81,6 +81,9 @@ coverage: venv ## branch coverage of the product by its unit tests, into tests/a
 
 mutants: venv ## how many faults in the rules that keep robots safe the unit tests notice (up to an hour; ONLY=guard,leases,...)
 	@$(VENV)/bin/python tools/mutants.py $(subst $(comma), ,$(ONLY))
+
+docs: venv ## the documents as a site, into build/docs; fails on a dead link
+	@NO_MKDOCS_2_WARNING=1 PYTHONPATH=common:server $(VENV)/bin/mkdocs build --quiet --strict
 
 frontend-test: docker ## the browser modules' own tests, in the image's Node.js
 	@tools/test_frontend

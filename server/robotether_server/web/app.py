@@ -20,6 +20,7 @@ from robotether_server.tickets import TicketSigner
 from robotether_server.web import admin, current_user, errors, page_texts
 from robotether_server.web.pages import (
     button_forms,
+    documents,
     drive_page_form,
     drives,
     home,
@@ -104,6 +105,7 @@ def create_app(settings: WebSettings) -> Flask:
     app.register_blueprint(home.blueprint)
     app.register_blueprint(api.blueprint)
     app.register_blueprint(installer.blueprint)
+    app.register_blueprint(documents.blueprint)
     app.register_blueprint(admin.blueprint)
     app.register_blueprint(profile.blueprint)
     app.register_blueprint(drives.blueprint)
@@ -123,7 +125,8 @@ def make_app() -> Flask:
 
 def _add_headers(response: Response) -> Response:
     """Add the security headers of every answer."""
-    response.headers["Content-Security-Policy"] = content_security_policy(request.host)
+    # The documents have a policy of their own.
+    response.headers.setdefault("Content-Security-Policy", content_security_policy(request.host))
     response.headers["Cross-Origin-Opener-Policy"] = "same-origin"
     response.headers["Permissions-Policy"] = PERMISSIONS_POLICY
     response.headers["Referrer-Policy"] = "same-origin"
