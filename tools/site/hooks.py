@@ -27,7 +27,6 @@ from robotether_server.relay.rosbridge.message_validator import OPERATIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 OUTWARD = re.compile(r"\[([^\]]*)\]\(((?:\.\./)+[^)#\s]*)(?:#[^)]*)?\)")
-GENERATED = "<!-- Made from the code; change it there. -->\n\n"
 # The policy of the site's pages, in the site's folder: web reads it there.
 POLICY = "policy"
 
@@ -103,7 +102,7 @@ def server_settings() -> str:
     ]
     return "\n".join(
         (
-            GENERATED + "# Settings of the server",
+            "# Settings of the server",
             "",
             "The containers read these variables; `compose/.env` sets those that a site changes, and",
             "`compose/.env.example` describes them. A secret X may come from a file that `X_FILE` names.",
@@ -129,7 +128,7 @@ def close_codes() -> str:
         lines.append((one.code, f"| {one.code} | `{one.name}` | {meaning} | {_cell(one.reason)} |"))
     return "\n".join(
         (
-            GENERATED + "# Close codes",
+            "# Close codes",
             "",
             "With these the server closes a WebSocket of `/robots/NAME/ros` or `/robots/NAME/video/frames`.",
             "[The wire reference](protocols.md) says what to do about each.",
@@ -166,7 +165,7 @@ def operations() -> str:
     ]
     return "\n".join(
         (
-            GENERATED + "# Operations of rosbridge",
+            "# Operations of rosbridge",
             "",
             "What a client may send at `/robots/NAME/ros`. Any other operation or field is refused. The",
             "robot's policy must let the connection's level use the name in the third column's field.",
@@ -182,7 +181,7 @@ def operations() -> str:
 def api(document: dict[str, Any]) -> str:
     """Return the REST API, an operation a section, and its types."""
     lines = [
-        GENERATED + "# REST API",
+        "# REST API",
         "",
         f"{document['info']['description']} `/api/v1/openapi.json` has all of it for programs.",
     ]
