@@ -203,7 +203,9 @@ def test_no_page_scrolls_sideways_on_a_phone(page: Page, stack: Stack, tmp_path:
 
     def look(path: str) -> None:
         page.goto(f"{stack.url}{path}")
+        page.get_by_test_id("menu-open").click()
         expect(page.get_by_role("navigation", name="Main")).to_be_visible()
+        page.keyboard.press("Escape")
         expect(page.get_by_role("heading", level=1)).to_have_count(1)
         for width, height in ((390, 844), (320, 640)):
             page.set_viewport_size({"width": width, "height": height})

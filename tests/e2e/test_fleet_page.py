@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from events_double import double_events
 from page_users import release_all
-from pages import be_logged_in, expect_no_sideways_scroll, open_page
+from pages import be_logged_in, expect_mode, expect_no_sideways_scroll, open_page
 from playwright.sync_api import Browser, Page, expect
 from stack import Stack
 
@@ -240,40 +240,43 @@ def test_nothing_moves_under_a_pointer(fleet: Page, stack: Stack) -> None:
         stack.sql(f"DELETE FROM robots WHERE name IN ('{going}', '{coming}')")
 
 
-def test_a_picture_comes_when_it_is_pointed_at(fleet: Page) -> None:
-    """After a moment over it; what is scrolled away is let go."""
-    asked: list[str] = []
-    fleet.on("request", lambda request: "/video/" in request.url and asked.append(request.url))
-    thumb = _card(fleet, "sim1").get_by_test_id("card-thumb")
-    thumb.hover()
-    expect(thumb).to_have_attribute("data-thumb", "shown", timeout=10_000)
-    assert (
-        thumb.locator("img").evaluate("image => image.decode().then(() => image.naturalWidth)")
-        == 320
-    )
-    assert len([url for url in asked if "/snapshot?" in url]) == 1
-    expect(thumb).to_have_accessible_name(re.compile(r"Picture of sim1, taken at \d\d:\d\d"))
-    fleet.mouse.move(2, 2)
-    fleet.evaluate("scrollTo(0, document.body.scrollHeight)")
-    expect(thumb).to_have_attribute("data-thumb", "empty")
-    assert thumb.locator("img").get_attribute("src") is None
-
-
-def test_the_keyboard_gets_a_picture_and_a_camera_by_its_setting(fleet: Page, stack: Stack) -> None:
-    """The settings' first camera is the one that is shown."""
+def test_pictures_are_live_while_they_are_on_the_screen(fleet: Page, stack: Stack) -> None:
+    """Of the settings' first camera; what is scrolled away is let go and asked for no more."""
     rear = {"topic": "/rear/image_raw", "name": "Rear"}
     stack.admin.set_robot("sim2", {"page.cameras": [rear]})
     asked: list[str] = []
-    fleet.on("request", lambda request: "/video/" in request.url and asked.append(request.url))
+    fleet.on("request", lambda request: "/snapshot?" in request.url and asked.append(request.url))
     try:
         fleet.reload()
+        fleet.get_by_test_id("fleet-search").fill("sim")
         thumb = _card(fleet, "sim2").get_by_test_id("card-thumb")
-        thumb.focus()
         expect(thumb).to_have_attribute("data-thumb", "shown", timeout=10_000)
-        assert all("topic=/rear/image_raw" in url for url in asked)
-        assert len(asked) == 1
+        image = thumb.get_by_role("img", name=re.compile(r"sim2, taken at \d\d:\d\d"))
+        assert image.evaluate("image => image.decode().then(() => image.naturalWidth)") == 320
+        of_rear = "/robots/sim2/video/snapshot?topic=/rear/image_raw"
+        with fleet.expect_request(lambda request: of_rear in request.url, timeout=15_000):
+            pass  # the next one comes by itself
+        assert not [url for url in asked if "/sim2/" in url and of_rear not in url]
+        fleet.get_by_test_id("fleet-search").fill("")
+        fleet.evaluate("scrollTo(0, document.body.scrollHeight)")
+        expect(thumb).to_have_attribute("data-thumb", "empty")
+        assert thumb.locator("img").get_attribute("src") is None
     finally:
         stack.admin.set_robot("sim2", {"page.cameras": None})
+
+
+def test_drive_on_a_card_drives_and_watch_watches(fleet: Page, stack: Stack) -> None:
+    """Only the page that the press itself opens takes the control, and only once."""
+    fleet.get_by_test_id("fleet-search").fill("sim1")
+    _card(fleet, "sim1").get_by_test_id("card-drive").click()
+    expect_mode(fleet, "drive")
+    address = fleet.url
+    open_page(fleet, stack, "/")
+    fleet.goto(address)
+    expect_mode(fleet, "observe")
+    open_page(fleet, stack, "/")
+    _card(fleet, "sim1").get_by_test_id("card-watch").click()
+    expect_mode(fleet, "observe")
 
 
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])

@@ -222,8 +222,9 @@ export class DriveMode {
   }
 }
 
-// Lets a reload of the page go on driving. It is saved when the page goes and believed once, soon after: a page that is
-// opened, another tab of the same person, one that is duplicated or comes back later must not take the control by that.
+// Lets a reload of the page go on driving, and Drive on the fleet page begin it. It is saved when the page goes and believed
+// once, soon after and in the same tab: a page that is opened otherwise, by a link from elsewhere too, another tab of the
+// same person, one that is duplicated or comes back later must not take the control by that.
 const GOOD_MS = 10_000;
 const AGAIN = ["reload", "back_forward"];
 
@@ -235,7 +236,7 @@ export class ReloadStore {
     this.name = `drove ${robot}`;
   }
 
-  // `drove` is `saved` of DriveMode, or null when the page did not drive.
+  // `drove` is `saved` of DriveMode, or null when the page did not drive; with `asked` where a person pressed Drive.
   save(drove) {
     if (drove) this.store.write(this.name, { ...drove, at: this.now() });
   }
@@ -244,7 +245,7 @@ export class ReloadStore {
   restore() {
     const drove = this.store.read(this.name);
     this.store.forget(this.name);
-    if (!drove || !AGAIN.includes(this.arrival())) return null;
+    if (!drove || !(AGAIN.includes(this.arrival()) || drove.asked)) return null;
     return Math.abs(this.now() - drove.at) < GOOD_MS ? drove : null;
   }
 }

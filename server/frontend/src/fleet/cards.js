@@ -1,6 +1,7 @@
 // What is said of a robot on the fleet page, and where: the markup is the server's (_robot_card.html), a card or a row of
 // the table; here it is only filled in.
 
+import { ReloadStore } from "../control/driveMode.js";
 import { part, setText, localTime } from "../pages/page.js";
 import { fleet as texts } from "../texts/fleet.js";
 
@@ -42,6 +43,8 @@ export function driverText({ control }) {
   return waiting && name ? texts.driverAsked(name, waiting.user) : name;
 }
 
+const isDriven = ({ control }) => Boolean(control?.driver);
+
 // Makes a card or row out of the page's template for a robot that has none.
 export function newCard(template, { name }) {
   const card = template.content.firstElementChild.cloneNode(true);
@@ -50,18 +53,33 @@ export function newCard(template, { name }) {
   const link = part(card, "name");
   link.href = `/robots/${encodeURIComponent(name)}`;
   link.textContent = name;
+  for (const act of ["drive", "watch"]) {
+    const button = part(card, act);
+    if (!button) continue; // a row has its name to press
+    button.href = link.href;
+    setText(part(card, `${act}-name`), ` ${name}`);
+  }
   return card;
+}
+
+// Drive is a wish that the next page of this tab grants. What opens another tab is none.
+export function offerDrive(card, name) {
+  part(card, "drive")?.addEventListener("click", ({ ctrlKey, metaKey, shiftKey, altKey }) => {
+    if (!(ctrlKey || metaKey || shiftKey || altKey)) new ReloadStore(name).save({ armed: true, asked: true });
+  });
 }
 
 export function fillCard(card, robot) {
   setData(card, "online", String(robot.online));
   setData(card, "state", robot.state);
+  setData(card, "driven", String(isDriven(robot)));
   setText(part(card, "presence"), presenceText(robot));
   const rtt = robot.online && Number.isFinite(robot.rtt_ms) ? texts.rtt(Math.round(robot.rtt_ms)) : "";
   fillRow(card, "rtt", rtt);
   fillRow(card, "battery", batteryText(robot));
-  fillRow(card, "drivers", driverText(robot));
-  fillRow(card, "observers", robot.observers ? String(robot.observers) : "");
+  const driver = driverText(robot);
+  fillRow(card, "drivers", card.dataset.kind === "card" && driver ? texts.drives(driver) : driver);
+  fillRow(card, "observers", robot.observers ? texts.watching(robot.observers) : "");
   fillRow(card, "site", robot.site ?? "");
   fillRow(card, "health", healthText(robot));
 }

@@ -1,91 +1,99 @@
-// A robot's small picture on the fleet page: comes when somebody presses, points at or focuses it, and is let go when it
-// leaves the screen.
+// A robot's small picture on the fleet page: taken again while it is on the screen, and let go when it is not.
 
 import { plainQuery } from "../client/api.js";
 import { localTime, part, setText } from "../pages/page.js";
 import { thumb as texts } from "../texts/fleet.js";
 
-const INTENT_MS = 300;
-const FRESH_MS = 5000;
+// Each picture is some 10 KB of its robot's uplink.
+const EVERY_MS = 5000;
+// A robot that has no picture now is not asked all the time.
+const AGAIN_MS = 30_000;
 
 export class Thumbs {
   // `queue` and `snapshots` are a Queue and Snapshots.
-  constructor({ queue, snapshots, now = () => performance.now() }) {
+  constructor({ queue, snapshots }) {
     this.queue = queue;
     this.snapshots = snapshots;
-    this.now = now;
     this.byElement = new WeakMap();
+    this.seen = new Set();
     this.watcher = new IntersectionObserver((entries) => this.see(entries));
+    document.addEventListener("visibilitychange", () => this.turn());
   }
 
   add(element, robot) {
-    const button = part(element, "thumb");
-    if (button) this.byElement.set(button, new Thumb(button, { robot, topic: element.dataset.camera ?? "", thumbs: this }));
+    const box = part(element, "thumb");
+    if (!box) return;
+    this.byElement.set(box, new Thumb(box, { robot, card: element, thumbs: this }));
+    this.watcher.observe(box);
   }
 
   see(entries) {
     for (const { target, isIntersecting } of entries) {
-      if (!isIntersecting) this.byElement.get(target)?.release();
+      const thumb = this.byElement.get(target);
+      if (isIntersecting) this.seen.add(thumb);
+      else this.seen.delete(thumb);
+      if (isIntersecting && !document.hidden) thumb.begin();
+      else thumb.release();
+    }
+  }
+
+  // A page that nobody sees costs no robot its uplink.
+  turn() {
+    for (const thumb of this.seen) {
+      if (document.hidden) thumb.release();
+      else thumb.begin();
     }
   }
 }
 
 class Thumb {
-  constructor(button, { robot, topic, thumbs }) {
-    this.button = button;
+  constructor(box, { robot, card, thumbs }) {
+    this.box = box;
     this.robot = robot;
-    this.topic = topic;
+    this.card = card;
     this.thumbs = thumbs;
-    this.image = part(button, "thumb-image");
-    this.words = part(button, "thumb-words");
-    this.takenAt = -Infinity;
-    button.setAttribute("aria-label", texts.label(robot));
-    const on = (name, act) => button.addEventListener(name, act);
-    on("click", () => this.load());
-    on("pointerenter", ({ pointerType }) => pointerType !== "touch" && this.intend());
-    on("focus", () => this.intend());
-    on("pointerleave", () => clearTimeout(this.timer));
-    on("blur", () => clearTimeout(this.timer));
+    this.image = part(box, "thumb-image");
+    this.words = part(box, "thumb-words");
   }
 
-  // No picture is loaded for a pointer that only passes over it.
-  intend() {
+  begin() {
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.load(), INTENT_MS);
-  }
-
-  load() {
-    clearTimeout(this.timer);
-    const { thumbs } = this;
-    if (this.cancel || thumbs.now() - this.takenAt < FRESH_MS) return;
-    thumbs.watcher.observe(this.button);
-    this.showState("waiting");
-    const cancel = thumbs.queue.add(async (signal) => {
-      const found = await thumbs.snapshots.fetchImage(this.robot, this.topic, signal).catch(() => ({ problem: "failed" }));
+    if (this.cancel) return;
+    // Looked at again: the robot may come online.
+    if (this.card.dataset.online !== "true") {
+      this.drop();
+      this.showState("empty");
+      return this.later(EVERY_MS);
+    }
+    if (this.image.hidden) this.showState("waiting");
+    const { queue, snapshots } = this.thumbs;
+    const cancel = queue.add(async (signal) => {
+      const found = await snapshots.fetchImage(this.robot, this.card.dataset.camera ?? "", signal).catch(() => ({ problem: "failed" }));
       if (this.cancel !== cancel) return;
       this.cancel = null;
       this.show(found);
+      this.later(found.blob ? EVERY_MS : AGAIN_MS);
     });
     this.cancel = cancel;
   }
 
+  later(ms) {
+    this.timer = setTimeout(() => this.begin(), ms);
+  }
+
   show({ blob, problem }) {
-    if (!blob) {
-      this.drop();
-      return this.showState(problem);
-    }
     this.drop();
-    this.takenAt = this.thumbs.now();
+    if (!blob) return this.showState(problem);
     this.url = URL.createObjectURL(blob);
     this.image.src = this.url;
     this.image.hidden = false;
-    this.button.dataset.thumb = "shown";
+    this.box.dataset.thumb = "shown";
     setText(this.words, "");
-    this.button.setAttribute("aria-label", texts.taken(this.robot, localTime(new Date().toISOString())));
+    this.image.alt = texts.taken(this.robot, localTime(new Date().toISOString()));
   }
 
   showState(words) {
-    this.button.dataset.thumb = words;
+    this.box.dataset.thumb = words;
     setText(this.words, texts[words]);
   }
 
@@ -94,16 +102,14 @@ class Thumb {
     this.url = null;
     this.image.hidden = true;
     this.image.removeAttribute("src");
-    this.takenAt = -Infinity;
   }
 
   release() {
-    this.thumbs.watcher.unobserve(this.button);
+    clearTimeout(this.timer);
     this.cancel?.();
     this.cancel = null;
     this.drop();
     this.showState("empty");
-    this.button.setAttribute("aria-label", texts.label(this.robot));
   }
 }
 

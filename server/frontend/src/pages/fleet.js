@@ -2,6 +2,7 @@
 // What changes is gathered for a frame and touches only what shows it; nothing moves under a pointer.
 
 import { Feed } from "../client/feed.js";
+import { offerDrive } from "../fleet/cards.js";
 import { filterOf, inNameOrder, inOrder } from "../fleet/filters.js";
 import { CardStop, FleetStops } from "../fleet/fleetStops.js";
 import { Batch, PointerPause, RobotList, Seldom } from "../fleet/list.js";
@@ -47,6 +48,7 @@ function prepare(element, name) {
   element.dataset.camera ||= known.get(name)?.camera ?? "";
   stopOf(name).join(element);
   thumbs.add(element, name);
+  offerDrive(element, name);
 }
 
 function stopOf(name) {

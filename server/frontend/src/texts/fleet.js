@@ -13,6 +13,8 @@ export const fleet = {
   video: "video does not answer",
   guard: "its guard does not answer",
   batteryLow: "battery low",
+  drives: (who) => `Driver: ${who}`,
+  watching: (count) => `${count} watching`,
   driverAsked: (driver, asking) => `${driver}; ${asking} asks for control`,
   stopAll: "Stop all robots",
   stopSite: (site) => `Stop site ${site}`,
@@ -30,8 +32,7 @@ export const fleet = {
 };
 
 export const thumb = {
-  empty: "Picture",
-  label: (robot) => `Picture of ${robot}`,
+  empty: "",
   taken: (robot, time) => `Picture of ${robot}, taken at ${time}`,
   waiting: "Loading",
   offline: "Robot is offline",

@@ -41,3 +41,14 @@ test("nothing is kept for another robot, for later, or for a page that is opened
   arrival = "reload";
   assert.equal(load().restore(), null);
 });
+
+test("Drive on another page is granted to the page that it opens, once and soon", () => {
+  arrival = "navigate";
+  load().save({ armed: true, asked: true });
+  assert.equal(load("sim2").restore(), null);
+  assert.equal(load().restore().armed, true);
+  assert.equal(load().restore(), null);
+  load().save({ armed: true, asked: true });
+  clock += 20_000;
+  assert.equal(load().restore(), null);
+});

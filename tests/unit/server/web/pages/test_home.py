@@ -194,7 +194,7 @@ def test_fleet_page_leads_an_admin_to_the_first_robot(browser: Browser) -> None:
     assert "Add the first one" in browser.ask("GET", "/").text
     browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
     browser.log_in("ann")
-    assert "An admin can give you a grant" in browser.ask("GET", "/").text
+    assert "Ask your administrator for access" in browser.ask("GET", "/").text
 
 
 def settings_of_page(browser: Browser, database: Database, settings: str) -> dict[str, Any]:
