@@ -7,11 +7,18 @@ from typing import Any
 from urllib.parse import quote
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible.module_utils.robotether_rows import ForeignRowError, own_row
-from ansible.module_utils.robotether_server import ARGUMENTS, Server, ServerError
+from ansible_collections.robotether.robotether.plugins.module_utils.rows import (
+    ForeignRowError,
+    own_row,
+)
+from ansible_collections.robotether.robotether.plugins.module_utils.server import (
+    ARGUMENTS,
+    Server,
+    ServerError,
+)
 
 DOCUMENTATION = r"""
-module: robotether_robot
+module: robot
 short_description: Creates or removes a robot's row on a Robotether server
 description:
   - C(present) registers MAC and public key under a name and makes the robot active; asking again changes nothing.
@@ -51,7 +58,10 @@ ADVICE = {
     "key_rejected": "an admin rejected this key: allow it to ask again on the server's page of pending robots",
     "field_invalid": "correct what it comes from: robotether_agent_mac, _interface, _allow_local_mac or _name",
 }
-CREATED, OK, NO_CONTENT, NOT_FOUND = 201, 200, 204, 404
+OK = 200
+CREATED = 201
+NO_CONTENT = 204
+NOT_FOUND = 404
 JOIN_TOKEN = "rj_"  # noqa: S105  the beginning of every join token, no secret
 
 

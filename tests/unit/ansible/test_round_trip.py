@@ -16,7 +16,7 @@ import pytest
 from aiohttp import web
 from tls_front import openssl
 
-ROLE = Path(__file__).resolve().parents[3] / "ansible/roles/robotether_agent"
+ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
 NO_LIBRARY = "raise ImportError\n"
 WAIT_S = 60
 
@@ -69,14 +69,9 @@ async def run_module(
     process = await asyncio.create_subprocess_exec(
         Path(sys.executable).with_name("ansible"), "localhost", "--inventory", "localhost,",
         "--connection", "local", "--extra-vars", f"ansible_python_interpreter={sys.executable}",
-        "--module-path", str(ROLE / "library"), "--module-name", "robotether_round_trip",
+        "--playbook-dir", str(ANSIBLE), "--module-name", "robotether.robotether.round_trip",
         "--args", json.dumps(arguments), *options,
-        env={
-            **os.environ,
-            "ANSIBLE_MODULE_UTILS": str(ROLE / "module_utils"),
-            "ANSIBLE_NOCOLOR": "1",
-            "PYTHONPATH": path,
-        },
+        env={**os.environ, "ANSIBLE_NOCOLOR": "1", "PYTHONPATH": path},
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
     )  # fmt: skip
