@@ -13,8 +13,10 @@ from ansible_collections.robotether.robotether.plugins.module_utils.rows import 
 )
 from ansible_collections.robotether.robotether.plugins.module_utils.server import (
     ARGUMENTS,
+    OK,
     Server,
     ServerError,
+    refusal,
 )
 
 DOCUMENTATION = r"""
@@ -44,21 +46,6 @@ created: {description: whether the server had no such robot before, type: bool, 
 robot: {description: the robot's object as the server answers it, type: dict, returned: present}
 """
 
-ADVICE = {
-    "token_invalid": "set ROBOTETHER_TOKEN (or robotether_agent_token) to a join token or an admin's API token",
-    "token_expired": "make a new token: robotether robot invite, or robotether token create",
-    "token_used_up": "make a new token with more uses: robotether robot invite",
-    "grant_missing": "use an API token of a user with role admin",
-    "record_exists": "choose another robotether_agent_name, or retire the robot that has it",
-    "mac_in_use": (
-        "if they are two robots with one MAC, set robotether_agent_interface to another interface of this one"
-    ),
-    "key_in_use": "this robot's disk is a copy of another's: run 'robotether-agent forget' on it, then this again",
-    "robot_disabled": "enable the robot on the server, then run this again",
-    "key_rejected": "an admin rejected this key: allow it to ask again on the server's page of pending robots",
-    "field_invalid": "correct what it comes from: robotether_agent_mac, _interface, _allow_local_mac or _name",
-}
-OK = 200
 CREATED = 201
 NO_CONTENT = 204
 NOT_FOUND = 404
@@ -96,7 +83,7 @@ def _present(server: Server, params: dict[str, Any], *, check_mode: bool) -> dic
     body = {field: params[field] for field in fields if params[field]}
     status, answer = server.ask("PUT", _path(params["name"]), body)
     if status not in {OK, CREATED}:
-        raise _refusal(f"enrol robot {params['name']}", status, answer)
+        raise refusal(f"enrol robot {params['name']}", status, answer)
     created = status == CREATED
     # 200 is also the answer when a row that was announced, or waited, took the key.
     taken = before is not None and any(
@@ -112,7 +99,7 @@ def _absent(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict
     if not check_mode:
         status, answer = server.ask("DELETE", _path(name))
         if status not in {OK, NO_CONTENT, NOT_FOUND}:
-            raise _refusal(f"remove robot {name}", status, answer)
+            raise refusal(f"remove robot {name}", status, answer)
     return {"changed": True}
 
 
@@ -123,7 +110,7 @@ def _known(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[
         return {"changed": False, "robot": {}}
     status, answer = server.ask("GET", "/api/v1/join-tokens")
     if status != OK:
-        raise _refusal(f"ask {server.address} as an admin", status, answer)
+        raise refusal(f"ask {server.address} as an admin", status, answer)
     return {"changed": False, "robot": _row(server, params["name"]) or {}}
 
 
@@ -133,7 +120,7 @@ def _row(server: Server, name: str) -> dict[str, Any] | None:
         return None
     status, answer = server.ask("GET", _path(name))
     if status not in {OK, NOT_FOUND}:
-        raise _refusal(f"ask for robot {name}", status, answer)
+        raise refusal(f"ask for robot {name}", status, answer)
     return answer if status == OK else None
 
 
@@ -141,7 +128,7 @@ def _name_now(server: Server, params: dict[str, Any]) -> str | None:
     """Return the name of the robot that this machine is: an admin may have renamed it since."""
     status, answer = server.ask("GET", "/api/v1/robots")
     if status != OK:
-        raise _refusal("list the robots", status, answer)
+        raise refusal("list the robots", status, answer)
     try:
         row = own_row(answer["robots"], params["name"], params["mac"], params["public_key"])
     except ForeignRowError as problem:
@@ -151,14 +138,6 @@ def _name_now(server: Server, params: dict[str, Any]) -> str | None:
 
 def _path(name: str) -> str:
     return f"/api/v1/robots/{quote(name, safe='')}"
-
-
-def _refusal(action: str, status: int, answer: dict[str, Any]) -> ServerError:
-    code = str(answer.get("code", "answer_invalid"))
-    detail = str(answer.get("detail", f"the server answers with HTTP status {status}"))
-    sentence = detail if detail.startswith("cannot ") else f"cannot {action}: {detail}"
-    advice = ADVICE.get(code, "see the server's log: tools/compose logs web")
-    return ServerError(f"{sentence}; {advice} [{code}]", code)
 
 
 ACTIONS = {"present": _present, "absent": _absent, "known": _known}

@@ -14,26 +14,12 @@ from typing import Any
 
 import pytest
 from aiohttp import web
-from tls_front import openssl
 
 ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
 NO_LIBRARY = "raise ImportError\n"
 WAIT_S = 60
 
 Answer = Callable[[web.Request], Awaitable[web.StreamResponse]]
-
-
-@pytest.fixture(scope="module")
-def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One for 127.0.0.1, with its key."""
-    key, file = (tmp_path_factory.mktemp("tls") / name for name in ("key.pem", "cert.pem"))
-    openssl(
-        *("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"),
-        *("-days", "2", "-subj", "/CN=localhost", "-keyout", str(key), "-out", str(file)),
-        *("-addext", "subjectAltName=IP:127.0.0.1"),
-    )
-    file.write_bytes(file.read_bytes() + key.read_bytes())
-    return file
 
 
 @asynccontextmanager
