@@ -35,6 +35,16 @@ options:
 author: ["Robotether"]
 """
 
+EXAMPLES = r"""
+- name: Check a robot
+  robotether.robotether.preflight:
+    server: robots.example.com
+    rosbridge_url: ws://127.0.0.1:9090
+    folder: /opt
+    free_mb: 150
+  register: checked
+"""
+
 RETURN = r"""
 problems: {description: sentences, empty when all is well, type: list, elements: str, returned: success}
 """

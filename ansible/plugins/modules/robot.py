@@ -41,6 +41,25 @@ options:
 author: ["Robotether"]
 """
 
+EXAMPLES = r"""
+- name: Register a robot
+  robotether.robotether.robot:
+    server: robots.example.com
+    token: "{{ lookup('ansible.builtin.env', 'ROBOTETHER_TOKEN') }}"
+    name: turtle
+    mac: b8:27:eb:12:34:56
+    public_key: "{{ lookup('ansible.builtin.file', 'turtle.pub') }}"
+  delegate_to: localhost
+
+- name: Remove a robot
+  robotether.robotether.robot:
+    server: robots.example.com
+    token: "{{ lookup('ansible.builtin.env', 'ROBOTETHER_TOKEN') }}"
+    name: turtle
+    state: absent
+  delegate_to: localhost
+"""
+
 RETURN = r"""
 created: {description: whether the server had no such robot before, type: bool, returned: present}
 robot: {description: the robot's object as the server answers it, type: dict, returned: present}

@@ -42,6 +42,15 @@ options:
 author: ["Robotether"]
 """
 
+EXAMPLES = r"""
+- name: Send a message to a robot and back
+  robotether.robotether.round_trip:
+    server: robots.example.com
+    token: "{{ lookup('ansible.builtin.env', 'ROBOTETHER_TOKEN') }}"
+    name: turtle
+  delegate_to: localhost
+"""
+
 RETURN = r"""
 round_trip_ms: {description: how long the message was on its way, type: float, returned: success}
 """
