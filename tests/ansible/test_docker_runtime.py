@@ -26,7 +26,9 @@ def robot(hosts: RobotHosts) -> RobotHost:
     )
     host.put(SETTINGS, "/etc/docker/daemon.json")
     host.put(DROP_IN, "/etc/systemd/system/docker.service.d/container.conf")
-    host.run("apt-get update -qq && apt-get install -y -qq --no-install-recommends docker.io")
+    # Packages of the distribution stay on a robot that is retired.
+    packages = "docker.io python3-requests"
+    host.run(f"apt-get update -qq && apt-get install -y -qq --no-install-recommends {packages}")
     host.wait("Docker answers", lambda: host.succeeds("docker info"), 60)
     return host
 

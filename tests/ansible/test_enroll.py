@@ -222,6 +222,22 @@ def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts) -> None:
 
 
 @pytest.mark.release
+def test_kernel_settings_come_and_go(site: Site, hosts: RobotHosts) -> None:
+    """A setting is in force at once and after the next boot, a second run changes nothing, and it is removed."""
+    tuned = hosts.boot("tuned")
+    # A container's is read-only; this setting is the container's own.
+    tuned.run("mount -o remount,rw,bind /proc/sys")
+    setting, file = "/proc/sys/net/ipv4/tcp_notsent_lowat", "/etc/sysctl.d/60-robotether.conf"
+    wanted = {"robotether_tuning_notsent_lowat": 16384}
+    site.play_well("enroll.yml", tuned, **wanted)
+    assert tuned.run(f"cat {setting}").strip() == "16384"
+    assert tuned.run(f"cat {file}").split() == ["net.ipv4.tcp_notsent_lowat=16384"]
+    assert site.play_well("enroll.yml", tuned, **wanted).recaps["tuned"].changed == 0
+    site.play_well("enroll.yml", tuned)
+    assert not tuned.succeeds(f"test -e {file}")
+
+
+@pytest.mark.release
 @pytest.mark.skipif(
     not newer_systemd_boots(), reason="systemd 257 does not boot in a container on cgroup v1"
 )

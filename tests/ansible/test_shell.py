@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from jump_people import ended
+from playbooks import ANSIBLE, Site
 from robot_hosts import ROOT, USER, WHEELHOUSE, RobotHost, RobotHosts
 from shell_hosts import make_key
 from stack import Stack
@@ -148,6 +150,23 @@ def test_ansible_pings_it(known: Person) -> None:
     arguments = ("-i", f"{NAME},", NAME, "-m", "ansible.builtin.ping")
     said = known.run_well(ansible, *arguments, "--ssh-common-args", f"-F {known.config}")
     assert '"ping": "pong"' in said
+
+
+def test_ansible_pings_it_from_the_inventory(known: Person, site: Site) -> None:
+    """With her token alone, and no entry for the robot."""
+    inventory = known.folder / "fleet.yml"
+    inventory.write_text(
+        "plugin: robotether.robotether.robots\n"
+        f"server: 127.0.0.1:{known.stack.https_port}\n"
+        f"tls_fingerprint: {site.fingerprint}\n"
+        f"token: {known.token}\n"
+    )
+    own = known.folder / "own_config"
+    own.write_text("".join(known.config.read_text().partition("Host *\n")[1:]))
+    ansible = Path(sys.executable).with_name("ansible")
+    arguments = ("-i", inventory, "robots", "-m", "ansible.builtin.ping", "--playbook-dir", ANSIBLE)
+    said = known.run_well(ansible, *arguments, "--ssh-extra-args", f"-F {own}")
+    assert re.search(rf'^{NAME} \| SUCCESS.*"ping": "pong"', said, re.DOTALL | re.MULTILINE)
 
 
 def test_fleet_runs_on_it(known: Person) -> None:

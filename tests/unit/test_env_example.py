@@ -75,6 +75,12 @@ def bake_targets() -> dict[str, dict[str, str]]:
     }
 
 
+def collection_version() -> str:
+    """The version of the Ansible collection."""
+    read = yaml.safe_load((ROOT / "ansible" / "galaxy.yml").read_text(encoding="utf-8"))
+    return str(read["version"])
+
+
 def test_example_has_exactly_what_compose_reads() -> None:
     """No variable is missing from the example, and none stands there that nothing reads."""
     assert set(example()) == set(used()) | READ_BY_COMPOSE
@@ -111,9 +117,9 @@ def test_every_setting_can_be_set() -> None:
     assert {variable.removesuffix("_FILE") for _, variable in environments()} == set(KNOWN) - inside
 
 
-def test_images_are_tagged_with_the_version() -> None:
-    """Agent, server, compose.yaml and docker-bake.hcl name one version; the last two can read it nowhere."""
-    assert {server_version, agent_version} == used()["TAG"]
+def test_everything_has_one_version() -> None:
+    """Agent, server, collection, compose.yaml and docker-bake.hcl name one; the last three can read it nowhere."""
+    assert {server_version} == {agent_version} | {collection_version()} | used()["TAG"]
     assert bake_targets()["VERSION"]["default"] == f'"{server_version}"'
     assert bake_targets()["TAG"]["default"] == "VERSION"
 

@@ -1,4 +1,4 @@
-"""Runs the playbooks of ansible/ as a site's administrator does, and reads what they say.
+"""Runs playbooks of ansible/ or of the installed collection as a site's administrator does; reads what they say.
 
 site = Site(folder, stack, hosts)
 recap = site.play("enroll.yml", turtle)
@@ -98,13 +98,17 @@ class Played:
 
 @dataclass
 class Site:
-    """An administrator's machine: the inventory, the server's address, and a token."""
+    """An administrator's machine: the inventory, the server's address, and a token.
+
+    With `collections` the playbooks are those that are installed there, and not the checkout's.
+    """
 
     folder: Path
     stack: Stack
     hosts: RobotHosts
     token: str
     variables: dict[str, str] = field(default_factory=dict)
+    collections: Path | None = None
 
     @property
     def server(self) -> str:
@@ -163,7 +167,7 @@ class Site:
         """Run a playbook on these robots; `extra` are variables (-e), and `token` the one of this run."""
         environment = {
             **os.environ,
-            "ANSIBLE_CONFIG": str(ANSIBLE / "ansible.cfg"),
+            **self._place(),
             "ANSIBLE_NOCOLOR": "1",
             "ANSIBLE_VERBOSITY": str(verbosity),
             "ROBOTETHER_TOKEN": extra.pop("token", self.token),
@@ -175,12 +179,19 @@ class Site:
             "-e", json.dumps(extra),
             playbook,
         ]  # fmt: skip
+        folder = self.folder if self.collections else ANSIBLE
         started = time.monotonic()
         done = subprocess.run(
-            command, cwd=ANSIBLE, env=environment, capture_output=True, text=True, timeout=ENDS_WITHIN_S,
+            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=ENDS_WITHIN_S,
             check=False, stdin=subprocess.DEVNULL,
         )  # fmt: skip
         return Played(done.returncode, done.stdout + done.stderr, time.monotonic() - started)
+
+    def _place(self) -> dict[str, str]:
+        """Variables of the environment that say where the playbooks are."""
+        if self.collections:
+            return {"ANSIBLE_COLLECTIONS_PATH": str(self.collections)}
+        return {"ANSIBLE_CONFIG": str(ANSIBLE / "ansible.cfg")}
 
     def play_well(self, playbook: str, *robots: RobotHost, **extra: Any) -> Played:
         """Run a playbook that must succeed, or fail the test with all that it printed."""

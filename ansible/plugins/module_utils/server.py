@@ -1,6 +1,6 @@
 """The controller's way to a Robotether server: JSON over https, with the certificate pinned or checked.
 
-Used by this role's modules. Standard library only, since it runs wherever Ansible runs. It sends nothing, the token
+Used by modules and inventory. Standard library only, since it runs wherever Ansible runs. It sends nothing, the token
 least of all, before the certificate was compared; it follows no redirect.
 """
 
@@ -11,14 +11,35 @@ import http.client
 import json
 import re
 import ssl
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 
 TIMEOUT_S = 15.0
-ANSWER_LIMIT = 1024 * 1024
+# A fleet's robots with all their settings.
+ANSWER_LIMIT = 32 * 1024 * 1024
+OK = 200
+# Before the names of options in the roles.
+ROLE_PREFIX = "robotether_agent_"
 
-# Arguments that every module of this role that asks the server has.
+# What to do about a refusal, by its code.
+ADVICE = {
+    "token_invalid": "set ROBOTETHER_TOKEN (or robotether_agent_token) to an API token; a join token only enrols",
+    "token_expired": "make a new token: robotether robot invite, or robotether token create",
+    "token_used_up": "make a new token with more uses: robotether robot invite",
+    "grant_missing": "use an API token of a user with role admin",
+    "record_exists": "choose another robotether_agent_name, or retire the robot that has it",
+    "mac_in_use": (
+        "if they are two robots with one MAC, set robotether_agent_interface to another interface of this one"
+    ),
+    "key_in_use": "this robot's disk is a copy of another's: run 'robotether-agent forget' on it, then this again",
+    "robot_disabled": "enable the robot on the server, then run this again",
+    "key_rejected": "an admin rejected this key: allow it to ask again on the server's page of pending robots",
+    "field_invalid": "correct what it comes from: robotether_agent_mac, _interface, _allow_local_mac or _name",
+}
+
+# Arguments of every module that asks the server.
 ARGUMENTS: dict[str, Any] = {
     "server": {"type": "str", "required": True},
     "tls_fingerprint": {"type": "str", "default": ""},
@@ -37,22 +58,26 @@ class ServerError(Exception):
 
 @dataclass(frozen=True)
 class Server:
-    """One server and the token that speaks for us; `fingerprint` is 64 hexadecimal digits or empty."""
+    """One server and the token that speaks for us; `fingerprint` is 64 hexadecimal digits or empty.
+
+    `prefix` goes before the names of options where a sentence says which one to correct.
+    """
 
     address: str
     token: str
     fingerprint: str = ""
     ca_file: str | None = None
+    prefix: str = ROLE_PREFIX
 
     @classmethod
-    def of(cls, params: dict[str, Any]) -> Server:
-        """Return the server that a module's ARGUMENTS name."""
-        fingerprint = digits_of(params["tls_fingerprint"])
-        return cls(params["server"], params["token"], fingerprint, params["ca_file"])
+    def of(cls, params: Mapping[str, Any], prefix: str = ROLE_PREFIX) -> Server:
+        """Return the server that ARGUMENTS name."""
+        fingerprint = digits_of(params["tls_fingerprint"], prefix)
+        return cls(params["server"], params["token"], fingerprint, params["ca_file"], prefix)
 
     def connect(self) -> http.client.HTTPSConnection:
         """Return an open connection whose certificate is the right one."""
-        host, port = host_and_port(self.address)
+        host, port = host_and_port(self.address, self.prefix)
         connection = http.client.HTTPSConnection(
             host, port, timeout=TIMEOUT_S, context=self._context()
         )
@@ -61,33 +86,52 @@ class Server:
         except ssl.SSLCertVerificationError as error:
             raise ServerError(
                 f"cannot trust the certificate of {self.address}: {error.verify_message}; set "
-                "robotether_agent_tls_fingerprint to the SHA-256 that the server printed",
+                f"{self.prefix}tls_fingerprint to the SHA-256 that the server printed",
                 "tls_untrusted",
             ) from error
         except OSError as error:
             raise ServerError(
                 f"cannot reach https://{self.address} from the Ansible controller: {error.strerror or error}; "
-                "check robotether_agent_server and that the server is up"
+                f"check {self.prefix}server and that the server is up"
             ) from error
         self._compare(connection)
         return connection
 
     def ask(self, method: str, path: str, body: object = None) -> tuple[int, dict[str, Any]]:
         """Return status and JSON object of one request; raise ServerError when there is no such answer."""
+        status, answer = self._exchange(method, path, body)
+        return status, self._parsed(status, answer)
+
+    def get(self, path: str) -> dict[str, Any]:
+        """Return the JSON object that a GET answers; raise ServerError when the server refuses."""
+        status, answer = self._exchange("GET", path)
+        found = self._parsed(status, answer)
+        if status != OK:
+            raise refusal(f"get {path}", status, found)
+        return found
+
+    def get_text(self, path: str) -> str:
+        """Return the text that a GET answers; raise ServerError when the server refuses."""
+        status, answer = self._exchange("GET", path)
+        if status != OK:
+            raise refusal(f"get {path}", status, self._parsed(status, answer))
+        return answer.decode(errors="replace")
+
+    def headers(self) -> dict[str, str]:
+        """Return the headers of a request in JSON that the token vouches for."""
+        return {"Content-Type": "application/json", "Authorization": f"Bearer {self.token}"}
+
+    def _exchange(self, method: str, path: str, body: object = None) -> tuple[int, bytes]:
         connection = self.connect()
         try:
             data = None if body is None else json.dumps(body).encode()
             connection.request(method, path, body=data, headers=self.headers())
             answer = connection.getresponse()
-            return answer.status, self._parsed(answer.status, answer.read(ANSWER_LIMIT))
+            return answer.status, answer.read(ANSWER_LIMIT)
         except (OSError, http.client.HTTPException) as error:
             raise ServerError(f"cannot ask https://{self.address}: {error}; try again") from error
         finally:
             connection.close()
-
-    def headers(self) -> dict[str, str]:
-        """Return the headers of a request in JSON that the token vouches for."""
-        return {"Content-Type": "application/json", "Authorization": f"Bearer {self.token}"}
 
     def _context(self) -> ssl.SSLContext:
         context = ssl.create_default_context(cafile=self.ca_file)
@@ -102,7 +146,7 @@ class Server:
         if self.fingerprint and seen != self.fingerprint:
             connection.close()
             raise ServerError(
-                f"cannot trust {self.address}: its certificate has the SHA-256 {seen}, but robotether_agent_tls_"
+                f"cannot trust {self.address}: its certificate has the SHA-256 {seen}, but {self.prefix}tls_"
                 f"fingerprint is {self.fingerprint}; compare both with the one that the server printed",
                 "tls_untrusted",
             )
@@ -117,25 +161,34 @@ class Server:
         if not isinstance(answer, dict):
             raise ServerError(
                 f"cannot use {self.address}: it answers with HTTP status {status} and not as a Robotether "
-                "server does; check robotether_agent_server",
+                f"server does; check {self.prefix}server",
                 "answer_invalid",
             )
         return answer
 
 
-def digits_of(fingerprint: str) -> str:
+def refusal(action: str, status: int, answer: Mapping[str, Any]) -> ServerError:
+    """Return the server's refusal as a sentence with its code."""
+    code = str(answer.get("code", "answer_invalid"))
+    detail = str(answer.get("detail", f"the server answers with HTTP status {status}"))
+    sentence = detail if detail.startswith("cannot ") else f"cannot {action}: {detail}"
+    advice = ADVICE.get(code, "see the server's log: tools/compose logs web")
+    return ServerError(f"{sentence}; {advice} [{code}]", code)
+
+
+def digits_of(fingerprint: str, prefix: str = ROLE_PREFIX) -> str:
     """Return a SHA-256 in any usual spelling as 64 lower-case digits; ServerError when it is none."""
     digits = fingerprint.strip().lower().removeprefix("sha256:").replace(":", "")
     if digits and not re.fullmatch(r"[0-9a-f]{64}", digits):
         raise ServerError(
-            f"cannot use robotether_agent_tls_fingerprint {fingerprint!r}: allowed is the certificate's SHA-256, "
+            f"cannot use {prefix}tls_fingerprint {fingerprint!r}: allowed is the certificate's SHA-256, "
             "64 hexadecimal digits",
             "tls_untrusted",
         )
     return digits
 
 
-def host_and_port(address: str) -> tuple[str, int]:
+def host_and_port(address: str, prefix: str = ROLE_PREFIX) -> tuple[str, int]:
     """Return the parts of HOST or HOST:PORT; ServerError for anything else."""
     try:
         parts = urlsplit(f"//{address}")
@@ -144,6 +197,6 @@ def host_and_port(address: str) -> tuple[str, int]:
         parts, port = urlsplit("//"), 0
     if not parts.hostname or parts.path or parts.query or parts.username is not None:
         raise ServerError(
-            f"cannot use robotether_agent_server {address!r}: allowed is HOST or HOST:PORT, without https://"
+            f"cannot use {prefix}server {address!r}: allowed is HOST or HOST:PORT, without https://"
         )
     return parts.hostname, port

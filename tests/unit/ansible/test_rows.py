@@ -9,14 +9,14 @@ from types import ModuleType
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-SOURCE = ROOT / "ansible/roles/robotether_agent/module_utils/robotether_rows.py"
+SOURCE = ROOT / "ansible/plugins/module_utils/rows.py"
 MAC, OTHER_MAC = "00:1b:44:00:61:01", "00:1b:44:00:61:02"
 LINE = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA robotether"
 
 
 def load() -> ModuleType:
     """Ansible finds its modules by itself, and Python does not."""
-    spec = importlib.util.spec_from_file_location("robotether_rows", SOURCE)
+    spec = importlib.util.spec_from_file_location("rows", SOURCE)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -14,26 +14,12 @@ from typing import Any
 
 import pytest
 from aiohttp import web
-from tls_front import openssl
 
-ROLE = Path(__file__).resolve().parents[3] / "ansible/roles/robotether_agent"
+ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
 NO_LIBRARY = "raise ImportError\n"
 WAIT_S = 60
 
 Answer = Callable[[web.Request], Awaitable[web.StreamResponse]]
-
-
-@pytest.fixture(scope="module")
-def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One for 127.0.0.1, with its key."""
-    key, file = (tmp_path_factory.mktemp("tls") / name for name in ("key.pem", "cert.pem"))
-    openssl(
-        *("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"),
-        *("-days", "2", "-subj", "/CN=localhost", "-keyout", str(key), "-out", str(file)),
-        *("-addext", "subjectAltName=IP:127.0.0.1"),
-    )
-    file.write_bytes(file.read_bytes() + key.read_bytes())
-    return file
 
 
 @asynccontextmanager
@@ -69,14 +55,9 @@ async def run_module(
     process = await asyncio.create_subprocess_exec(
         Path(sys.executable).with_name("ansible"), "localhost", "--inventory", "localhost,",
         "--connection", "local", "--extra-vars", f"ansible_python_interpreter={sys.executable}",
-        "--module-path", str(ROLE / "library"), "--module-name", "robotether_round_trip",
+        "--playbook-dir", str(ANSIBLE), "--module-name", "robotether.robotether.round_trip",
         "--args", json.dumps(arguments), *options,
-        env={
-            **os.environ,
-            "ANSIBLE_MODULE_UTILS": str(ROLE / "module_utils"),
-            "ANSIBLE_NOCOLOR": "1",
-            "PYTHONPATH": path,
-        },
+        env={**os.environ, "ANSIBLE_NOCOLOR": "1", "PYTHONPATH": path},
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
     )  # fmt: skip

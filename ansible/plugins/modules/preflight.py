@@ -13,10 +13,14 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible.module_utils.robotether_server import ServerError, digits_of, host_and_port
+from ansible_collections.robotether.robotether.plugins.module_utils.server import (
+    ServerError,
+    digits_of,
+    host_and_port,
+)
 
 DOCUMENTATION = r"""
-module: robotether_preflight
+module: preflight
 short_description: Finds everything that would stop a robot's enrolment
 description:
   - Checks disk space, the server as this robot sees it, and its rosbridge. C(problems) holds one sentence for
@@ -29,6 +33,16 @@ options:
   folder: {description: Where the agent is installed, type: path, required: true}
   free_mb: {description: Megabytes that must be free there, type: int, required: true}
 author: ["Robotether"]
+"""
+
+EXAMPLES = r"""
+- name: Check a robot
+  robotether.robotether.preflight:
+    server: robots.example.com
+    rosbridge_url: ws://127.0.0.1:9090
+    folder: /opt
+    free_mb: 150
+  register: checked
 """
 
 RETURN = r"""

@@ -13,7 +13,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible.module_utils.robotether_server import ARGUMENTS, Server, ServerError
+from ansible_collections.robotether.robotether.plugins.module_utils.server import (
+    ARGUMENTS,
+    Server,
+    ServerError,
+)
 
 try:
     import websocket
@@ -21,7 +25,7 @@ except ImportError:
     websocket = None
 
 DOCUMENTATION = r"""
-module: robotether_round_trip
+module: round_trip
 short_description: Sends a message to a robot through the server and waits for it to come back
 description:
   - Gets a ticket, opens the robot's rosbridge through the server, and publishes one text on a topic of its own that the
@@ -38,6 +42,15 @@ options:
 author: ["Robotether"]
 """
 
+EXAMPLES = r"""
+- name: Send a message to a robot and back
+  robotether.robotether.round_trip:
+    server: robots.example.com
+    token: "{{ lookup('ansible.builtin.env', 'ROBOTETHER_TOKEN') }}"
+    name: turtle
+  delegate_to: localhost
+"""
+
 RETURN = r"""
 round_trip_ms: {description: how long the message was on its way, type: float, returned: success}
 """
@@ -45,7 +58,8 @@ round_trip_ms: {description: how long the message was on its way, type: float, r
 TOPIC = "/robotether_enrolment"
 ANSWER_S = 5.0
 PAUSE_S = 0.5
-CREATED, SWITCHING_PROTOCOLS = 201, 101
+CREATED = 201
+SWITCHING_PROTOCOLS = 101
 # Nothing that a wait could mend.
 FINAL = {"token_invalid", "grant_missing", "tls_untrusted", "robot_unknown"}
 

@@ -7,11 +7,20 @@ from typing import Any
 from urllib.parse import quote
 
 from ansible.module_utils.basic import AnsibleModule
-from ansible.module_utils.robotether_rows import ForeignRowError, own_row
-from ansible.module_utils.robotether_server import ARGUMENTS, Server, ServerError
+from ansible_collections.robotether.robotether.plugins.module_utils.rows import (
+    ForeignRowError,
+    own_row,
+)
+from ansible_collections.robotether.robotether.plugins.module_utils.server import (
+    ARGUMENTS,
+    OK,
+    Server,
+    ServerError,
+    refusal,
+)
 
 DOCUMENTATION = r"""
-module: robotether_robot
+module: robot
 short_description: Creates or removes a robot's row on a Robotether server
 description:
   - C(present) registers MAC and public key under a name and makes the robot active; asking again changes nothing.
@@ -32,26 +41,33 @@ options:
 author: ["Robotether"]
 """
 
+EXAMPLES = r"""
+- name: Register a robot
+  robotether.robotether.robot:
+    server: robots.example.com
+    token: "{{ lookup('ansible.builtin.env', 'ROBOTETHER_TOKEN') }}"
+    name: turtle
+    mac: b8:27:eb:12:34:56
+    public_key: "{{ lookup('ansible.builtin.file', 'turtle.pub') }}"
+  delegate_to: localhost
+
+- name: Remove a robot
+  robotether.robotether.robot:
+    server: robots.example.com
+    token: "{{ lookup('ansible.builtin.env', 'ROBOTETHER_TOKEN') }}"
+    name: turtle
+    state: absent
+  delegate_to: localhost
+"""
+
 RETURN = r"""
 created: {description: whether the server had no such robot before, type: bool, returned: present}
 robot: {description: the robot's object as the server answers it, type: dict, returned: present}
 """
 
-ADVICE = {
-    "token_invalid": "set ROBOTETHER_TOKEN (or robotether_agent_token) to a join token or an admin's API token",
-    "token_expired": "make a new token: robotether robot invite, or robotether token create",
-    "token_used_up": "make a new token with more uses: robotether robot invite",
-    "grant_missing": "use an API token of a user with role admin",
-    "record_exists": "choose another robotether_agent_name, or retire the robot that has it",
-    "mac_in_use": (
-        "if they are two robots with one MAC, set robotether_agent_interface to another interface of this one"
-    ),
-    "key_in_use": "this robot's disk is a copy of another's: run 'robotether-agent forget' on it, then this again",
-    "robot_disabled": "enable the robot on the server, then run this again",
-    "key_rejected": "an admin rejected this key: allow it to ask again on the server's page of pending robots",
-    "field_invalid": "correct what it comes from: robotether_agent_mac, _interface, _allow_local_mac or _name",
-}
-CREATED, OK, NO_CONTENT, NOT_FOUND = 201, 200, 204, 404
+CREATED = 201
+NO_CONTENT = 204
+NOT_FOUND = 404
 JOIN_TOKEN = "rj_"  # noqa: S105  the beginning of every join token, no secret
 
 
@@ -86,7 +102,7 @@ def _present(server: Server, params: dict[str, Any], *, check_mode: bool) -> dic
     body = {field: params[field] for field in fields if params[field]}
     status, answer = server.ask("PUT", _path(params["name"]), body)
     if status not in {OK, CREATED}:
-        raise _refusal(f"enrol robot {params['name']}", status, answer)
+        raise refusal(f"enrol robot {params['name']}", status, answer)
     created = status == CREATED
     # 200 is also the answer when a row that was announced, or waited, took the key.
     taken = before is not None and any(
@@ -102,7 +118,7 @@ def _absent(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict
     if not check_mode:
         status, answer = server.ask("DELETE", _path(name))
         if status not in {OK, NO_CONTENT, NOT_FOUND}:
-            raise _refusal(f"remove robot {name}", status, answer)
+            raise refusal(f"remove robot {name}", status, answer)
     return {"changed": True}
 
 
@@ -113,7 +129,7 @@ def _known(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[
         return {"changed": False, "robot": {}}
     status, answer = server.ask("GET", "/api/v1/join-tokens")
     if status != OK:
-        raise _refusal(f"ask {server.address} as an admin", status, answer)
+        raise refusal(f"ask {server.address} as an admin", status, answer)
     return {"changed": False, "robot": _row(server, params["name"]) or {}}
 
 
@@ -123,7 +139,7 @@ def _row(server: Server, name: str) -> dict[str, Any] | None:
         return None
     status, answer = server.ask("GET", _path(name))
     if status not in {OK, NOT_FOUND}:
-        raise _refusal(f"ask for robot {name}", status, answer)
+        raise refusal(f"ask for robot {name}", status, answer)
     return answer if status == OK else None
 
 
@@ -131,7 +147,7 @@ def _name_now(server: Server, params: dict[str, Any]) -> str | None:
     """Return the name of the robot that this machine is: an admin may have renamed it since."""
     status, answer = server.ask("GET", "/api/v1/robots")
     if status != OK:
-        raise _refusal("list the robots", status, answer)
+        raise refusal("list the robots", status, answer)
     try:
         row = own_row(answer["robots"], params["name"], params["mac"], params["public_key"])
     except ForeignRowError as problem:
@@ -141,14 +157,6 @@ def _name_now(server: Server, params: dict[str, Any]) -> str | None:
 
 def _path(name: str) -> str:
     return f"/api/v1/robots/{quote(name, safe='')}"
-
-
-def _refusal(action: str, status: int, answer: dict[str, Any]) -> ServerError:
-    code = str(answer.get("code", "answer_invalid"))
-    detail = str(answer.get("detail", f"the server answers with HTTP status {status}"))
-    sentence = detail if detail.startswith("cannot ") else f"cannot {action}: {detail}"
-    advice = ADVICE.get(code, "see the server's log: tools/compose logs web")
-    return ServerError(f"{sentence}; {advice} [{code}]", code)
 
 
 ACTIONS = {"present": _present, "absent": _absent, "known": _known}

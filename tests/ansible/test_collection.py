@@ -1,0 +1,77 @@
+"""The installed collection, away from any checkout, enrols a robot and retires it; its inventory lists it meanwhile."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from playbooks import Site, pip_environment
+from robot_hosts import ROOT, RobotHosts
+
+# What a change breaks of it, unit tests say: the archive, its installation and its names.
+pytestmark = pytest.mark.release
+BIN = Path(sys.executable).parent
+PLAYBOOKS = "robotether.robotether"
+
+
+@pytest.fixture(scope="module")
+def installed(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Site:
+    """An administrator who has the collection and no checkout."""
+    folder = tmp_path_factory.mktemp("installed")
+    environment = {**pip_environment(), "PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}"}
+
+    def run(*command: str | Path) -> str:
+        done = subprocess.run(
+            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    archive = run(ROOT / "tools" / "build_collection", folder).splitlines()[-1]
+    run("ansible-galaxy", "collection", "install", "--offline", "-p", folder, archive)
+    return replace(site, folder=folder, collections=folder)
+
+
+def listed(site: Site) -> list[str]:
+    """The robots that the collection's inventory has online."""
+    inventory = site.folder / "fleet.yml"
+    inventory.write_text(
+        "plugin: robotether.robotether.robots\n"
+        f"server: {site.server}\ntls_fingerprint: {site.fingerprint}\ntoken: {site.token}\n"
+    )
+    done = subprocess.run(
+        [BIN / "ansible-inventory", "-i", inventory, "--list"],
+        cwd=site.folder,
+        env={**os.environ, "ANSIBLE_COLLECTIONS_PATH": str(site.collections)},
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return list(json.loads(done.stdout).get("state_online", {"hosts": []})["hosts"])
+
+
+def test_enrolled_listed_retired(installed: Site, hosts: RobotHosts) -> None:
+    """With the wheel that the collection has; a second run changes nothing, and retiring leaves nothing."""
+    robot = hosts.boot("roamer")
+    before = robot.footprint()
+    first = installed.play_well(f"{PLAYBOOKS}.enroll", robot)
+    first.must_say("a message went to its rosbridge and back")
+    assert installed.play_well(f"{PLAYBOOKS}.enroll", robot).recaps["roamer"].changed == 0
+    robot.wait("online in the inventory", lambda: "roamer" in listed(installed))
+    installed.play_well(f"{PLAYBOOKS}.retire", robot, retire_confirm="true")
+    assert robot.footprint() ^ before == set()
+    assert listed(installed) == []
+
+
+def test_what_only_a_checkout_has_is_said(installed: Site, hosts: RobotHosts) -> None:
+    """The image of the agent is built from sources, which the collection does not have."""
+    robot = hosts.boot("boxless")
+    # A Docker that runs, as far as the check can see.
+    robot.put(b"#!/bin/sh\n", "/usr/local/bin/docker", 0o755)
+    played = installed.play(f"{PLAYBOOKS}.enroll", robot, agent_runtime="docker")
+    assert played.code != 0
+    played.must_say("only a checkout can build the image", "Nothing was changed")

@@ -1,0 +1,167 @@
+"""The collection is built, installed in an empty folder, and used by its full names."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[3]
+ANSIBLE = ROOT / "ansible"
+BIN = Path(sys.executable).parent
+NAME = "robotether.robotether"
+# Of files whose names come from the folder: what a user of the collection can name.
+PLAYBOOKS = sorted(path.stem for path in (ANSIBLE / "playbooks").glob("*.yml"))
+PLUGINS = sorted(
+    (folder, f"{NAME}.{path.stem}")
+    for folder in ("modules", "inventory")
+    for path in (ANSIBLE / "plugins" / folder).glob("*.py")
+)
+ROLES = sorted(path.name for path in (ANSIBLE / "roles").iterdir())
+END_S = 120
+
+
+def ansible(program: str, *arguments: str | Path, home: Path, cwd: Path) -> str:
+    """Run one of Ansible's programs without any settings but where collections are."""
+    done = subprocess.run(
+        [BIN / program, *arguments],
+        cwd=cwd,
+        env={
+            "PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}",
+            "HOME": str(home),
+            "LC_ALL": "C.UTF-8",
+            "ANSIBLE_COLLECTIONS_PATH": str(home),
+            "ANSIBLE_NOCOLOR": "1",
+        },
+        capture_output=True,
+        text=True,
+        timeout=END_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The collection as ansible-galaxy builds it."""
+    folder = tmp_path_factory.mktemp("built")
+    ansible(
+        "ansible-galaxy",
+        "collection",
+        "build",
+        ANSIBLE,
+        "--output-path",
+        folder,
+        home=folder,
+        cwd=folder,
+    )
+    [built] = folder.glob("*.tar.gz")
+    return built
+
+
+@pytest.fixture(scope="module")
+def home(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where it is installed, with the collections that it needs found, and nothing fetched."""
+    folder = tmp_path_factory.mktemp("home")
+    install = ("collection", "install", "--offline", "-p", folder, archive)
+    ansible("ansible-galaxy", *install, home=folder, cwd=folder)
+    return folder
+
+
+def test_archive_has_what_belongs_to_it(archive: Path) -> None:
+    """Every tracked file, but for what only a checkout has; licence and changelog are files."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z", "--", "."],
+        cwd=ANSIBLE, check=False, capture_output=True, text=True,
+    ).stdout  # fmt: skip
+    if not listed:
+        pytest.skip("this is no git checkout")
+    tracked = {name for name in listed.split("\0") if name and (ANSIBLE / name).exists()}
+    local = {
+        "galaxy.yml",
+        "ansible.cfg",
+        ".ansible-lint",
+        "robots.ini.example",
+        "server.ini.example",
+    }
+    local |= {f"collections/ansible_collections/{NAME.replace('.', '/')}"}
+    local |= {f"{name}.yml" for name in PLAYBOOKS}
+    assert local <= tracked
+    with tarfile.open(archive) as opened:
+        files = {member.name for member in opened if not member.isdir()}
+        links = [member.name for member in opened if member.issym() or member.islnk()]
+    assert files == tracked - local | {"MANIFEST.json", "FILES.json"}
+    assert links == []
+
+
+def test_needed_collections_are_those_of_the_roles(archive: Path) -> None:
+    """No role uses a collection that the installation does not bring."""
+    with tarfile.open(archive) as opened:
+        manifest = opened.extractfile("MANIFEST.json")
+        assert manifest is not None
+        needed = json.load(manifest)["collection_info"]["dependencies"]
+    used: set[str] = set()
+    for path in (ANSIBLE / "roles").glob("*/*/*.yml"):
+        if path.parent.name in {"tasks", "handlers"}:
+            used |= {
+                ".".join(key.split(".")[:2])
+                for key in keys_of(yaml.safe_load(path.read_text()))
+                if key.count(".") == 2
+            }
+    assert used - {"ansible.builtin", NAME} == set(needed)
+
+
+def keys_of(found: object) -> set[str]:
+    """All keys of what YAML says."""
+    if isinstance(found, list):
+        return set().union(*(keys_of(one) for one in found))
+    if isinstance(found, dict):
+        return set(found).union(*(keys_of(one) for one in found.values()))
+    return set()
+
+
+@pytest.mark.parametrize(("folder", "plugin"), PLUGINS)
+def test_plugin_is_documented(home: Path, folder: str, plugin: str) -> None:
+    """ansible-doc finds it, with every option described, and examples; a module says what it returns."""
+    kind = {"modules": "module"}.get(folder, folder)
+    printed = ansible("ansible-doc", "--json", "-t", kind, plugin, home=home, cwd=home)
+    shown = json.loads(printed)[plugin]
+    assert shown["doc"]["collection"] == NAME
+    assert all(option["description"] for option in shown["doc"]["options"].values())
+    assert yaml.safe_load(shown["examples"])
+    assert shown["return"] or kind != "module"
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_role_is_documented(home: Path, role: str) -> None:
+    """With the variables that its argument_specs.yml has."""
+    printed = ansible("ansible-doc", "--json", "-t", "role", f"{NAME}.{role}", home=home, cwd=home)
+    assert json.loads(printed)[f"{NAME}.{role}"]["entry_points"]["main"]["options"]
+
+
+def test_playbooks_have_full_names(home: Path) -> None:
+    """Each is found with its roles from anywhere."""
+    (home / "hosts.ini").write_text("[robots]\nturtle\n[robotether_server]\ncloud\n")
+    names = [f"{NAME}.{name}" for name in PLAYBOOKS]
+    printed = ansible(
+        "ansible-playbook", "-i", "hosts.ini", "--syntax-check", *names, home=home, cwd=home
+    )
+    for name in PLAYBOOKS:
+        place = home / "ansible_collections" / NAME.replace(".", "/") / "playbooks" / f"{name}.yml"
+        assert f"playbook: {place}" in printed
+
+
+def test_playbooks_run_from_a_checkout(tmp_path: Path) -> None:
+    """By their old names, with nothing installed and without this folder's ansible.cfg."""
+    (tmp_path / "hosts.ini").write_text("[robots]\nturtle\n[robotether_server]\ncloud\n")
+    names = [ANSIBLE / f"{name}.yml" for name in PLAYBOOKS]
+    ansible(
+        "ansible-playbook", "-i", "hosts.ini", "--list-tasks", *names, home=tmp_path, cwd=tmp_path
+    )

@@ -1,0 +1,226 @@
+"""The inventory of a server's robots, as Ansible reads it from the real application."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import ssl
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from api_visitor import new_public_key
+from robotether_server.db import Database
+from tls_web import TlsWeb
+
+ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
+MACS = {
+    name: f"00:1b:44:00:00:0{number}" for number, name in enumerate(("turtle", "rover", "scout"), 1)
+}
+END_S = 60
+List = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture
+def fleet(web: TlsWeb, admin_database: Database) -> TlsWeb:
+    """Turtle is online at a site and opens shells, rover is disabled, scout offline; two groups have grants."""
+    root = web.program("root")
+
+    def ask(method: str, path: str, **body: Any) -> None:
+        answer = root.ask(method, path, body)
+        assert answer.status_code in {200, 201}, answer.text
+
+    for name, mac in MACS.items():
+        report = {"hostname": f"{name}-pc", "agent_version": "0.1.0"}
+        ask("PUT", f"/robots/{name}", mac=mac, public_key=new_public_key(), **report)
+    ask("POST", "/sites", name="north-hall")
+    ask("PATCH", "/robots/turtle", site="north-hall", shell=True, settings={"shell_user": "pi"})
+    ask("PATCH", "/robots/rover", state="disabled", shell=True)
+    for group, to in (
+        ("ops", {"site": "north-hall"}),
+        ("r.and-d", {"all": True}),
+        ("past", {"all": True}),
+    ):
+        ask("POST", "/groups", name=group)
+        ask("POST", "/grants", group=group, level="drive", **to)
+    ask("PUT", "/grants/ann/turtle", level="observe")
+    with admin_database.transaction() as tx:
+        tx.change(
+            "INSERT INTO robot_sessions (robot_id, address) "
+            "SELECT id, '192.0.2.1' FROM robots WHERE name = 'turtle'"
+        )
+        tx.change(
+            "UPDATE grants SET expires_at = '2026-01-01' "
+            "WHERE group_id = (SELECT id FROM user_groups WHERE name = 'past')"
+        )
+    return web
+
+
+@pytest.fixture
+def listed(fleet: TlsWeb, tmp_path: Path) -> List:
+    """What ansible-inventory lists of a file with these options."""
+
+    def read(user: str = "root", **options: Any) -> dict[str, Any]:
+        done = run(fleet, tmp_path, user, **options)
+        assert done.returncode == 0, done.stderr
+        assert "WARNING" not in done.stderr, done.stderr
+        found: dict[str, Any] = json.loads(done.stdout, object_hook=_plain)
+        return found
+
+    return read
+
+
+def run(
+    web: TlsWeb, folder: Path, user: str = "root", **options: Any
+) -> subprocess.CompletedProcess[str]:
+    """Run ansible-inventory on a file with these options; None takes one out."""
+    file = folder / "fleet.yml"
+    known = {"server": web.address, "ca_file": str(web.certificate), **options}
+    written = {name: value for name, value in known.items() if value is not None}
+    file.write_text(yaml.safe_dump({"plugin": "robotether.robotether.robots", **written}))
+    return subprocess.run(
+        [Path(sys.executable).with_name("ansible-inventory"), "-i", file, "--list"],
+        env={
+            **os.environ,
+            "ANSIBLE_CONFIG": str(ANSIBLE / "ansible.cfg"),
+            "ANSIBLE_INVENTORY_UNPARSED_FAILED": "yes",
+            "ANSIBLE_NOCOLOR": "1",
+            "ROBOTETHER_TOKEN": web.token(user),
+        },
+        capture_output=True,
+        text=True,
+        timeout=END_S,
+        check=False,
+    )
+
+
+def _plain(found: dict[str, Any]) -> Any:
+    """A text that is no template, without Ansible's mark of that."""
+    return found.get("__ansible_unsafe", found)
+
+
+def groups_of(found: dict[str, Any]) -> dict[str, list[str]]:
+    """The hosts of each group that has some."""
+    return {name: sorted(one["hosts"]) for name, one in found.items() if "hosts" in one}
+
+
+def test_robots_have_their_sites_and_states(listed: List) -> None:
+    """All are in the group with which the playbooks work; a group's name has no hyphen."""
+    found = listed()
+    assert groups_of(found) == {
+        "robots": ["rover", "scout", "turtle"],
+        "site_north_hall": ["turtle"],
+        "state_online": ["turtle"],
+        "state_offline": ["scout"],
+        "state_disabled": ["rover"],
+    }
+    turtle = found["_meta"]["hostvars"]["turtle"]
+    assert turtle["robot_mac"] == MACS["turtle"]
+    assert turtle["robot_site"] == "north-hall"
+    assert turtle["robot_online"] is True
+    assert turtle["robot_address"] == "192.0.2.1"
+    assert turtle["robot_agent_version"] == "0.1.0"
+
+
+def test_user_groups_are_those_with_a_grant(listed: List) -> None:
+    """For the robot, its site or all robots, unless it has ended."""
+    found = listed(group_by=["group"])
+    assert groups_of(found) == {
+        "robots": ["rover", "scout", "turtle"],
+        "group_ops": ["turtle"],
+        "group_r_and_d": ["rover", "scout", "turtle"],
+    }
+    assert found["_meta"]["hostvars"]["turtle"]["robot_groups"] == ["ops", "r.and-d"]
+
+
+def test_shells_go_through_the_server(listed: List, fleet: TlsWeb) -> None:
+    """With what `robotether ssh-config` says; a robot without a shell for this user has nothing of it."""
+    variables = listed()["_meta"]["hostvars"]
+    entry = dict(
+        line.split() for line in fleet.program("root").ask("GET", "/ssh-config").text.splitlines()
+    )
+    assert {name: value for name, value in variables["turtle"].items() if "ansible" in name} == {
+        "ansible_host": "127.0.0.1",
+        "ansible_port": int(entry["Port"]),
+        "ansible_user": "pi",
+        "ansible_ssh_common_args": "-o ProxyJump=jump@127.0.0.1:2222 -o HostKeyAlias=robotether-turtle",
+    }
+    for other in (
+        variables["scout"],
+        variables["rover"],
+        listed(jump=False)["_meta"]["hostvars"]["turtle"],
+    ):
+        assert not [name for name in other if name.startswith("ansible")]
+
+
+def test_user_sees_what_the_api_shows(listed: List) -> None:
+    """A robot of a grant, without what only admins may know, and no shell below level manage."""
+    found = listed("ann")
+    assert groups_of(found)["robots"] == ["turtle"]
+    turtle = found["_meta"]["hostvars"]["turtle"]
+    assert turtle["robot_level"] == "observe"
+    assert not {"robot_hostname", "robot_address", "ansible_host"} & set(turtle)
+
+
+def test_constructed_options_work(listed: List) -> None:
+    """Variables and groups of a site's own, from the robots' variables."""
+    found = listed(
+        strict=True,
+        compose={"ansible_host": "robot_hostname ~ '.local'"},
+        groups={"free": "robot_driver is none"},
+        keyed_groups=[{"key": "robot_agent_version", "prefix": "version"}],
+    )
+    assert found["_meta"]["hostvars"]["turtle"]["ansible_host"] == "turtle-pc.local"
+    assert groups_of(found)["free"] == ["rover", "scout", "turtle"]
+    assert groups_of(found)["version_0_1_0"] == ["rover", "scout", "turtle"]
+
+
+def test_roles_get_server_and_pin(listed: List, fleet: TlsWeb) -> None:
+    """A pinned certificate needs no authority, and both are variables of the roles."""
+    der = ssl.PEM_cert_to_DER_cert(fleet.certificate.read_text().partition("-----BEGIN PRIV")[0])
+    pin = hashlib.sha256(der).hexdigest()
+    turtle = listed(ca_file=None, tls_fingerprint=pin)["_meta"]["hostvars"]["turtle"]
+    assert turtle["robotether_agent_server"] == fleet.address
+    assert turtle["robotether_agent_tls_fingerprint"] == pin
+
+
+def test_cache_asks_once(listed: List, fleet: TlsWeb, tmp_path: Path) -> None:
+    """Until other questions are asked."""
+    cached = {
+        "cache": True,
+        "cache_plugin": "ansible.builtin.jsonfile",
+        "cache_connection": str(tmp_path / "cache"),
+    }
+    first = listed(**cached)
+    asked = len(fleet.requests)
+    assert asked > 0
+    assert listed(**cached) == first
+    assert len(fleet.requests) == asked
+    assert "group_ops" in groups_of(listed(group_by=["group"], **cached))
+
+
+@pytest.mark.parametrize(
+    ("user", "options", "says"),
+    [
+        ("root", {"ca_file": None}, "set tls_fingerprint to the SHA-256 that the server printed"),
+        ("root", {"tls_fingerprint": "ab" * 32}, "but tls_fingerprint is abab"),
+        ("root", {"server": "https://x/"}, "cannot use server 'https://x/': allowed is HOST or HOST:PORT"),
+        ("root", {"server": "127.0.0.1:1"}, "check server and that the server is up"),
+        ("root", {"token": "rt_wrong"}, "[token_invalid]"),
+        ("ann", {"group_by": ["group"]}, "use an API token of a user with role admin [grant_missing]"),
+        ("root", {"group_by": ["colour"]}, "colour"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said(
+    fleet: TlsWeb, tmp_path: Path, user: str, options: dict[str, Any], says: str
+) -> None:
+    """In a sentence that names the option, without the token."""
+    done = run(fleet, tmp_path, user, **options)
+    assert done.returncode != 0
+    assert says in " ".join(done.stderr.split())
+    assert "rt_" not in done.stderr.replace("rt_wrong", "")
