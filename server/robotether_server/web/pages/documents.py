@@ -3,11 +3,11 @@
 Public, and the same for everybody. Must never serve a file of another folder.
 """
 
-from functools import cache
 from http import HTTPStatus
 from pathlib import Path
 
 from flask import Blueprint, redirect, send_from_directory
+from werkzeug.security import safe_join
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.problems import HttpProblem
@@ -27,16 +27,12 @@ def document(name: str) -> AnyResponse:
             HTTPStatus.NOT_FOUND,
             "cannot send the documents: this server was started outside of its image, which holds them",
         )
-    if name and not name.endswith("/") and (SITE / name / "index.html").is_file():
+    index = safe_join(str(SITE), name, "index.html")
+    if name and not name.endswith("/") and index is not None and Path(index).is_file():
         return redirect(f"/docs/{name}/")
     page = f"{name}index.html" if not name or name.endswith("/") else name
     response = send_from_directory(SITE, page, conditional=True)
-    response.headers["Content-Security-Policy"] = _policy()
+    response.headers["Content-Security-Policy"] = (SITE / "policy").read_text()
     response.cache_control.public = True
     response.cache_control.max_age = CACHE_S
     return response
-
-
-@cache
-def _policy() -> str:
-    return (SITE / "policy").read_text()

@@ -1,0 +1,67 @@
+"""The documents' site: pages by their folder, with a policy of their own, and nothing from outside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from robotether_server.web.pages import documents
+from web_visitor import Browser
+from werkzeug.datastructures import Headers
+
+POLICY = "default-src 'self'; script-src 'self' 'sha256-abc'"
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A site as MkDocs builds it, with a file beside that is not part of it."""
+    made = tmp_path / "site"
+    (made / "howto").mkdir(parents=True)
+    (made / "index.html").write_text("<title>all</title>")
+    (made / "howto" / "index.html").write_text("<title>how</title>")
+    (made / "policy").write_text(POLICY)
+    (tmp_path / "secret").write_text("not published")
+    monkeypatch.setattr(documents, "SITE", made)
+    return made
+
+
+def read(program: Browser, path: str) -> tuple[bytes, Headers]:
+    """The body and the headers; the file that was sent is closed."""
+    with program.ask("GET", path) as answer:
+        assert answer.status_code == 200
+        return answer.data, answer.headers
+
+
+def test_a_page_is_found_by_its_folder(program: Browser, site: Path) -> None:
+    """Without a login; an address without the slash leads to the one that has it."""
+    assert read(program, "/docs/")[0] == (site / "index.html").read_bytes()
+    assert read(program, "/docs/howto/")[0] == b"<title>how</title>"
+    sent = program.ask("GET", "/docs/howto")
+    assert (sent.status_code, sent.location) == (302, "/docs/howto/")
+
+
+@pytest.mark.usefixtures("site")
+def test_its_scripts_run_by_its_own_policy(program: Browser) -> None:
+    """All other headers are those of any page."""
+    _, headers = read(program, "/docs/")
+    assert headers["Content-Security-Policy"] == POLICY
+    assert headers["X-Content-Type-Options"] == "nosniff"
+
+
+@pytest.mark.usefixtures("site")
+@pytest.mark.parametrize("path", ["/docs/nothing/", "/docs/../secret", "/docs/%2e%2e/secret"])
+def test_nothing_else_is_sent(program: Browser, path: str) -> None:
+    """Neither what is not there nor what lies beside."""
+    answer = program.ask("GET", path)
+    assert answer.status_code == 404
+    assert "not published" not in answer.text
+
+
+def test_a_server_without_the_site_says_so(
+    program: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one that runs from a checkout."""
+    monkeypatch.setattr(documents, "SITE", tmp_path / "none")
+    answer = program.ask("GET", "/docs/")
+    assert answer.status_code == 404
+    assert "outside of its image" in answer.text
