@@ -30,7 +30,7 @@ def test_reference_comes_from_the_code(page: Page, stack: Stack) -> None:
     """Settings, close codes, operations and the API stand in it as the code has them."""
     for path, word in (
         ("reference/server-settings/", "LOGIN_IDLE_H"),
-        ("reference/close-codes/", "lease_held"),
+        ("reference/codes/", "lease_held"),
         ("reference/operations/", "call_service"),
         ("reference/api/", "POST /api/v1/tickets"),
     ):

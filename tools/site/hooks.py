@@ -20,7 +20,7 @@ from typing import Any
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from robotether_server import variables
+from robotether_server import problems, variables
 from robotether_server.api import description
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.rosbridge.message_validator import OPERATIONS
@@ -38,7 +38,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/server-settings.md": server_settings(),
         "reference/api.md": api(description.document()),
         "reference/operations.md": operations(),
-        "reference/close-codes.md": close_codes(),
+        "reference/codes.md": codes(),
     }
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
@@ -116,8 +116,46 @@ def server_settings() -> str:
     )
 
 
-def close_codes() -> str:
-    """Return the table of the relay's close codes, with an example of each sentence."""
+def codes() -> str:
+    """Return the codes of problems over HTTP and of closed WebSockets."""
+    return "\n".join(
+        (
+            "# Codes",
+            "",
+            "## Problems over HTTP",
+            "",
+            "The member `code` of an `application/problem+json` (RFC 9457); the log has it too.",
+            "",
+            "| status | code | meaning |",
+            "|---|---|---|",
+            *_problems(),
+            "",
+            "Errors of HTTP itself have the status's name: `not_found`, `method_not_allowed`. nginx answers",
+            "`request_invalid` (400), `body_too_large` (413), `too_many_requests` (429) and `service_away` (503).",
+            "",
+            "## Closed WebSockets",
+            "",
+            "With these the server closes a WebSocket of `/robots/NAME/ros` or `/robots/NAME/video/frames`.",
+            "",
+            "| code | name | meaning | reason, for example |",
+            "|---|---|---|---|",
+            *_close_codes(),
+            "",
+        )
+    )
+
+
+def _problems() -> list[str]:
+    found = [one for _, one in inspect.getmembers(problems, inspect.isclass)]
+    rows = [
+        (int(one.status), one.code, _cell(inspect.getdoc(one) or ""))
+        for one in found
+        if issubclass(one, problems.Problem) and "code" in vars(one)
+    ]
+    return [f"| {status} | `{code}` | {meaning} |" for status, code, meaning in sorted(rows)]
+
+
+def _close_codes() -> list[str]:
     lines = []
     for name, function in inspect.getmembers(close_reasons, inspect.isfunction):
         hints = inspect.signature(function).return_annotation
@@ -126,19 +164,7 @@ def close_codes() -> str:
         one = function(**{key: EXAMPLES[key] for key in inspect.signature(function).parameters})
         meaning = _cell(inspect.getdoc(function) or name)
         lines.append((one.code, f"| {one.code} | `{one.name}` | {meaning} | {_cell(one.reason)} |"))
-    return "\n".join(
-        (
-            "# Close codes",
-            "",
-            "With these the server closes a WebSocket of `/robots/NAME/ros` or `/robots/NAME/video/frames`.",
-            "[The wire reference](protocols.md) says what to do about each.",
-            "",
-            "| code | name | meaning | reason, for example |",
-            "|---|---|---|---|",
-            *(line for _, line in sorted(lines)),
-            "",
-        )
-    )
+    return [line for _, line in sorted(lines)]
 
 
 # What stands for each argument of a close reason.

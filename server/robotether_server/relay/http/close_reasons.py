@@ -1,6 +1,6 @@
 """Why an operator's connection ends: WebSocket close codes with reasons that a person can read.
 
-The table in docs/reference/protocols.md is the contract; the short names stand in logs and metrics.
+The site's page "Codes" is made from these functions; the short names stand in logs and metrics.
 """
 
 from __future__ import annotations
@@ -47,19 +47,19 @@ def client_vanished(robot: str) -> CloseReason:
 
 
 def relay_stopping() -> CloseReason:
-    """The relay is asked to stop."""
+    """The relay stops; connect again."""
     return CloseReason(1001, "relay_stopping", "the relay is stopping; connect again in a moment")
 
 
 def message_too_big(limit_bytes: int, sender: str) -> CloseReason:
-    """Somebody sent more in one message than the limit."""
+    """A message was over `MESSAGE_LIMIT_MB` (10) from either side, or over 64 KB from an observer."""
     small = limit_bytes < MEGABYTE
     limit = f"{limit_bytes / 1024:g} KB" if small else f"{limit_bytes / MEGABYTE:g} MB"
     return CloseReason(1009, "message_too_big", f"{sender} sent a message over {limit}")
 
 
 def protocol_broken(sender: str) -> CloseReason:
-    """Somebody sent what is not WebSocket."""
+    """One side sent what is not WebSocket."""
     return CloseReason(1002, "protocol_broken", f"{sender} broke the WebSocket protocol")
 
 
@@ -69,23 +69,26 @@ def relay_failed() -> CloseReason:
 
 
 def rights_ended(robot: str) -> CloseReason:
-    """Grant, user or robot went away or changed."""
+    """Grant, user, login or token ended, or policy, drive topics or `max_age_ms` changed.
+
+    A new ticket shows what is left.
+    """
     return CloseReason(4001, "rights_ended", f"your rights on robot {robot} have ended or changed")
 
 
 def superseded(robot: str) -> CloseReason:
-    """The same user drives with a newer connection."""
+    """This user's newer drive connection took over."""
     return CloseReason(4002, "superseded", f"a newer connection of yours drives robot {robot} now")
 
 
 def robot_stopped(robot: str, by: str, at: datetime) -> CloseReason:
-    """Somebody stopped the robot."""
+    """The robot was stopped (drive connections only)."""
     why = f"{stopped_sentence(robot, by, at)}; a driver must release it"
     return CloseReason(4003, "robot_stopped", why)
 
 
 def lease_held(robot: str, by: str, since: datetime | None) -> CloseReason:
-    """Somebody else drives, or is about to."""
+    """Another user drives, or has control reserved."""
     if since is None:
         return CloseReason(
             4009, "lease_held", f"control of {robot} is reserved for {by}; wait a moment"
@@ -96,36 +99,36 @@ def lease_held(robot: str, by: str, since: datetime | None) -> CloseReason:
 
 
 def lease_lost(robot: str, to: str) -> CloseReason:
-    """The control was handed over, passed on or taken."""
+    """Control passed to another user: handed over, passed on or taken."""
     return CloseReason(4010, "lease_lost", f"{to} controls {robot} now")
 
 
 def lease_unavailable(robot: str) -> CloseReason:
-    """The database, which numbers drives, does not answer."""
+    """The database, which numbers leases, does not answer."""
     why = f"cannot let you drive {robot}: the database does not answer; try again shortly"
     return CloseReason(4510, "lease_unavailable", why)
 
 
 def client_silent(robot: str, limit_s: float) -> CloseReason:
-    """Neither pong nor message came in time."""
+    """No pong or message for 6 s (pings every 2 s); on a drive connection 2.5 s (every 0.2 s)."""
     why = f"you sent nothing for {limit_s:g} s; the connection to {robot} is closed"
     return CloseReason(4408, "client_silent", why)
 
 
 def client_slow(robot: str, limit_s: float) -> CloseReason:
-    """The operator does not take what the robot sends."""
+    """The client read nothing for 10 s."""
     return CloseReason(
         4413, "client_slow", f"you did not read what robot {robot} sent for {limit_s:g} s"
     )
 
 
 def client_floods(robot: str) -> CloseReason:
-    """The client sends far more than it may, and does not stop."""
+    """The client sent far more than its limits for 3 s."""
     return CloseReason(1008, "client_floods", f"you sent robot {robot} too much for too long")
 
 
 def too_many_connections(why: str) -> CloseReason:
-    """The user has, or the robot has, as many connections as may be."""
+    """32 connections of a user or 64 observers of a robot are open; for video 32 of a user, 64 of a robot."""
     return CloseReason(4429, "too_many_connections", why)
 
 
@@ -135,28 +138,28 @@ def robot_offline(robot: str, since: datetime | None, now: datetime) -> CloseRea
 
 
 def rosbridge_down(robot: str, why: str) -> CloseReason:
-    """The tunnel is there, rosbridge is not."""
+    """The robot is online, but rosbridge does not answer."""
     return CloseReason(4504, "rosbridge_down", f"rosbridge on robot {robot} does not answer: {why}")
 
 
 def video_down(robot: str, why: str) -> CloseReason:
-    """The tunnel is there, the robot's media service is not."""
+    """The robot's video service cannot be reached."""
     return CloseReason(4506, "video_down", f"video of {robot} is down: {why}")
 
 
 def frames_unknown(robot: str) -> CloseReason:
-    """The robot's agent is from before the frames protocol; clients look for the first word."""
+    """The robot's agent has no frames service; clients look for the first word of the reason."""
     why = f"frames_unknown: {robot} has no frames service; upgrade its agent"
     return CloseReason(4506, "video_down", why)
 
 
 def frames_broken(why: str) -> CloseReason:
-    """A viewer sent what is not the frames protocol."""
+    """A viewer broke the frames protocol, or sent over 200 messages a second."""
     return CloseReason(1002, "protocol_broken", f"you broke the frames protocol: {why}")
 
 
 def link_lost(robot: str) -> CloseReason:
-    """The tunnel went away during the connection."""
+    """The tunnel went down during the connection."""
     return CloseReason(4505, "link_lost", f"the link to robot {robot} is lost")
 
 
