@@ -17,7 +17,10 @@ class Problem(Exception):  # noqa: N818 - the word of RFC 9457 for what it rende
 
     def __init_subclass__(cls, *, code: str = "", status: int = 0) -> None:
         """What is not given is as in the class above."""
-        cls.code, cls.status = code or cls.code, status or cls.status
+        if code:
+            cls.code = code
+        if status:
+            cls.status = status
 
     def __init__(self, detail: str) -> None:
         super().__init__(detail)

@@ -1,58 +1,279 @@
-"""The settings in force: frozen objects for web, relay, migrate and the cli, one group a need.
+"""The settings of web, relay, migrate and the command: frozen objects, read once from the environment.
 
-Made once at a start from the environment, which nothing else reads. Each part demands only the
-variables that it needs, so no part holds another's secrets. Must never print a secret.
+`VARIABLES` has every variable with its meaning, what is allowed and its default; a field names the one that it is read
+from. Each part demands only the variables that it needs, so no part holds another's secrets. No secret has a default,
+and none is ever printed.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Any, NamedTuple, TypeVar, get_origin, get_type_hints
 
-from robotether_server import variables as v
 from robotether_server.problems import SettingsError
+
+T = TypeVar("T")
 
 MASK = "********"
 BYTES_PER_MB = 1024 * 1024
+HIGHEST_PORT = 65535
+LOWEST_FREE_PORT = 1024
+MIN_KEY_LENGTH = 32
+
+
+class Kind(NamedTuple):
+    """What a variable holds: a phrase for people, and the parser, which raises ValueError for all else."""
+
+    allowed: str
+    parse: Callable[[str], Any]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of the environment. Default None: it must be set. A secret may come from the file in NAME_FILE."""
+
+    name: str
+    meaning: str
+    kind: Kind
+    default: str | None = None
+    secret: bool = False
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, for people."""
+        return self.kind.allowed
+
+    def read(self, environ: Mapping[str, str]) -> Any:
+        """Return the value in force; raise SettingsError, which never shows a secret."""
+        text = self.text(environ)
+        if text is None:
+            also = f" or {self.name}_FILE" if self.secret else ""
+            raise SettingsError(
+                f"cannot start without {self.name} ({self.meaning}): set it{also}; "
+                f"allowed is {self.allowed}"
+            )
+        try:
+            return self.kind.parse(text)
+        except ValueError as error:
+            what = f"the secret in {self.name}" if self.secret else f"{self.name}={text!r}"
+            # The error of a parser has the value, and a traceback would print it.
+            raise SettingsError(f"cannot use {what}: allowed is {self.allowed}") from (
+                None if self.secret else error
+            )
+
+    def text(self, environ: Mapping[str, str]) -> str | None:
+        """Return the value as it was written; None: there is none. An empty variable counts as unset."""
+        given = environ.get(self.name)
+        path = environ.get(f"{self.name}_FILE") if self.secret else None
+        if given and path:
+            raise SettingsError(
+                f"cannot decide which to use: both {self.name} and {self.name}_FILE are set; keep one"
+            )
+        return given or (self._from_file(path) if path else self.default)
+
+    def _from_file(self, path: str) -> str:
+        try:
+            return Path(path).read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise SettingsError(
+                f"cannot read {self.name}_FILE={path!r}: {error}; it must be a readable text file"
+            ) from error
+
+
+def whole(lowest: int, highest: int, unit: str = "") -> Kind:
+    """Whole numbers from `lowest` to `highest`."""
+
+    def parse(text: str) -> int:
+        value = int(text)
+        if not lowest <= value <= highest:
+            raise ValueError(text)
+        return value
+
+    return Kind(f"{lowest} to {highest}" + (f" ({unit})" if unit else ""), parse)
+
+
+def matching(pattern: str, allowed: str) -> Kind:
+    """Texts that match `pattern` as a whole; an empty one is read as None."""
+
+    def parse(text: str) -> str | None:
+        if not re.fullmatch(pattern, text):
+            raise ValueError(text)
+        return text or None
+
+    return Kind(allowed, parse)
+
+
+def _parse_endpoint(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    return matching("[A-Za-z0-9.-]+", "").parse(host), PORT.parse(port)
+
+
+def _parse_origins(text: str) -> tuple[str, ...]:
+    origin = matching(r"https?://[a-z0-9.-]+(:[0-9]{1,5})?", "")
+    return tuple(origin.parse(part.strip()) for part in text.split(",") if part.strip())
+
+
+HOST = matching("[A-Za-z0-9.:-]+", "a host name")
+PORT = whole(1, HIGHEST_PORT)
+FREE_PORT = whole(LOWEST_FREE_PORT, HIGHEST_PORT)
+MEGABYTES = Kind("1 to 100 (megabytes)", lambda text: whole(1, 100).parse(text) * BYTES_PER_MB)
+HOURS = whole(1, 720, "hours")
+KEY = matching(rf"\S{{{MIN_KEY_LENGTH},}}", f"at least {MIN_KEY_LENGTH} characters without spaces")
+PATH = Kind("a path", Path)
+YES_OR_NO = Kind("no or yes", lambda text: matching("yes|no", "").parse(text) == "yes")
+ENDPOINT = Kind("host:port", _parse_endpoint)
+PORTS = Kind(
+    "port numbers with commas between",
+    lambda text: tuple(PORT.parse(part) for part in text.split(",")),
+)
+ORIGINS = Kind(
+    "origins such as https://lab.example with commas between, or empty: this site only",
+    _parse_origins,
+)
+HOST_OR_EMPTY = matching(
+    "[A-Za-z0-9.:-]*", "a host name, or empty: the one that each request went to"
+)
+PASSWORD_OR_EMPTY = matching(
+    r"(\S{12,})?",
+    "at least 12 characters without spaces, or empty: web makes one and prints it once",
+)
+
+_TABLE = (
+    Variable("DB_HOST", "host of the database", HOST, "mysql"),
+    Variable("DB_PORT", "port of the database", PORT, "3306"),
+    Variable(
+        "DB_NAME", "name of the database", matching("[a-z0-9_]+", "a-z, 0-9 and _"), "robotether"
+    ),
+    Variable(
+        "DB_USER",
+        "account of this part in the database",
+        matching("[a-z_]+", "web, relay or migrate"),
+    ),
+    Variable(
+        "DB_PASSWORD",
+        "password of that account",
+        matching(r"\S+", "a text without spaces"),
+        secret=True,
+    ),
+    Variable("TICKET_KEY", "signs tickets; web and relay share it", KEY, secret=True),
+    Variable(
+        "TICKET_TTL_S", "how long a ticket opens a connection", whole(5, 300, "seconds"), "30"
+    ),
+    Variable("WEB_SECRET_KEY", "signs the forms of the pages; web only", KEY, secret=True),
+    Variable("SESSION_KEY", "proves sshd to the relay; both share it", KEY, secret=True),
+    Variable(
+        "ADMIN_PASSWORD",
+        "password of the first admin, whom web makes when there is no user",
+        PASSWORD_OR_EMPTY,
+        "",
+        secret=True,
+    ),
+    Variable("LOGIN_TTL_H", "how long a login lasts", HOURS, "12"),
+    Variable("LOGIN_IDLE_H", "how long an unused login lasts", HOURS, "4"),
+    Variable(
+        "PUBLIC_HOST",
+        "name or address under which robots and people reach this site",
+        HOST_OR_EMPTY,
+        "",
+    ),
+    Variable("PUBLIC_PORT", "port under which this site is reached at PUBLIC_HOST", PORT, "443"),
+    Variable(
+        "TLS_FRONT", "where web reads the certificate that this site shows", ENDPOINT, "nginx:8443"
+    ),
+    Variable(
+        "AGENT_FILES_DIR",
+        "folder of the installer, the agent's wheel and their manifest",
+        PATH,
+        "/usr/share/robotether/agent",
+    ),
+    Variable("SSH_PORTS", "ports at which robots reach sshd, the best first", PORTS, "2222,443"),
+    Variable(
+        "SSH_HOST_KEYS_DIR", "folder of sshd's public host keys (*.pub)", PATH, "/ssh_host_keys"
+    ),
+    Variable("TUNNEL_HOST", "host where the robots' forwarded ports listen", HOST, "sshd"),
+    Variable("MESSAGE_LIMIT_MB", "largest rosbridge message", MEGABYTES, "10"),
+    Variable("ALLOWED_ORIGINS", "other sites whose pages may connect to robots", ORIGINS, ""),
+    Variable(
+        "DIRECT_PORTS",
+        "whether robots accept connections to their published ports, past the relay",
+        YES_OR_NO,
+        "no",
+    ),
+    Variable("MAX_PENDING", "how many unknown robots may wait for approval", whole(0, 10000), "50"),
+    Variable(
+        "JOIN_POLICY",
+        "what a robot without a token needs to join",
+        matching("approve|first-key|token-only", "approve, first-key or token-only"),
+        "approve",
+    ),
+    Variable(
+        "ALLOW_LOCAL_MACS",
+        "whether a robot that no admin announced may have a locally administered MAC",
+        YES_OR_NO,
+        "no",
+    ),
+    Variable("PORT_RANGE_FIRST", "first port allotted to robots", FREE_PORT, "20000"),
+    Variable("PORT_RANGE_LAST", "last port allotted to robots, two a robot", FREE_PORT, "23999"),
+    Variable("SHELL_PORT_FIRST", "first port allotted to robots' shells", FREE_PORT, "24000"),
+    Variable(
+        "SHELL_PORT_LAST", "last port allotted to robots' shells, one a robot", FREE_PORT, "25999"
+    ),
+    Variable(
+        "AUDIT_DAYS",
+        "for how many days audit log, drives and sessions are kept; 0: for ever",
+        whole(0, 36500),
+        "365",
+    ),
+    Variable("MIGRATIONS_DIR", "folder of the migrations", PATH, "/usr/share/robotether/sql"),
+    Variable(
+        "LOG_LEVEL",
+        "what is logged",
+        matching("debug|info|warning|error", "debug, info, warning or error"),
+        "info",
+    ),
+)
+VARIABLES = {one.name: one for one in _TABLE}
 
 
 @dataclass(frozen=True)
 class DatabaseSettings:
     """Where MariaDB is, and which account to use."""
 
-    host: str
-    port: int
-    name: str
-    user: str
-    password: str = field(repr=False)
+    host: Annotated[str, "DB_HOST"]
+    port: Annotated[int, "DB_PORT"]
+    name: Annotated[str, "DB_NAME"]
+    user: Annotated[str, "DB_USER"]
+    password: Annotated[str, "DB_PASSWORD"] = field(repr=False)
 
 
 @dataclass(frozen=True)
 class TicketSettings:
     """What web signs tickets with, and the relay checks them with."""
 
-    key: str = field(repr=False)
-    ttl_s: int
+    key: Annotated[str, "TICKET_KEY"] = field(repr=False)
+    ttl_s: Annotated[int, "TICKET_TTL_S"]
 
 
 @dataclass(frozen=True)
 class JoinSettings:
     """How robots join, and where they connect. `public_host` None: the host of their request."""
 
-    policy: str
-    max_pending: int
-    public_host: str | None
-    ssh_ports: tuple[int, ...]
-    ssh_host_keys_dir: Path
-    allow_local_macs: bool
+    policy: Annotated[str, "JOIN_POLICY"]
+    max_pending: Annotated[int, "MAX_PENDING"]
+    public_host: Annotated[str | None, "PUBLIC_HOST"]
+    ssh_ports: Annotated[tuple[int, ...], "SSH_PORTS"]
+    ssh_host_keys_dir: Annotated[Path, "SSH_HOST_KEYS_DIR"]
+    allow_local_macs: Annotated[bool, "ALLOW_LOCAL_MACS"]
 
 
 @dataclass(frozen=True)
 class SiteAddressSettings:
     """How this site looks from outside. `public_host` None: the host that each request went to."""
 
-    public_host: str | None
-    public_port: int
-    tls_front: tuple[str, int]
+    public_host: Annotated[str | None, "PUBLIC_HOST"]
+    public_port: Annotated[int, "PUBLIC_PORT"]
+    tls_front: Annotated[tuple[str, int], "TLS_FRONT"]
 
 
 @dataclass(frozen=True)
@@ -63,14 +284,14 @@ class WebSettings:
     tickets: TicketSettings
     join: JoinSettings
     site_address: SiteAddressSettings
-    agent_files_dir: Path
-    secret_key: str = field(repr=False)
-    login_ttl_h: int
-    login_idle_h: int
-    log_level: str
-    allowed_origins: tuple[str, ...] = ()
+    agent_files_dir: Annotated[Path, "AGENT_FILES_DIR"]
+    secret_key: Annotated[str, "WEB_SECRET_KEY"] = field(repr=False)
+    login_ttl_h: Annotated[int, "LOGIN_TTL_H"]
+    login_idle_h: Annotated[int, "LOGIN_IDLE_H"]
+    log_level: Annotated[str, "LOG_LEVEL"]
+    allowed_origins: Annotated[tuple[str, ...], "ALLOWED_ORIGINS"] = ()
     # None: web makes one.
-    admin_password: str | None = field(default=None, repr=False)
+    admin_password: Annotated[str | None, "ADMIN_PASSWORD"] = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -79,145 +300,72 @@ class RelaySettings:
 
     database: DatabaseSettings
     tickets: TicketSettings
-    session_key: str = field(repr=False)
-    tunnel_host: str
-    public_host: str | None
-    allowed_origins: tuple[str, ...]
-    message_limit_bytes: int
-    log_level: str
+    session_key: Annotated[str, "SESSION_KEY"] = field(repr=False)
+    tunnel_host: Annotated[str, "TUNNEL_HOST"]
+    public_host: Annotated[str | None, "PUBLIC_HOST"]
+    allowed_origins: Annotated[tuple[str, ...], "ALLOWED_ORIGINS"]
+    message_limit_bytes: Annotated[int, "MESSAGE_LIMIT_MB"]
+    log_level: Annotated[str, "LOG_LEVEL"]
     # Robots' ports are published too (compose's service direct): their guards take connections without a key.
-    direct: bool = False
+    direct: Annotated[bool, "DIRECT_PORTS"] = False
 
 
 @dataclass(frozen=True)
 class MigrateSettings:
-    """All that migrate needs."""
+    """All that migrate needs; each range must hold what a robot gets of it, and no port of the other."""
 
     database: DatabaseSettings
-    migrations_dir: Path
-    port_range_first: int
-    port_range_last: int
-    shell_port_first: int
-    shell_port_last: int
-    audit_days: int = 365
+    migrations_dir: Annotated[Path, "MIGRATIONS_DIR"]
+    port_range_first: Annotated[int, "PORT_RANGE_FIRST"]
+    port_range_last: Annotated[int, "PORT_RANGE_LAST"]
+    shell_port_first: Annotated[int, "SHELL_PORT_FIRST"]
+    shell_port_last: Annotated[int, "SHELL_PORT_LAST"]
+    audit_days: Annotated[int, "AUDIT_DAYS"] = 365
+
+    def __post_init__(self) -> None:
+        """Raise SettingsError for ranges that do not fit."""
+        if self.port_range_last <= self.port_range_first:
+            raise SettingsError(
+                f"cannot use PORT_RANGE_LAST={self.port_range_last}: "
+                f"allowed is more than PORT_RANGE_FIRST={self.port_range_first}"
+            )
+        if self.shell_port_last < self.shell_port_first:
+            raise SettingsError(
+                f"cannot use SHELL_PORT_LAST={self.shell_port_last}: "
+                f"allowed is SHELL_PORT_FIRST={self.shell_port_first} or more"
+            )
+        if (
+            self.shell_port_first <= self.port_range_last
+            and self.port_range_first <= self.shell_port_last
+        ):
+            raise SettingsError(
+                f"cannot use SHELL_PORT_FIRST={self.shell_port_first} and "
+                f"SHELL_PORT_LAST={self.shell_port_last}: allowed are ports outside "
+                f"PORT_RANGE_FIRST={self.port_range_first} to PORT_RANGE_LAST={self.port_range_last}"
+            )
 
 
-def load_database(environ: Mapping[str, str]) -> DatabaseSettings:
-    """Read what every part needs."""
-    return DatabaseSettings(
-        host=v.DB_HOST.read(environ),
-        port=v.DB_PORT.read(environ),
-        name=v.DB_NAME.read(environ),
-        user=v.DB_USER.read(environ),
-        password=v.DB_PASSWORD.read(environ),
-    )
-
-
-def load_tickets(environ: Mapping[str, str]) -> TicketSettings:
-    """Read what web and relay share."""
-    return TicketSettings(key=v.TICKET_KEY.read(environ), ttl_s=v.TICKET_TTL_S.read(environ))
-
-
-def load_join(environ: Mapping[str, str]) -> JoinSettings:
-    """Read how robots join."""
-    return JoinSettings(
-        policy=v.JOIN_POLICY.read(environ),
-        max_pending=v.MAX_PENDING.read(environ),
-        public_host=v.PUBLIC_HOST.read(environ) or None,
-        ssh_ports=v.SSH_PORTS.read(environ),
-        ssh_host_keys_dir=v.SSH_HOST_KEYS_DIR.read(environ),
-        allow_local_macs=v.ALLOW_LOCAL_MACS.read(environ),
-    )
-
-
-def load_site_address(environ: Mapping[str, str]) -> SiteAddressSettings:
-    """Read what the line that installs a robot needs."""
-    return SiteAddressSettings(
-        public_host=v.PUBLIC_HOST.read(environ) or None,
-        public_port=v.PUBLIC_PORT.read(environ),
-        tls_front=v.TLS_FRONT.read(environ),
-    )
-
-
-def load_web(environ: Mapping[str, str]) -> WebSettings:
-    """Read what web needs."""
-    return WebSettings(
-        database=load_database(environ),
-        tickets=load_tickets(environ),
-        join=load_join(environ),
-        site_address=load_site_address(environ),
-        agent_files_dir=v.AGENT_FILES_DIR.read(environ),
-        secret_key=v.WEB_SECRET_KEY.read(environ),
-        login_ttl_h=v.LOGIN_TTL_H.read(environ),
-        login_idle_h=v.LOGIN_IDLE_H.read(environ),
-        log_level=v.LOG_LEVEL.read(environ),
-        allowed_origins=v.ALLOWED_ORIGINS.read(environ),
-        admin_password=v.ADMIN_PASSWORD.read(environ) or None,
-    )
-
-
-def load_relay(environ: Mapping[str, str]) -> RelaySettings:
-    """Read what the relay needs."""
-    return RelaySettings(
-        database=load_database(environ),
-        tickets=load_tickets(environ),
-        session_key=v.SESSION_KEY.read(environ),
-        tunnel_host=v.TUNNEL_HOST.read(environ),
-        public_host=v.PUBLIC_HOST.read(environ) or None,
-        allowed_origins=v.ALLOWED_ORIGINS.read(environ),
-        message_limit_bytes=v.MESSAGE_LIMIT_MB.read(environ) * BYTES_PER_MB,
-        log_level=v.LOG_LEVEL.read(environ),
-        direct=v.DIRECT_PORTS.read(environ),
-    )
-
-
-def load_migrate(environ: Mapping[str, str]) -> MigrateSettings:
-    """Read what migrate needs; each range must hold what a robot gets of it, and no port of the other."""
-    settings = MigrateSettings(
-        database=load_database(environ),
-        migrations_dir=v.MIGRATIONS_DIR.read(environ),
-        port_range_first=v.PORT_RANGE_FIRST.read(environ),
-        port_range_last=v.PORT_RANGE_LAST.read(environ),
-        shell_port_first=v.SHELL_PORT_FIRST.read(environ),
-        shell_port_last=v.SHELL_PORT_LAST.read(environ),
-        audit_days=v.AUDIT_DAYS.read(environ),
-    )
-    _check_ranges(settings)
-    return settings
-
-
-def _check_ranges(settings: MigrateSettings) -> None:
-    if settings.port_range_last <= settings.port_range_first:
-        raise SettingsError(
-            f"cannot use PORT_RANGE_LAST={settings.port_range_last}: "
-            f"allowed is more than PORT_RANGE_FIRST={settings.port_range_first}"
+def load(kind: type[T], environ: Mapping[str, str]) -> T:
+    """Read the settings of this kind, such as WebSettings; raise SettingsError."""
+    read: dict[str, object] = {}
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        read[name] = (
+            VARIABLES[hint.__metadata__[0]].read(environ)
+            if get_origin(hint) is Annotated
+            else load(hint, environ)
         )
-    if settings.shell_port_last < settings.shell_port_first:
-        raise SettingsError(
-            f"cannot use SHELL_PORT_LAST={settings.shell_port_last}: "
-            f"allowed is SHELL_PORT_FIRST={settings.shell_port_first} or more"
-        )
-    if (
-        settings.shell_port_first <= settings.port_range_last
-        and settings.port_range_first <= settings.shell_port_last
-    ):
-        raise SettingsError(
-            f"cannot use SHELL_PORT_FIRST={settings.shell_port_first} and "
-            f"SHELL_PORT_LAST={settings.shell_port_last}: allowed are ports outside "
-            f"PORT_RANGE_FIRST={settings.port_range_first} to PORT_RANGE_LAST={settings.port_range_last}"
-        )
+    return kind(**read)
 
 
 def in_force(environ: Mapping[str, str]) -> dict[str, str]:
-    """Return every variable with its value, secrets masked; an unset one says so."""
-    return {variable.name: _shown(variable, environ) for variable in v.VARIABLES}
+    """Return every variable with its value, secrets masked; an unset one says so. Raises SettingsError."""
+    return {variable.name: _shown(variable, environ) for variable in VARIABLES.values()}
 
 
-def _shown(variable: v.Variable[object], environ: Mapping[str, str]) -> str:
-    if not variable.is_set(environ):
-        return "(not set)"
-    variable.read(environ)
+def _shown(variable: Variable, environ: Mapping[str, str]) -> str:
     text = variable.text(environ)
-    if variable.secret:
-        return MASK if text else "(not set)"
-    return text
+    if text is not None:
+        variable.read(environ)
+    if text is None or (variable.secret and not text):
+        return "(not set)"
+    return MASK if variable.secret else text

@@ -10,11 +10,10 @@ import pytest
 import yaml
 from robotether_agent import __version__ as agent_version
 from robotether_server import __version__ as server_version
-from robotether_server.variables import VARIABLES
+from robotether_server.settings import VARIABLES
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE = ROOT / "compose"
-KNOWN = {variable.name: variable for variable in VARIABLES}
 # Derived when empty: from the published ports, from this checkout's version; or no file.
 DERIVED = {"SSH_PORTS", "PUBLIC_PORT", "TAG", "TLS_CERT_FILE", "TLS_KEY_FILE", "CA_BUNDLE"}
 READ_BY_COMPOSE = {"COMPOSE_PROFILES"}
@@ -93,14 +92,14 @@ def test_defaults_are_the_same_everywhere(name: str) -> None:
     assert comment, f"{name} has no explanation"
     if name not in DERIVED:
         assert used()[name] == {default}
-        if name in KNOWN:
-            assert KNOWN[name].default == default
+        if name in VARIABLES:
+            assert VARIABLES[name].default == default
 
 
-@pytest.mark.parametrize("name", sorted(set(example()) & set(KNOWN)))
+@pytest.mark.parametrize("name", sorted(set(example()) & set(VARIABLES)))
 def test_example_says_what_is_allowed(name: str) -> None:
     """The range that the server accepts stands in the explanation."""
-    allowed = re.match(r"\d+ to \d+", KNOWN[name].allowed)
+    allowed = re.match(r"\d+ to \d+", VARIABLES[name].allowed)
     if allowed:
         assert allowed[0] in example()[name][1]
 
@@ -108,13 +107,15 @@ def test_example_says_what_is_allowed(name: str) -> None:
 @pytest.mark.parametrize(("service", "variable"), environments())
 def test_server_reads_what_compose_sets(service: str, variable: str) -> None:
     """No service gets a variable that no program knows, such as a misspelt one."""
-    assert variable.removesuffix("_FILE") in KNOWN
+    assert variable.removesuffix("_FILE") in VARIABLES
 
 
 def test_every_setting_can_be_set() -> None:
     """Whatever the server's settings know is set in compose.yaml, or is a fixed place inside the image."""
     inside = {"AGENT_FILES_DIR", "SSH_HOST_KEYS_DIR", "MIGRATIONS_DIR"}
-    assert {variable.removesuffix("_FILE") for _, variable in environments()} == set(KNOWN) - inside
+    assert {variable.removesuffix("_FILE") for _, variable in environments()} == set(
+        VARIABLES
+    ) - inside
 
 
 def test_everything_has_one_version() -> None:

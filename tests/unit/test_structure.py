@@ -44,7 +44,7 @@ AGENT_MAY_IMPORT = {
     "guard": {"base", "guard"},
     "video": {"base", "video"},
 }
-FOUNDATION = ("problems", "settings", "variables", "tickets", "macs", "ssh_keys")
+FOUNDATION = ("problems", "settings", "tickets", "macs", "ssh_keys")
 
 
 @cache
@@ -224,7 +224,6 @@ BANNED_VERBS = {"hear", "look", "stand", "take", "tell"}
 ALLOWED = {
     ("JournalFormatter", "robotether_agent/log.py"): "systemd's journal",
     ("SWITCHING_PROTOCOLS", "sim_robot/healthcheck.py"): "HTTP's name of status 101",
-    ("TLS_FRONT", "robotether_server/variables.py"): "a variable of the environment",
     ("_check_authority", "doctor/server.py"): "a certificate authority",
     ("authority", "net/http_proxy.py"): "host and port, in RFC 3986",
     ("authority", "robotether_server/install_line.py"): "host and port, in RFC 3986",

@@ -20,10 +20,11 @@ from typing import Any
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from robotether_server import problems, variables
+from robotether_server import problems
 from robotether_server.api import description
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.rosbridge.message_validator import OPERATIONS
+from robotether_server.settings import VARIABLES, Variable
 
 ROOT = Path(__file__).resolve().parents[2]
 OUTWARD = re.compile(r"\[([^\]]*)\]\(((?:\.\./)+[^)#\s]*)(?:#[^)]*)?\)")
@@ -95,10 +96,9 @@ def front_page() -> str:
 
 def server_settings() -> str:
     """Return the table of the server's variables."""
-    rows = [one for _, one in inspect.getmembers(variables) if isinstance(one, variables.Variable)]
     lines = [
         f"| `{one.name}` | {_cell(one.meaning)} | {_cell(one.allowed)} | {_default(one)} |"
-        for one in sorted(rows, key=lambda one: one.name)
+        for one in sorted(VARIABLES.values(), key=lambda one: one.name)
     ]
     return "\n".join(
         (
@@ -280,7 +280,7 @@ BOUNDS = {
 }
 
 
-def _default(one: variables.Variable[Any]) -> str:
+def _default(one: Variable) -> str:
     if one.secret:
         return "a secret" if one.default is None else "a secret, or empty"
     if one.default is None:

@@ -31,7 +31,7 @@ class NotDone(Problem):
 
 def open_database() -> Database:
     """Return the database that the environment names."""
-    return Database(settings.load_database(os.environ))
+    return Database(settings.load(settings.DatabaseSettings, os.environ))
 
 
 def agree(action: str, question: str, without_terminal: str) -> None:

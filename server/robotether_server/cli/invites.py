@@ -112,7 +112,7 @@ def delete(name: str) -> None:
 
 def _site(host: str | None) -> tuple[SiteCertificates, str]:
     """Return the certificates, and the address for robots; --host wins over PUBLIC_HOST."""
-    loaded = settings.load_site_address(os.environ)
+    loaded = settings.load(settings.SiteAddressSettings, os.environ)
     if host is None:
         if loaded.public_host is None:
             raise NotDone(

@@ -71,7 +71,7 @@ def show_settings() -> None:
 @cli.command("migrate")
 def run_migrate() -> None:
     """Bring the database up to date: schema and ports."""
-    loaded = settings.load_migrate(os.environ)
+    loaded = settings.load(settings.MigrateSettings, os.environ)
     applied = migrate.migrate(loaded)
     click.echo(f"applied: {', '.join(applied) or 'nothing was missing'}")
     click.echo(f"ports for robots: {loaded.port_range_first} to {loaded.port_range_last}")
@@ -80,7 +80,7 @@ def run_migrate() -> None:
 @cli.command("web")
 def run_web() -> None:
     """Serve pages and API on port 8000, after making the first admin where there is no user."""
-    loaded = settings.load_web(os.environ)
+    loaded = settings.load(settings.WebSettings, os.environ)
     ensure_first_admin(loaded)
     arguments = [*GUNICORN, f"--log-level={loaded.log_level}", APPLICATION]
     # In place of this process, so that the engine's signals reach gunicorn itself.

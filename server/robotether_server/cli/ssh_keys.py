@@ -76,7 +76,7 @@ def print_ssh_config(user_name: str, host: str | None) -> None:
     One Host entry a robot whose shell the person may reach. With it, ssh NAME, scp, rsync, Ansible and
     `robotether fleet` reach robots behind NAT.
     """
-    join = settings.load_join(os.environ)
+    join = settings.load(settings.JoinSettings, os.environ)
     where = host or join.public_host
     if where is None:
         raise NotDone(

@@ -48,7 +48,7 @@ from robotether_server.relay.video.feeds import Feeds
 from robotether_server.relay.video.frames_handler import FramesHandler
 from robotether_server.relay.video.handler import VideoHandler
 from robotether_server.relay.video.viewers import VideoContext
-from robotether_server.settings import RelaySettings, load_relay
+from robotether_server.settings import RelaySettings, load
 from robotether_server.tickets import TicketSigner
 
 log = logging.getLogger(__name__)
@@ -305,7 +305,7 @@ class Relay:
 def main() -> None:
     """Run until SIGTERM or SIGINT."""
     try:
-        settings = load_relay(os.environ)
+        settings = load(RelaySettings, os.environ)
     except SettingsError as problem:
         sys.exit(problem.detail)
     logging.basicConfig(level=settings.log_level.upper(), format=LOG_FORMAT)

@@ -15,7 +15,7 @@ from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
 from robotether_server.install_line import SiteCertificates
 from robotether_server.problems import OriginRefused
-from robotether_server.settings import WebSettings, load_web
+from robotether_server.settings import WebSettings, load
 from robotether_server.tickets import TicketSigner
 from robotether_server.web import admin, current_user, errors, page_texts
 from robotether_server.web.pages import (
@@ -116,7 +116,7 @@ def create_app(settings: WebSettings) -> Flask:
 
 def make_app() -> Flask:
     """Read the environment, and return the application: for gunicorn, started by `robotether web`."""
-    loaded = load_web(os.environ)
+    loaded = load(WebSettings, os.environ)
     logging.basicConfig(
         level=loaded.log_level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import traceback
 from pathlib import Path
 
 import pytest
-from robotether_server import settings
 from robotether_server.problems import SettingsError
+from robotether_server.settings import (
+    MASK,
+    VARIABLES,
+    DatabaseSettings,
+    MigrateSettings,
+    RelaySettings,
+    Variable,
+    WebSettings,
+    in_force,
+    load,
+)
 
 KEY = "k" * 32
+PASSWORD = VARIABLES["DB_PASSWORD"]
 DATABASE = {"DB_USER": "web", "DB_PASSWORD": "s3cret-of-web"}
 WEB = DATABASE | {"TICKET_KEY": KEY, "WEB_SECRET_KEY": "x" * 32}
 RELAY = DATABASE | {"TICKET_KEY": KEY, "SESSION_KEY": "y" * 32}
@@ -17,7 +28,7 @@ RELAY = DATABASE | {"TICKET_KEY": KEY, "SESSION_KEY": "y" * 32}
 
 def test_defaults_are_the_documented_ones() -> None:
     """With nothing but secrets and the account, everything else has its default."""
-    web = settings.load_web(WEB)
+    web = load(WebSettings, WEB)
     assert (web.database.host, web.database.port, web.database.name) == (
         "mysql",
         3306,
@@ -33,29 +44,30 @@ def test_defaults_are_the_documented_ones() -> None:
     assert web.site_address.tls_front == ("nginx", 8443)
     assert web.agent_files_dir == Path("/usr/share/robotether/agent")
     assert web.allowed_origins == ()
-    relay = settings.load_relay(RELAY)
+    relay = load(RelaySettings, RELAY)
     assert (relay.tunnel_host, relay.allowed_origins) == ("sshd", ())
     assert relay.message_limit_bytes == 10 * 1024 * 1024
-    migrate = settings.load_migrate(DATABASE)
+    migrate = load(MigrateSettings, DATABASE)
     assert (migrate.port_range_first, migrate.port_range_last) == (20000, 23999)
     assert (migrate.shell_port_first, migrate.shell_port_last) == (24000, 25999)
+    assert migrate.audit_days == 365
     assert migrate.migrations_dir == Path("/usr/share/robotether/sql")
 
 
 @pytest.mark.parametrize(
-    ("load", "environ", "missing"),
+    ("kind", "environ", "missing"),
     [
-        (settings.load_database, DATABASE, "DB_USER"),
-        (settings.load_database, DATABASE, "DB_PASSWORD"),
-        (settings.load_web, WEB, "TICKET_KEY"),
-        (settings.load_web, WEB, "WEB_SECRET_KEY"),
-        (settings.load_relay, RELAY, "TICKET_KEY"),
-        (settings.load_relay, RELAY, "SESSION_KEY"),
-        (settings.load_migrate, DATABASE, "DB_PASSWORD"),
+        (DatabaseSettings, DATABASE, "DB_USER"),
+        (DatabaseSettings, DATABASE, "DB_PASSWORD"),
+        (WebSettings, WEB, "TICKET_KEY"),
+        (WebSettings, WEB, "WEB_SECRET_KEY"),
+        (RelaySettings, RELAY, "TICKET_KEY"),
+        (RelaySettings, RELAY, "SESSION_KEY"),
+        (MigrateSettings, DATABASE, "DB_PASSWORD"),
     ],
 )
 def test_missing_secret_or_account_stops_the_start(
-    load: Callable[[Mapping[str, str]], object], environ: dict[str, str], missing: str
+    kind: type, environ: dict[str, str], missing: str
 ) -> None:
     """There is no default that works; a variable that is empty counts as missing."""
     for value in (None, ""):
@@ -63,14 +75,14 @@ def test_missing_secret_or_account_stops_the_start(
         if value is not None:
             changed[missing] = value
         with pytest.raises(SettingsError, match=f"cannot start without {missing}"):
-            load(changed)
+            load(kind, changed)
 
 
 def test_range_must_hold_a_pair() -> None:
     """The sentence names both ends."""
     environ = DATABASE | {"PORT_RANGE_FIRST": "30000", "PORT_RANGE_LAST": "30000"}
     with pytest.raises(SettingsError, match=r"PORT_RANGE_LAST=30000.*PORT_RANGE_FIRST=30000"):
-        settings.load_migrate(environ)
+        load(MigrateSettings, environ)
 
 
 @pytest.mark.parametrize(
@@ -84,35 +96,19 @@ def test_range_must_hold_a_pair() -> None:
 )
 def test_shell_ports_are_a_range_of_their_own(first: str, last: str, why: str) -> None:
     """One port may be enough; no port is of both ranges."""
-    one = settings.load_migrate(
-        DATABASE | {"SHELL_PORT_FIRST": "24000", "SHELL_PORT_LAST": "24000"}
+    one = load(
+        MigrateSettings, DATABASE | {"SHELL_PORT_FIRST": "24000", "SHELL_PORT_LAST": "24000"}
     )
     assert one.shell_port_last == 24000
     with pytest.raises(SettingsError, match=why):
-        settings.load_migrate(DATABASE | {"SHELL_PORT_FIRST": first, "SHELL_PORT_LAST": last})
-
-
-def test_history_is_kept_for_days() -> None:
-    """A year when nothing is said; 0 is for ever."""
-    assert settings.load_migrate(DATABASE).audit_days == 365
-    assert settings.load_migrate(DATABASE | {"AUDIT_DAYS": "0"}).audit_days == 0
-
-
-@pytest.mark.parametrize("policy", ["approve", "first-key", "token-only"])
-def test_policy_is_one_of_three(policy: str) -> None:
-    """A misspelt one stops the start, and so does a yes that is none."""
-    assert settings.load_join({"JOIN_POLICY": policy}).policy == policy
-    assert settings.load_join({"ALLOW_LOCAL_MACS": "yes"}).allow_local_macs is True
-    for wrong in ({"JOIN_POLICY": f"{policy}s"}, {"ALLOW_LOCAL_MACS": "true"}):
-        with pytest.raises(SettingsError, match="allowed is"):
-            settings.load_join(wrong)
+        load(MigrateSettings, DATABASE | {"SHELL_PORT_FIRST": first, "SHELL_PORT_LAST": last})
 
 
 def test_in_force_shows_everything_and_no_secret() -> None:
     """Secrets are masked, and what is not set is said so."""
-    shown = settings.in_force(WEB | {"TICKET_TTL_S": "45"})
+    shown = in_force(WEB | {"TICKET_TTL_S": "45"})
     assert shown["TICKET_TTL_S"] == "45"
-    assert shown["TICKET_KEY"] == shown["DB_PASSWORD"] == settings.MASK
+    assert shown["TICKET_KEY"] == shown["DB_PASSWORD"] == MASK
     assert shown["SESSION_KEY"] == "(not set)"
     assert not set(WEB.values()) - {"web"} & set(shown.values())
 
@@ -123,19 +119,129 @@ def test_secret_that_may_be_empty_is_not_masked(tmp_path: Path) -> None:
     file.write_text("\n")
     from_file = {"ADMIN_PASSWORD_FILE": str(file)}
     for environ in ({}, {"ADMIN_PASSWORD": ""}, from_file):
-        assert settings.in_force(environ)["ADMIN_PASSWORD"] == "(not set)"
+        assert in_force(environ)["ADMIN_PASSWORD"] == "(not set)"
     file.write_text("a-password-of-ones-own\n")
-    assert settings.in_force(from_file)["ADMIN_PASSWORD"] == settings.MASK
+    assert in_force(from_file)["ADMIN_PASSWORD"] == MASK
 
 
 def test_in_force_refuses_a_wrong_value() -> None:
     """What is printed is what would start."""
     with pytest.raises(SettingsError, match="TICKET_TTL_S='soon'"):
-        settings.in_force(WEB | {"TICKET_TTL_S": "soon"})
+        in_force(WEB | {"TICKET_TTL_S": "soon"})
 
 
 def test_printing_settings_shows_no_secret() -> None:
     """A log line with the whole object gives nothing away."""
-    loaded = (settings.load_web(WEB), settings.load_relay(RELAY))
+    loaded = (load(WebSettings, WEB), load(RelaySettings, RELAY))
     for secret in {*WEB.values(), *RELAY.values()} - {"web"}:
         assert secret not in repr(loaded)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("DB_PORT", "0"),
+        ("DB_PORT", "mysql"),
+        ("DB_HOST", "my host"),
+        ("DB_NAME", "a-b"),
+        ("TICKET_TTL_S", "4"),
+        ("TICKET_TTL_S", "301"),
+        ("TICKET_TTL_S", "30s"),
+        ("LOGIN_TTL_H", "0"),
+        ("LOGIN_IDLE_H", "721"),
+        ("PUBLIC_HOST", "https://a"),
+        ("PUBLIC_PORT", "0"),
+        ("TLS_FRONT", "nginx"),
+        ("TLS_FRONT", "nginx:https"),
+        ("SSH_PORTS", "2222,99999"),
+        ("SSH_PORTS", "2222,"),
+        ("MESSAGE_LIMIT_MB", "0"),
+        ("ALLOWED_ORIGINS", "lab.example"),
+        ("ALLOWED_ORIGINS", "https://lab.example/path"),
+        ("MAX_PENDING", "-1"),
+        ("JOIN_POLICY", "first"),
+        ("ALLOW_LOCAL_MACS", "true"),
+        ("SHELL_PORT_FIRST", "80"),
+        ("SHELL_PORT_LAST", "65536"),
+        ("AUDIT_DAYS", "-1"),
+        ("AUDIT_DAYS", "36501"),
+        ("PORT_RANGE_FIRST", "80"),
+        ("PORT_RANGE_LAST", "65536"),
+        ("LOG_LEVEL", "loud"),
+    ],
+)
+def test_wrong_value_is_named_with_what_is_allowed(name: str, value: str) -> None:
+    """The sentence has variable, value and the allowed values."""
+    variable = VARIABLES[name]
+    with pytest.raises(SettingsError) as refused:
+        variable.read({name: value})
+    assert refused.value.detail == f"cannot use {name}={value!r}: allowed is {variable.allowed}"
+
+
+@pytest.mark.parametrize("variable", VARIABLES.values(), ids=lambda variable: variable.name)
+def test_every_default_is_allowed_and_no_secret_has_one(variable: Variable) -> None:
+    """A default that its own rule refuses would stop every start."""
+    if variable.secret:
+        assert not variable.default
+    elif variable.default is not None:
+        variable.read({})
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        ("SSH_PORTS", "443,2222", (443, 2222)),
+        (
+            "ALLOWED_ORIGINS",
+            "https://lab.example, http://localhost:8080",
+            ("https://lab.example", "http://localhost:8080"),
+        ),
+        ("TLS_FRONT", "10.0.0.1:443", ("10.0.0.1", 443)),
+        ("JOIN_POLICY", "first-key", "first-key"),
+        ("JOIN_POLICY", "token-only", "token-only"),
+        ("ALLOW_LOCAL_MACS", "yes", True),
+        ("AUDIT_DAYS", "0", 0),
+    ],
+)
+def test_value_is_read(name: str, text: str, value: object) -> None:
+    """Ports keep their order; white space after a comma is none of an origin's."""
+    assert VARIABLES[name].read({name: text}) == value
+
+
+def test_secret_comes_from_its_file(tmp_path: Path) -> None:
+    """The newline at the end of the file is not part of it."""
+    file = tmp_path / "secret"
+    file.write_text("of the file\n".replace(" ", "-"))
+    assert PASSWORD.read({"DB_PASSWORD_FILE": str(file)}) == "of-the-file"
+
+
+def test_secret_from_both_is_refused(tmp_path: Path) -> None:
+    """Which one holds would be a guess."""
+    environ = {"DB_PASSWORD": "a", "DB_PASSWORD_FILE": str(tmp_path / "b")}
+    with pytest.raises(SettingsError, match="both DB_PASSWORD and DB_PASSWORD_FILE"):
+        PASSWORD.read(environ)
+
+
+def test_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    """The sentence has variable and path."""
+    with pytest.raises(SettingsError, match=r"DB_PASSWORD_FILE=.*nowhere"):
+        PASSWORD.read({"DB_PASSWORD_FILE": str(tmp_path / "nowhere")})
+
+
+def test_only_secrets_come_from_files() -> None:
+    """LOG_LEVEL_FILE is nothing that anybody reads."""
+    assert VARIABLES["LOG_LEVEL"].read({"LOG_LEVEL_FILE": "/etc/passwd"}) == "info"
+
+
+@pytest.mark.parametrize("name", [one.name for one in VARIABLES.values() if one.secret])
+@pytest.mark.parametrize("is_in_file", [False, True])
+def test_wrong_secret_is_not_shown(name: str, is_in_file: bool, tmp_path: Path) -> None:
+    """The sentence has the name and what is allowed; not even a traceback has the value."""
+    file = tmp_path / "secret"
+    file.write_text("has blanks")
+    variable, value = VARIABLES[name], "has blanks"
+    environ = {f"{name}_FILE": str(file)} if is_in_file else {name: value}
+    with pytest.raises(SettingsError) as refused:
+        variable.read(environ)
+    assert refused.value.detail == f"cannot use the secret in {name}: allowed is {variable.allowed}"
+    assert value not in "".join(traceback.format_exception(refused.value))
