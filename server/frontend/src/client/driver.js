@@ -15,7 +15,7 @@ class Twists extends Teleop {
 }
 
 export class Driver {
-  // `publish` and `mayQueue` as of teleop.js; `timestamp()` and `now()` too, for tests.
+  // `output` as of teleop.js; `timestamp()` and `now()` too, for tests.
   constructor(options) {
     this.released = true;
     this.moving = false;

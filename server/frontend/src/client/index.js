@@ -44,10 +44,7 @@ export class Robot {
       onLeaving: () => this.driver.letGo(),
       onControl: (control) => this.receive(control),
     });
-    this.driver = new Driver({
-      publish: (twist, timestamp) => this.session.commands.publish(twist, timestamp),
-      mayQueue: () => this.session.mayQueue,
-    });
+    this.driver = new Driver({ output: this.session });
     // Also what keeps a quiet link from looking like a dead one: the robot answers each second.
     this.rtt = new RttProbe({
       call: (service, args) => this.session.connection.call(service, args),
@@ -207,12 +204,12 @@ export class Robot {
 
   async readDriveType(call) {
     const { ok, values } = await call("/rosapi/topic_type", { topic: this.driveTopic });
-    this.session.commands.useType(this.driveType ?? twistType((ok && values.type) || "", []));
+    this.session.useType(this.driveType ?? twistType((ok && values.type) || "", []));
   }
 
   showState(state) {
     if (state.lost) this.mode = "observe"; // somebody else drives: this page looks on
-    this.session.commands.use(this.driving);
+    this.session.use(this.driving);
     this.driver.arm(this.driving);
     if (state.name === "live") this.rtt.start();
     else this.rtt.stop();

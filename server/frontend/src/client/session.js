@@ -16,7 +16,7 @@ const BACKLOG_BYTES = 2048; // about half a second of drive commands
 const SILENCE_MS = 2000; // the robot answers each second; what is sent into silence arrives late
 
 export class Session {
-  // `requestUrl()`, `prepare`, `onState` and `onLeaving` as of connection.js; `onControl(control)` with what is known of
+  // `driveTopic` is driven, `wheelbase` in m of a robot that steers. `requestUrl()`, `prepare`, `onState` and `onLeaving` as of connection.js; `onControl(control)` with what is known of
   // who drives and whether the robot is stopped.
   /**
    * @param {{
@@ -41,12 +41,37 @@ export class Session {
       onLink: (send) => (send ? this.clockSync.start(send) : this.forgetLink()),
       onOwn: (operation) => this.receive(operation),
     });
-    this.commands = new Commands({
-      topic: driveTopic,
-      wheelbase,
-      advertise: (spec) => this.connection.advertise(spec),
-      stamp: (timestamp) => this.clockSync.stamp(timestamp),
-    });
+    this.driveTopic = driveTopic;
+    this.wheelbase = wheelbase;
+    this.type = "";
+    /** @type {ReturnType<Connection["advertise"]> | null} */
+    this.publisher = null;
+    this.driving = false;
+  }
+
+  // The type of drive messages that the robot takes, as soon as it is known.
+  useType(type) {
+    if (type === this.type) return;
+    this.type = type;
+    this.renewPublisher();
+  }
+
+  // Whether the connection drives: on one that only watches, the server would refuse to let it advertise.
+  use(driving) {
+    this.driving = driving;
+    this.renewPublisher();
+  }
+
+  renewPublisher() {
+    this.publisher?.end();
+    const { driving, type, driveTopic: name } = this;
+    this.publisher = driving && type ? this.connection.advertise({ name, type }) : null;
+  }
+
+  /** @type {(twist: Twist, timestamp: number) => void} */
+  publish(twist, timestamp) {
+    const { type, wheelbase } = this;
+    this.publisher?.publish(driveMessage(type, twist, { wheelbase }), this.clockSync.stamp(timestamp));
   }
 
   receive(operation) {
@@ -69,55 +94,6 @@ export class Session {
   // Says whether it went; the caller asks the API as well.
   stop() {
     return this.connection.send({ op: "robotether.stop" });
-  }
-}
-
-// Publishes drive commands on the robot's drive topic, each with its timestamp. Pure.
-// It must advertise nothing on a connection that only watches: the server would refuse it.
-export class Commands {
-  // `advertise(spec)` as of connection.js; `stamp(timestamp)` as of ClockSync; `wheelbase` in m of a robot that steers.
-  /**
-   * @param {{
-   *   topic: string,
-   *   advertise: import("./connection.js").Connection["advertise"],
-   *   stamp: (timestamp: number) => Stamp | undefined,
-   *   wheelbase?: number | null,
-   * }} options
-   */
-  constructor({ topic, advertise, stamp, wheelbase = null }) {
-    this.topic = topic;
-    this.advertise = advertise;
-    this.stamp = stamp;
-    this.wheelbase = wheelbase;
-    this.type = "";
-    /** @type {ReturnType<typeof advertise> | null} */
-    this.publisher = null;
-    this.used = false;
-  }
-
-  // The type that the robot takes, as soon as it is known.
-  useType(type) {
-    if (type === this.type) return;
-    this.type = type;
-    this.renew();
-  }
-
-  // Whether the page has a connection that drives.
-  use(used) {
-    this.used = used;
-    this.renew();
-  }
-
-  renew() {
-    this.publisher?.end();
-    const wanted = this.used && this.type;
-    this.publisher = wanted ? this.advertise({ name: this.topic, type: this.type }) : null;
-  }
-
-  /** @type {(twist: Twist, timestamp: number) => void} */
-  publish(twist, timestamp) {
-    const { type, wheelbase } = this;
-    this.publisher?.publish(driveMessage(type, twist, { wheelbase }), this.stamp(timestamp));
   }
 }
 

@@ -1,20 +1,23 @@
 // Decides whether input counts: by the drive mode, and by the video interlock, which knows whether the person can see. Pure.
 // It must never let anything but zero through while driving is held, nor let what was held through it drive on.
 
+// Of who only watches.
+/** @type {ReturnType<typeof import("../input/controls.js").setUpControls>} */
+export const NO_CONTROLS = { arm() {}, watch() {}, disarm() {}, letGo() {}, halt() {}, useType: () => "", held: () => false };
+
 export class Arming {
-  // `controls()` gives those of controls.js; `interlock` is a VideoInterlock; `send(twist, timestamp)` publishes a command.
-  /**
-   * @param {{
-   *   controls: () => Pick<ReturnType<typeof import("../input/controls.js").setUpControls>, "arm" | "watch" | "disarm" | "letGo">,
-   *   interlock: VideoInterlock,
-   *   send: (twist: import("../input/teleop.js").Twist, timestamp: number) => void,
-   * }} options
-   */
-  constructor({ controls, interlock, send }) {
-    this.controls = controls;
+  // `output` as of teleop.js; it is one itself, for the controls' teleop. `interlock` is a VideoInterlock.
+  /** @param {{interlock: VideoInterlock, output: import("../input/teleop.js").Output}} options */
+  constructor({ interlock, output }) {
     this.interlock = interlock;
-    this.send = send;
+    this.output = output;
+    this.controls = NO_CONTROLS;
     this.armed = false;
+  }
+
+  // Those of controls.js, whose commands come here.
+  use(controls) {
+    this.controls = controls;
   }
 
   // `mayMove`: the link stands, this page drives, and the person has begun. `watches`: a press is reported all the same, and
@@ -29,28 +32,28 @@ export class Arming {
   arm() {
     if (this.armed) return;
     this.armed = true;
-    this.controls().arm(true);
+    this.controls.arm(true);
   }
 
   watch(free) {
     this.armed = false;
-    this.controls().watch(free);
+    this.controls.watch(free);
   }
 
   // A link that is given up may yet deliver a last command.
   leave() {
-    if (this.armed) this.controls().letGo();
+    if (this.armed) this.controls.letGo();
   }
 
   // Nothing is said: there may be no link, or somebody else may drive.
   disarm() {
     this.armed = false;
-    this.controls().arm(false);
+    this.controls.arm(false);
   }
 
   // The link stands, so a zero is sent to the robot.
   hold() {
-    this.controls().disarm();
+    this.controls.disarm();
     this.armed = false;
   }
 
@@ -59,7 +62,11 @@ export class Arming {
   publish(twist, timestamp) {
     this.interlock.check();
     const still = !twist.forward && !twist.left && !twist.turn;
-    if (still || !this.interlock.held) this.send(twist, timestamp);
+    if (still || !this.interlock.held) this.output.publish(twist, timestamp);
+  }
+
+  get mayQueue() {
+    return this.output.mayQueue;
   }
 }
 

@@ -9,54 +9,48 @@ import { FieldFocus, Keyboard } from "./keyboard.js";
 import { Sticks } from "./sticks.js";
 import { Teleop } from "./teleop.js";
 
-// `kind` as of teleop.js, `limits` as of settings.js; `publish`, `mayQueue`, `onTake` and `onWanted` as of
-// teleop.js; `onStop()` comes from a gamepad's stop button. Gives {arm, watch, disarm, letGo, halt, useType, held}; `watch(free)`
-// lets a press take the control, if that is free; `useType(type)` tells the
-// type of the drive commands, which makes a car of a robot that nobody has set up as one.
-export function setUpControls(root, { kind, limits: highest, publish, mayQueue, onTake, onWanted, onStop }) {
+// `limits` as of settings.js; `kind`, `output`, `onTake` and `onWanted` as of teleop.js; `onStop()` comes from a gamepad's stop
+// button. Gives {arm, watch, disarm, letGo, halt, useType, held}; `watch(free)` lets a press take the control, if that is free;
+// `useType(type)` tells the type of the drive commands, which makes a car of a robot that nobody has set up as one.
+export function setUpControls(root, { kind, limits: highest, output, onTake, onWanted, onStop }) {
   const limits = setUpLimits(root, highest);
   const inputs = [];
   const onDrop = () => inputs.forEach((input) => input.drop());
-  const teleop = new Teleop({ publish, mayQueue, onTake, onWanted, limits, kind, onDrop });
+  const teleop = new Teleop({ output, onTake, onWanted, limits, kind, onDrop });
   const sticks = new Sticks(root, { kind, teleop });
   const gamepad = new GamepadPanel(root, { kind, teleop, limits, onStop });
   const keyboard = setUpKeyboard(root, teleop, kind);
   inputs.push(keyboard, sticks, gamepad);
   releaseOnFocusLoss(() => teleop.letGo());
-  const arm = (armed) => {
-    teleop.arm(armed);
-    sticks.arm(armed);
-    gamepad.free = false;
-    keyboard.fields.onChange();
-  };
-  const watch = (free) => {
-    teleop.watch();
-    sticks.arm(free && "free");
+  const show = (armed, free = false) => {
+    sticks.arm(free ? "free" : armed);
     gamepad.free = free;
     keyboard.fields.onChange();
   };
-  const disarm = () => {
-    teleop.disarm();
-    sticks.arm(false);
-    gamepad.free = false;
+  return {
+    arm(armed) {
+      teleop.arm(armed);
+      show(armed);
+    },
+    watch(free) {
+      teleop.watch();
+      show(false, free);
+    },
+    disarm() {
+      teleop.disarm();
+      show(false);
+    },
+    letGo: () => teleop.letGo(),
+    halt: () => teleop.halt(),
+    useType: (type) => (teleop.kind = isSteered(type) ? "ackermann" : kind),
+    held: () => teleop.held.size > 0,
   };
-  const useType = (type) => (teleop.kind = isSteered(type) ? "ackermann" : kind);
-  const held = () => teleop.held.size > 0;
-  return { arm, watch, disarm, useType, letGo: () => teleop.letGo(), halt: () => teleop.halt(), held };
 }
 
 function setUpKeyboard(root, teleop, kind) {
-  const sideways = kind === "holonomic";
   const fields = new FieldFocus({ onChange: () => showTaken(root, teleop.accepts && fields.taken) });
-  const keyboard = new Keyboard({
-    sideways,
-    fields,
-    accepts: () => teleop.accepts,
-    onHold: (input, at) => teleop.hold("keyboard", input, at),
-    onRelease: () => teleop.release("keyboard"),
-    onLetGo: () => teleop.letGo(),
-  });
-  part(root, "sideways-keys").hidden = !sideways;
+  const keyboard = new Keyboard({ teleop, kind, fields });
+  part(root, "sideways-keys").hidden = kind !== "holonomic";
   keyboard.listen(window);
   fields.listen(window);
   return keyboard;

@@ -4,6 +4,7 @@
 
 import { TEXT, matches } from "../pages/page.js";
 
+const INPUT = "keyboard";
 const FORWARD = { forward: 1 };
 const BACK = { forward: -1 };
 const TURN_LEFT = { turn: 1 };
@@ -25,15 +26,11 @@ const ALL = { ...DIRECTIONS, ...SIDEWAYS };
 const FOCUS_MS = 300;
 
 export class Keyboard {
-  // `accepts()` says whether a press counts now, `sideways` whether Q and E do. `onHold` gets the input and its timestamp.
-  // `onLetGo()` asks to let go of everything. `fields` is a FieldFocus.
-  constructor({ sideways = false, accepts, onHold, onRelease, onLetGo, fields = new FieldFocus() }) {
-    this.accepts = accepts;
-    this.onHold = onHold;
-    this.onRelease = onRelease;
-    this.onLetGo = onLetGo;
+  // `teleop` and `kind` as of teleop.js, `fields` is a FieldFocus.
+  constructor({ teleop, kind, fields = new FieldFocus() }) {
+    this.teleop = teleop;
     this.fields = fields;
-    this.directions = sideways ? ALL : DIRECTIONS;
+    this.directions = kind === "holonomic" ? ALL : DIRECTIONS;
     this.pressed = new Set();
     this.focusedAt = -Infinity;
   }
@@ -46,13 +43,13 @@ export class Keyboard {
 
   down(event) {
     // With a modifier it is a shortcut of the browser, which may also swallow the keyup of held keys.
-    if (event.ctrlKey || event.metaKey || event.altKey) return this.onLetGo();
+    if (event.ctrlKey || event.metaKey || event.altKey) return this.teleop.letGo();
     if (event.code in this.directions && !this.meantForField(event)) this.direction(event);
   }
 
   direction(event) {
     event.preventDefault();
-    if (!this.isNewPress(event) || !this.accepts()) return;
+    if (!this.isNewPress(event) || !this.teleop.accepts) return;
     this.pressed.add(event.code);
     this.notify(event);
   }
@@ -75,8 +72,8 @@ export class Keyboard {
   }
 
   notify({ timeStamp }) {
-    if (this.pressed.size === 0) this.onRelease();
-    else this.onHold(direction(this.pressed), timeStamp);
+    if (this.pressed.size === 0) this.teleop.release(INPUT);
+    else this.teleop.hold(INPUT, direction(this.pressed), timeStamp);
   }
 }
 

@@ -3,7 +3,11 @@
 // It must never send anything but zero unless it is armed and an input is held that was pressed since then, or whose
 // press took the control.
 
-/** @typedef {{forward: number, left: number, turn: number}} Twist */
+/**
+ * @typedef {{forward: number, left: number, turn: number}} Twist in m/s, m/s and rad/s
+ * @typedef {{publish: (twist: Twist, timestamp: number) => void, readonly mayQueue: boolean}} Output where commands go: the session,
+ *   or what stands before it. The timestamp is by the clock of event.timeStamp; `mayQueue` is false while old commands wait to be sent.
+ */
 
 /** @type {Twist} */
 export const STILL = { forward: 0, left: 0, turn: 0 };
@@ -14,45 +18,30 @@ const GAP_MS = 500; // after as long without a command the robot has stopped by 
 const LATE_MS = 300; // a timer that is later ran on a page that could not see a release
 const TAKE_MS = 1000; // a press that has not brought the control by then has to be made anew
 
+/** @type {{onDrop: () => void, onTake: () => void, onWanted: (twist: Twist) => void}} */
+const NO_HANDLERS = { onDrop() {}, onTake() {}, onWanted() {} };
+
 export class Teleop {
-  // `publish({forward, left, turn}, timestamp)` in m/s and rad/s, the timestamp by the clock of event.timeStamp, which
-  // `timestamp()` reads: when it was pressed, or last seen that it is still held. `mayQueue()` is false while old commands wait to be sent;
-  // `onDrop()` reports to the inputs that what they hold no longer counts; `onTake()` comes with a press while it watches.
-  // `now()` must go on while the
-  // machine sleeps, which performance.now() does not everywhere. `limits` and `kind` as of `mixed`.
+  // A command has the timestamp at which it was pressed, or last seen that it is still held. Handlers: `onDrop()` reports to the
+  // inputs that what they hold no longer counts; `onTake()` comes with a press while it watches; `onWanted(twist)` shows.
+  // `now()` must go on while the machine sleeps, which performance.now() does not everywhere; `timestamp()` is the clock of
+  // event.timeStamp. `limits` and `kind` as of `mixed`.
   /**
    * @param {{
-   *   publish: (twist: Twist, timestamp: number) => void,
+   *   output: Output,
    *   limits: Limits | null,
    *   kind?: string,
-   *   mayQueue?: () => boolean,
-   *   onDrop?: () => void,
-   *   onTake?: () => void,
-   *   onWanted?: (twist: Twist) => void,
    *   now?: () => number,
    *   timestamp?: () => number,
-   * }} options
+   * } & Partial<typeof NO_HANDLERS>} options
    */
-  constructor({
-    publish,
-    limits,
-    kind = "differential",
-    mayQueue = () => true,
-    onDrop = () => {},
-    onTake = () => {},
-    onWanted = () => {},
-    now = () => Date.now(),
-    timestamp = () => performance.now(),
-  }) {
-    this.publish = publish;
+  constructor({ output, limits, kind = "differential", now = () => Date.now(), timestamp = () => performance.now(), ...handlers }) {
+    this.output = output;
     this.limits = limits;
     this.kind = kind;
-    this.mayQueue = mayQueue;
-    this.onDrop = onDrop;
-    this.onTake = onTake;
-    this.onWanted = onWanted;
     this.now = now;
     this.timestamp = timestamp;
+    this.handlers = { ...NO_HANDLERS, ...handlers };
     this.armed = false;
     this.watching = false;
     this.held = new Map();
@@ -112,13 +101,13 @@ export class Teleop {
   halt() {
     this.held.clear();
     if (this.armed) this.zero();
-    this.onDrop();
+    this.handlers.onDrop();
   }
 
   // For a page that nobody may be looking at. Silent when nothing is held, since somebody else may drive.
   letGo() {
     if (this.held.size > 0) this.halt();
-    else this.onDrop();
+    else this.handlers.onDrop();
   }
 
   get wanted() {
@@ -130,7 +119,7 @@ export class Teleop {
     this.zerosLeft = 0;
     this.restartTimer();
     if (this.armed) this.sendWanted(Math.min(at, this.timestamp()));
-    else this.onTake();
+    else this.handlers.onTake();
   }
 
   zero() {
@@ -143,8 +132,8 @@ export class Teleop {
     clearInterval(this.timer);
     this.held.clear();
     this.zerosLeft = 0;
-    this.onDrop();
-    this.onWanted(STILL);
+    this.handlers.onDrop();
+    this.handlers.onWanted(STILL);
   }
 
   restartTimer() {
@@ -203,20 +192,20 @@ export class Teleop {
 
   sendWanted(at) {
     const wanted = this.wanted;
-    this.onWanted(wanted);
-    if (this.mayQueue()) this.pass(wanted, at);
+    this.handlers.onWanted(wanted);
+    if (this.output.mayQueue) this.pass(wanted, at);
   }
 
   // Zero is meant whenever it is sent. It goes out first: what is shown may fail.
   sendZero() {
     this.zerosLeft -= 1;
     this.pass(STILL, this.timestamp());
-    this.onWanted(STILL);
+    this.handlers.onWanted(STILL);
   }
 
   pass(twist, at) {
     this.sentAt = this.now();
-    this.publish(twist, at);
+    this.output.publish(twist, at);
   }
 }
 

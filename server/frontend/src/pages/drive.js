@@ -6,7 +6,7 @@ import { FrameStream } from "../client/frames.js";
 import { openLink } from "../client/rosbridge.js";
 import { RttProbe } from "../client/rtt.js";
 import { Session } from "../client/session.js";
-import { Arming, VideoInterlock } from "../control/arming.js";
+import { Arming, NO_CONTROLS, VideoInterlock } from "../control/arming.js";
 import { Banner } from "../control/banner.js";
 import { ControlPanel } from "../control/controlPanel.js";
 import { DriveMode, ReloadStore } from "../control/driveMode.js";
@@ -25,7 +25,6 @@ import { byTestId, localTime, setText, part } from "./page.js";
 import { driveSettings } from "./settings.js";
 
 const CHECK_MS = 50;
-const NO_CONTROLS = { arm() {}, watch() {}, disarm() {}, useType() {}, letGo() {}, halt() {}, held: () => false };
 
 const root = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
 const { robot = "", level = "observe", user = "" } = root.dataset;
@@ -54,7 +53,7 @@ const session = new Session({
   onLeaving: () => arming.leave(),
   onControl: useControl,
 });
-const { connection, commands, clockSync } = session;
+const { connection, clockSync } = session;
 const subscribe = (spec, handler) => connection.subscribe(spec, handler);
 
 const banner = new Banner(root, {
@@ -74,7 +73,9 @@ const rtt = new RttProbe({
   onReading: (reading) => readings.rtt(reading, { server: clockSync.roundTripMs, robot: facts.rttMs }),
 });
 const readback = new Readback({ subscribe, onSpeed: useSpeed, onPose: (pose) => view.pose(pose) });
+const arming = new Arming({ interlock, output: session });
 const controls = driveMode.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
+arming.use(controls);
 const controlPanel = new ControlPanel(root, { robot, driveMode, busy: () => controls.held() });
 const stopBar = new StopBar(root, {
   robot,
@@ -83,18 +84,12 @@ const stopBar = new StopBar(root, {
   onReleased: (again) => driveMode.released(again),
 });
 const panels = setUpPanels(root, { robot, user, settings, connection, ask: () => discovery.refresh() });
-const arming = new Arming({
-  controls: () => controls,
-  interlock,
-  send: (twist, timestamp) => commands.publish(twist, timestamp),
-});
 
 function controlOptions() {
   return {
     kind,
     limits,
-    publish: (twist, timestamp) => arming.publish(twist, timestamp),
-    mayQueue: () => session.mayQueue,
+    output: arming,
     onTake: () => driveMode.press() || controls.letGo(),
     onWanted: useWanted,
     onStop: () => stopBar.press(),
@@ -123,7 +118,7 @@ function showState(state) {
   if (state.lost) driveMode.lose(state.lost, state.reason);
   if (state.name === "not_allowed") endAll(state);
   const live = state.name === "live";
-  commands.use(live && driveMode.driving);
+  session.use(live && driveMode.driving);
   if (!live && state.name !== "connecting") driveMode.settle();
   if (!driveMode.pressed) arming.disarm(); // each new link needs new presses, but for the one that asked for it
   interlock.revoke();
@@ -171,8 +166,8 @@ function showBanner() {
 }
 
 function useTopics({ twistType, speed, topics }) {
-  commands.useType(twistType);
-  controls.useType(commands.type);
+  session.useType(twistType);
+  controls.useType(session.type);
   if (speed) readback.follow(speed);
   view.found(topics);
   panels.topics(topics);

@@ -14,7 +14,7 @@ beforeEach(() => {
   sent = [];
   moments = [];
   driver = new Driver({
-    publish: (twist, timestamp) => sent.push(twist) && moments.push(timestamp),
+    output: { mayQueue: true, publish: (twist, timestamp) => sent.push(twist) && moments.push(timestamp) },
     now: () => clock,
     timestamp: () => clock,
   });

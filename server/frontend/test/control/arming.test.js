@@ -24,14 +24,15 @@ beforeEach(() => {
     now: () => clock,
     wall: () => clock,
   });
-  arming = new Arming({ controls: () => teleop, interlock, send: (twist) => sent.push({ ...twist, at: clock }) });
+  arming = new Arming({ interlock, output: { mayQueue: true, publish: (twist) => sent.push({ ...twist, at: clock }) } });
   teleop = new Teleop({
-    publish: (twist, timestamp) => arming.publish(twist, timestamp),
+    output: arming,
     limits: { linear: 1, angular: 1 },
     onTake: () => (takes += 1),
     now: () => clock,
     timestamp: () => clock,
   });
+  arming.use(teleop);
   arming.update({ mayMove, watches, free: watches });
 });
 

@@ -3,7 +3,7 @@ import { beforeEach, test } from "node:test";
 
 import { Keyboard, direction } from "../../src/input/keyboard.js";
 
-let told, armed, keyboard;
+let told, moments, teleop, keyboard;
 
 // An element that stands inside exactly the given kinds of elements.
 const element = (...kinds) => ({
@@ -21,13 +21,14 @@ function key(code, more = {}) {
 
 beforeEach(() => {
   told = [];
-  armed = true;
-  keyboard = new Keyboard({
-    accepts: () => armed,
-    onHold: (input) => told.push(input),
-    onRelease: () => told.push("released"),
-    onLetGo: () => told.push("let go"),
-  });
+  moments = [];
+  teleop = {
+    accepts: true,
+    hold: (_, input, at) => told.push(input) && moments.push(at),
+    release: () => told.push("released"),
+    letGo: () => told.push("let go"),
+  };
+  keyboard = new Keyboard({ teleop, kind: "differential" });
 });
 
 test("W drives forward, A turns left, and arrows do the same", () => {
@@ -110,8 +111,6 @@ test("the space bar is not this input's: it stops the robot", () => {
 });
 
 test("a press is told with its own moment", () => {
-  const moments = [];
-  keyboard.onHold = (_, at) => moments.push(at);
   keyboard.down(key("KeyW", { timeStamp: 1234.5 }));
   assert.deepEqual(moments, [1234.5]);
 });
@@ -125,9 +124,9 @@ for (const modifier of ["ctrlKey", "metaKey", "altKey"]) {
 }
 
 test("a key pressed while driving is not armed never counts, not by its repeats nor with another key", () => {
-  armed = false;
+  teleop.accepts = false;
   keyboard.down(key("KeyW"));
-  armed = true;
+  teleop.accepts = true;
   keyboard.down(key("KeyW", { repeat: true }));
   assert.deepEqual(told, []);
   keyboard.down(key("KeyD"));
@@ -153,13 +152,7 @@ test("a key that repeats into a window that just got the focus does not count", 
 test("Q and E go sideways, on a robot that can", () => {
   keyboard.down(key("KeyQ"));
   assert.deepEqual(told, []);
-  keyboard = new Keyboard({
-    sideways: true,
-    accepts: () => true,
-    onHold: (input) => told.push(input),
-    onRelease: () => told.push("released"),
-    onLetGo: () => {},
-  });
+  keyboard = new Keyboard({ teleop, kind: "holonomic" });
   keyboard.down(key("KeyQ"));
   keyboard.down(key("KeyE"));
   keyboard.up(key("KeyQ"));

@@ -6,7 +6,7 @@ import { Teleop } from "../../src/input/teleop.js";
 const FORWARD = { forward: 1, left: 0, turn: 0 };
 const STILL = { forward: 0, left: 0, turn: 0 };
 
-let clock, timestamp, sent, moments, wanted, drops, takes, mayQueue, teleop;
+let clock, timestamp, sent, moments, wanted, drops, takes, output, teleop;
 
 beforeEach(() => {
   mock.timers.reset();
@@ -16,11 +16,10 @@ beforeEach(() => {
   moments = [];
   wanted = [];
   drops = takes = 0;
-  mayQueue = true;
+  output = { mayQueue: true, publish: (twist, at) => sent.push(twist) && moments.push(at) };
   teleop = new Teleop({
-    publish: (twist, at) => sent.push(twist) && moments.push(at),
+    output,
     limits: { linear: 0.5, angular: 2 },
-    mayQueue: () => mayQueue,
     onDrop: () => (drops += 1),
     onTake: () => (takes += 1),
     onWanted: (twist) => wanted.push(twist),
@@ -102,8 +101,7 @@ test("zero goes out whatever the rest of the page does", () => {
     throw new Error("cannot draw");
   };
   teleop.hold("keyboard", FORWARD);
-  teleop.onWanted = fail;
-  teleop.onDrop = fail;
+  Object.assign(teleop.handlers, { onWanted: fail, onDrop: fail });
   sent.length = 0;
   assert.throws(() => teleop.release("keyboard"), /cannot draw/);
   assert.throws(() => teleop.halt(), /cannot draw/);
@@ -246,7 +244,7 @@ test("nothing is sent while disarmed, not even by halt", () => {
 });
 
 test("commands are left out while older ones wait in the browser, zero is not", () => {
-  mayQueue = false;
+  output.mayQueue = false;
   teleop.hold("keyboard", FORWARD);
   pass(500);
   assert.deepEqual(sent, []);
@@ -256,9 +254,9 @@ test("commands are left out while older ones wait in the browser, zero is not", 
 
 test("a network that is stuck for longer than the robot's patience needs a new press", () => {
   teleop.hold("keyboard", FORWARD);
-  mayQueue = false;
+  output.mayQueue = false;
   pass(600);
-  mayQueue = true;
+  output.mayQueue = true;
   sent.length = 0;
   pass(1000);
   assert.ok(sent.every((twist) => twist.forward === 0));
