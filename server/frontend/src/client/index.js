@@ -1,4 +1,4 @@
-// robotether-client: a robot behind Robotether, for pages of others (docs/reference/client.md). Bundled with roslib into
+// robotether-client: a robot behind Robotether, for pages of others (docs/reference/client.md). Bundled into
 // dist/robotether-client.js; the drive page is made of the same parts.
 
 import { csrfToken } from "../pages/page.js";

@@ -1,6 +1,4 @@
-// What goes over rosbridge: a link by roslib, and the ROS messages on it.
-
-import { Ros, Topic } from "roslib";
+// What goes over rosbridge: a link, which is one WebSocket, and the ROS messages on it.
 
 /**
  * @typedef {{
@@ -12,152 +10,105 @@ import { Ros, Topic } from "roslib";
  * @typedef {{name: string, type?: string, throttleMs?: number, queueLength?: number, onRefused?: (why: string) => void}} TopicSpec
  */
 
-// One roslib connection, from its opening to its end; connection.js opens the next one.
-// A fresh Ros a link: roslib would otherwise queue what is sent while it is cut, and replay old
-// drive commands to the robot when the link returns.
+// Operations of our own (docs/reference/protocols.md) are the relay's, and go to a handler of their own.
+const OWN = "robotether.";
+
 /** @type {(url: string, handlers: LinkHandlers) => Link} */
 export function openLink(url, handlers) {
   return new Link(url, handlers);
 }
 
+// From its opening to its end; connection.js opens the next one, so that nothing is sent on that which was meant for this one.
 export class Link {
   // `onMessage` gets what the robot says, `onOwn` what the relay says in operations of our own.
+  /** @param {string} url @param {LinkHandlers} handlers */
   constructor(url, { onOpen, onMessage, onOwn, onClose }) {
-    this.transport = new JsonTransport(url);
-    this.transport.on("message", onMessage);
-    this.transport.on("own", onOwn);
-    this.ros = new Ros({ transportFactory: async () => this.transport });
-    this.ros.on("connection", onOpen);
-    this.ros.on("close", onClose);
-    this.ros.on("error", () => {}); // a close with the reason follows each error
-    this.ros.connect(url);
+    this.onMessage = onMessage;
+    this.onOwn = onOwn;
+    this.subscribers = new Map(); // by topic, a set of functions
+    this.replies = new Map(); // by the id of a message, what takes replies to it
+    this.ids = 0;
+    this.socket = new WebSocket(url);
+    this.socket.onopen = onOpen;
+    this.socket.onclose = onClose;
+    this.socket.onmessage = ({ data }) => this.receive(parse(data));
   }
 
+  // One broken message from a robot must not end the session.
+  receive(message) {
+    if (typeof message?.op !== "string") return;
+    if (message.op.startsWith(OWN)) return this.onOwn(message);
+    this.onMessage(message);
+    if (message.op === "publish") this.subscribers.get(message.topic)?.forEach((handler) => handler(message.msg));
+    else this.replies.get(message.id)?.(message);
+  }
+
+  // `onRefused(why)` of the spec is called when the server refuses the subscription. Gives {end}.
+  /** @type {(spec: TopicSpec, handler: (message: any) => void) => {end: () => void}} */
+  subscribe({ name: topic, type, throttleMs = 0, queueLength = throttleMs ? 1 : 0, onRefused }, handler) {
+    const id = this.newId("subscribe", topic, onRefused);
+    const take = (msg) => handler(msg); // the same handler may come twice
+    this.subscribers.set(topic, (this.subscribers.get(topic) ?? new Set()).add(take));
+    this.say({ op: "subscribe", id, type, topic, compression: "none", throttle_rate: throttleMs, queue_length: queueLength });
+    return {
+      end: () => {
+        this.subscribers.get(topic)?.delete(take);
+        this.replies.delete(id);
+        this.say({ op: "unsubscribe", id, topic });
+      },
+    };
+  }
+
+  // What is published may carry `robotether`, the timestamp of a drive command.
+  // `onRefused(why)` of the spec is called for each message that the server refused. Gives {publish, end}.
   /** @param {TopicSpec} spec */
-  topic({ name, type, throttleMs = 0, queueLength = throttleMs ? 1 : 0 }) {
-    return new Topic({
-      ros: this.ros,
-      name,
-      messageType: /** @type {string} */ (type), // roslib does without one, too
-      throttle_rate: throttleMs,
-      queue_length: queueLength,
-      queue_size: 1,
-      reconnect_on_close: false,
-    });
-  }
-
-  // `onRefused(why)` of the spec is called when the server refuses the subscription.
-  subscribe(spec, handler) {
-    const topic = this.topic(spec);
-    topic.subscribe(handler);
-    if (spec.onRefused) this.onRefusal(topic.subscribeId, spec.onRefused);
+  advertise({ name: topic, type, onRefused }) {
+    const id = this.newId("advertise", topic);
+    const publishId = onRefused && this.newId("publish", topic, onRefused);
+    this.say({ op: "advertise", id, type, topic, latch: false, queue_size: 1 });
     return {
+      publish: (msg, robotether) => this.say({ op: "publish", id: publishId, topic, msg, robotether }),
       end: () => {
-        topic.unsubscribe();
-        this.ros.off(`status:${topic.subscribeId}`);
+        this.replies.delete(publishId);
+        this.say({ op: "unadvertise", id, topic });
       },
     };
   }
 
-  // What is published may carry `robotether`, the timestamp of a drive command, which roslib has no place for.
-  // `onRefused(why)` of the spec is called for each message that the server refused.
-  advertise(spec) {
-    const topic = this.topic(spec);
-    topic.advertise();
-    const id = spec.onRefused && this.newId(`publish:${spec.name}`);
-    if (id) this.onRefusal(id, spec.onRefused);
-    return {
-      publish: (msg, robotether) => this.transport.send({ op: "publish", id, topic: spec.name, msg, robotether }),
-      end: () => {
-        topic.unadvertise();
-        if (id) this.ros.off(`status:${id}`);
-      },
-    };
-  }
-
-  // Settles with {ok, values} for any answer, also for one that says that the call failed, and for the server's
-  // refusal, which is no answer of the robot's: roslib would wait for that for ever.
+  // Settles with {ok, values} for any answer, also for one that says that the call failed, and for the server's refusal.
+  /** @returns {Promise<{ok: boolean, values: any}>} */
   call(service, args, type) {
-    const id = this.newId(`call_service:${service}`);
+    const id = this.newId("call_service", service);
     return new Promise((resolve) => {
       const settle = (answer) => {
-        this.ros.off(id);
-        this.ros.off(`status:${id}`);
+        this.replies.delete(id);
         resolve(answer);
       };
-      this.ros.on(id, (/** @type {any} */ { result, values }) => settle({ ok: Boolean(result), values }));
-      this.onRefusal(id, (why) => settle({ ok: false, values: why }));
-      this.transport.send({ op: "call_service", id, service, type, args });
+      const refused = refusal((why) => settle({ ok: false, values: why }));
+      this.replies.set(id, (reply) => {
+        if (reply.op === "service_response") settle({ ok: Boolean(reply.result), values: reply.values });
+        else refused(reply);
+      });
+      this.say({ op: "call_service", id, service, type, args });
     });
   }
 
-  // By what the server says of the message with this id.
-  onRefusal(id, act) {
-    this.ros.on(`status:${id}`, (/** @type {any} */ { level, msg }) => level === "error" && act(msg));
-  }
-
-  newId(beginning) {
-    this.ids = (this.ids ?? 0) + 1;
-    return `${beginning}:${this.ids}`;
+  newId(op, name, /** @type {((why: string) => void) | undefined} */ onRefused = undefined) {
+    this.ids += 1;
+    const id = `${op}:${name}:${this.ids}`;
+    if (onRefused) this.replies.set(id, refusal(onRefused));
+    return id;
   }
 
   // Sends an operation of our own now or not at all, and says which.
   send(operation) {
-    const open = this.transport.isOpen();
-    if (open) this.transport.send(operation);
+    const open = this.socket.readyState === WebSocket.OPEN;
+    if (open) this.say(operation);
     return open;
   }
 
-  get backlog() {
-    return this.transport.backlog;
-  }
-
-  close() {
-    this.transport.close();
-  }
-}
-
-// The way roslib's Ros sends and receives: JSON text over a WebSocket, without the decoders for
-// compressed messages that roslib brings (the pages never ask for compression).
-// Operations of our own (docs/reference/protocols.md) go to `own` handlers alone: roslib does not know them.
-const OWN = "robotether.";
-
-class JsonTransport {
-  constructor(url) {
-    this.handlers = { open: [], close: [], error: [], message: [], own: [] };
-    this.socket = new WebSocket(url);
-    this.socket.onopen = (event) => this.emit("open", event);
-    this.socket.onclose = (event) => this.emit("close", event);
-    this.socket.onerror = (event) => this.emit("error", event);
-    this.socket.onmessage = ({ data }) => this.receive(data);
-  }
-
-  on(event, handler) {
-    this.handlers[event].push(handler);
-    return this;
-  }
-
-  emit(event, value) {
-    for (const handler of this.handlers[event]) handler(value);
-  }
-
-  receive(data) {
-    if (typeof data !== "string") return;
-    let message;
-    try {
-      message = JSON.parse(data);
-    } catch {
-      return; // one broken message from a robot must not end the session
-    }
-    if (message && typeof message.op === "string") this.emit(kind(message), message);
-  }
-
-  send(message) {
+  say(message) {
     this.socket.send(JSON.stringify(message));
-  }
-
-  close() {
-    this.socket.close();
   }
 
   // Bytes that the browser has taken and the network has not.
@@ -165,24 +116,24 @@ class JsonTransport {
     return this.socket.bufferedAmount;
   }
 
-  isConnecting() {
-    return this.socket.readyState === WebSocket.CONNECTING;
-  }
-
-  isOpen() {
-    return this.socket.readyState === WebSocket.OPEN;
-  }
-
-  isClosing() {
-    return this.socket.readyState === WebSocket.CLOSING;
-  }
-
-  isClosed() {
-    return this.socket.readyState === WebSocket.CLOSED;
+  close() {
+    this.socket.close();
   }
 }
 
-const kind = ({ op }) => (op.startsWith(OWN) ? "own" : "message");
+// Takes what the server says of a message that it refuses.
+const refusal =
+  (act) =>
+  ({ op, level, msg }) =>
+    op === "status" && level === "error" && act(msg);
+
+function parse(data) {
+  try {
+    return JSON.parse(data);
+  } catch {
+    return null;
+  }
+}
 
 // Names and shapes of the ROS messages that the pages use, under their ROS 1 and ROS 2 names. Pure.
 const TWIST = "geometry_msgs/Twist";

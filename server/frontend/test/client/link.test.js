@@ -25,7 +25,7 @@ class FakeSocket {
   close() {}
 }
 
-beforeEach(async () => {
+beforeEach(() => {
   globalThis.WebSocket = FakeSocket;
   told = { robot: [], relay: [], opened: 0 };
   link = openLink("wss://server/ros", {
@@ -34,7 +34,6 @@ beforeEach(async () => {
     onOwn: (message) => told.relay.push(message),
     onClose: () => {},
   });
-  for (let i = 0; i < 5; i++) await Promise.resolve(); // roslib waits for its transport
 });
 
 afterEach(() => {
@@ -48,7 +47,7 @@ function open() {
 
 const receive = (message) => socket.onmessage({ data: JSON.stringify(message) });
 
-test("operations of our own reach their handler and not roslib's", () => {
+test("operations of our own reach their handler alone", () => {
   open();
   assert.equal(told.opened, 1);
   receive({ op: "robotether.control", control: { driver: null } });
@@ -131,10 +130,46 @@ test("who subscribes hears when the server refuses that", () => {
   const refused = [];
   const spec = { name: "/odom", type: "nav_msgs/Odometry", throttleMs: 500, onRefused: (why) => refused.push(why) };
   const { end } = link.subscribe(spec, () => {});
-  const [{ id, throttle_rate, queue_length }] = socket.sent;
-  assert.deepEqual([throttle_rate, queue_length], [500, 1]);
+  const [{ id }] = socket.sent;
+  receive({ op: "service_response", id, result: false });
   receive({ op: "status", level: "error", id, msg: "cannot subscribe to /odom" });
   assert.deepEqual(refused, ["cannot subscribe to /odom"]);
   end();
-  assert.equal(socket.sent.at(-1).op, "unsubscribe");
+});
+
+test("topics are told to rosbridge as its protocol has it", () => {
+  open();
+  const odom = link.subscribe({ name: "/odom", type: "nav_msgs/Odometry", throttleMs: 500 }, () => {});
+  const map = link.subscribe({ name: "/map" }, () => {});
+  const drive = link.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });
+  for (const one of [odom, map, drive]) one.end();
+  const ids = socket.sent.map(({ id }) => id);
+  assert.deepEqual(ids, [...ids.slice(0, 3), ...ids.slice(0, 3)]);
+  const usual = { op: "subscribe", compression: "none" };
+  assert.deepEqual(
+    socket.sent.map(({ id, ...message }) => id && message),
+    [
+      { ...usual, topic: "/odom", type: "nav_msgs/Odometry", throttle_rate: 500, queue_length: 1 },
+      { ...usual, topic: "/map", throttle_rate: 0, queue_length: 0 },
+      { op: "advertise", topic: "/cmd_vel", type: "geometry_msgs/Twist", latch: false, queue_size: 1 },
+      { op: "unsubscribe", topic: "/odom" },
+      { op: "unsubscribe", topic: "/map" },
+      { op: "unadvertise", topic: "/cmd_vel" },
+    ],
+  );
+});
+
+test("each subscriber of a topic gets its messages until it ends", () => {
+  open();
+  const got = [];
+  const handler = ({ n }) => got.push(n);
+  const [first, second] = [link.subscribe({ name: "/odom" }, handler), link.subscribe({ name: "/odom" }, handler)];
+  const say = (topic, n) => receive({ op: "publish", topic, msg: { n } });
+  say("/odom", 1);
+  say("/pose", 2);
+  first.end();
+  say("/odom", 3);
+  second.end();
+  say("/odom", 4);
+  assert.deepEqual(got, [1, 1, 3]);
 });
