@@ -11,6 +11,9 @@ ENDS_AFTER := --timeout-method thread --timeout
 # Where programs that are no tests find the modules of tests/support.
 SUPPORT := tests/support/fakes:tests/support/networks:tests/support/stack:tests/support/browser
 
+# Each worker of the tests and each program that they start compiles all it imports anew without Python's caches.
+unexport PYTHONDONTWRITEBYTECODE
+
 comma := ,
 
 .PHONY: help demo up down docker images robot-host-image test-hosts ready test test-release test-unit test-images test-e2e test-running test-ansible test-server lint check check-lint check-unit coverage mutants bench experiments enrol-times screenshots venv frontend-test docs clean
@@ -73,7 +76,7 @@ check-lint:
 	@tools/lint quick
 
 check-unit:
-	@$(PYTEST) -q -n 2 --timeout 60 -m "not daemon and not waits and not alone" tests/unit
+	@$(PYTEST) -q -n 2 -p no:schemathesis --hypothesis-profile quick --timeout 60 -m "not daemon and not waits and not alone" tests/unit
 
 coverage: venv ## branch coverage of the product by its unit tests, into tests/artifacts/coverage (some 20 minutes)
 	@tools/ensure_test_hosts

@@ -81,15 +81,6 @@ def graph(name: str) -> dict[str, set[str]]:
     return {module: imports(path, known) - {module} for module, path in known.items()}
 
 
-def nested_imports(path: Path) -> Iterator[str]:
-    """Imports inside functions."""
-    for function in ast.walk(tree(path)):
-        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
-            for node in ast.walk(function):
-                if isinstance(node, ast.Import | ast.ImportFrom):
-                    yield f"{path}:{node.lineno}"
-
-
 def layer(module: str) -> str:
     parts = module.split(".")
     return parts[1] if len(parts) > 1 and parts[1] in LAYERS else "base"
@@ -99,13 +90,6 @@ def layer(module: str) -> str:
 def test_no_imports_in_a_circle(name: str) -> None:
     """Every package can be read from the bottom to the top."""
     TopologicalSorter(graph(name)).prepare()
-
-
-@pytest.mark.parametrize("name", PACKAGES)
-def test_no_import_hides_in_a_function(name: str) -> None:
-    """What a module needs stands at its top."""
-    hidden = [line for path in PACKAGES[name].rglob("*.py") for line in nested_imports(path)]
-    assert hidden == []
 
 
 def test_servers_imports_go_one_way() -> None:

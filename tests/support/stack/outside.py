@@ -15,7 +15,7 @@ TESTS = str(Path(__file__).resolve().parents[2])
 NAMES = {
     "daemon": {
         *("docker", "multiprocessing", "subprocess"),
-        *("create_subprocess_exec", "create_subprocess_shell"),
+        *("create_subprocess_exec", "create_subprocess_shell", "sync_playwright"),
     },
     "waits": {
         *("sleep", "open_connection", "open_unix_connection", "start_server", "start_unix_server"),
@@ -54,22 +54,30 @@ def fixtures_of(item: pytest.Function) -> Iterator[object]:
 @cache
 def may(mark: str, start: object) -> bool:
     """Whether the function or class names what the mark is about, or something of the tests that does."""
-    seen: set[int] = set()
-    waiting = [start]
+    seen: set[object] = set()
+    waiting = {start}
     while waiting:
         found = waiting.pop()
-        if id(found) in seen:
-            continue
-        seen.add(id(found))
-        for function in functions_of(found):
-            names = names_in(function.__code__)
-            named = {name: function.__globals__.get(name) for name in names}
-            modules = [thing for thing in named.values() if isinstance(thing, ModuleType)]
-            if names & NAMES[mark]:
-                return True
-            waiting += named.values()
-            waiting += (vars(module).get(name) for module in modules for name in names)
+        seen.add(found)
+        names, reached = named_by(found)
+        if names & NAMES[mark]:
+            return True
+        waiting |= reached - seen
     return False
+
+
+@cache
+def named_by(found: object) -> tuple[frozenset[str], frozenset[object]]:
+    """All names that a function or class looks up, and the functions and classes behind them."""
+    every, reached = set[str](), set[object]()
+    for function in functions_of(found):
+        names = names_in(function.__code__)
+        values = [function.__globals__.get(name) for name in names]
+        for module in [value for value in values if isinstance(value, ModuleType)]:
+            values += [vars(module).get(name) for name in names]
+        every |= names
+        reached |= {value for value in values if isinstance(value, FunctionType | type)}
+    return frozenset(every), frozenset(reached)
 
 
 def functions_of(found: object) -> Iterator[FunctionType]:

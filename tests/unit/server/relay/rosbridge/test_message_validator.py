@@ -673,7 +673,7 @@ def as_textbook(globs: list[str], name: str) -> bool:
     return any(re.fullmatch(".*".join(map(re.escape, glob.split("*"))), name) for glob in globs)
 
 
-@settings(max_examples=400)
+@settings(max_examples=4 * settings.default.max_examples)
 @given(st.data(), st.sampled_from(["observe", "drive"]), messages(), RIGHTS)
 def test_what_passes_is_what_the_policy_allows(data, level, message, rights):
     """In whatever spelling: a full name that the level's globs match, and only fields of the list."""
@@ -702,7 +702,7 @@ def test_what_passes_is_what_the_policy_allows(data, level, message, rights):
         assert (checked.drive is not None) == (checked.operation == "publish" and is_drive_topic)
 
 
-@settings(max_examples=200)
+@settings(max_examples=2 * settings.default.max_examples)
 @given(messages())
 def test_what_is_written_passes_again_as_it_is(message):
     """It is read as the same operation with the same fields."""
