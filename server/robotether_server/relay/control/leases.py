@@ -57,6 +57,10 @@ class Driver:
     since: Now
     input: Now
 
+    def on_command(self, now: Now) -> None:
+        """The driver sent a command: it is there."""
+        self.input = now
+
 
 @dataclass(frozen=True)
 class Waiting:
@@ -121,17 +125,17 @@ class Lease:
         older, self._claimant = self._claimant, holder
         return older
 
-    def grant(self, holder: Holder, fence: int, now: Now) -> bool:
+    def grant(self, holder: Holder, fence: int, now: Now) -> Driver | None:
         """Let the claimant drive with this number, in place of its user's older connection.
 
-        False when its claim is gone, or the number is no newer.
+        None when its claim is gone, or the number is no newer.
         """
         if self._claimant is not holder or fence <= self.fence:
-            return False
+            return None
         self.fence = fence
         self._claimant = self._reserved = None
         self.driver = Driver(holder, fence, now, now)
-        return True
+        return self.driver
 
     def end(self, holder: Holder, now: Now) -> Driver | None:
         """A connection is over; return what it held. Who waits is next."""
@@ -149,11 +153,6 @@ class Lease:
         present = self.driver.holder if self.driver is not None else self._claimant
         self.driver = self._claimant = self.waiting = self._reserved = None
         return present
-
-    def on_command(self, now: Now) -> None:
-        """The driver sent a command: it is there."""
-        if self.driver is not None:
-            self.driver.input = now
 
     def ask(self, user: RelayUser, now: Now) -> bool:
         """Ask the driver for the control; False when this user asked already. Throttled after a few in a row."""

@@ -80,8 +80,8 @@ class Leasing:
         lease = self.of(robot_id)
         return lines.lease_line(lease.fence, held=lease.driver is not None)
 
-    async def begin(self, connection: Connection) -> int:
-        """Let the connection drive; return its number. EndedError when it may not."""
+    async def begin(self, connection: Connection) -> Driver:
+        """Let the connection drive; raise ConnectionClosedError when it may not."""
         robot = connection.robot
         if (close_reason := self._stopped(robot)) is not None:
             raise ConnectionClosedError(close_reason)
@@ -89,12 +89,12 @@ class Leasing:
         self._claim(lease, connection)
         fence = await self._next_fence(lease, connection)
         older = lease.driver
-        if not lease.grant(connection, fence, now()):
+        if (driver := lease.grant(connection, fence, now())) is None:
             raise ConnectionClosedError(self._why_not(lease, robot))
         if older is not None and isinstance(older.holder, Connection):
             older.holder.end(close_reasons.superseded(robot.name))
         self._notify(robot.id)
-        return fence
+        return driver
 
     def end(self, connection: Connection) -> None:
         """The connection is over, and so is its lease."""
@@ -115,10 +115,6 @@ class Leasing:
         self._notify(robot_id)
         if isinstance(holder, Connection):
             holder.end(close_reason)
-
-    def on_command(self, robot_id: int) -> None:
-        """The driver sent a command."""
-        self.of(robot_id).on_command(now())
 
     def keep_only(self, may_drive: Callable[[int, int], bool]) -> None:
         """Forget who waits without the right to drive (user, robot) any more."""

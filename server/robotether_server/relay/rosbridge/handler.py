@@ -19,6 +19,8 @@ from robotether_server.problems import HttpProblem, StoreUnavailable
 from robotether_server.relay.auth.access import HandlerContext, Permit, request_of
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control.control import Control
+from robotether_server.relay.control.leases import Driver
+from robotether_server.relay.control.leasing import now
 from robotether_server.relay.drives.drive_path import DriveCounters, DriveLease, DriveLog
 from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.http import close_reasons
@@ -179,8 +181,9 @@ class OperatorSession:
             # A page that waits for an offline robot must not use numbers up.
             self.dialer.check_online(self.connection.robot)
             await self._check_credential()
-            fence = await self.control.leasing.begin(self.connection)
-            socket, lease = await self.dialer.open(self.connection.robot, fence), self._lease(fence)
+            driver = await self.control.leasing.begin(self.connection)
+            socket = await self.dialer.open(self.connection.robot, driver.fence)
+            lease = self._lease(driver)
         self.context.connections.connected(self.connection)
         self._send_report()
         return RobotEnd(socket, lease)
@@ -196,10 +199,10 @@ class OperatorSession:
         if not holds:
             raise ConnectionClosedError(close_reasons.rights_ended(name))
 
-    def _lease(self, fence: int) -> DriveLease:
+    def _lease(self, driver: Driver) -> DriveLease:
         robot, guard = self.connection.robot, self.connection.robot.settings.guard
         entry = DriveEntry(
-            robot.id, robot.name, self.connection.user, fence, utc_now(), self.address
+            robot.id, robot.name, self.connection.user, driver.fence, utc_now(), self.address
         )
         self.drive = DriveLog(entry, guard.deadman_ms / 1000, self.bridge.refused, self._counters())
         presence, link = (
@@ -208,11 +211,11 @@ class OperatorSession:
         )
         guarded = link is not None and presence.guard_mode == "on"
         return DriveLease(
-            fence=fence,
+            fence=driver.fence,
             max_age_s=guard.max_age_ms / 1000,
             clock=link.clock if link is not None and guarded else None,
             log=self.drive,
-            on_command=partial(self.control.leasing.on_command, robot.id),
+            on_command=lambda: driver.on_command(now()),
         )
 
     def _counters(self) -> DriveCounters:

@@ -121,7 +121,7 @@ def test_the_control_passes_on_after_20_s_without_input():
     holder = driven_by(ANN, lease)
     assert lease.ask(BEN, at(1))
     assert lease.passes_at() == at(21)
-    lease.on_command(at(15))
+    lease.driver.on_command(at(15))
     assert lease.pass_on(at(34.9)) is None
     passed = lease.pass_on(at(35))
     assert (passed.driver.holder, passed.to) == (holder, BEN)

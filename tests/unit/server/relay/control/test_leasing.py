@@ -161,6 +161,20 @@ async def test_the_control_passes_on_without_an_answer(relay, guarded, sim1, htt
     assert control(relay, sim1)["reserved"]["user"] == "ben"
 
 
+async def test_commands_put_off_that_the_control_passes_on(relay, guarded, sim1, http):
+    """Only messages on a drive topic show that the driver is there."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await driven(relay, sim1)
+        relay.relay.control.leasing.ask(sim1, asker(BEN))
+        lease = relay.relay.control.leasing.of(sim1.id)
+        before = lease.passes_at().s
+        await socket.send_json({"op": "subscribe", "topic": "/pose"})
+        await until(lambda: guarded.received, "the robot has the subscription")
+        assert lease.passes_at().s == before
+        await socket.send_json({"op": "publish", "topic": "/cmd_vel", "msg": {}})
+        await until(lambda: lease.passes_at().s > before, "the command is noted")
+
+
 async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, monkeypatch):
     """Who asked and does not come keeps nobody out for long, and those who watch are told."""
     monkeypatch.setattr(leases, "RESERVED_FOR_S", 0.2)
@@ -467,21 +481,6 @@ async def test_what_passes_by_itself_is_written_with_who_drove(bare, sim1, monke
     await until(lambda: bare.codes == [4010], "the control passes on")
     assert bare.audit()[-1] == ("lease_passed", "ben", {"driver": "ann"})
     assert bare.ended() == [(sim1.id, 1)]
-
-
-async def test_commands_put_off_that_the_control_passes_on(bare, sim1, monkeypatch):
-    """Of this robot alone."""
-    monkeypatch.setattr(leases, "PASSES_AFTER_S", 60.0)
-    await bare.drives(ANN)
-    bare.leasing.ask(sim1, asker(BEN))
-    lease = bare.leasing.of(sim1.id)
-    before = lease.passes_at().s
-    later = leasing.now().later(5)
-    monkeypatch.setattr(leasing, "now", lambda: later)
-    bare.leasing.on_command(sim1.id + 1)
-    assert lease.passes_at().s == before
-    bare.leasing.on_command(sim1.id)
-    assert lease.passes_at().s > before
 
 
 async def test_the_right_to_drive_is_asked_for_of_who_waits_at_this_robot(bare, sim1):
