@@ -57,7 +57,7 @@ SUBJECTS = {
         # The table itself is data, which is not changed; these apply it.
         (
             f"{RELAY}rosbridge/message_validator.py",
-            f"{RELAY}rosbridge/fields.py",
+            f"{RELAY}rosbridge/operations.py",
             "robotether_common/ros.py",
         ),
         (*RELAY_TESTS, "tests/unit/common/test_ros.py"),

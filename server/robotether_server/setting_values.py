@@ -37,7 +37,7 @@ GLOBS_SCHEMA = {
     "description": "Names, in which * stands for any text",
 }
 GivenGlobs = Annotated[Globs, Meta(extra_json_schema=GLOBS_SCHEMA, extra={"read": globs})]
-# As the relay takes names in messages (relay/rosbridge/fields.py), with their first `/`.
+# As the relay takes names in messages (relay/rosbridge/operations.py), with their first `/`.
 RosName = Annotated[
     str,
     Meta(

@@ -20,12 +20,11 @@ with atheris.instrument_imports(include=["robotether_common", "robotether_server
     from robotether_common.ros import Globs
     from robotether_server.relay.drives.drive_path import stamped
     from robotether_server.relay.rosbridge.message_validator import (
-        OPERATIONS,
-        ROSAPI_LOOKUPS,
         MessageRefusedError,
         MessageValidator,
         ValidatedMessage,
     )
+    from robotether_server.relay.rosbridge.operations import OPERATIONS, ROSAPI_LOOKUPS
     from robotether_server.robot_settings import LevelPolicy, Limits
 
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])

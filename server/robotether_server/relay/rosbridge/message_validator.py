@@ -1,9 +1,8 @@
 """Checks every message from a client against the list of operations, and writes it anew for the robot.
 
-`OPERATIONS` lists what a connection may send, with its fields. An operation that is not in it, or a
-field that its entry does not name, never reaches a robot: rosbridge takes `message_intervall` from
-any message, and would wait so long before everything that it sends. docs/reference/protocols.md has the same
-table for people. A robot's settings say which names each level may use.
+An operation that is not in `operations`, or a field that its entry does not name, never reaches a robot: rosbridge
+takes `message_intervall` from any message, and would wait so long before everything that it sends. A robot's settings
+say which names each level may use.
 
 Each connection has a `MessageValidator`; `bridge` asks it for every message and sends what it returns and
 nothing else. So what was checked and what is sent are one: the client's own bytes must never go
@@ -19,7 +18,6 @@ import json
 import time
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
@@ -28,22 +26,22 @@ from robotether_common.ros import Globs
 
 from robotether_server.relay.drives.drive_path import DriveCommand
 from robotether_server.relay.http.timing import Excess, RateLimiter
-from robotether_server.relay.rosbridge import fields, json_text
-from robotether_server.relay.rosbridge.fields import Check, FieldRefusedError
+from robotether_server.relay.rosbridge.operations import (
+    OPERATIONS,
+    ROSAPI_LOOKUPS,
+    FieldRefusedError,
+    NotJsonError,
+    Operation,
+    Right,
+    identity,
+    read_json,
+    scalars,
+    speeds,
+    write_json,
+)
 from robotether_server.robot_settings import LevelPolicy, Limits
 
-# Whose globs of the level's policy the operation's name must match.
-Right = Literal["subscribe", "publish", "call", "serve"]
 Kind = Literal["topic", "service", "operation", "shape", "rate", "size", "subscriptions", "json"]
-
-LEVELS = ("info", "warning", "error", "none")
-COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
-MAX_THROTTLE_MS = 3_600_000
-MAX_QUEUE = 1000
-MAX_CALL_S = 60.0
-# Smaller pieces would make the robot write many messages of one.
-FRAGMENT_BYTES = (4096, 2**31 - 1)
-STATUS_CODES = (-128, 127)
 
 ANSWERS_PER_S = 10
 # Names whose right is remembered; clients use few.
@@ -63,136 +61,6 @@ TOO_MANY = "cannot pass message: there are too many of them; send less often"
 HIDING = frozenset(("fragment", "png"))
 # Refused before they count against what may be sent; all other refusals do.
 TOO_MUCH: Collection[Kind] = ("rate", "size")
-
-
-@dataclass(frozen=True)
-class Operation:
-    """One kind of message: `says` begins the sentence of a refusal."""
-
-    says: str
-    fields: Mapping[str, Check]
-    right: Right | None = None
-    # The field whose name is checked against the right; it must be there.
-    named_by: str | None = None
-    # For the relay itself; it never reaches a robot.
-    own: bool = False
-    # The fields as a sequence, which is quicker to go through.
-    checks: tuple[tuple[str, Check], ...] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "checks", tuple(self.fields.items()))
-
-
-_ANSWER: Mapping[str, Check] = {
-    "fragment_size": fields.whole(*FRAGMENT_BYTES),
-    "compression": fields.choice(*COMPRESSIONS),
-}
-_TOPIC: Mapping[str, Check] = {
-    "id": fields.identity,
-    "topic": fields.ros_name,
-    "type": fields.text,
-}
-_PUBLISHED: Mapping[str, Check] = {
-    "latch": fields.flag,
-    "queue_size": fields.whole(0, MAX_QUEUE),
-    "qos": fields.scalars,
-}
-_GOAL: Mapping[str, Check] = {
-    "id": fields.identity,
-    "action": fields.ros_name,
-    "action_type": fields.text,
-    "args": fields.payload,
-    "feedback": fields.flag,
-    **_ANSWER,
-}
-_SERVICE: Mapping[str, Check] = {
-    "id": fields.identity,
-    "service": fields.ros_name,
-    "type": fields.text,
-    "values": fields.payload,
-    "result": fields.flag,
-}
-_ACTION: Mapping[str, Check] = {
-    "id": fields.identity,
-    "action": fields.ros_name,
-    "type": fields.text,
-    "values": fields.payload,
-    "status": fields.whole(*STATUS_CODES),
-    "result": fields.flag,
-}
-_STATUS: Mapping[str, Check] = {
-    "id": fields.identity,
-    "level": fields.choice(*LEVELS),
-    "msg": fields.text,
-}
-
-OPERATIONS: Mapping[str, Operation] = {
-    "subscribe": Operation(
-        "subscribe to",
-        {
-            **_TOPIC,
-            "throttle_rate": fields.whole(0, MAX_THROTTLE_MS),
-            "queue_length": fields.whole(0, MAX_QUEUE),
-            "qos": fields.scalars,
-            **_ANSWER,
-        },
-        "subscribe",
-        "topic",
-    ),
-    "unsubscribe": Operation(
-        "unsubscribe from",
-        {"id": fields.identity, "topic": fields.ros_name},
-        "subscribe",
-        "topic",
-    ),
-    "advertise": Operation("advertise", {**_TOPIC, **_PUBLISHED}, "publish", "topic"),
-    "unadvertise": Operation("unadvertise", {**_TOPIC, **_PUBLISHED}, "publish", "topic"),
-    "publish": Operation(
-        "publish to",
-        {**_TOPIC, "msg": fields.members, **_PUBLISHED, STAMP: fields.stamp},
-        "publish",
-        "topic",
-    ),
-    "call_service": Operation(
-        "call",
-        {
-            "id": fields.identity,
-            "service": fields.ros_name,
-            "type": fields.text,
-            "args": fields.payload,
-            "timeout": fields.number(0, MAX_CALL_S),
-            **_ANSWER,
-        },
-        "call",
-        "service",
-    ),
-    "send_action_goal": Operation("send a goal to", _GOAL, "call", "action"),
-    "cancel_action_goal": Operation("cancel a goal of", _GOAL, "call", "action"),
-    "advertise_service": Operation("serve", _SERVICE, "serve", "service"),
-    "unadvertise_service": Operation("stop serving", _SERVICE, "serve", "service"),
-    "service_response": Operation("answer for", _SERVICE, "serve", "service"),
-    "advertise_action": Operation("serve", _ACTION, "serve", "action"),
-    "unadvertise_action": Operation("stop serving", _ACTION, "serve", "action"),
-    "action_feedback": Operation("answer for", _ACTION, "serve", "action"),
-    "action_result": Operation("answer for", _ACTION, "serve", "action"),
-    "action_status": Operation("answer for", _ACTION, "serve", "action"),
-    "status": Operation("send a status", _STATUS),
-    "set_level": Operation("set the level", _STATUS),
-    "robotether.beat": Operation(
-        "answer the beat", {"t_ms": fields.timestamp, "key": fields.text}, own=True
-    ),
-    "robotether.stop": Operation("stop the robot", {}, own=True),
-}
-
-# Services of rosapi that only look something up; every level may call them.
-_LOOKUPS = """
-    action_feedback_details action_goal_details action_result_details action_servers action_type
-    get_param get_param_names get_ros_version get_time has_param interfaces message_details
-    node_details nodes publishers search_param service_host service_node service_providers
-    service_request_details service_response_details service_type services services_for_type
-    subscribers topic_type topics topics_and_raw_types topics_for_type
-"""
-ROSAPI_LOOKUPS = frozenset(f"/rosapi/{name}" for name in _LOOKUPS.split())
 
 
 class MessageRefusedError(Exception):
@@ -289,7 +157,7 @@ class MessageValidator:
         self._check_right(entry, written)
         if operation == "publish":
             return self._publish(written)
-        return ValidatedMessage(_write(written), operation)
+        return ValidatedMessage(write_json(written), operation)
 
     def _check_amount(self, data: bytes) -> bool:
         """Tell whether the message may pass whatever it is; if not, it still may be a stop."""
@@ -348,14 +216,14 @@ class MessageValidator:
         stamp_ms = written.pop(STAMP, None)
         topic = written["topic"]
         if not self._is_drive_topic(topic):
-            return ValidatedMessage(_write(written), "publish")
+            return ValidatedMessage(write_json(written), "publish")
         try:
-            speed, turn = fields.speeds(written.get("msg", {}))
+            speed, turn = speeds(written.get("msg", {}))
         except FieldRefusedError as exc:
             raise _RefusalError(
                 "shape", f"cannot publish to {topic}: msg {exc}", written.get("id")
             ) from exc
-        data = _write(written)
+        data = write_json(written)
         command = DriveCommand(topic, written, data, stamp_ms, speed, turn)
         return ValidatedMessage(data, "publish", command)
 
@@ -364,24 +232,16 @@ def status_error(text: str, message_id: object) -> bytes:
     """Build rosbridge's status message; `message_id` is the id of the message it answers."""
     status: dict[str, object] = {"op": "status", "level": "error"}
     with suppress(FieldRefusedError):
-        status["id"] = fields.identity(message_id)
+        status["id"] = identity(message_id)
     status["msg"] = text
     return json.dumps(status).encode()
 
 
 def _read(data: bytes) -> dict[str, Any]:
     try:
-        return json_text.read(data)
-    except json_text.NotJsonError as exc:
+        return read_json(data)
+    except NotJsonError as exc:
         raise _RefusalError("json", f"cannot read message: not JSON: {exc}") from exc
-
-
-def _write(written: dict[str, Any]) -> bytes:
-    try:
-        return json_text.write(written)
-    except json_text.NotJsonError as exc:
-        why = f"cannot pass {written['op']}: {exc}"
-        raise _RefusalError("json", why, written.get("id")) from exc
 
 
 def _fields_of(operation: str, entry: Operation, message: Mapping[str, Any]) -> dict[str, Any]:
@@ -402,7 +262,7 @@ def _fields_of(operation: str, entry: Operation, message: Mapping[str, Any]) -> 
 def _check_plain_values(written: Mapping[str, Any]) -> None:
     """Look-ups take plain values; so an observer sends no object inside another."""
     try:
-        fields.scalars(written.get("args", {}))
+        scalars(written.get("args", {}))
     except FieldRefusedError as exc:
         why = f"cannot pass call_service: its field args {exc}"
         raise _RefusalError("shape", why, written.get("id")) from exc

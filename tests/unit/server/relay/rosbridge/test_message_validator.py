@@ -1,4 +1,4 @@
-"""Which operations pass for which level, and what of them: as documented, and nothing beside in any spelling."""
+"""Which operations pass for which level, and what of them, and nothing beside in any spelling."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -15,50 +14,33 @@ from robotether_common.ros import Globs
 from robotether_server.relay.drives.drive_path import stamped
 from robotether_server.relay.rosbridge.message_validator import (
     ANSWERS_PER_S,
-    OPERATIONS,
-    ROSAPI_LOOKUPS,
     MessageRefusedError,
     MessageValidator,
     Subscriptions,
     ValidatedMessage,
     status_error,
 )
+from robotether_server.relay.rosbridge.operations import OPERATIONS, ROSAPI_LOOKUPS
 from robotether_server.robot_settings import DEFAULTS, Level, LevelPolicy, Limits
 from validators import DRIVING, MANAGING, OBSERVING, Clock, check, name_of, refused, sent, validator
 
-PROTOCOLS = Path(__file__).resolve().parents[5] / "docs" / "reference" / "protocols.md"
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])
 
 
-def documented() -> Iterator[tuple[str, str | None, set[str]]]:
-    """Operation, right and fields of each row of the table."""
-    table = PROTOCOLS.read_text(encoding="utf-8").split("| operation | checked against | fields |")[
-        1
-    ]
-    for row in table.split("\n\n")[0].splitlines()[2:]:
-        operations, right, known = row.strip("|").split("|")
-        rights = re.findall(r"`(\w+)`", right)
-        for operation in re.findall(r"`(\w+)`", operations):
-            yield operation, rights[0] if rights else None, set(re.findall(r"`(\w+)`", known))
+RIGHTS_OF = {
+    "subscribe": "subscribe unsubscribe",
+    "publish": "advertise unadvertise publish",
+    "call": "call_service send_action_goal cancel_action_goal",
+    "serve": "advertise_service unadvertise_service service_response advertise_action unadvertise_action "
+    "action_feedback action_result action_status",
+    None: "status set_level robotether.beat robotether.stop",
+}
 
 
-def test_the_list_is_the_documented_table():
-    """Operations, what each is checked against, and its fields."""
-    rows = {operation: (right, known) for operation, right, known in documented()}
-    listed = {
-        name: (entry.right, set(entry.fields))
-        for name, entry in OPERATIONS.items()
-        if not entry.own
-    }
-    assert {name: right for name, (right, _) in listed.items()} == {
-        name: right for name, (right, _) in rows.items()
-    }
-    for name, (_, known) in listed.items():
-        # A row for several operations has the fields of all of them.
-        assert known <= rows[name][1], name
-    assert set().union(*(known for _, known in listed.values())) == set().union(
-        *(known for _, known in rows.values())
-    )
+def test_each_operation_needs_its_right():
+    """And there is no other operation."""
+    rights = {name: right for right, names in RIGHTS_OF.items() for name in names.split()}
+    assert {name: entry.right for name, entry in OPERATIONS.items()} == rights
 
 
 @pytest.mark.parametrize("name", OPERATIONS)
@@ -458,10 +440,6 @@ def test_rubbish_passes_nobody(data):
 @pytest.mark.parametrize(
     "data",
     [
-        b'{"op": "publish", "op": "subscribe", "topic": "/a"}',
-        b'{"op": "subscribe", "topic": "/a", "topic": "/b"}',
-        b'{"op": "subscribe", "topic": "/a", "\\u0074opic": "/b"}',
-        b'{"op": "publish", "topic": "/a", "msg": {"x": 1, "x": 2}}',
         b'{"op": "publish", "topic": "/a", "msg": {"x": NaN}}',
         b'{"op": "publish", "topic": "/a", "msg": {"x": -Infinity}}',
         b'{"op": "publish", "topic": "/a", "msg": {"x": 1e999}}',
@@ -473,6 +451,30 @@ def test_rubbish_passes_nobody(data):
 def test_what_parsers_disagree_on_passes_nobody(data):
     """A robot's parser that stumbles makes rosbridge look for operations inside."""
     assert refused(data, validator("manage"))[0] == "json"
+
+
+@pytest.mark.parametrize(
+    ("data", "passed"),
+    [
+        (
+            b'{"op": "publish", "op": "subscribe", "topic": "/a"}',
+            {"op": "subscribe", "topic": "/a"},
+        ),
+        (
+            b'{"op": "subscribe", "topic": "/b", "\\u0074opic": "/a"}',
+            {"op": "subscribe", "topic": "/a"},
+        ),
+        (
+            b'{"op": "publish", "topic": "/a", "msg": {"x": 1, "x": 2}}',
+            {"op": "publish", "topic": "/a", "msg": {"x": 2}},
+        ),
+    ],
+)
+def test_of_a_key_twice_the_last_is_checked_and_sent(data, passed):
+    """The robot gets it once; what comes first is neither checked nor sent."""
+    assert sent(data, validator("manage")) == passed
+    hidden = data.replace(b"/a", b"/cmd_vel").replace(b"subscribe", b"publish")
+    assert refused(hidden, validator("observe"))[0] == "topic"
 
 
 def test_a_status_carries_only_ids_that_rosbridge_knows():
