@@ -12,10 +12,10 @@ Imports go one way: what stands alone here <- net <- enrolment <- tunnel <- daem
     tunnel           one SSH connection and its session
     guard            what stops the robot, a process of its own, and what keeps it running
     video            frames to the server
-    health           whether rosbridge and web_video_server answer; `vitals` is the battery
+    health           whether rosbridge and web_video_server answer, and the battery
     upgrade          puts another version in use and goes back if it fails
-    status           how the agent is, for people and programs
-    settings         agent.toml and the environment, read once; `setting_values` parses
+    status           how the agent is, for people and programs; `systemd` gets it, too, and the log
+    settings         agent.toml and the environment, read once
     problems         everything that can go wrong; `backoff` says what then, `describe_error` names it
 """
 

@@ -24,11 +24,10 @@ from functools import partial
 from pathlib import Path
 
 from robotether_agent import __version__
-from robotether_agent import log as logs
 from robotether_agent.backoff import before_restart
 from robotether_agent.daemon import Agent
-from robotether_agent.doctor import run_checks
-from robotether_agent.doctor.findings import FAIL, WARNING, fail
+from robotether_agent.doctor import FAIL, WARNING, fail
+from robotether_agent.doctor.checks import run_checks
 from robotether_agent.enrolment.enroller import Enroller, EnrolmentStore, enrolment_files, unenrol
 from robotether_agent.enrolment.identity import IdentityStore
 from robotether_agent.files import ensure_directory
@@ -41,7 +40,7 @@ from robotether_agent.problems import (
 )
 from robotether_agent.settings import DEFAULT_FILE, Settings, load, shown
 from robotether_agent.status import CONNECTED, is_alive, read_status, render
-from robotether_agent.systemd import Notifier
+from robotether_agent.systemd import Notifier, set_up_log
 from robotether_agent.tasks import within
 from robotether_agent.upgrade import Layout, Upgrade, UpgradeReport
 
@@ -195,7 +194,7 @@ def key(settings: Settings) -> int:
 
 def run(settings: Settings, environ: Mapping[str, str]) -> int:
     """Run the agent until it ends by itself or is told to, and return its exit code."""
-    logs.set_up(settings.log_level, environ)
+    set_up_log(settings.log_level, environ)
     notifier = Notifier.from_environ(environ)
     code = asyncio.run(_until_signal(settings, notifier))
     notifier.stopping()

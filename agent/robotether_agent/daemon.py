@@ -21,7 +21,7 @@ from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.guard.child_process import guard_command
 from robotether_agent.guard.supervisor import GuardSupervisor, GuardView
-from robotether_agent.health import Health
+from robotether_agent.health import Health, Vitals
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
     AgentProblem,
@@ -31,7 +31,6 @@ from robotether_agent.problems import (
     SessionEnded,
     StateUnusable,
 )
-from robotether_agent.setting_values import camera_urls
 from robotether_agent.settings import Settings
 from robotether_agent.status import CONNECTED, StatusWriter
 from robotether_agent.systemd import Notifier
@@ -42,7 +41,6 @@ from robotether_agent.tunnel.session import Checked, RequestedFeatures, Session,
 from robotether_agent.video.frames_service import FramesService
 from robotether_agent.video.sources import SourceSettings
 from robotether_agent.video.video_proxy import LocalService, VideoProxy
-from robotether_agent.vitals import Vitals
 
 STATUS_EVERY_S = 2.0
 LOCALHOST = "127.0.0.1"
@@ -66,7 +64,7 @@ class Agent:
             settings.video_url,
             settings.rosbridge_url,
             settings.video_source,
-            camera_urls(settings.cameras),
+            settings.camera_urls,
         )
         self._health = Health(self._source_settings)
         self._status_writer = StatusWriter(

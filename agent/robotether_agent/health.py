@@ -1,29 +1,49 @@
-"""Watches rosbridge and the source of video on the robot, and reports changes.
+"""Watches the robot's rosbridge, its source of video and its battery, and reports changes.
 
-Run by the agent for its whole life. A service that is down never ends the tunnel: the server is told,
+`Health` is run by the agent for its whole life. A service that is down never ends the tunnel: the server is told,
 and the tunnel waits for it. Asks every 2 s: rosbridge by one WebSocket that is held open and pinged (a new
 one each time would fill rosbridge's log), web_video_server by GET /. Where there is none, or the settings want none,
 video is there when rosbridge has compressed pictures or a camera of the settings answers, which is asked less often.
+
+`Vitals` is a task of the session, so that nobody asks the robot while nobody is told. It holds one subscription, of one
+message in 5 s at most, and none on a robot without a battery's topic.
 """
 
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import logging
-from collections.abc import Awaitable, Callable
+import math
+import struct
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from http import HTTPStatus
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import aiohttp
-from robotether_common.session import ServiceState
+from robotether_common.session import Battery, ServiceState
 
 from robotether_agent.describe_error import describe_error
-from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
-from robotether_agent.fields import FieldError, parse_object
-from robotether_agent.problems import AgentProblem, RosbridgeDown, VideoSourceDown
-from robotether_agent.rosbridge import IMAGE_TYPE, LOOK_UP, is_answer, topics_in
+from robotether_agent.fields import FieldError, JsonObject, parse_object
+from robotether_agent.files import read_text
+from robotether_agent.problems import (
+    EXPOSED_ADVICE,
+    PAST_GUARD,
+    AgentProblem,
+    RosbridgeDown,
+    VideoSourceDown,
+)
+from robotether_agent.rosbridge import (
+    IMAGE_TYPE,
+    LOOK_UP,
+    Rosbridge,
+    connected,
+    is_answer,
+    topics_in,
+)
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video.sources import SourceSettings
 
@@ -33,6 +53,20 @@ TIMEOUT_S = 2.0
 MAX_MESSAGE_BYTES = 1024 * 1024
 # rosapi, cameras and the kernel's listening sockets are asked once in so many times.
 SELDOM = 15
+# The kernel's lists of TCP sockets, and the state LISTEN in them.
+LISTS = ("tcp", "tcp6")
+LISTEN = "0A"
+
+BATTERY_TYPE = "sensor_msgs/BatteryState"
+# Tried in this order; else the first by name.
+USUAL_TOPICS = ("/battery_state", "/battery", "/battery_status")
+BATTERY_EVERY_S = 5.0
+SILENT_S = 60.0
+RETRY_S = 30.0
+# sensor_msgs/BatteryState's POWER_SUPPLY_STATUS_CHARGING.
+CHARGING = 1
+
+Send = Callable[[Mapping[str, object]], None]
 
 log = logging.getLogger(__name__)
 
@@ -104,7 +138,9 @@ class Health:
             if address != self.report.ros_exposed:
                 await self._set(replace(self.report, ros_exposed=address))
                 if address:
-                    log.warning("rosbridge listens on %s: %s; %s", address, PAST_GUARD, ADVICE)
+                    log.warning(
+                        "rosbridge listens on %s: %s; %s", address, PAST_GUARD, EXPOSED_ADVICE
+                    )
             await asyncio.sleep(SELDOM * self._every_s)
 
     async def _hold_rosbridge(self, http: aiohttp.ClientSession) -> None:
@@ -187,10 +223,8 @@ class Health:
 
     async def _has_camera(self) -> bool:
         for url in self._source_settings.cameras.values():
-            split = urlsplit(url)
-            port = split.port or (443 if split.scheme == "https" else 80)
             with suppress(OSError, asyncio.TimeoutError):
-                opening = asyncio.open_connection(split.hostname, port)
+                opening = asyncio.open_connection(urlsplit(url).hostname, port_of(url))
                 _, writer = await within(TIMEOUT_S, opening)
                 writer.close()
                 return True
@@ -245,3 +279,127 @@ def _log_change(good: str, problem: AgentProblem | None) -> None:
         log.info("%s", good)
     else:
         log.warning("%s; the tunnel stays open and waits for it", problem)
+
+
+def port_of(url: str) -> int:
+    """Return the port of a service's URL."""
+    split = urlsplit(url)
+    return split.port or (443 if split.scheme in {"https", "wss"} else 80)
+
+
+def exposed_at(url: str, lists: Path = Path("/proc/net")) -> str:
+    """Return the address beyond loopback at which the port of `url` is listened on; empty: none, or not known.
+
+    ROS's rosbridge listens on all interfaces unless it is told otherwise, and the guard is not in the way of who comes
+    from there. Read from the kernel's list, so that no service sees a connection.
+    """
+    port = port_of(url)
+    for name in LISTS:
+        for line in (read_text(lists / name) or "").splitlines()[1:]:
+            _, local, _, state, *_ = line.split()
+            words, _, its_port = local.partition(":")
+            if state != LISTEN or int(its_port, 16) != port:
+                continue
+            address = _address(words)
+            if not _is_loopback(address):
+                return str(address)
+    return ""
+
+
+def _address(words: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    """Read an address as the kernel prints it: words of 32 bits in this machine's order."""
+    raw = bytes.fromhex(words)
+    count = len(raw) // 4
+    return ipaddress.ip_address(struct.pack(f"={count}I", *struct.unpack(f">{count}I", raw)))
+
+
+def _is_loopback(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
+    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
+    return (mapped or address).is_loopback
+
+
+class Vitals:
+    """What is known of the robot's battery: nothing, once it was not heard for SILENT_S."""
+
+    def __init__(self, rosbridge_url: str, *, every_s: float = BATTERY_EVERY_S) -> None:
+        self._rosbridge_url = rosbridge_url
+        self._every_s = every_s
+        self._battery: Battery | None = None
+        self._changed = asyncio.Event()
+
+    async def report(self, send: Send) -> None:
+        """Tell of each change, the newest once in 5 s at most; runs until it is cancelled."""
+        self._battery = None
+        await first_of(self._keep_listening(), self._keep_reporting(send))
+
+    async def _keep_reporting(self, send: Send) -> None:
+        # A new session knows of none.
+        reported: Battery | None = None
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            if self._battery != reported:
+                reported = self._battery
+                send({"type": "vitals", "battery": None if reported is None else asdict(reported)})
+                await asyncio.sleep(self._every_s)
+
+    async def _keep_listening(self) -> None:
+        while True:
+            try:
+                await self._listen()
+            except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+                # rosbridge is down, or has no rosapi: health tells of the former.
+                log.debug("no battery: %r", error)
+            self._found(None)
+            await asyncio.sleep(RETRY_S)
+
+    async def _listen(self) -> None:
+        """Follow the battery's topic until it falls silent; return at once when there is none."""
+        url = self._rosbridge_url
+        async with connected(url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
+            topic = battery_topic(await rosbridge.topics())
+            if topic is not None:
+                await self._follow(rosbridge, topic)
+
+    async def _follow(self, rosbridge: Rosbridge, topic: str) -> None:
+        throttle_ms = int(self._every_s * 1000)
+        await rosbridge.subscribe(topic, BATTERY_TYPE, throttle_ms=throttle_ms)
+        while True:
+            self._found(battery_in(await within(SILENT_S, rosbridge.message())))
+
+    def _found(self, battery: Battery | None) -> None:
+        if battery != self._battery:
+            self._battery = battery
+            self._changed.set()
+
+
+def battery_topic(topics: Mapping[str, str]) -> str | None:
+    """Return the topic of the robot's battery, if it has one."""
+    found = sorted(name for name, kind in topics.items() if kind == BATTERY_TYPE)
+    usual = (name for name in USUAL_TOPICS if name in found)
+    return next(usual, found[0] if found else None)
+
+
+def battery_in(message: JsonObject) -> Battery | None:
+    """Return what a BatteryState says, or nothing when it does not say how full it is.
+
+    `percentage` is 0 to 1; some drivers write 0 to 100. What cannot be measured is NaN, which rosbridge writes null.
+    """
+    part = _number(message, "percentage")
+    if part is None:
+        charge, capacity = _number(message, "charge"), _number(message, "capacity")
+        part = charge / capacity if charge is not None and capacity else None
+    if part is None or not 0 <= part <= 100:  # noqa: PLR2004
+        return None
+    percent = round(part * 100 if part <= 1 else part)
+    return Battery(percent, message.get("power_supply_status") == CHARGING)
+
+
+def _number(message: JsonObject, name: str) -> float | None:
+    value = message.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    # A whole number may be larger than any float, and must not end the session that tells of it.
+    with suppress(OverflowError):
+        return float(value) if math.isfinite(value) else None
+    return None

@@ -1,6 +1,6 @@
 """The agent's own use of rosbridge: lists topics, and subscribes to one.
 
-Used by the media service and the vitals, each on a connection of its own and only while somebody wants what it brings.
+Used for video and battery, each on a connection of its own and only while somebody wants what it brings.
 Never publishes, and never calls anything but rosapi's look-ups. Messages of a connection are read by one task alone.
 """
 
@@ -102,7 +102,7 @@ def same_type(kind: str) -> str:
 
 @asynccontextmanager
 async def connected(url: str, *, max_message_bytes: int) -> AsyncIterator[Rosbridge]:
-    """Connect, and leave at the end; raises what reasons.why knows.
+    """Connect, and leave at the end; raises what describe_error knows.
 
     Whoever is cancelled leaves without a goodbye: a rosbridge that hangs must not hold up what waits for that, which
     may be the word to the guard that the session is lost.

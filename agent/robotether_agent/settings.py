@@ -1,20 +1,23 @@
 """The agent's settings: agent.toml and ROBOTETHER_<KEY> of the environment, read once by the cli.
 
 Everything else gets the frozen Settings as an argument. A wrong value stops the start and names the file
-or variable, the key, the value and what is allowed. Secrets never reach a log or `show-settings`.
+or variable, the key, the value and what is allowed. Secrets never reach a log or `show-settings`. A parser makes a
+checked value of a TOML value or of a text from the environment; it raises RefusedValueError and nothing else.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import partial
+from ipaddress import IPv6Address
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
-from robotether_agent import setting_values as parse
-from robotether_agent.fields import MacError, normalise_mac
+from robotether_agent.fields import HOST, IPV6, ROBOT_NAME, MacError, normalise_mac
 from robotether_agent.problems import SettingsInvalid
 
 if sys.version_info >= (3, 11):
@@ -28,31 +31,19 @@ PREFIX = "ROBOTETHER_"
 SECRETS = frozenset({"token"})
 # A password may stand in these URLs.
 URLS_WITH_LOGIN = frozenset({"http_proxy", "cameras"})
-
-PARSERS: dict[str, Callable[[object], Any]] = {
-    "server": parse.server,
-    "tls_fingerprint": parse.fingerprint,
-    "ca_file": parse.path,
-    "ssh_host": parse.host,
-    "ssh_ports": parse.ports,
-    "http_proxy": parse.http_proxy,
-    "interface": parse.interface,
-    "mac": parse.mac,
-    "name": parse.robot_name,
-    "allow_local_mac": parse.flag,
-    "rosbridge_url": parse.rosbridge_url,
-    "video_url": parse.video_url,
-    "video_source": parse.video_source,
-    "cameras": parse.cameras,
-    "shell_address": parse.shell_address,
-    "guard": parse.on_off,
-    "state_dir": parse.path,
-    "run_dir": parse.run_dir,
-    "token": parse.text,
-    "token_file": parse.path,
-    "log_level": parse.log_level,
-}
 EXCLUSIVE = (("tls_fingerprint", "ca_file"), ("token", "token_file"), ("interface", "mac"))
+
+PROXY_LOGIN = re.compile(r"[A-Za-z0-9._~!$&'()*+,;=%-]+:[A-Za-z0-9._~!$&'()*+,;=:%-]*")
+INTERFACE = re.compile(r"[A-Za-z0-9._-]{1,15}")
+# OpenSSH expands % and ${} in its file options and splits some at blanks.
+PLAIN_PATH = re.compile(r"/[A-Za-z0-9._/+@:,=-]*")
+# A Unix socket's path has at most 107 bytes, and OpenSSH adds 17 to the control socket's while it binds.
+MAX_RUN_DIR_LENGTH = 107 - 17 - len("/session.ctl")
+MAX_PORT = 65535
+MAX_PORTS = 8
+PORT = re.compile(r"[0-9]{1,5}")
+CAMERA_NAME = re.compile(r"[A-Za-z0-9_/][A-Za-z0-9_./-]{0,63}")
+MAX_CAMERAS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,17 +83,244 @@ class Settings:
         """The server's https port."""
         return urlsplit(f"//{self.server}").port or HTTPS
 
-    def join_token(self) -> str | None:
-        """Return the join token, read when it is needed: an enrolled robot may have lost the file."""
-        if self.token_file is None:
-            return self.token
-        try:
-            return self.token_file.read_text(encoding="ascii").strip() or None
-        except (OSError, UnicodeDecodeError) as error:
-            raise SettingsInvalid(
-                f"cannot read the join token in {self.token_file}, which token_file names: {error}",
-                advice="put the token there, or remove token_file from the settings",
-            ) from error
+    @property
+    def camera_urls(self) -> dict[str, str]:
+        """The URLs of `cameras` by name."""
+        return {name: url for name, _, url in (item.partition("=") for item in self.cameras)}
+
+
+class RefusedValueError(ValueError):
+    """The value is not allowed; the message says what is."""
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise RefusedValueError("a text that is not empty")
+    return value.strip()
+
+
+def _one_of(known: tuple[str, ...], value: object) -> str:
+    name = _text(value).lower()
+    if name not in known:
+        raise RefusedValueError(", ".join(f'"{one}"' for one in known))
+    return name
+
+
+def _host(value: object) -> str:
+    name = _text(value)
+    if not (HOST.fullmatch(name) or _is_ipv6(name)):
+        raise RefusedValueError("a host name or an address")
+    return name
+
+
+def _is_ipv6(name: str) -> bool:
+    """Tell an IPv6 address from a HOST:PORT of the same characters, such as 10.0.0.5:2222."""
+    try:
+        IPv6Address(name)
+    except ValueError:
+        return False
+    return IPV6.fullmatch(name) is not None
+
+
+def _split(url: str, allowed: str) -> SplitResult:
+    """Return a URL's parts, whose port is none or from 1 to 65535; else tell what is `allowed`."""
+    try:
+        split = urlsplit(url)
+        if split.port != 0:
+            return split
+    except ValueError as error:
+        raise RefusedValueError(allowed) from error
+    raise RefusedValueError(allowed)
+
+
+def _bracketed(name: str) -> str:
+    """Return a host as it stands in a URL."""
+    return f"[{name}]" if ":" in name else name
+
+
+def _server(value: object) -> str:
+    """Return HOST or HOST:PORT, with an IPv6 address in brackets."""
+    name = _text(value)
+    allowed = "HOST or HOST:PORT (of https), without https:// and path"
+    split = _split(f"//{name}", allowed)
+    bare = _bracketed(split.hostname or "")
+    if name.lower() not in {bare, f"{bare}:{split.port}"}:
+        raise RefusedValueError(allowed)
+    _host(split.hostname)
+    return name
+
+
+def _fingerprint(value: object) -> bytes:
+    """Return the 32 bytes of a SHA-256 in hexadecimal, with or without colons."""
+    digits = _text(value).removeprefix("sha256:").replace(":", "")
+    if not re.fullmatch(r"[0-9A-Fa-f]{64}", digits):
+        raise RefusedValueError("the SHA-256 of the server's certificate: 64 hexadecimal digits")
+    return bytes.fromhex(digits)
+
+
+def _port(value: object) -> int:
+    number = int(value) if isinstance(value, str) and PORT.fullmatch(value.strip()) else value
+    if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= MAX_PORT:
+        raise RefusedValueError("a port from 1 to 65535")
+    return number
+
+
+def _ports(value: object) -> tuple[int, ...]:
+    """Return one or more TCP ports, in the order in which they are tried."""
+    items = value.split(",") if isinstance(value, str) else value
+    if not isinstance(items, list) or not 1 <= len(items) <= MAX_PORTS:
+        raise RefusedValueError("1 to 8 ports, such as [2222, 443] (in the environment: 2222,443)")
+    return tuple(_port(item) for item in items)
+
+
+def _flag(value: object) -> bool:
+    known = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, str) and value.strip().lower() in known:
+        return known[value.strip().lower()]
+    raise RefusedValueError("true or false")
+
+
+def _mac(value: object) -> str:
+    """Return a MAC address; whether a local one is allowed is another setting's matter."""
+    try:
+        return normalise_mac(_text(value), allow_local=True)
+    except MacError as error:
+        raise RefusedValueError(f"the MAC address of one interface ({error})") from error
+
+
+def _robot_name(value: object) -> str:
+    """Return a robot's name; whether it is free is the server's to say."""
+    name = _text(value)
+    if not ROBOT_NAME.fullmatch(name):
+        raise RefusedValueError("letters, digits and ._- (1 to 63, the first a letter or digit)")
+    return name
+
+
+def _shell_address(value: object) -> str:
+    """Return HOST:PORT of the robot's own sshd, or nothing for no shell."""
+    # An environment variable that is empty counts as not set.
+    if value in ("", "none"):
+        return ""
+    allowed = 'HOST:PORT of an SSH server, such as 127.0.0.1:22, or "" or "none" for no shell'
+    split = _split(f"//{_text(value)}", allowed)
+    if split.path or split.query or split.fragment or not split.hostname or not split.port:
+        raise RefusedValueError(allowed)
+    return f"{_bracketed(_host(split.hostname))}:{split.port}"
+
+
+def _interface(value: object) -> str:
+    """Return the name of a network interface."""
+    name = _text(value)
+    if not INTERFACE.fullmatch(name) or name in {".", ".."}:
+        raise RefusedValueError("the name of a network interface, such as eth0")
+    return name
+
+
+def _service_url(scheme: str, default_port: int, value: object) -> str:
+    """Return the URL of a service of the robot's, with its port and without a path."""
+    allowed = f"{scheme}://HOST:PORT without a path, such as {scheme}://127.0.0.1:{default_port}"
+    split = _split(_text(value), allowed)
+    if split.scheme != scheme or not split.hostname or not _is_bare(split) or "@" in split.netloc:
+        raise RefusedValueError(allowed)
+    return f"{scheme}://{_bracketed(_host(split.hostname))}:{split.port or default_port}"
+
+
+def _is_bare(split: SplitResult) -> bool:
+    return split.path in {"", "/"} and not (split.query or split.fragment)
+
+
+def _cameras(value: object) -> tuple[str, ...]:
+    """Return NAME=URL for each camera that ROS does not know; a login may stand in the URL."""
+    items = value.split() if isinstance(value, str) else value
+    allowed = (
+        f"up to {MAX_CAMERAS} NAME=URL of MJPEG cameras, with http:// or https:// and different names,"
+        ' such as ["rear=http://10.0.0.7/video"] (in the environment with blanks between them)'
+    )
+    if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
+        raise RefusedValueError(allowed)
+    names = {item.partition("=")[0] for item in items}
+    if not len(items) == len(names) <= MAX_CAMERAS:
+        raise RefusedValueError(allowed)
+    for item in items:
+        _check_camera(item, allowed)
+    return tuple(items)
+
+
+def _check_camera(item: str, allowed: str) -> None:
+    name, _, url = item.partition("=")
+    split = _split(url, allowed)
+    is_plain = url.isascii() and url.isprintable() and " " not in url
+    is_http = split.scheme in {"http", "https"} and bool(split.hostname)
+    if not (CAMERA_NAME.fullmatch(name) and is_plain and is_http):
+        raise RefusedValueError(allowed)
+
+
+def _http_proxy(value: object) -> str:
+    """Return http://[USER:PASSWORD@]HOST:PORT of a proxy; the name and password stay as they are in a URL."""
+    allowed = "http://HOST:PORT or http://USER:PASSWORD@HOST:PORT, with %40 and the like for signs"
+    split = _split(_text(value), allowed)
+    if split.scheme != "http" or not split.hostname or not _is_bare(split) or not split.port:
+        raise RefusedValueError(allowed)
+    login, at, _ = split.netloc.rpartition("@")
+    if at and not PROXY_LOGIN.fullmatch(login):
+        raise RefusedValueError(allowed)
+    return f"http://{login}{at}{_bracketed(_host(split.hostname))}:{split.port}"
+
+
+def _on_off(value: object) -> str:
+    # YAML makes true and false of the bare words.
+    given = {True: "on", False: "off"}[value] if isinstance(value, bool) else value
+    return _one_of(("on", "off"), given)
+
+
+def _path(value: object) -> Path:
+    """Return an absolute path that needs no quoting."""
+    name = _text(value)
+    if not PLAIN_PATH.fullmatch(name):
+        raise RefusedValueError("an absolute path of letters, digits and ._/+@:,=-")
+    return Path(name)
+
+
+def _run_dir(value: object) -> Path:
+    """Return an absolute path that is short enough for the control sockets in it."""
+    name = _path(value)
+    if len(str(name)) > MAX_RUN_DIR_LENGTH:
+        raise RefusedValueError(f"an absolute path of at most {MAX_RUN_DIR_LENGTH} characters")
+    return name
+
+
+def _without_login(url: str) -> str:
+    """Return a URL for people to see: without the password in it."""
+    scheme, _, rest = url.partition("://")
+    login, at, address = rest.rpartition("@")
+    return f"{scheme}://(hidden)@{address}" if at and login else url
+
+
+PARSERS: dict[str, Callable[[object], Any]] = {
+    "server": _server,
+    "tls_fingerprint": _fingerprint,
+    "ca_file": _path,
+    "ssh_host": _host,
+    "ssh_ports": _ports,
+    "http_proxy": _http_proxy,
+    "interface": _interface,
+    "mac": _mac,
+    "name": _robot_name,
+    "allow_local_mac": _flag,
+    "rosbridge_url": partial(_service_url, "ws", 9090),
+    "video_url": partial(_service_url, "http", 8080),
+    "video_source": partial(_one_of, ("auto", "web_video_server", "rosbridge")),
+    "cameras": _cameras,
+    "shell_address": _shell_address,
+    "guard": _on_off,
+    "state_dir": _path,
+    "run_dir": _run_dir,
+    "token": _text,
+    "token_file": _path,
+    "log_level": partial(_one_of, ("debug", "info", "warning", "error")),
+}
 
 
 @dataclass(frozen=True)
@@ -116,7 +334,7 @@ class _Given:
     def refuse(self, why: str) -> SettingsInvalid:
         hidden = self.key in SECRETS | URLS_WITH_LOGIN
         # A password may stand in any URL, and in most of them it is what is refused.
-        value = parse.without_login(self.value) if isinstance(self.value, str) else self.value
+        value = _without_login(self.value) if isinstance(self.value, str) else self.value
         shown = "(hidden)" if hidden else repr(value)
         return SettingsInvalid(f"cannot use {self.source} = {shown}: {why}", advice="correct it")
 
@@ -199,7 +417,7 @@ def _refuse_both(given: Mapping[str, _Given]) -> None:
 def _parsed(item: _Given) -> Any:
     try:
         return PARSERS[item.key](item.value)
-    except parse.RefusedValueError as error:
+    except RefusedValueError as error:
         raise item.refuse(f"allowed is {error}") from error
 
 
@@ -217,7 +435,7 @@ def _shown(key: str, value: object) -> str:
         return "(hidden)"
     if key in URLS_WITH_LOGIN:
         urls = value if isinstance(value, tuple) else (value,)
-        return ", ".join(parse.without_login(str(url)) for url in urls)
+        return ", ".join(_without_login(str(url)) for url in urls)
     if isinstance(value, bytes):
         return value.hex(":")
     if isinstance(value, bool):

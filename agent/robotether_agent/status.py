@@ -16,10 +16,9 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from robotether_agent import __version__
-from robotether_agent.exposure import ADVICE, PAST_GUARD
 from robotether_agent.fields import FieldError, JsonObject, get_number, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import AgentProblem, StateUnusable
+from robotether_agent.problems import EXPOSED_ADVICE, PAST_GUARD, AgentProblem, StateUnusable
 
 log = logging.getLogger(__name__)
 
@@ -195,7 +194,7 @@ def render(status: Status, now: float) -> str:
         ("video", _service(status.video, status.video_detail)),
     ]
     if status.ros_exposed:
-        exposed = f"rosbridge listens on {status.ros_exposed}: {PAST_GUARD}; {ADVICE}"
+        exposed = f"rosbridge listens on {status.ros_exposed}: {PAST_GUARD}; {EXPOSED_ADVICE}"
         rows += [("warning", exposed)]
     if status.new_key:
         rows += [("new key", status.new_key)]

@@ -1,6 +1,7 @@
-"""Talks to systemd: reports the agent's state (sd_notify), checks and restarts the boot service (systemctl).
+"""Talks to systemd: the log for its journal, the agent's state (sd_notify), and the boot service (systemctl).
 
-Without systemd it does nothing; a message that cannot be sent never stops the agent.
+Without systemd the log goes to stderr with times, and the rest does nothing; a message that cannot be sent never stops
+the agent.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import logging
 import os
 import socket
 import subprocess
+import sys
+import time
 from collections.abc import Mapping
 
 from robotether_agent.problems import UpgradeFailed
@@ -17,8 +20,38 @@ from robotether_agent.problems import UpgradeFailed
 SERVICE = "robotether-agent.service"
 # Until it gives up on a service that does not end: TimeoutStopSec, then TimeoutStartSec.
 TIMEOUT_S = 120.0
+# syslog's numbers, which journald takes off the line again.
+PRIORITIES = {
+    logging.DEBUG: 7,
+    logging.INFO: 6,
+    logging.WARNING: 4,
+    logging.ERROR: 3,
+    logging.CRITICAL: 2,
+}
 
 log = logging.getLogger(__name__)
+
+
+class JournalFormatter(logging.Formatter):
+    """For the journal, which adds time and unit by itself."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the record with its priority in front of each line."""
+        prefix = f"<{PRIORITIES.get(record.levelno, 6)}>"
+        return "\n".join(prefix + line for line in super().format(record).splitlines())
+
+
+def set_up_log(level: str, environ: Mapping[str, str]) -> None:
+    """Send the log to stderr from `level` on, as readable sentences."""
+    formatter = logging.Formatter(
+        "%(asctime)s.%(msecs)03dZ %(levelname)s %(message)s", "%Y-%m-%dT%H:%M:%S"
+    )
+    formatter.converter = time.gmtime
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(JournalFormatter() if "JOURNAL_STREAM" in environ else formatter)
+    logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
+    # Its debug lines are about this process's own event loop.
+    logging.getLogger("asyncio").setLevel(logging.WARNING)
 
 
 class Notifier:

@@ -206,7 +206,7 @@ BANNED_NAMES = {
 BANNED_VERBS = {"hear", "look", "stand", "take", "tell"}
 # Standard terms, or fixed names, each in its files.
 ALLOWED = {
-    ("JournalFormatter", "robotether_agent/log.py"): "systemd's journal",
+    ("JournalFormatter", "robotether_agent/systemd.py"): "systemd's journal",
     ("SWITCHING_PROTOCOLS", "sim_robot/healthcheck.py"): "HTTP's name of status 101",
     ("_check_authority", "doctor/server.py"): "a certificate authority",
     ("authority", "net/http_proxy.py"): "host and port, in RFC 3986",
@@ -220,7 +220,6 @@ ALLOWED = {
     ("switch", "robotether_agent/cli.py"): "a command of the program",
     ("take", "relay/control/"): "an action of the API",
     ("tls_front", "robotether_server/settings.py"): "TLS_FRONT's field",
-    ("vitals", "robotether_agent/vitals.py"): "a line of the session",
 }
 WHOLE = set(" ".join(BANNED_NAMES).split())
 SINGULAR = " ".join(BANNED_WORDS).split()

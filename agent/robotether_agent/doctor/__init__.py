@@ -1,44 +1,48 @@
-"""Runs every check from the settings to the end-to-end path, in the order in which a connection needs them.
+"""Checks every step from the settings to the end-to-end path, for `robotether-agent doctor`.
 
-For `robotether-agent doctor`. It changes nothing on the robot, joins nothing, and logs in nowhere.
+It changes nothing on the robot, joins nothing, and logs in nowhere.
+
+    checks    all in order, and those of the robot itself
+    server    the server, as seen from here
+    tunnel    SSH, the boot service, and the agent's own status
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import AsyncIterator
-from datetime import datetime, timezone
+from dataclasses import dataclass
 
-from robotether_agent import systemd
-from robotether_agent.doctor import machine, server, tunnel
-from robotether_agent.doctor.findings import Finding, ok
-from robotether_agent.settings import Settings
-from robotether_agent.status import is_alive, read_status
+OK, FAIL, WARNING, SKIPPED = "ok", "FAIL", "warning", "skipped"
 
 
-async def run_checks(settings: Settings) -> AsyncIterator[Finding]:
-    """Yield what each check finds, as soon as it is known."""
-    status = read_status(settings.run_dir)
-    if status is not None and not is_alive(status, time.time()):
-        status = None
-    yield ok("settings", f"server = {settings.server}")
-    yield machine.check_disk(settings)
-    yield machine.check_mac(settings)
-    yield await machine.check_key(settings)
-    seen = await server.view_server(settings)
-    pinned = settings.tls_fingerprint
-    yield server.check_name(seen)
-    yield server.check_port(seen)
-    yield server.check_certificate(seen, pinned)
-    yield server.check_clock(seen, datetime.now(timezone.utc), is_pinned=pinned is not None)
-    yield server.check_answer(seen)
-    yield tunnel.check_join(settings, status)
-    for finding in await tunnel.check_ssh(settings):
-        yield finding
-    yield tunnel.check_service(systemd.state(), status)
-    yield await machine.check_rosbridge(settings)
-    yield tunnel.check_guard(settings, status)
-    yield await machine.check_video(settings)
-    yield await machine.check_shell(settings)
-    yield tunnel.check_session(status)
-    yield tunnel.check_end_to_end(status)
+@dataclass(frozen=True)
+class Finding:
+    """One step's result; `advice` stands only beside a FAIL or a warning."""
+
+    step: str
+    state: str
+    detail: str
+    advice: str = ""
+
+    def __str__(self) -> str:
+        line = f"{self.state:<8} {self.step:<12} {self.detail}"
+        return f"{line}\n{'':<22}what to do: {self.advice}" if self.advice else line
+
+
+def ok(step: str, detail: str) -> Finding:
+    """Return that a step is well."""
+    return Finding(step, OK, detail)
+
+
+def fail(step: str, detail: str, advice: str) -> Finding:
+    """Return what is wrong with a step, and what to do."""
+    return Finding(step, FAIL, detail, advice)
+
+
+def warning(step: str, detail: str, advice: str) -> Finding:
+    """Return what works and should not stay so, and what to do."""
+    return Finding(step, WARNING, detail, advice)
+
+
+def skipped(step: str, why: str) -> Finding:
+    """Return that a step could not be looked at, or need not be."""
+    return Finding(step, SKIPPED, why)

@@ -1,6 +1,6 @@
 """Checks the server from here: its name, port, certificate and clock, and whether it is a Robotether server.
 
-look() asks the network once; the checks are pure functions of what it saw.
+view_server() asks the network once; the checks are pure functions of what it saw.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from email.utils import parsedate_to_datetime
 import aiohttp
 
 from robotether_agent.describe_error import describe_error
-from robotether_agent.doctor.findings import Finding, fail, ok, skipped
+from robotether_agent.doctor import Finding, fail, ok, skipped
 from robotether_agent.fields import FieldError, get_text, parse_object, printable
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within

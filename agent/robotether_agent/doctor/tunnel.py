@@ -5,11 +5,10 @@ from __future__ import annotations
 import asyncio
 import socket
 
-from robotether_agent.doctor.findings import Finding, fail, ok, skipped
+from robotether_agent.doctor import Finding, fail, ok, skipped
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
 from robotether_agent.enrolment.keys import HostKey
-from robotether_agent.net.fd_passing import stderr_with
 from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.problems import (
@@ -27,6 +26,7 @@ from robotether_agent.tunnel.openssh import (
     SshFiles,
     child_environment,
     host_key_command,
+    stderr_with,
     why_not_connected,
 )
 

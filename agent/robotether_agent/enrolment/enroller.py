@@ -29,6 +29,7 @@ from robotether_agent.enrolment.join import (
     JoinRequest,
     SshAccess,
     join,
+    join_token,
     parse_ssh,
 )
 from robotether_agent.enrolment.keys import HostKey, KeyPair
@@ -275,7 +276,7 @@ class Enroller:
         if coming is not None:
             return await self._ask_with_next(request, key, coming)
         try:
-            token = self._settings.join_token()
+            token = join_token(self._settings)
             name = self._settings.name if token else None
             return await join(self._settings, replace(request, token=token, name=name))
         except (SettingsInvalid, JoinRefused) as problem:

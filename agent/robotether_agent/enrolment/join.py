@@ -133,6 +133,19 @@ class Joined:
     host_keys: list[HostKey]
 
 
+def join_token(settings: Settings) -> str | None:
+    """Return the join token, read when it is needed: an enrolled robot may have lost the file."""
+    if settings.token_file is None:
+        return settings.token
+    try:
+        return settings.token_file.read_text(encoding="ascii").strip() or None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsInvalid(
+            f"cannot read the join token in {settings.token_file}, which token_file names: {error}",
+            advice="put the token there, or remove token_file from the settings",
+        ) from error
+
+
 async def join(settings: Settings, request: JoinRequest) -> Joined:
     """Return the answer for an active robot; any other answer is raised as its problem."""
     try:

@@ -1,4 +1,4 @@
-"""How this robot reaches its server: names, addresses, ports, an HTTP proxy, and the sockets that OpenSSH gets.
+"""How this robot reaches its server: names, addresses, ports, and an HTTP proxy.
 
 `tunnel` asks for a connection. Must never take for the server what only accepts.
 
@@ -7,5 +7,4 @@
     tcp              the name's addresses, connections to them, and what the kernel is told about each
     http_proxy       CONNECT through a proxy
     netlink          reports changes of the network
-    fd_passing       gives the connection to OpenSSH's client, which starts `fd_passing_helper` to take it
 """

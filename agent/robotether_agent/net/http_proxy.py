@@ -1,6 +1,6 @@
 """CONNECT through the HTTP proxy of a closed network (setting http_proxy).
 
-Used by the way for SSH; the join gives the same proxy to its HTTP client. The password never reaches a log or message.
+Used by the dialler; the join gives the same proxy to its HTTP client. The password never reaches a log or message.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Reports changes of this machine's links, addresses and routes (rtnetlink).
 
-Used by the dialling and by reach, each with a socket of its own. It only says that something changed, who uses it looks
+Used by dialler and liveness, each with a socket of its own. It only says that something changed, who uses it looks
 for itself: messages may be lost, or may not be allowed at all, and then whoever waits here looks a little later.
 """
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NoReturn, Protocol
 
+from robotether_agent.clock import robot_time
 from robotether_agent.net import netlink
 from robotether_agent.net.server_dialer import SETTLED_AFTER_S, ServerDialer, SshAddress
 from robotether_agent.net.tcp import is_stuck
@@ -135,11 +136,11 @@ class PauseClock:
     """Tells how long this process stood still, the machine's sleep included."""
 
     def __init__(self) -> None:
-        self._at = time.clock_gettime(time.CLOCK_BOOTTIME)
+        self._at = robot_time()
 
     def since_last_s(self) -> float:
         """Return the seconds since the last call."""
-        before, self._at = self._at, time.clock_gettime(time.CLOCK_BOOTTIME)
+        before, self._at = self._at, robot_time()
         return self._at - before
 
 

@@ -1,4 +1,4 @@
-"""OpenSSH's client: its command lines, and the meaning of its error output, as pure functions.
+"""OpenSSH's client: its command lines, the connection that it gets from us, and the meaning of its error output.
 
 Only options that every OpenSSH from 8.2 to 10 knows, and no configuration file: what a person wrote in /etc/ssh or
 ~/.ssh must not change how the robot connects. The texts are those of OpenSSH 8.2 to 10 too; what none of them matches
@@ -9,6 +9,10 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
+import socket
+import sys
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +23,6 @@ from robotether_common.session import Kind
 
 from robotether_agent.enrolment.keys import ALIAS, host_key_advice
 from robotether_agent.fields import printable
-from robotether_agent.net.fd_passing import proxy_options
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
     AgentProblem,
@@ -41,6 +44,7 @@ CONNECT_TIMEOUT_S = 10
 IP_QOS: dict[Kind, str] = {"session": "af21", "media": "8", "shell": "8"}
 # ssh ends with 255 for its own errors; any other status is that of the command on the server.
 SSH_FAILED = 255
+HELPER = Path(__file__).with_name("fd_passing_helper.py")
 
 HOST_KEY = re.compile(
     r"REMOTE HOST IDENTIFICATION HAS CHANGED|Host key verification failed|host key is known for"
@@ -100,11 +104,11 @@ def forward_to(url: str, listen_port: int) -> Forward:
 def connect_command(target: SshAddress, files: SshFiles, kind: Kind) -> list[str]:
     """Return the command of a connection whose stdin and stdout carry the session of `kind`.
 
-    It finds its TCP connection in its stderr (robotether_agent.net.fd_passing).
+    It finds its TCP connection in its stderr (`stderr_with`).
     """
     options = [
         *_trust_options(files.known_hosts),
-        *proxy_options(),
+        *_proxy_options(),
         "ControlPersist=no",
         "ExitOnForwardFailure=yes",
         *(f"IdentityFile={key}" for key in files.keys),
@@ -122,8 +126,35 @@ def host_key_command(target: SshAddress, known_hosts: Path) -> list[str]:
     It, too, finds its TCP connection in its stderr.
     """
     options = [*_trust_options(known_hosts), "IdentityFile=none", "PreferredAuthentications=none"]
-    options += proxy_options()
+    options += _proxy_options()
     return _command(target, options, ["-S", "none"], "session")
+
+
+def _proxy_options() -> list[str]:
+    """Return the options with which OpenSSH's client takes its connection from fd_passing_helper."""
+    # -I -S: nothing from this user's or this machine's Python comes in between, and it starts in half the time.
+    words = [sys.executable, "-I", "-S", str(HELPER)]
+    # OpenSSH expands % in the command, and gives it to a shell.
+    command = " ".join(map(shlex.quote, words)).replace("%", "%%")
+    return [f"ProxyCommand={command}", "ProxyUseFdpass=yes"]
+
+
+def stderr_with(connection: socket.socket) -> tuple[socket.socket, socket.socket]:
+    """Return our end and the client's end of a stderr in which `connection` waits for fd_passing_helper.
+
+    The client would otherwise make its own connection. The stderr is a Unix socket, in which fd_passing_helper, which
+    the client runs as its ProxyCommand, finds it: no name in a file system and no other program is needed.
+    """
+    ours, clients = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        descriptor = array("i", [connection.fileno()])
+        ours.sendmsg([b"\0"], [(socket.SOL_SOCKET, socket.SCM_RIGHTS, descriptor)])
+        ours.setblocking(False)
+    except OSError:
+        ours.close()
+        clients.close()
+        raise
+    return ours, clients
 
 
 def _trust_options(known_hosts: Path) -> list[str]:

@@ -18,7 +18,6 @@ from typing import Literal
 
 from robotether_common.session import MAX_LINE_BYTES, Kind
 
-from robotether_agent.net.fd_passing import stderr_with
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.net.tcp import prepare_for_video
 from robotether_agent.problems import AgentProblem, ForwardFailed, SshMissing
@@ -29,6 +28,7 @@ from robotether_agent.tunnel.openssh import (
     child_environment,
     connect_command,
     control_command,
+    stderr_with,
     why_ended,
     why_no_forward,
     why_not_connected,

@@ -20,9 +20,8 @@ bytes under way, both measured over rounds of at least a round trip:
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 from math import sqrt
-
-from robotether_agent.video.connection_state import Reading
 
 MIN_ROUND_S = 0.04
 # A round says what the path takes if somebody waited for the window during this part of it.
@@ -54,6 +53,25 @@ MAX_FLAT_ROUNDS = 3
 SEARCH_GAIN = 1.15
 # Bytes are handed on at most so much faster than the path takes them: a burst is a queue too, if a short one.
 SPEED_GAIN = 1.25
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One look at a connection; the two counts of bytes are of everything since it was made."""
+
+    at_s: float
+    # Bytes that the process wrote, and those of them that the other end has.
+    written: int
+    arrived: int
+    # Smoothed over the last round trips, and the shortest of the last minutes.
+    rtt_s: float
+    min_rtt_s: float
+    segment: int
+
+    @property
+    def in_flight(self) -> int:
+        """Bytes that wait in the kernel or are in the network."""
+        return self.written - self.arrived
 
 
 class Round:

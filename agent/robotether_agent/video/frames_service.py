@@ -23,10 +23,9 @@ from robotether_common.frames import MAX_TEXT_BYTES, PATH, StreamRequest
 
 from robotether_agent.fields import FieldError
 from robotether_agent.tasks import within
-from robotether_agent.video.frame import CameraFrame, SourceRequest
 from robotether_agent.video.receiver import Receiver
 from robotether_agent.video.shared_sources import MAX_SHARED_SOURCES, SharedSources
-from robotether_agent.video.sources import Sources, SourceSettings
+from robotether_agent.video.sources import CameraFrame, SourceRequest, Sources, SourceSettings
 
 ADDRESS = "127.0.0.1"
 MAX_TOPIC_LENGTH = 256

@@ -1,7 +1,7 @@
 """Parses multipart/x-mixed-replace, as web_video_server and network cameras write it; knows no sockets.
 
 Cameras differ: some name no length, some have the dashes of the boundary in its name already, some end lines with LF.
-Never holds more than one part, and none over PICTURE_BYTES_MAX.
+Never holds more than one part, and none over MAX_FRAME_BYTES.
 """
 
 from __future__ import annotations

@@ -2,19 +2,22 @@
 
 Used by the video proxy: each stream asks before it hands bytes to ssh. Never keeps the bytes themselves: who does not
 get its turn does not read from the camera either. Without a connection to look at, or on a kernel that does
-not tell enough (before Linux 4.6), everybody gets what it wants at once, and the log says so once.
+not tell enough (before Linux 4.6), everybody gets what it wants at once, and the log says so once. The
+connection is only looked at: it carries ssh, a process of its own.
 """
 
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import logging
 import socket
+import struct
+import termios
 from collections import deque
 from collections.abc import Callable
 
-from robotether_agent.video.bandwidth_estimator import BandwidthEstimator
-from robotether_agent.video.connection_state import Reading, read
+from robotether_agent.video.bandwidth_estimator import BandwidthEstimator, Reading
 
 # ssh takes at once what it can send. What it has not written by then is stuck at a viewer who takes nothing,
 # and must not count against the others.
@@ -29,8 +32,44 @@ ARRIVES_WITHIN_S = 1.0
 # encrypted packets of a few bytes.
 MAX_TURN_BYTES = 16 * 1024
 MIN_TURN_BYTES = 2 * 1024
+# linux/tcp.h, struct tcp_info: 8 bytes of flags, 24 numbers of 32 bits, then what came with later kernels.
+_MSS = struct.Struct("=16xI")
+_RTT = struct.Struct("=68xI")
+_BYTES_ACKED = struct.Struct("=120xQ")
+# The newest of the fields that are needed here; since Linux 4.6.
+_MIN_RTT = struct.Struct("=148xI")
+_WANTED = _MIN_RTT.size
+_INT = struct.Struct("=i")
 
 log = logging.getLogger(__name__)
+
+
+def read(connection: socket.socket, now_s: float) -> Reading | None:
+    """Look at `connection`; nothing if the kernel does not tell enough, or the connection is gone."""
+    try:
+        info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _WANTED)
+        queued = _INT.unpack(fcntl.ioctl(connection, termios.TIOCOUTQ, bytes(_INT.size)))[0]
+    except (OSError, ValueError):
+        # ValueError: closed on our side.
+        return None
+    return None if len(info) < _WANTED else _reading(info, queued, now_s)
+
+
+def _reading(info: bytes, queued: int, now_s: float) -> Reading | None:
+    (arrived,), (rtt_us,), (min_rtt_us,) = (
+        field.unpack_from(info) for field in (_BYTES_ACKED, _RTT, _MIN_RTT)
+    )
+    if not rtt_us or min_rtt_us == 2**32 - 1:
+        # Nothing has been measured yet.
+        return None
+    return Reading(
+        at_s=now_s,
+        written=arrived + queued,
+        arrived=arrived,
+        rtt_s=rtt_us / 1e6,
+        min_rtt_s=min_rtt_us / 1e6,
+        segment=_MSS.unpack_from(info)[0],
+    )
 
 
 class UnwrittenBytes:

@@ -1,7 +1,8 @@
-"""One receiver of a camera's frames: its request, its credit, and the newest frame for it.
+"""One receiver of a camera's frames: its messages (docs/reference/media.md), its credit, and the newest frame for it.
 
 Run by the frames service for each WebSocket. A frame goes out for a credit only, and then the newest; whoever takes
-nothing for IDLE_S has no source open. Holds one frame and a few texts.
+nothing for IDLE_S has no source open. Holds one frame and a few texts. A broken text names its field; an unknown `op`
+is nothing, so that the other side may be newer.
 """
 
 from __future__ import annotations
@@ -11,16 +12,35 @@ import json
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from aiohttp import WSMsgType, web
-from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest
+from robotether_common.frames import (
+    FPS,
+    HEADER,
+    JPEG,
+    LATENCIES_MS,
+    MAX_CREDITS,
+    QUALITIES,
+    SEQUENCES,
+    SIDES,
+    STAMPED,
+    StreamRequest,
+)
 
 from robotether_agent.clock import robot_time
+from robotether_agent.fields import (
+    FieldError,
+    JsonObject,
+    get_int,
+    get_number,
+    get_text,
+    parse_object,
+)
 from robotether_agent.tasks import first_of
-from robotether_agent.video.frame import CameraFrame, SourceRequest, jpeg_size
-from robotether_agent.video.frames_protocol import ClockSync, Credit, Header, parse
 from robotether_agent.video.quality import Steps, ladder
 from robotether_agent.video.shared_sources import SharedSources, SourceSwitch
+from robotether_agent.video.sources import CameraFrame, SourceRequest, jpeg_size
 
 # Saved up for jitter: a camera of just the wanted rate comes early as often as late.
 MAX_SAVED = 2.0
@@ -32,6 +52,10 @@ MAX_TEXTS = 8
 MAX_IN_FLIGHT = 8
 MIN_SIZE = 16
 
+# A browser's clock in ms; far beyond any, so that a sum never loses its fractions.
+MAX_CLOCK_MS = 1e13
+
+Getter = Callable[[JsonObject, str, Any, Any], Any]
 JsonFields = dict[str, object]
 
 
@@ -296,3 +320,87 @@ class Receiver:
         if status != self._status:
             self._status, self._status_s = status, now_s
             self._queue_text(status)
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is told of a frame; `timestamp_ms` is on the sender's clock, `quality` 0 is unknown."""
+
+    sequence: int
+    timestamp_ms: float
+    quality: int = 0
+    is_stamped: bool = False
+    codec: int = JPEG
+
+    def packed(self) -> bytes:
+        """Return the header as it stands on the wire."""
+        flags = STAMPED if self.is_stamped else 0
+        return HEADER.pack(
+            self.codec, flags, self.quality, self.sequence % SEQUENCES, self.timestamp_ms
+        )
+
+
+@dataclass(frozen=True)
+class Credit:
+    """So many more frames may be sent; `taken` is the number of the newest that has come."""
+
+    frames: int
+    taken: int | None
+
+
+@dataclass(frozen=True)
+class ClockSync:
+    """Asks for the clock; `t_ms` goes back as it came."""
+
+    t_ms: float
+
+
+Request = StreamRequest | Credit | ClockSync
+
+
+def parse(text: bytes | str) -> Request | None:
+    """Return what a text asks, or nothing for an unknown `op`; FieldError for a broken one."""
+    message = parse_object(text, "the text")
+    reader = READERS.get(get_text(message, "op", limit=50))
+    return None if reader is None else reader(message)
+
+
+def _stream_request(message: JsonObject) -> StreamRequest:
+    found = StreamRequest(
+        quality_min=_or(message, "quality_min", StreamRequest.quality_min, get_int, of=QUALITIES),
+        quality_max=_or(message, "quality_max", StreamRequest.quality_max, get_int, of=QUALITIES),
+        fps=_or(message, "fps", StreamRequest.fps, get_number, of=FPS),
+        latency_ms=_or(
+            message, "latency_ms", StreamRequest.latency_ms, get_number, of=LATENCIES_MS
+        ),
+        width=_or(message, "width", None, get_int, of=SIDES),
+        height=_or(message, "height", None, get_int, of=SIDES),
+    )
+    if found.quality_min > found.quality_max:
+        raise FieldError("field quality_min must not be over quality_max")
+    if (found.width is None) != (found.height is None):
+        raise FieldError("fields width and height must be both there, or none")
+    return found
+
+
+def _credit(message: JsonObject) -> Credit:
+    frames = _or(message, "frames", 1, get_int, of=(0, 2**31))
+    return Credit(
+        min(frames, MAX_CREDITS), _or(message, "taken", None, get_int, of=(0, SEQUENCES - 1))
+    )
+
+
+def _clock_sync(message: JsonObject) -> ClockSync:
+    return ClockSync(get_number(message, "t_ms", -MAX_CLOCK_MS, MAX_CLOCK_MS))
+
+
+def _or(message: JsonObject, name: str, default: Any, get: Getter, *, of: tuple[Any, Any]) -> Any:
+    """Return the field, within the bounds `of`, or its default where it is missing or null."""
+    return default if message.get(name) is None else get(message, name, *of)
+
+
+READERS: dict[str, Callable[[JsonObject], Request]] = {
+    "want": _stream_request,
+    "credit": _credit,
+    "beat": _clock_sync,
+}

@@ -17,8 +17,13 @@ from robotether_common.frames import Source, State
 
 from robotether_agent.backoff import delays
 from robotether_agent.clock import robot_time
-from robotether_agent.video.frame import CameraFrame, SourceDownError, SourceRequest
-from robotether_agent.video.sources import OnFrame, OnKind
+from robotether_agent.video.sources import (
+    CameraFrame,
+    OnFrame,
+    OnKind,
+    SourceDownError,
+    SourceRequest,
+)
 
 # A source that is open and gave no frame for so long is waited for.
 WAITS_AFTER_S = 2.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotether_agent.video.frames_protocol import Header
+from robotether_agent.video.receiver import Header
 from robotether_common.frames import HEADER, STAMPED
 
 SIZE = HEADER.size

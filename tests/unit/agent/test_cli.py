@@ -28,7 +28,7 @@ from openssh_server import descendants
 from robotether_agent import __version__, cli
 from robotether_agent import cli as command
 from robotether_agent.cli import act_as_agent, become_owner, identity, main, status
-from robotether_agent.doctor.findings import Finding, fail, ok, skipped
+from robotether_agent.doctor import Finding, fail, ok, skipped
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import AlreadyRunning, ServerKeyChanged

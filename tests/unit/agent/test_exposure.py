@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import namespaces
 import pytest
 from namespaces import Namespace
-from robotether_agent.exposure import exposed_at, port_of
+from robotether_agent.health import exposed_at, port_of
 
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="a network namespace needs root")
 

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import string
 import sys
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from robotether_agent.problems import SettingsInvalid
-from robotether_agent.settings import PARSERS, Settings, load, shown
+from robotether_agent.settings import (
+    MAX_RUN_DIR_LENGTH,
+    PARSERS,
+    RefusedValueError,
+    Settings,
+    load,
+    shown,
+)
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -46,32 +57,172 @@ def test_environment_alone_is_enough():
     assert settings.ssh_ports == (22, 443)
 
 
+# What TOML and the environment can give.
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
+NEARLY_RIGHT = st.text(string.ascii_letters + string.digits + "[]:./@%-_?# \n", max_size=40)
+VALUES = (
+    SCALARS
+    | NEARLY_RIGHT
+    | st.builds("ws://{}".format, NEARLY_RIGHT)
+    | st.lists(SCALARS, max_size=10)
+    | st.dictionaries(st.text(), SCALARS)
+)
+
+
+@given(st.sampled_from(sorted(PARSERS)), VALUES)
+def test_any_value_is_parsed_or_refused(key, value):
+    """No value of any type gets another exception than the refusal out of a parser."""
+    with suppress(RefusedValueError):
+        PARSERS[key](value)
+
+
+@given(st.sampled_from(("server", "ssh_host", "rosbridge_url", "video_url", "mac")), VALUES)
+def test_what_was_parsed_parses_to_itself(key, value):
+    """A value that show-settings prints can be written into the file again."""
+    try:
+        parsed = PARSERS[key](value)
+    except RefusedValueError:
+        return
+    assert PARSERS[key](parsed) == parsed
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "parsed"),
+    [
+        ("server", " robots.example.com\n", "robots.example.com"),
+        ("server", "Robots.Example.com:8443", "Robots.Example.com:8443"),
+        ("server", "[2001:DB8::1]:8443", "[2001:DB8::1]:8443"),
+        ("ssh_host", "2001:db8::1", "2001:db8::1"),
+        ("ssh_host", "robot_host.lan", "robot_host.lan"),
+        ("tls_fingerprint", "sha256:" + "ab" * 32, b"\xab" * 32),
+        ("tls_fingerprint", ":".join(["AB"] * 32), b"\xab" * 32),
+        ("shell_address", "", ""),
+        ("shell_address", "none", ""),
+        ("ssh_ports", [2222, "443"], (2222, 443)),
+        ("ssh_ports", "2222", (2222,)),
+        ("allow_local_mac", " YES ", True),
+        ("allow_local_mac", "0", False),
+        ("mac", "02-42-AC-11-00-02", "02:42:ac:11:00:02"),
+        ("interface", "enp0s31f6.100", "enp0s31f6.100"),
+        ("rosbridge_url", "ws://robot.local/", "ws://robot.local:9090"),
+        ("rosbridge_url", "ws://[::1]:9091", "ws://[::1]:9091"),
+        ("video_url", "http://10.0.0.5", "http://10.0.0.5:8080"),
+        ("state_dir", "/srv/robot@home/state", Path("/srv/robot@home/state")),
+        ("log_level", "INFO", "info"),
+        ("guard", "OFF", "off"),
+        ("guard", True, "on"),
+        ("video_source", "rosbridge", "rosbridge"),
+        ("cameras", [], ()),
+        ("cameras", ["rear=http://a/v?x=1&y=a=b"], ("rear=http://a/v?x=1&y=a=b",)),
+        (
+            "cameras",
+            "a=http://h b/c=https://[::1]:8443/v",
+            ("a=http://h", "b/c=https://[::1]:8443/v"),
+        ),
+        ("http_proxy", "http://proxy:3128/", "http://proxy:3128"),
+        ("http_proxy", "http://ann:a%40b@[::1]:80", "http://ann:a%40b@[::1]:80"),
+    ],
+)
+def test_takes_every_usual_spelling(key, value, parsed):
+    """What a person may reasonably write becomes one form, with the service's usual port."""
+    assert PARSERS[key](value) == parsed
+
+
 @pytest.mark.parametrize(
     ("key", "value", "allowed"),
     [
+        ("server", "", "a text that is not empty"),
         ("server", "https://a.example/", "HOST or HOST:PORT"),
         ("server", "a.example:99999", "HOST or HOST:PORT"),
         ("server", "-oProxyCommand=x", "a host name"),
+        ("server", 443, "a text that is not empty"),
+        ("server", "a.example:", "HOST or HOST:PORT"),
+        ("server", "a.example:0", "HOST or HOST:PORT"),
+        ("server", "[::1]x", "HOST or HOST:PORT"),
+        ("server", "2001:db8::1", "HOST or HOST:PORT"),
+        ("server", "ann@a.example", "HOST or HOST:PORT"),
+        ("server", "a.example?x=1", "HOST or HOST:PORT"),
         ("tls_fingerprint", "12:34", "64 hexadecimal digits"),
         ("ssh_host", "-oProxyCommand=x", "a host name or an address"),
-        ("ssh_ports", "2222,0", "a port from 1 to 65535"),
+        ("ssh_host", "10.0.0.5:2222", "a host name or an address"),
+        ("ssh_host", "cafe:2222", "a host name or an address"),
+        ("ssh_host", "fe80::1%eth0", "a host name or an address"),
+        ("ssh_ports", 2222, r"such as \[2222, 443\]"),
+        ("ssh_ports", [], "1 to 8 ports"),
+        ("ssh_ports", [22] * 9, "1 to 8 ports"),
+        ("ssh_ports", "2222,,443", "a port from 1 to 65535"),
+        ("ssh_ports", "65536", "a port from 1 to 65535"),
+        ("ssh_ports", "9" * 5000, "a port from 1 to 65535"),
+        ("ssh_ports", [True], "a port from 1 to 65535"),
+        ("ssh_ports", [22.0], "a port from 1 to 65535"),
         ("ssh_ports", "a", "a port from 1 to 65535"),
-        ("mac", "12", "MAC address"),
-        ("mac", "02:42:ac:11:00:02", "allow_local_mac"),
-        ("interface", "../x", "network interface"),
-        ("mac", "ff:ff:ff:ff:ff:ff", "MAC address"),
+        ("allow_local_mac", 1, "true or false"),
         ("allow_local_mac", "maybe", "true or false"),
+        ("mac", "12", "MAC address"),
         ("name", "a robot", "letters, digits"),
-        ("guard", "maybe", '"on" or "off"'),
+        ("mac", "ff:ff:ff:ff:ff:ff", "multicast or broadcast"),
+        ("interface", "..", "such as eth0"),
+        ("interface", "../x", "such as eth0"),
         ("shell_address", "127.0.0.1", "HOST:PORT of an SSH server"),
         ("shell_address", "-oProxyCommand=x:22", "a host name"),
         ("rosbridge_url", "http://127.0.0.1:9090", "ws://HOST:PORT"),
         ("rosbridge_url", "ws://127.0.0.1:9090/path", "without a path"),
+        ("interface", "a-name-too-long-0", "such as eth0"),
+        ("rosbridge_url", "ws://ann:secret@127.0.0.1:9090", "without a path"),
+        ("rosbridge_url", "ws://:secret@127.0.0.1:9090", "without a path"),
+        ("rosbridge_url", "ws://127.0.0.1:0", "without a path"),
+        ("rosbridge_url", "ws://127.0.0.1:9090?x=1", "without a path"),
+        ("rosbridge_url", "127.0.0.1:9090", "such as ws://127.0.0.1:9090"),
         ("video_url", "https://127.0.0.1", "http://HOST:PORT"),
+        ("video_url", "http://-oProxyCommand=x:80", "a host name or an address"),
+        ("http_proxy", "proxy:3128", "http://HOST:PORT"),
+        ("http_proxy", "https://proxy:3128", "http://HOST:PORT"),
+        ("http_proxy", "http://proxy", "http://HOST:PORT"),
+        ("http_proxy", "http://proxy:3128/path", "http://HOST:PORT"),
+        ("http_proxy", "http://ann:x y@proxy:3128", "http://HOST:PORT"),
+        ("http_proxy", "http://ann@proxy:3128", "USER:PASSWORD"),
+        ("http_proxy", "http://-oProxyCommand=x:80", "a host name or an address"),
+        ("video_source", "ros", "web_video_server"),
+        ("cameras", "rear", "NAME=URL"),
+        ("cameras", ["rear=http://a", "rear=http://b"], "different names"),
+        ("cameras", ["rear=rtsp://a/b"], "http://"),
+        ("cameras", ["=http://a"], "NAME=URL"),
+        ("cameras", ["a b=http://a"], "NAME=URL"),
+        ("cameras", ["rear=http:///x"], "NAME=URL"),
+        ("cameras", ["rear=http://a:70000/"], "NAME=URL"),
+        ("cameras", ["rear=http://a/\n"], "NAME=URL"),
+        ("cameras", [f"c{n}=http://a" for n in range(9)], "up to 8"),
+        ("cameras", [5], "NAME=URL"),
+        ("guard", 1, "a text that is not empty"),
+        ("guard", "maybe", '"on", "off"'),
+        ("log_level", "loud", '"debug", "info"'),
         ("state_dir", "relative", "an absolute path"),
+        ("state_dir", "~/state", "an absolute path"),
         ("state_dir", "/with blank", "an absolute path"),
+        ("state_dir", "/state/%h", "an absolute path"),
+        ("token", "  ", "a text that is not empty"),
+    ],
+)
+def test_refuses_with_what_is_allowed(key, value, allowed):
+    """Mistakes, and whatever ssh would read in another way, are refused with what is right."""
+    with pytest.raises(RefusedValueError, match=allowed):
+        PARSERS[key](value)
+
+
+def test_run_dir_keeps_room_for_the_control_sockets():
+    """The longest run directory is the longest whose sockets the kernel takes, one more is refused."""
+    longest = "/" + "x" * (MAX_RUN_DIR_LENGTH - 1)
+    assert PARSERS["run_dir"](longest) == Path(longest)
+    with pytest.raises(RefusedValueError, match=f"at most {MAX_RUN_DIR_LENGTH} characters"):
+        PARSERS["run_dir"](longest + "x")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "allowed"),
+    [
+        ("server", "https://a.example/", "HOST or HOST:PORT"),
+        ("mac", "02:42:ac:11:00:02", "allow_local_mac"),
         ("run_dir", "/" + "x" * 100, "at most"),
-        ("log_level", "loud", "debug, info, warning, error"),
     ],
 )
 def test_wrong_value_names_variable_value_and_what_is_allowed(key, value, allowed):
@@ -124,32 +275,16 @@ def test_the_port_of_https(server, port):
     assert load(None, {"ROBOTETHER_SERVER": server}).server_port == port
 
 
-def test_a_robot_may_allow_no_shell(tmp_path):
-    """In the file an empty text, in the environment a word, as an empty variable counts as not set."""
-    assert load(None, {"ROBOTETHER_SERVER": "a"}).shell_address == "127.0.0.1:22"
-    file = written(tmp_path, 'server = "a"\nshell_address = ""\n')
-    assert load(file, {}).shell_address == ""
-    environ = {"ROBOTETHER_SERVER": "a", "ROBOTETHER_SHELL_ADDRESS": "none"}
-    assert load(None, environ).shell_address == ""
-
-
 def test_a_named_file_must_exist(tmp_path):
     with pytest.raises(SettingsInvalid, match="no such file"):
         load(tmp_path / "none.toml", {"ROBOTETHER_SERVER": "a.example"})
-
-
-def test_fingerprint_takes_colons():
-    """The fingerprint is taken as openssl prints it, too."""
-    text = ":".join(["AB"] * 32)
-    environ = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_TLS_FINGERPRINT": text}
-    assert load(None, environ).tls_fingerprint == b"\xab" * 32
 
 
 def test_secrets_are_hidden(tmp_path):
     """The token is in no output, not even in that of an error."""
     environ = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_TOKEN": "s3cret"}
     settings = load(None, environ)
-    assert settings.join_token() == "s3cret"
+    assert settings.token == "s3cret"
     assert "s3cret" not in "\n".join(shown(settings)) + repr(settings)
     with pytest.raises(SettingsInvalid) as error:
         load(written(tmp_path, 'server = "a.example"\ntoken = ["s3cret"]'), {})
@@ -163,6 +298,7 @@ def test_a_cameras_password_is_hidden():
     settings = load(None, environ)
     assert "s3cret" not in "\n".join(shown(settings)) + repr(settings)
     assert "cameras = rear=http://(hidden)@10.0.0.7/video, front=http://b" in shown(settings)
+    assert settings.camera_urls == dict(one.split("=") for one in urls.split())
     with pytest.raises(SettingsInvalid) as error:
         load(None, {**environ, "ROBOTETHER_CAMERAS": urls + " bad"})
     assert "s3cret" not in str(error.value)
@@ -195,16 +331,6 @@ def test_a_proxys_password_is_hidden():
     with pytest.raises(SettingsInvalid) as error:
         load(None, {**environ, "ROBOTETHER_HTTP_PROXY": "ann:s3cret@proxy:3128"})
     assert "s3cret" not in str(error.value)
-
-
-def test_token_file_is_read_when_it_is_needed(tmp_path):
-    """A token file may be gone once the robot is enrolled; a join without it says which is missing."""
-    file = tmp_path / "token"
-    settings = load(None, {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_TOKEN_FILE": str(file)})
-    with pytest.raises(SettingsInvalid, match="cannot read the join token"):
-        settings.join_token()
-    file.write_text("from-file\n")
-    assert settings.join_token() == "from-file"
 
 
 def test_example_is_complete_and_shows_the_defaults():

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from robotether_agent.doctor import run_checks
-from robotether_agent.doctor.findings import FAIL, OK
+from robotether_agent.doctor import FAIL, OK, fail, ok, skipped
+from robotether_agent.doctor.checks import run_checks
 from robotether_agent.settings import Settings
 
 STEPS = ["settings", "disk", "mac", "key", "name", "https port", "certificate", "clock", "answer"]
@@ -42,3 +42,13 @@ async def test_a_machine_where_nothing_works_yet(place):
     failed = [finding for finding in found if finding.state == FAIL]
     assert {"disk", "key", "name", "join", "service"} <= {finding.step for finding in failed}
     assert all(finding.advice for finding in failed)
+
+
+def test_one_line_a_step_and_the_advice_below_a_fail():
+    """A person reads down the first column and finds what to do beside the first FAIL."""
+    assert str(ok("clock", "it is right")) == "ok       clock        it is right"
+    assert str(skipped("answer", "no connection")) == "skipped  answer       no connection"
+    assert str(fail("disk", "it is full", "make room")).splitlines() == [
+        "FAIL     disk         it is full",
+        "                      what to do: make room",
+    ]

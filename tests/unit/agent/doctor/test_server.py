@@ -12,8 +12,7 @@ from aiohttp import web
 from dated_certificate import der_of, make_certificate
 from fake_cloud import FakeCloud, certificate, fingerprint
 from local_network import free_port
-from robotether_agent.doctor import server
-from robotether_agent.doctor.findings import FAIL, OK, SKIPPED, Finding
+from robotether_agent.doctor import FAIL, OK, SKIPPED, Finding, server
 from robotether_agent.doctor.server import CertificateError, ServerView, validity, view_server
 from robotether_agent.settings import Settings
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import pytest
 from fake_cloud import FakeCloud, agent_environ
-from robotether_agent.doctor import tunnel
-from robotether_agent.doctor.findings import FAIL, OK, SKIPPED
+from robotether_agent.doctor import FAIL, OK, SKIPPED, tunnel
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import Status

@@ -12,7 +12,7 @@ from dated_certificate import fingerprint_of, make_certificate
 from fake_cloud import FakeCloud, certificate, fingerprint
 from fake_proxy import FakeProxy
 from local_network import free_port
-from robotether_agent.enrolment.join import JoinRequest, join, read_answer
+from robotether_agent.enrolment.join import JoinRequest, join, join_token, read_answer
 from robotether_agent.problems import (
     AnswerInvalid,
     JoinRefused,
@@ -229,3 +229,13 @@ def test_only_what_there_is_to_say_is_said():
         "name": "turtle",
         "previous_key": {"fingerprint": "SHA256:x", "signature": "y"},
     }
+
+
+def test_a_token_file_is_read_when_it_is_needed(place):
+    """It may be gone once the robot is enrolled; a join without it says which is missing."""
+    file = place / "token"
+    settings = Settings(server="a.example", token_file=file)
+    with pytest.raises(SettingsInvalid, match="cannot read the join token"):
+        join_token(settings)
+    file.write_text("from-file\n")
+    assert join_token(settings) == "from-file"

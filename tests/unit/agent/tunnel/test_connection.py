@@ -27,8 +27,7 @@ from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.health import Health
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import AgentProblem, PortTaken, ServerKeyChanged
-from robotether_agent.setting_values import MAX_RUN_DIR_LENGTH
-from robotether_agent.settings import Settings
+from robotether_agent.settings import MAX_RUN_DIR_LENGTH, Settings
 from robotether_agent.tunnel.connection import Connector, Report, Role, run_connection
 from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.session import Session, SessionConfig

@@ -19,9 +19,9 @@ from robotether_agent.video.bandwidth_estimator import (
     SEEN_LATE_S,
     BandwidthEstimator,
     Burst,
+    Reading,
     Round,
 )
-from robotether_agent.video.connection_state import Reading
 
 SAMPLE_SEGMENT = 1448
 RTT_S = 0.04

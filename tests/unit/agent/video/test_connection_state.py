@@ -9,8 +9,9 @@ from contextlib import suppress
 
 import pytest
 from openssh_server import wait_until
-from robotether_agent.video import connection_state
-from robotether_agent.video.connection_state import Reading, read
+from robotether_agent.video import pacer
+from robotether_agent.video.bandwidth_estimator import Reading
+from robotether_agent.video.pacer import read
 
 
 @pytest.fixture
@@ -81,6 +82,6 @@ def test_a_kernel_that_tells_too_little_tells_nothing(monkeypatch: pytest.Monkey
         def getsockopt(self, level: int, option: int, size: int = 0) -> bytes:  # type: ignore[override]
             return struct.pack("104x")[:size]
 
-    monkeypatch.setattr(connection_state.fcntl, "ioctl", lambda *_: bytes(4))
+    monkeypatch.setattr(pacer.fcntl, "ioctl", lambda *_: bytes(4))
     with OldKernel() as connection:
         assert read(connection, 0.0) is None

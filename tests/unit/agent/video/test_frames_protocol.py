@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from robotether_agent.fields import FieldError
-from robotether_agent.video.frames_protocol import (
+from robotether_agent.video.receiver import (
     ClockSync,
     Credit,
     Header,

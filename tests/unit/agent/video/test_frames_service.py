@@ -19,8 +19,8 @@ from local_network import free_port
 from robotether_agent.clock import robot_time
 from robotether_agent.video import frames_service as service_module
 from robotether_agent.video import receiver as receiver_module
-from robotether_agent.video.frames_protocol import Header
 from robotether_agent.video.frames_service import FramesService
+from robotether_agent.video.receiver import Header
 from robotether_agent.video.sources import SourceSettings
 from robotether_agent.video.video_proxy import LocalService, VideoProxy
 from slow_uplink import SlowUplink

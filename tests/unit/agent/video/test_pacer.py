@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 from fake_cloud import eventually
-from robotether_agent.video.connection_state import Reading
+from robotether_agent.video.bandwidth_estimator import Reading
 from robotether_agent.video.pacer import (
     ARRIVES_WITHIN_S,
     MAX_TURN_BYTES,

@@ -16,9 +16,9 @@ from fake_cloud import eventually
 from frame_header import SIZE, unpacked
 from robotether_agent.fields import FieldError
 from robotether_agent.video import receiver as receiver_module
-from robotether_agent.video.frame import CameraFrame, SourceRequest
 from robotether_agent.video.receiver import FrameRateCounter, FrameRateLimiter, Receiver
 from robotether_agent.video.shared_sources import SharedSources
+from robotether_agent.video.sources import CameraFrame, SourceRequest
 
 
 def passed(limiter: FrameRateLimiter, moments: list[float]) -> list[int]:

@@ -9,8 +9,8 @@ import pytest
 from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from robotether_agent.video import shared_sources as shared_sources_module
-from robotether_agent.video.frame import CameraFrame, SourceDownError, SourceRequest
 from robotether_agent.video.shared_sources import Condition, SharedSources
+from robotether_agent.video.sources import CameraFrame, SourceDownError, SourceRequest
 from robotether_common.frames import Source
 
 WISH = SourceRequest("/camera", 70, None, None, 15.0)

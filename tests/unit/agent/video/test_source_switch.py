@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 from fake_cameras import fake_jpeg
-from robotether_agent.video.frame import CameraFrame, SourceRequest
 from robotether_agent.video.shared_sources import GIVE_UP_S, Condition, SharedSource, SourceSwitch
+from robotether_agent.video.sources import CameraFrame, SourceRequest
 
 HIGH, LOW = (SourceRequest("/camera", quality, None, None, 15.0) for quality in (80, 40))
 

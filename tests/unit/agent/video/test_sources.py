@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import io
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
@@ -14,14 +15,18 @@ import pytest
 from fake_cameras import FakeVideoServer, TopicRosbridge, fake_jpeg, number_of
 from fake_cloud import eventually
 from local_network import free_port
+from PIL import Image
 from robotether_agent.clock import robot_time
 from robotether_agent.video import sources as sources_module
-from robotether_agent.video.frame import CameraFrame, SourceDownError, SourceRequest
 from robotether_agent.video.sources import (
     NEAR_S,
+    CameraFrame,
     ClockReadings,
+    SourceDownError,
+    SourceRequest,
     Sources,
     SourceSettings,
+    jpeg_size,
     now,
     stamp_of,
     stream_url,
@@ -299,3 +304,18 @@ def test_stamps_as_both_ros_write_them():
         assert stamp_of({"header": {"stamp": {whole: 5, part: 500_000_000}}}) == 5.5
     for message in ({}, {"header": 1}, {"header": {"stamp": {"sec": 0, "nanosec": 0}}}):
         assert stamp_of(message) is None
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+def test_the_size_of_a_real_jpeg(progressive):
+    """Baseline and progressive, with the tables that stand before."""
+    file = io.BytesIO()
+    Image.new("RGB", (322, 98)).save(file, "JPEG", progressive=progressive, comment=b"x" * 300)
+    assert jpeg_size(file.getvalue()) == (322, 98)
+
+
+def test_what_is_cut_off_or_no_jpeg_has_none():
+    whole = fake_jpeg(1, size=(640, 480))
+    assert jpeg_size(whole) == (640, 480)
+    assert [jpeg_size(whole[:length]) for length in range(16)] == [None] * 16
+    assert jpeg_size(b"\x89PNG" + bytes(100)) is None

@@ -15,7 +15,7 @@ from fake_cloud import eventually
 from link import Link, Shape, why_not_here
 from local_network import free_port
 from robotether_agent.video import video_proxy as proxy_module
-from robotether_agent.video.connection_state import Reading
+from robotether_agent.video.bandwidth_estimator import Reading
 from robotether_agent.video.pacer import Pacer
 from robotether_agent.video.video_proxy import VideoProxy
 from slow_uplink import cubic_uplink, drain, pump

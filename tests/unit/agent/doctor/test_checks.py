@@ -11,8 +11,7 @@ from types import SimpleNamespace
 import pytest
 from fake_root import FakeRoot
 from local_network import free_port
-from robotether_agent.doctor import machine
-from robotether_agent.doctor.findings import FAIL, OK, SKIPPED, WARNING
+from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, checks
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.settings import Settings
 
@@ -45,29 +44,29 @@ def disk(**changes: int) -> SimpleNamespace:
 )
 def test_a_disk_without_room(settings, monkeypatch, changes, told):
     """Read-only, full, and out of inodes are told; the kernel's answer is a double here."""
-    assert machine.check_disk(settings).state == OK
+    assert checks.check_disk(settings).state == OK
     monkeypatch.setattr(os, "statvfs", lambda _: disk(**changes))
-    found = machine.check_disk(settings)
+    found = checks.check_disk(settings)
     assert found.state == FAIL
     assert told in found.detail
 
 
 def test_a_directory_that_is_missing_or_somebody_elses(settings, monkeypatch):
-    missing = machine.check_disk(replace(settings, state_dir=Path("/none/state")))
+    missing = checks.check_disk(replace(settings, state_dir=Path("/none/state")))
     assert "there is no /none/state" in missing.detail
     monkeypatch.setattr(os, "access", lambda *_: False)
-    assert "chown" in machine.check_disk(settings).advice
+    assert "chown" in checks.check_disk(settings).advice
 
 
 def test_which_mac_names_the_robot(settings, tmp_path):
     """The interface is told, too; looking keeps nothing."""
     root = FakeRoot(tmp_path)
-    none = machine.check_mac(settings, root.path)
+    none = checks.check_mac(settings, root.path)
     assert (none.state, "set interface or mac" in none.advice) == (FAIL, True)
     root.add("eth0", MAC, 2)
-    assert machine.check_mac(settings, root.path).detail == f"{MAC} (eth0)"
+    assert checks.check_mac(settings, root.path).detail == f"{MAC} (eth0)"
     assert list(settings.state_dir.iterdir()) == []
-    of_settings = machine.check_mac(replace(settings, mac="00:1b:44:00:00:01"), root.path)
+    of_settings = checks.check_mac(replace(settings, mac="00:1b:44:00:00:01"), root.path)
     assert of_settings.detail == "00:1b:44:00:00:01 (set in agent.toml)"
 
 
@@ -75,7 +74,7 @@ def test_a_mac_that_is_gone(settings, tmp_path):
     """Both ways out are told: the old card, or a robot of its own."""
     root = FakeRoot(tmp_path)
     (settings.state_dir / "identity.json").write_text(f'{{"mac": "{MAC}", "interface": "eth0"}}')
-    found = machine.check_mac(settings, root.path)
+    found = checks.check_mac(settings, root.path)
     assert found.state == FAIL
     assert "(eth0 had it)" in found.detail
     assert "robotether-agent forget" in found.advice
@@ -83,44 +82,44 @@ def test_a_mac_that_is_gone(settings, tmp_path):
 
 async def test_the_key(settings):
     """Missing, whole and broken keys are told apart; none is made, and none changed."""
-    assert (await machine.check_key(settings)).state == FAIL
+    assert (await checks.check_key(settings)).state == FAIL
     assert list(settings.state_dir.iterdir()) == []
     key = await ensure_key(settings.state_dir)
-    assert (await machine.check_key(settings)).detail == key.fingerprint
+    assert (await checks.check_key(settings)).detail == key.fingerprint
     key.path.chmod(0o644)
-    found = await machine.check_key(settings)
+    found = await checks.check_key(settings)
     assert (found.state, "others can read" in found.detail) == (FAIL, True)
     assert key.path.stat().st_mode & 0o777 == 0o644
     key.path.chmod(0o600)
     key.path.with_suffix(".pub").unlink()
     key.path.write_text("rubbish")
-    assert (await machine.check_key(settings)).state == FAIL
+    assert (await checks.check_key(settings)).state == FAIL
 
 
 async def test_the_robots_services(settings, services):
     """Each is asked as the server's users would; one that is down is told with how to start it."""
-    assert (await machine.check_rosbridge(settings)).state == OK
-    assert (await machine.check_video(settings)).state == OK
+    assert (await checks.check_rosbridge(settings)).state == OK
+    assert (await checks.check_video(settings)).state == OK
     services.video_status = 503
-    unwell = await machine.check_video(settings)
+    unwell = await checks.check_video(settings)
     assert (unwell.state, "HTTP status 503" in unwell.detail) == (FAIL, True)
     services.refuse_sockets = True
-    assert "not with a WebSocket" in (await machine.check_rosbridge(settings)).detail
+    assert "not with a WebSocket" in (await checks.check_rosbridge(settings)).detail
     gone = f"127.0.0.1:{free_port()}"
     away = replace(settings, rosbridge_url=f"ws://{gone}", video_url=f"http://{gone}")
-    rosbridge, video = await machine.check_rosbridge(away), await machine.check_video(away)
+    rosbridge, video = await checks.check_rosbridge(away), await checks.check_video(away)
     assert "Connection refused" in rosbridge.detail
     assert "ros2 launch" in rosbridge.advice
     assert (rosbridge.state, video.state) == (FAIL, SKIPPED)
     assert "a robot without a camera needs none" in video.detail
-    elsewhere = await machine.check_video(replace(away, video_source="rosbridge"))
+    elsewhere = await checks.check_video(replace(away, video_source="rosbridge"))
     assert (elsewhere.state, "rosbridge" in elsewhere.detail) == (SKIPPED, True)
 
 
 async def test_services_that_the_robots_network_reaches(settings, monkeypatch):
     """That of rosbridge is a warning, since the guard is not in the way; the camera is for information."""
-    monkeypatch.setattr(machine, "exposed_at", lambda _url: "0.0.0.0")
-    rosbridge, video = await machine.check_rosbridge(settings), await machine.check_video(settings)
+    monkeypatch.setattr(checks, "exposed_at", lambda _url: "0.0.0.0")
+    rosbridge, video = await checks.check_rosbridge(settings), await checks.check_video(settings)
     assert rosbridge.state == WARNING
     assert "listens on 0.0.0.0: anyone in its own network can drive" in rosbridge.detail
     assert "address:=127.0.0.1" in rosbridge.advice
@@ -138,8 +137,8 @@ async def test_the_robots_own_ssh_server(settings):
         address = f"127.0.0.1:{listening.sockets[0].getsockname()[1]}"
         there = replace(settings, shell_address=address)
         greeting = b"SSH-2.0-OpenSSH_9.2\r\n"
-        assert (await machine.check_shell(there)).state == OK
+        assert (await checks.check_shell(there)).state == OK
         greeting = b"x" * 100_000
-        assert "no SSH server" in (await machine.check_shell(there)).detail
+        assert "no SSH server" in (await checks.check_shell(there)).detail
     for none in ("", address):
-        assert (await machine.check_shell(replace(settings, shell_address=none))).state == SKIPPED
+        assert (await checks.check_shell(replace(settings, shell_address=none))).state == SKIPPED

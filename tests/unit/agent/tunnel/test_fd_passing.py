@@ -10,13 +10,13 @@ from array import array
 from pathlib import Path
 
 import pytest
-from robotether_agent.net import fd_passing
-from robotether_agent.net.fd_passing import HELPER, proxy_options, stderr_with
+from robotether_agent.tunnel import openssh
+from robotether_agent.tunnel.openssh import HELPER, _proxy_options, stderr_with
 
 
 def helper() -> list[str]:
     """The command that ssh would run, as its shell reads it."""
-    return shlex.split(proxy_options()[0].removeprefix("ProxyCommand=").replace("%%", "%"))
+    return shlex.split(_proxy_options()[0].removeprefix("ProxyCommand=").replace("%%", "%"))
 
 
 @pytest.fixture
@@ -68,9 +68,9 @@ def test_a_closed_connection_leaves_nothing(connection):
 
 def test_a_strange_place_is_quoted(monkeypatch):
     """Python may live where a shell, or ssh, would read something else."""
-    monkeypatch.setattr(fd_passing.sys, "executable", "/o p't/%h/python")
+    monkeypatch.setattr(openssh.sys, "executable", "/o p't/%h/python")
     assert helper()[0] == "/o p't/%h/python"
-    assert "%%h" in proxy_options()[0]
+    assert "%%h" in _proxy_options()[0]
 
 
 def test_it_imports_next_to_nothing():

@@ -10,8 +10,9 @@ import pytest
 from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
 from fake_rosbridge import FakeRosbridge
-from robotether_agent import vitals as vitals_module
-from robotether_agent.vitals import Battery, Vitals, battery_in, battery_topic
+from robotether_agent import health
+from robotether_agent.health import Vitals, battery_in, battery_topic
+from robotether_common.session import Battery
 from stopwatch import Stopwatch
 
 TOPICS = {"/battery_state": "sensor_msgs/msg/BatteryState"}
@@ -22,7 +23,7 @@ Told = list[Mapping[str, Any]]
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     """A test waits for no half minute."""
-    monkeypatch.setattr(vitals_module, "RETRY_S", 0.05)
+    monkeypatch.setattr(health, "RETRY_S", 0.05)
 
 
 @pytest.fixture
@@ -91,7 +92,7 @@ async def test_a_rosbridge_that_restarts_is_found_again(report):
 
 async def test_a_battery_that_falls_silent_is_unknown(report, monkeypatch):
     """An old charge is not told as today's."""
-    monkeypatch.setattr(vitals_module, "SILENT_S", 0.3)
+    monkeypatch.setattr(health, "SILENT_S", 0.3)
     async with TopicRosbridge(TOPICS) as robot:
         reported = report(robot.url)
         await until_subscribed(robot)

@@ -1,29 +1,62 @@
-"""Checks the robot itself: free disk space, its MAC, its key, its services."""
+"""Runs all checks in the order in which a connection needs them; here are those of the robot itself."""
 
 from __future__ import annotations
 
 import asyncio
 import os
+import time
+from collections.abc import AsyncIterator
+from datetime import datetime, timezone
 from http import HTTPStatus
 from pathlib import Path
 
 import aiohttp
 
+from robotether_agent import systemd
 from robotether_agent.describe_error import describe_error
-from robotether_agent.doctor.findings import Finding, fail, ok, skipped, warning
+from robotether_agent.doctor import Finding, fail, ok, server, skipped, tunnel, warning
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import EnrolmentStore
 from robotether_agent.enrolment.identity import IdentityStore, interface_with
-from robotether_agent.exposure import ADVICE, PAST_GUARD, exposed_at
 from robotether_agent.fields import printable
-from robotether_agent.problems import AgentProblem
+from robotether_agent.health import exposed_at
+from robotether_agent.problems import EXPOSED_ADVICE, PAST_GUARD, AgentProblem
 from robotether_agent.settings import Settings
+from robotether_agent.status import is_alive, read_status
 from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import forward_to
 
 TIMEOUT_S = 4.0
 ENOUGH_MB = 20
 FORGET = "if this disk is a copy, make it a robot of its own: sudo robotether-agent forget"
+
+
+async def run_checks(settings: Settings) -> AsyncIterator[Finding]:
+    """Yield what each check finds, as soon as it is known."""
+    status = read_status(settings.run_dir)
+    if status is not None and not is_alive(status, time.time()):
+        status = None
+    yield ok("settings", f"server = {settings.server}")
+    yield check_disk(settings)
+    yield check_mac(settings)
+    yield await check_key(settings)
+    seen = await server.view_server(settings)
+    pinned = settings.tls_fingerprint
+    yield server.check_name(seen)
+    yield server.check_port(seen)
+    yield server.check_certificate(seen, pinned)
+    yield server.check_clock(seen, datetime.now(timezone.utc), is_pinned=pinned is not None)
+    yield server.check_answer(seen)
+    yield tunnel.check_join(settings, status)
+    for finding in await tunnel.check_ssh(settings):
+        yield finding
+    yield tunnel.check_service(systemd.state(), status)
+    yield await check_rosbridge(settings)
+    yield tunnel.check_guard(settings, status)
+    yield await check_video(settings)
+    yield await check_shell(settings)
+    yield tunnel.check_session(status)
+    yield tunnel.check_end_to_end(status)
 
 
 def check_disk(settings: Settings) -> Finding:
@@ -89,7 +122,7 @@ async def check_rosbridge(settings: Settings) -> Finding:
             "start rosbridge (ros2 launch rosbridge_server rosbridge_websocket_launch.xml), or correct rosbridge_url",
         )
     if exposed := exposed_at(url):
-        return warning("rosbridge", f"listens on {exposed}: {PAST_GUARD}", ADVICE)
+        return warning("rosbridge", f"listens on {exposed}: {PAST_GUARD}", EXPOSED_ADVICE)
     return ok("rosbridge", f"answers at {url}")
 
 
@@ -115,7 +148,9 @@ async def check_video(settings: Settings) -> Finding:
         return fail("video", f"HTTP status {status} at {url}", "see web_video_server's log")
     if exposed := exposed_at(url):
         who = "anyone in its own network can watch"
-        return ok("video", f"answers at {url}, and listens on {exposed}: {who}; or {ADVICE}")
+        return ok(
+            "video", f"answers at {url}, and listens on {exposed}: {who}; or {EXPOSED_ADVICE}"
+        )
     return ok("video", f"answers at {url}")
 
 
