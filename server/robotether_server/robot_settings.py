@@ -9,6 +9,7 @@ line name members by paths such as guard.deadman_ms (`get_path`, `put_path`). Pu
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
@@ -271,6 +272,11 @@ def _difference(present: Mapping[str, object], default: Mapping[str, object]) ->
         elif value != usual:
             differs[name] = value
     return differs
+
+
+def same_json(one: object, other: object) -> bool:
+    """Tell whether two values are the same JSON. As texts: to Python, true is 1."""
+    return json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)
 
 
 Settings = dict[str, object]

@@ -6,7 +6,7 @@ Written by web and cli in the transaction of the change itself. Never holds a se
 import datetime as dt
 import json
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Any
 
@@ -27,15 +27,6 @@ class Source:
 
     actor: str
     address: str | None = None
-
-
-@dataclass(frozen=True)
-class Event:
-    """What happened: a short code, perhaps a robot's name, and details that JSON can hold."""
-
-    kind: str
-    robot: str | None = None
-    details: dict[str, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -71,18 +62,14 @@ class Occurrence:
     at: dt.datetime
 
 
-def record(tx: Transaction, source: Source, event: Event) -> None:
-    """Add one event, as of now."""
+def record(
+    tx: Transaction, source: Source, kind: str, robot: str | None = None, /, **details: object
+) -> None:
+    """Add one event, as of now: a short code, perhaps a robot's name, and details that JSON can hold."""
     tx.insert(
         "INSERT INTO audit_events (actor, kind, robot, address, details) "
         "VALUES (%s, %s, %s, %s, %s)",
-        (
-            source.actor[:MAX_ACTOR_LENGTH],
-            event.kind,
-            event.robot,
-            source.address,
-            json.dumps(event.details),
-        ),
+        (source.actor[:MAX_ACTOR_LENGTH], kind, robot, source.address, json.dumps(details)),
     )
 
 

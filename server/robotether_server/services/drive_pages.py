@@ -6,17 +6,17 @@ the robot, and for `allow` that it is an admin. Connections stay; a page applies
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from typing import Literal
 
 from robotether_server import buttons as button_settings
 from robotether_server import robot_settings
 from robotether_server.buttons import Button
 from robotether_server.db import Transaction, audit, robots, seen_robots
-from robotether_server.db.audit import Event, Source
+from robotether_server.db.audit import Source
 from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.db.users import User
 from robotether_server.problems import FieldInvalid, GrantMissing, NotPossible, RobotUnknown
-from robotether_server.robot_settings import RobotSettings, Settings, put_path
+from robotether_server.robot_settings import RobotSettings, Settings, put_path, same_json
 from robotether_server.services import robots as robot_service
 
 # The buttons before a change, to those after it.
@@ -25,12 +25,12 @@ Change = Callable[[list[Button]], list[Button]]
 
 def set_page(tx: Transaction, source: Source, name: str, page: object) -> RobotSettings:
     """Replace `page`; what is missing is as by default. Raises FieldInvalid. Returns all that is in force then."""
-    return _set(tx, source, Event("robot_page_set", name), "page", page)
+    return _set(tx, source, name, "page", page)
 
 
 def set_buttons(tx: Transaction, source: Source, name: str, buttons: object) -> RobotSettings:
     """Replace `buttons`; raise FieldInvalid. Returns all that is in force then."""
-    return _set(tx, source, Event("robot_buttons_set", name), "buttons", buttons)
+    return _set(tx, source, name, "buttons", buttons)
 
 
 def change_buttons(tx: Transaction, source: Source, name: str, change: Change) -> RobotSettings:
@@ -90,18 +90,16 @@ def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
 
 
 def _set(
-    tx: Transaction, source: Source, event: Event, member: str, value: object
+    tx: Transaction, source: Source, name: str, member: Literal["page", "buttons"], value: object
 ) -> RobotSettings:
     robots.lock_enrolment(tx)
-    found = robots.get(tx, event.robot or "")
+    found = robots.get(tx, name)
     settings = robot_settings.parse({**found.settings, member: value})
-    given = settings.as_given()
-    was = found.settings.get(member)
-    # As texts: to Python, true is 1.
-    if json.dumps(given.get(member), sort_keys=True) != json.dumps(was, sort_keys=True):
+    given, was = settings.as_given(), found.settings.get(member)
+    if not same_json(given.get(member), was):
         robots.set_settings(tx, found.id, given)
-        details: dict[str, object] = {"was": was, member: given.get(member)}
-        audit.record(tx, source, replace(event, details=details))
+        changed = {"was": was, member: given.get(member)}
+        audit.record(tx, source, f"robot_{member}_set", name, **changed)
     return settings
 
 

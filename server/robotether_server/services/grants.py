@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 from robotether_server import schemas, times
 from robotether_server.db import Transaction, audit, grants, robots, users
-from robotether_server.db.audit import Event, Source
+from robotether_server.db.audit import Source
 from robotether_server.db.grants import Grant, Group, Level, Pair, Site
 from robotether_server.db.robots import Robot
 from robotether_server.problems import NotPossible, RecordMissing
@@ -53,7 +53,7 @@ def give(
     details = _about(given)
     if before is not None:
         details["was"] = {"level": before.level, "ends_at": _text(before.ends_at)}
-    audit.record(tx, source, Event("grant_given", given.robot, details))
+    audit.record(tx, source, "grant_given", given.robot, **details)
     return given, before is None
 
 
@@ -61,7 +61,7 @@ def revoke_by_id(tx: Transaction, source: Source, grant_id: int) -> Grant:
     """Take a grant away; return it as it was. Raises RecordMissing."""
     found = grants.get(tx, grant_id)
     grants.remove(tx, found.id)
-    audit.record(tx, source, Event("grant_taken", found.robot, _about(found)))
+    audit.record(tx, source, "grant_taken", found.robot, **_about(found))
     return found
 
 
@@ -120,7 +120,7 @@ def add_group(tx: Transaction, source: Source, name: str) -> Group:
     """Add a group without members; raise FieldInvalid or RecordExists."""
     schemas.check("name", name, NewPlainName)
     grants.add_group(tx, name)
-    audit.record(tx, source, Event("group_added", details={"group": name}))
+    audit.record(tx, source, "group_added", group=name)
     return grants.get_group(tx, name)
 
 
@@ -128,16 +128,14 @@ def remove_group(tx: Transaction, source: Source, name: str) -> Group:
     """Remove a group with its grants; return it as it was. Raises RecordMissing."""
     found = grants.get_group(tx, name)
     grants.remove_group(tx, found.id)
-    details: dict[str, object] = {"group": name, "members": list(found.members)}
-    audit.record(tx, source, Event("group_removed", details=details))
+    audit.record(tx, source, "group_removed", group=name, members=list(found.members))
     return found
 
 
 def add_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
     """Give a user the grants of a group; raise RecordMissing. Who is a member already stays one."""
     if grants.add_member(tx, grants.get_group(tx, name).id, users.get(tx, user).id):
-        details: dict[str, object] = {"group": name, "user": user}
-        audit.record(tx, source, Event("group_member_added", details=details))
+        audit.record(tx, source, "group_member_added", group=name, user=user)
     return grants.get_group(tx, name)
 
 
@@ -145,8 +143,7 @@ def remove_member(tx: Transaction, source: Source, name: str, user: str) -> Grou
     """Remove a user from a group; raise RecordMissing."""
     if not grants.remove_member(tx, grants.get_group(tx, name).id, users.get(tx, user).id):
         raise RecordMissing(f"cannot remove user {user} from group {name}: the user is no member")
-    details: dict[str, object] = {"group": name, "user": user}
-    audit.record(tx, source, Event("group_member_removed", details=details))
+    audit.record(tx, source, "group_member_removed", group=name, user=user)
     return grants.get_group(tx, name)
 
 
@@ -154,7 +151,7 @@ def add_site(tx: Transaction, source: Source, name: str) -> Site:
     """Add a site without robots; raise FieldInvalid or RecordExists."""
     schemas.check("name", name, NewPlainName)
     grants.add_site(tx, name)
-    audit.record(tx, source, Event("site_added", details={"site": name}))
+    audit.record(tx, source, "site_added", site=name)
     return grants.get_site(tx, name)
 
 
@@ -162,8 +159,7 @@ def remove_site(tx: Transaction, source: Source, name: str) -> Site:
     """Remove a site with its grants; return it as it was. Its robots are at no site then. Raises RecordMissing."""
     found = grants.get_site(tx, name)
     grants.remove_site(tx, found.id)
-    details: dict[str, object] = {"site": name, "robots": list(found.robots)}
-    audit.record(tx, source, Event("site_removed", details=details))
+    audit.record(tx, source, "site_removed", site=name, robots=list(found.robots))
     return found
 
 
@@ -172,8 +168,7 @@ def place_robot(tx: Transaction, source: Source, robot: str, site: str | None) -
     found = robots.get(tx, robot)
     if found.site != site:
         grants.place_robot(tx, found.id, None if site is None else grants.get_site(tx, site).id)
-        details: dict[str, object] = {"was": found.site, "site": site}
-        audit.record(tx, source, Event("robot_site_set", robot, details))
+        audit.record(tx, source, "robot_site_set", robot, was=found.site, site=site)
     return robots.get(tx, robot)
 
 

@@ -17,7 +17,7 @@ from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_mes
 
 from robotether_server import macs, ssh_keys
 from robotether_server.db import Transaction, audit, credentials, robots, seen_robots
-from robotether_server.db.audit import Event, Source, network_of
+from robotether_server.db.audit import Source, network_of
 from robotether_server.db.robots import Claim, Report, Robot
 from robotether_server.problems import (
     FieldInvalid,
@@ -154,9 +154,7 @@ class _Joining:
             adopt_key(self.tx, robot, presented)
             # The key is new, so it waits even in a row that was active without one.
             robots.set_state(self.tx, robot.id, "pending")
-            audit.record(
-                self.tx, self.source, Event("robot_pending", robot.name, _details(presented))
-            )
+            audit.record(self.tx, self.source, "robot_pending", robot.name, **_details(presented))
         return Answer(
             robot.name,
             "approval_pending",
@@ -170,9 +168,7 @@ class _Joining:
         if robots.find_claim(self.tx, presented.key.fingerprint) is None:
             self._check_room()
             robots.add_claim(self.tx, robot, presented.key, presented.report)
-            audit.record(
-                self.tx, self.source, Event("key_claimed", robot.name, _details(presented))
-            )
+            audit.record(self.tx, self.source, "key_claimed", robot.name, **_details(presented))
         return Answer(
             next(usual_names(presented.mac)),
             "mac_in_use",
@@ -231,7 +227,7 @@ def _check_moved(tx: Transaction, request: JoinAttempt, robot: Robot) -> None:
     if last and last[0].at > dt.datetime.now(dt.UTC) - MAC_CHANGED_EVERY:
         return
     source = Source(ROBOT, request.presented.report.address)
-    audit.record(tx, source, Event("mac_changed", robot.name, _details(request.presented)))
+    audit.record(tx, source, "mac_changed", robot.name, **_details(request.presented))
 
 
 def _credential_of(
@@ -278,8 +274,14 @@ def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: Pre
     if claim is not None:
         robots.remove_claim(tx, claim.id)
     robots.rotate_key(tx, robot.id, presented.key)
-    details: dict[str, object] = {"was": old.fingerprint, "fingerprint": presented.key.fingerprint}
-    audit.record(tx, source, Event("key_rotated", robot.name, details))
+    audit.record(
+        tx,
+        source,
+        "key_rotated",
+        robot.name,
+        was=old.fingerprint,
+        fingerprint=presented.key.fingerprint,
+    )
     return True
 
 
@@ -326,14 +328,17 @@ def admit(
         _count_use(tx, credential.token, presented.key)
     adopt_key(tx, robot, presented)
     robots.set_state(tx, robot.id, "active")
-    details: dict[str, object] = {
-        "was": robot.state,
-        "mac": presented.mac,
-        "fingerprint": presented.key.fingerprint,
-        "hostname": presented.report.hostname,
+    audit.record(
+        tx,
+        source,
+        "robot_approved",
+        robot.name,
+        was=robot.state,
+        mac=presented.mac,
+        fingerprint=presented.key.fingerprint,
+        hostname=presented.report.hostname,
         **(credential.details if credential else {"by": "first key"}),
-    }
-    audit.record(tx, source, Event("robot_approved", robot.name, details))
+    )
     return robots.get(tx, robot.name)
 
 
@@ -400,8 +405,9 @@ def _release(tx: Transaction, source: Source, holder: Robot | None, claim: Claim
         robots.remove(tx, holder.id)
     else:
         robots.forget_key(tx, holder.id)
-    details: dict[str, object] = {"mac": holder.mac, "fingerprint": holder.fingerprint}
-    audit.record(tx, source, Event("key_released", holder.name, details))
+    audit.record(
+        tx, source, "key_released", holder.name, mac=holder.mac, fingerprint=holder.fingerprint
+    )
 
 
 def _details(presented: PresentedKey) -> dict[str, object]:

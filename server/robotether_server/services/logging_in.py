@@ -20,7 +20,7 @@ from itertools import takewhile
 
 from robotether_server import passwords
 from robotether_server.db import Database, Transaction, audit, credentials, users
-from robotether_server.db.audit import Event, Network, Occurrence, Source, network_of
+from robotether_server.db.audit import Network, Occurrence, Source, network_of
 from robotether_server.db.users import User
 from robotether_server.problems import LoginFailed, Throttled
 
@@ -81,9 +81,9 @@ def log_in(database: Database, source: Source, password: str, lifetime: dt.timed
     """Return the text for the cookie; raise LoginFailed or Throttled. `source` has the claimed name."""
     with _guessed(database, source, password) as user, database.transaction() as tx:
         if user is not None:
-            audit.record(tx, source, Event(SUCCEEDED))
+            audit.record(tx, source, SUCCEEDED)
             return credentials.create_login(tx, user, source.address or "", lifetime)
-        audit.record(tx, source, Event(FAILED))
+        audit.record(tx, source, FAILED)
     raise LoginFailed("cannot log in: the name or the password is wrong")
 
 
@@ -96,7 +96,7 @@ def confirm(database: Database, source: Source, password: str) -> None:
         if user is not None:
             return
         with database.transaction() as tx:
-            audit.record(tx, source, Event(FAILED))
+            audit.record(tx, source, FAILED)
     raise LoginFailed("cannot continue: the current password is wrong")
 
 
@@ -119,7 +119,7 @@ def log_out(database: Database, source: Source, text: str) -> None:
     """End one login."""
     with database.transaction() as tx:
         if credentials.end_login(tx, text):
-            audit.record(tx, source, Event("logout"))
+            audit.record(tx, source, "logout")
 
 
 def _check_throttle(tx: Transaction, guess: Guess, before: list[Guess]) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robotether_server.db import Transaction, audit, robots
-from robotether_server.db.audit import Event, Source
+from robotether_server.db.audit import Source
 from robotether_server.db.robots import Claim, Robot
 from robotether_server.schemas import Fingerprint, RobotName, Timestamp
 
@@ -56,8 +56,9 @@ def forgive(tx: Transaction, source: Source, rejected_id: int) -> RejectedKey:
     """Let a rejected key ask again, and return it; raise RecordMissing."""
     claim = robots.get_rejected_key(tx, rejected_id)
     robots.remove_claim(tx, claim.id)
-    details: dict[str, object] = {"mac": claim.mac, "fingerprint": claim.key.fingerprint}
-    audit.record(tx, source, Event("key_forgiven", claim.robot, details))
+    audit.record(
+        tx, source, "key_forgiven", claim.robot, mac=claim.mac, fingerprint=claim.key.fingerprint
+    )
     return _rejected(claim)
 
 

@@ -3,13 +3,12 @@
 Every action takes the enrolment lock first: joins and other actions wait for the end of its transaction.
 """
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from robotether_server import macs, robot_settings, ssh_keys
 from robotether_server.db import Transaction, audit, robots
-from robotether_server.db.audit import Event, Source
+from robotether_server.db.audit import Source
 from robotether_server.db.robots import Claim, Report, Robot, State
 from robotether_server.problems import (
     MacInUse,
@@ -50,7 +49,7 @@ def add(
         robots.announce(tx, found.id)
     else:
         robots.add(tx, normal, name)
-    audit.record(tx, source, Event("robot_added", name, {"mac": normal}))
+    audit.record(tx, source, "robot_added", name, mac=normal)
     return robots.get(tx, name)
 
 
@@ -100,7 +99,7 @@ def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Rob
     details: dict[str, object] = {"was": found.state, "fingerprint": fingerprint}
     if claim is not None:
         details["replaced"] = found.fingerprint
-    audit.record(tx, source, Event("robot_approved", name, details))
+    audit.record(tx, source, "robot_approved", name, **details)
     return robots.get(tx, name)
 
 
@@ -115,8 +114,7 @@ def reject(tx: Transaction, source: Source, name: str, fingerprint: str) -> None
         robots.reject_claim(tx, claim.id, found.name, source.actor)
     else:
         _reject_own(tx, source, found, fingerprint)
-    details: dict[str, object] = {"mac": found.mac, "fingerprint": fingerprint}
-    audit.record(tx, source, Event("key_rejected", name, details))
+    audit.record(tx, source, "key_rejected", name, mac=found.mac, fingerprint=fingerprint)
 
 
 def disable(tx: Transaction, source: Source, name: str) -> Robot:
@@ -146,7 +144,7 @@ def rename(tx: Transaction, source: Source, name: str, new_name: str) -> Robot:
     found = _get(tx, name)
     if new_name != name:
         robots.rename(tx, found.id, new_name)
-        audit.record(tx, source, Event("robot_renamed", new_name, {"was": name}))
+        audit.record(tx, source, "robot_renamed", new_name, was=name)
     return robots.get(tx, new_name)
 
 
@@ -163,10 +161,16 @@ def set_mac(
         waiting = robots.find_by_mac(tx, normal)
         if waiting is not None and waiting.is_unknown:
             robots.remove(tx, waiting.id)
-            released: dict[str, object] = {"mac": normal, "fingerprint": waiting.fingerprint}
-            audit.record(tx, source, Event("key_released", waiting.name, released))
+            audit.record(
+                tx,
+                source,
+                "key_released",
+                waiting.name,
+                mac=normal,
+                fingerprint=waiting.fingerprint,
+            )
         robots.set_mac(tx, found.id, normal)
-        audit.record(tx, source, Event("robot_mac_set", name, {"was": found.mac, "mac": normal}))
+        audit.record(tx, source, "robot_mac_set", name, was=found.mac, mac=normal)
     return robots.get(tx, name)
 
 
@@ -181,11 +185,14 @@ def move_ports(
     found = _get(tx, name)
     robots.set_ports(tx, found.id, ros_port, video_port)
     moved = robots.get(tx, name)
-    details: dict[str, object] = {
-        "was": [found.ros_port, found.video_port],
-        "ports": [moved.ros_port, moved.video_port],
-    }
-    audit.record(tx, source, Event("robot_ports_moved", name, details))
+    audit.record(
+        tx,
+        source,
+        "robot_ports_moved",
+        name,
+        was=[found.ros_port, found.video_port],
+        ports=[moved.ros_port, moved.video_port],
+    )
     return moved
 
 
@@ -196,8 +203,9 @@ def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> Robot:
         return found
     robots.set_shell(tx, found.id, on=on)
     changed = robots.get(tx, name)
-    details: dict[str, object] = {"shell": on, "port": changed.shell_port or found.shell_port}
-    audit.record(tx, source, Event("robot_shell_set", name, details))
+    audit.record(
+        tx, source, "robot_shell_set", name, shell=on, port=changed.shell_port or found.shell_port
+    )
     return changed
 
 
@@ -208,11 +216,9 @@ def set_settings(tx: Transaction, source: Source, name: str, settings: dict[str,
     """
     found = _get(tx, name)
     given = robot_settings.parse(settings).as_given()
-    # As texts: to Python, true is 1.
-    if json.dumps(given, sort_keys=True) != json.dumps(found.settings, sort_keys=True):
+    if not robot_settings.same_json(given, found.settings):
         robots.set_settings(tx, found.id, given)
-        details: dict[str, object] = {"was": found.settings, "settings": given}
-        audit.record(tx, source, Event("robot_settings_set", name, details))
+        audit.record(tx, source, "robot_settings_set", name, was=found.settings, settings=given)
     return robots.get(tx, name)
 
 
@@ -232,8 +238,7 @@ def rekey(tx: Transaction, source: Source, name: str) -> Robot:
     robots.forget_key(tx, found.id)
     if found.state == "active":
         robots.set_state(tx, found.id, "pending")
-    details: dict[str, object] = {"was": found.state, "fingerprint": found.fingerprint}
-    audit.record(tx, source, Event("robot_rekeyed", name, details))
+    audit.record(tx, source, "robot_rekeyed", name, was=found.state, fingerprint=found.fingerprint)
     return robots.get(tx, name)
 
 
@@ -247,8 +252,7 @@ def rotate_key(tx: Transaction, source: Source, name: str) -> Robot:
         )
     if found.rotate_requested_at is None:
         robots.request_rotation(tx, found.id)
-        details: dict[str, object] = {"fingerprint": found.fingerprint}
-        audit.record(tx, source, Event("robot_rotation_requested", name, details))
+        audit.record(tx, source, "robot_rotation_requested", name, fingerprint=found.fingerprint)
     return robots.get(tx, name)
 
 
@@ -256,12 +260,15 @@ def remove(tx: Transaction, source: Source, name: str) -> Robot:
     """Remove a robot with its grants and its history; return it as it was."""
     found = _get(tx, name)
     robots.remove(tx, found.id)
-    details: dict[str, object] = {
-        "was": found.state,
-        "mac": found.mac,
-        "fingerprint": found.fingerprint,
-    }
-    audit.record(tx, source, Event("robot_removed", name, details))
+    audit.record(
+        tx,
+        source,
+        "robot_removed",
+        name,
+        was=found.state,
+        mac=found.mac,
+        fingerprint=found.fingerprint,
+    )
     return found
 
 
@@ -312,8 +319,7 @@ def _reject_own(tx: Transaction, source: Source, found: Robot, fingerprint: str)
 
 def _change_state(tx: Transaction, source: Source, found: Robot, state: State, kind: str) -> None:
     robots.set_state(tx, found.id, state)
-    details: dict[str, object] = {"was": found.state, "fingerprint": found.fingerprint}
-    audit.record(tx, source, Event(kind, found.name, details))
+    audit.record(tx, source, kind, found.name, was=found.state, fingerprint=found.fingerprint)
 
 
 def _add(tx: Transaction, mac: str, name: str) -> Robot:
@@ -345,5 +351,5 @@ def _named(tx: Transaction, source: Source, found: Robot, name: str) -> Robot:
             f"rename it first"
         )
     robots.rename(tx, found.id, name)
-    audit.record(tx, source, Event("robot_renamed", name, {"was": found.name}))
+    audit.record(tx, source, "robot_renamed", name, was=found.name)
     return robots.get(tx, name)

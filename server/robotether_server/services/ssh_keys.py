@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from robotether_server import schemas, ssh_keys
 from robotether_server.db import Transaction, audit, seen_robots, users
-from robotether_server.db.audit import Event, Source
+from robotether_server.db.audit import Source
 from robotether_server.db.grants import includes
 from robotether_server.db.robots import Robot
 from robotether_server.db.users import SshKey, User
@@ -36,7 +36,7 @@ def add(tx: Transaction, source: Source, user: User, name: str | None, line: str
             f"cannot add SSH key {chosen}: user {user.name} has {MAX_KEYS}; delete one that is not used"
         )
     added = users.add_ssh_key(tx, user, chosen, key)
-    audit.record(tx, source, Event("ssh_key_added", details=_details(user, added)))
+    audit.record(tx, source, "ssh_key_added", **_details(user, added))
     return added
 
 
@@ -49,7 +49,7 @@ def delete(tx: Transaction, source: Source, user: User, key_id: int) -> SshKey:
     """Delete a key of this user and return it; what it opened ends. Raises RecordMissing."""
     key = users.get_ssh_key(tx, user, key_id)
     users.delete_ssh_key(tx, key.id)
-    audit.record(tx, source, Event("ssh_key_deleted", details=_details(user, key)))
+    audit.record(tx, source, "ssh_key_deleted", **_details(user, key))
     return key
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from robotether_server import schemas
 from robotether_server.db import Transaction, audit, credentials
-from robotether_server.db.audit import Event, Source
+from robotether_server.db.audit import Source
 from robotether_server.db.credentials import JoinToken, Token
 from robotether_server.db.users import User
 from robotether_server.problems import (
@@ -58,12 +58,14 @@ def create(
             f"cannot create token {name}: user {user.name} has {MAX_TOKENS}; delete those that are not used"
         )
     text = credentials.create_token(tx, user, name, expires_at)
-    details: dict[str, object] = {
-        "user": user.name,
-        "token": name,
-        "expires_at": expires_at.isoformat(timespec="seconds") if expires_at else None,
-    }
-    audit.record(tx, source, Event("token_created", details=details))
+    audit.record(
+        tx,
+        source,
+        "token_created",
+        user=user.name,
+        token=name,
+        expires_at=expires_at.isoformat(timespec="seconds") if expires_at else None,
+    )
     return text
 
 
@@ -76,8 +78,7 @@ def delete(tx: Transaction, source: Source, token_id: int) -> Token:
     """Delete a token and return it; what it opened ends. Raises RecordMissing."""
     token = credentials.get_token(tx, token_id)
     credentials.delete_token(tx, token_id)
-    details: dict[str, object] = {"user": token.user, "token": token.name}
-    audit.record(tx, source, Event("token_deleted", details=details))
+    audit.record(tx, source, "token_deleted", user=token.user, token=token.name)
     return token
 
 
@@ -104,12 +105,14 @@ def create_join_token(
     text = credentials.create_join_token(
         tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH]
     )
-    details: dict[str, object] = {
-        "token": name,
-        "uses": uses,
-        "expires_at": expires_at.isoformat(timespec="seconds"),
-    }
-    audit.record(tx, source, Event("join_token_created", details=details))
+    audit.record(
+        tx,
+        source,
+        "join_token_created",
+        token=name,
+        uses=uses,
+        expires_at=expires_at.isoformat(timespec="seconds"),
+    )
     return text
 
 
@@ -122,8 +125,7 @@ def delete_join_token(tx: Transaction, source: Source, token_id: int) -> JoinTok
     """Delete a token and return it; the robots that it admitted stay. Raises RecordMissing."""
     token = credentials.get_join_token(tx, token_id)
     credentials.delete_join_token(tx, token_id)
-    details: dict[str, object] = {"token": token.name, "used": token.used}
-    audit.record(tx, source, Event("join_token_deleted", details=details))
+    audit.record(tx, source, "join_token_deleted", token=token.name, used=token.used)
     return token
 
 

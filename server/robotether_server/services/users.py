@@ -5,7 +5,7 @@ The join tokens of an admin end with that role: they admit robots with that admi
 
 from robotether_server import passwords
 from robotether_server.db import Transaction, audit, credentials, users
-from robotether_server.db.audit import Event, Source
+from robotether_server.db.audit import Source
 from robotether_server.db.users import Role, User
 from robotether_server.problems import LastAdmin, RecordExists
 from robotether_server.services import tokens
@@ -16,7 +16,7 @@ FIRST_ADMIN = "admin"
 def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -> User:
     """Add a user; raise FieldInvalid for the password, RecordExists or RecordRefused for the name."""
     users.add(tx, name, passwords.hash_password(password), role)
-    audit.record(tx, source, Event("user_added", details={"user": name, "role": role}))
+    audit.record(tx, source, "user_added", user=name, role=role)
     return users.get(tx, name)
 
 
@@ -35,7 +35,7 @@ def set_password(tx: Transaction, source: Source, name: str, password: str) -> N
     """Give a user a new password and end the logins made with the old one; raise FieldInvalid."""
     found = users.get(tx, name)
     users.set_password(tx, found.id, passwords.hash_password(password))
-    audit.record(tx, source, Event("password_set", details={"user": name}))
+    audit.record(tx, source, "password_set", user=name)
 
 
 def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
@@ -47,8 +47,7 @@ def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
         _check_not_last(tx, name, f"cannot make {name} a user")
         tokens.delete_join_tokens_of(tx, source, name)
     users.set_role(tx, found.id, role)
-    details: dict[str, object] = {"user": name, "was": found.role, "role": role}
-    audit.record(tx, source, Event("user_role_set", details=details))
+    audit.record(tx, source, "user_role_set", user=name, was=found.role, role=role)
     return users.get(tx, name)
 
 
@@ -62,14 +61,14 @@ def set_disabled(tx: Transaction, source: Source, name: str, *, disabled: bool) 
         tokens.delete_join_tokens_of(tx, source, name)
     users.set_disabled(tx, found.id, disabled=disabled)
     kind = "user_disabled" if disabled else "user_enabled"
-    audit.record(tx, source, Event(kind, details={"user": name}))
+    audit.record(tx, source, kind, user=name)
     return users.get(tx, name)
 
 
 def log_out_everywhere(tx: Transaction, source: Source, name: str) -> int:
     """End all logins of a user; return how many there were. API tokens stay."""
     ended = credentials.end_logins(tx, users.get(tx, name).id)
-    audit.record(tx, source, Event("logins_ended", details={"user": name, "logins": ended}))
+    audit.record(tx, source, "logins_ended", user=name, logins=ended)
     return ended
 
 
@@ -79,7 +78,7 @@ def remove(tx: Transaction, source: Source, name: str) -> User:
     _check_not_last(tx, name, f"cannot remove user {name}")
     tokens.delete_join_tokens_of(tx, source, name)
     users.remove(tx, found.id)
-    audit.record(tx, source, Event("user_removed", details={"user": name, "role": found.role}))
+    audit.record(tx, source, "user_removed", user=name, role=found.role)
     return found
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 from robotether_server.db import Database, Transaction, grants, robots, users
-from robotether_server.db.audit import AuditSearch, Event, Source, find, record
+from robotether_server.db.audit import AuditSearch, Source, find, record
 from robotether_server.problems import RecordMissing, RobotUnknown
 
 LOOK_UPS: list[Callable[[Transaction, str], object]] = [
@@ -50,6 +50,6 @@ def test_name_with_a_blank_or_in_other_case_is_another_name(
 def test_audit_log_tells_names_with_blanks_apart(database: Database) -> None:
     """What somebody claimed to be called is not what an admin is called."""
     with database.transaction() as tx:
-        record(tx, Source("root "), Event("login_failed"))
+        record(tx, Source("root "), "login_failed")
         assert find(tx, AuditSearch(actor="root")) == []
         assert len(find(tx, AuditSearch(actor="root "))) == 1

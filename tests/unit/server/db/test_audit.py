@@ -7,13 +7,13 @@ from ipaddress import ip_network
 
 import pytest
 from robotether_server.db import Database, Transaction, audit
-from robotether_server.db.audit import AuditSearch, Event, Source, network_of
+from robotether_server.db.audit import AuditSearch, Source, network_of
 
 
 def test_event_is_written_with_who_where_and_what(database: Database) -> None:
     """A name that somebody claimed is cut to fit, whatever it is."""
     with database.transaction() as tx:
-        audit.record(tx, Source("é" * 70, "192.0.2.1"), Event("login_failed", "sim1", {"a": "ü"}))
+        audit.record(tx, Source("é" * 70, "192.0.2.1"), "login_failed", "sim1", a="ü")
         row = tx.row("SELECT actor, kind, robot, address, details FROM audit_events")
     assert row == {
         "actor": "é" * 63,
@@ -25,7 +25,7 @@ def test_event_is_written_with_who_where_and_what(database: Database) -> None:
 
 
 def record(tx: Transaction, kind: str, actor: str, address: str | None) -> None:
-    audit.record(tx, Source(actor, address), Event(kind))
+    audit.record(tx, Source(actor, address), kind)
 
 
 def test_recent_events_are_of_kinds_network_and_time(database: Database) -> None:
@@ -95,8 +95,7 @@ def test_events_are_found_by_what_is_asked_for(database: Database) -> None:
             ("root", "robot_renamed", "a"),
             ("ann", "robot_added", "b"),
         ):
-            event = audit.Event(kind, robot, {"was": "x"})
-            audit.record(tx, audit.Source(actor, "192.0.2.1"), event)
+            audit.record(tx, audit.Source(actor, "192.0.2.1"), kind, robot, was="x")
         newest, middle, oldest = audit.find(tx)
         assert (newest.actor, newest.kind, newest.robot, newest.address, newest.details) == (
             "ann",

@@ -13,7 +13,7 @@ from granted import give
 from mariadb_server import MariaDb
 from robotether_server.db import Database, Transaction, audit, grants, robots, users
 from robotether_server.db import migrate as migrations
-from robotether_server.db.audit import Event, Source
+from robotether_server.db.audit import Source
 from robotether_server.db.migrate import migrate
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
@@ -70,7 +70,7 @@ def test_rows_of_an_older_release_are_kept(
             )
             tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b7', 'announced')")
             tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b8', 'rekeyed')")
-            audit.record(tx, Source("robot"), Event("robot_pending", "rekeyed"))
+            audit.record(tx, Source("robot"), "robot_pending", "rekeyed")
         assert migrate(settings(server, sql_dir))[0] == "0005_enrolment"
         with Database(server.settings("web")).transaction() as tx:
             odd, announced = robots.get(tx, "odd"), robots.get(tx, "announced")

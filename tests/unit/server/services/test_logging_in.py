@@ -7,7 +7,7 @@ import datetime as dt
 import pytest
 from robotether_server import passwords
 from robotether_server.db import Database, audit, credentials, users
-from robotether_server.db.audit import Event, Source
+from robotether_server.db.audit import Source
 from robotether_server.problems import LoginFailed, Throttled
 from robotether_server.services.logging_in import (
     PER_NETWORK,
@@ -83,7 +83,7 @@ def fail(database: Database, name: str, address: str, times: int = 1) -> None:
     """Failures as the log has them; hashing so many passwords would take long."""
     with database.transaction() as tx:
         for _ in range(times):
-            audit.record(tx, Source(name, address), Event("login_failed"))
+            audit.record(tx, Source(name, address), "login_failed")
 
 
 def is_heard(database: Database, name: str, address: str) -> bool:

@@ -6,7 +6,7 @@ import re
 
 import pytest
 from robotether_server.db import Database, audit
-from robotether_server.db.audit import Event, Source
+from robotether_server.db.audit import Source
 from robotether_server.web.filters import PER_PAGE
 from web_visitor import Browser
 
@@ -15,11 +15,9 @@ from web_visitor import Browser
 def _events(database: Database) -> None:
     """Events of two actors, more than a page has."""
     with database.transaction() as tx:
-        audit.record(
-            tx, Source("zoe", "203.0.113.9"), Event("grant_given", "sim1", {"user": "olga"})
-        )
+        audit.record(tx, Source("zoe", "203.0.113.9"), "grant_given", "sim1", user="olga")
         for number in range(PER_PAGE):
-            audit.record(tx, Source("ann"), Event("counted", "sim2", {"number": number}))
+            audit.record(tx, Source("ann"), "counted", "sim2", number=number)
 
 
 @pytest.mark.usefixtures("_events")
