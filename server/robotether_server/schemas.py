@@ -16,7 +16,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
 import msgspec
 from msgspec import Meta, inspect
 
-from robotether_server import macs, ssh_keys, times
+from robotether_server import identity, times
 from robotether_server.problems import FieldInvalid
 
 MAX_NAME_LENGTH = 63
@@ -74,16 +74,16 @@ PublicKeyLine = Annotated[
     str,
     Meta(
         min_length=1,
-        max_length=ssh_keys.MAX_LINE_LENGTH,
+        max_length=identity.MAX_KEY_LENGTH,
         description="One line as in a .pub file, without options",
-        extra_json_schema={"examples": [ssh_keys.EXAMPLE]},
+        extra_json_schema={"examples": [identity.EXAMPLE_KEY]},
     ),
 ]
-# Robots spell their MAC in several ways; macs.normalise checks it.
+# Robots spell their MAC in several ways; identity.normalise_mac checks it.
 Mac = Annotated[
     str,
     Meta(
-        max_length=macs.MAX_TEXT_LENGTH,
+        max_length=identity.MAX_MAC_LENGTH,
         description="MAC address of a network card, in any usual spelling",
         extra_json_schema={"minLength": 11, "examples": ["00:1b:44:11:3a:b7"]},
     ),

@@ -44,7 +44,7 @@ AGENT_MAY_IMPORT = {
     "guard": {"base", "guard"},
     "video": {"base", "video"},
 }
-FOUNDATION = ("problems", "settings", "tickets", "macs", "ssh_keys")
+FOUNDATION = ("problems", "settings", "tickets", "identity")
 
 
 @cache

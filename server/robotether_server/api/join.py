@@ -7,7 +7,7 @@ from flask import request
 from msgspec import UNSET, Meta, Struct, UnsetType
 from robotether_common.join import PreviousKey
 
-from robotether_server import macs, ssh_keys
+from robotether_server import identity
 from robotether_server.api.context import context
 from robotether_server.api.operations import operation
 from robotether_server.db.robots import Report
@@ -33,7 +33,7 @@ Signature = Annotated[
         description="SSHSIG of the old key over MAC and new key",
         extra={
             "as_typed": True,
-            "longest": ssh_keys.MAX_SIGNATURE_LENGTH,
+            "longest": identity.MAX_SIGNATURE_LENGTH,
             "must": "a text, no longer than that of an ssh-ed25519 key",
         },
     ),
@@ -108,8 +108,8 @@ def _asked(body: RobotJoin) -> joining.JoinAttempt:
     previous = body.previous_key or None
     return joining.JoinAttempt(
         presented=PresentedKey(
-            mac=macs.normalise(body.mac),
-            key=ssh_keys.parse(body.public_key),
+            mac=identity.normalise_mac(body.mac),
+            key=identity.parse_robots_key(body.public_key),
             report=Report(body.hostname, body.agent_version, request.remote_addr or ""),
         ),
         token=body.token or None,

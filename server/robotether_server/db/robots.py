@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from robotether_server.db.database import Row, Transaction
+from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordExists, RecordMissing, StoreUnavailable
-from robotether_server.ssh_keys import PublicKey
 
 State = Literal["pending", "active", "disabled"]
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from robotether_server.db.database import Row, Transaction
+from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordExists, RecordMissing
 from robotether_server.schemas import Fingerprint, Label, Timestamp
-from robotether_server.ssh_keys import PublicKey
 
 Role = Literal["admin", "user"]
 ROLES: tuple[Role, ...] = ("admin", "user")

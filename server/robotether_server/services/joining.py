@@ -15,10 +15,11 @@ from typing import Literal
 
 from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_message
 
-from robotether_server import macs, ssh_keys
+from robotether_server import identity
 from robotether_server.db import Transaction, audit, credentials, robots, seen_robots
 from robotether_server.db.audit import Source, network_of
 from robotether_server.db.robots import Claim, Report, Robot
+from robotether_server.identity import PublicKey
 from robotether_server.problems import (
     FieldInvalid,
     KeyInUse,
@@ -32,7 +33,6 @@ from robotether_server.problems import (
 )
 from robotether_server.services.tokens import ROBOT, EnrolmentCredential, find_credential
 from robotether_server.settings import JoinSettings
-from robotether_server.ssh_keys import PublicKey
 
 # What nobody announced: how much one network may leave waiting, and for how long.
 MAX_UNKNOWN_PER_NETWORK = 10
@@ -137,7 +137,7 @@ class _Joining:
         """Add a row for a MAC that nobody knows."""
         mac = self.request.presented.mac
         if not self.rules.allow_local_macs:
-            macs.check_universal(mac)
+            identity.check_universal_mac(mac)
         if self.credential is None:
             self._check_room()
         name = free_name(self.tx, mac, self.request.name if self.credential else None)
@@ -263,7 +263,7 @@ def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: Pre
     if old is None or robot.state != "active" or previous.fingerprint != old.fingerprint:
         return False
     message = rotation_message(presented.mac, presented.key.line)
-    if not ssh_keys.signature_holds(old, ROTATION_NAMESPACE, message, previous.signature):
+    if not identity.signature_holds(old, ROTATION_NAMESPACE, message, previous.signature):
         raise FieldInvalid(
             f"cannot use previous_key: its signature is not by key {old.fingerprint} over this MAC and the "
             "new key"

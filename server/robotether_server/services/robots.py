@@ -6,7 +6,7 @@ Every action takes the enrolment lock first: joins and other actions wait for th
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robotether_server import macs, robot_settings, ssh_keys
+from robotether_server import identity, robot_settings
 from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Claim, Report, Robot, State
@@ -42,7 +42,7 @@ def add(
     An unknown robot that waits with this MAC does not stand in the way: its row gets the name, and its key waits on.
     """
     robots.lock_enrolment(tx)
-    normal = macs.normalise(mac, allow_local=allow_local_mac)
+    normal = identity.normalise_mac(mac, allow_local=allow_local_mac)
     found = robots.find_by_mac(tx, normal)
     if found is not None and found.is_unknown:
         robots.rename(tx, found.id, name)
@@ -60,8 +60,8 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
     """
     robots.lock_enrolment(tx)
     presented = joining.PresentedKey(
-        mac=macs.normalise(registration.mac),
-        key=ssh_keys.parse(registration.public_key),
+        mac=identity.normalise_mac(registration.mac),
+        key=identity.parse_robots_key(registration.public_key),
         report=Report(
             registration.hostname or "", registration.agent_version or "", source.address or ""
         ),
@@ -74,7 +74,7 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
         if found.state == "active" and found.fingerprint == presented.key.fingerprint:
             return found, False
     elif not registration.allow_local_mac:
-        macs.check_universal(presented.mac)
+        identity.check_universal_mac(presented.mac)
     joining.check_key_is_free(tx, source, presented, is_authorized=True)
     row = found or _add(tx, presented.mac, registration.name)
     return joining.admit(tx, source, row, presented, registration.credential), found is None
@@ -156,7 +156,7 @@ def set_mac(
     An unknown robot that waits with this MAC does not stand in the way: its row goes, and its key has to ask again.
     """
     found = _get(tx, name)
-    normal = macs.normalise(mac, allow_local=allow_local_mac)
+    normal = identity.normalise_mac(mac, allow_local=allow_local_mac)
     if normal != found.mac:
         waiting = robots.find_by_mac(tx, normal)
         if waiting is not None and waiting.is_unknown:

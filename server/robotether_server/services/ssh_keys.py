@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from robotether_server import schemas, ssh_keys
+from robotether_server import identity, schemas
 from robotether_server.db import Transaction, audit, seen_robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import includes
@@ -28,8 +28,8 @@ class ShellEntry:
 
 def add(tx: Transaction, source: Source, user: User, name: str | None, line: str) -> SshKey:
     """Add a key; without a name it gets its comment's. Raises FieldInvalid, RecordExists or NotPossible."""
-    key = ssh_keys.parse_persons(line)
-    chosen = name or ssh_keys.comment(line)[:MAX_NAME_LENGTH].strip() or key.fingerprint
+    key = identity.parse_persons_key(line)
+    chosen = name or identity.key_comment(line)[:MAX_NAME_LENGTH].strip() or key.fingerprint
     schemas.check("name", chosen, Label)
     if len(users.list_ssh_keys(tx, user)) >= MAX_KEYS:
         raise NotPossible(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import struct
 
-from robotether_server import ssh_keys
+from robotether_server import identity
 from web_visitor import Browser
 from werkzeug.test import TestResponse
 
@@ -19,7 +19,7 @@ def public_key(number: int) -> str:
 
 def fingerprint(number: int) -> str:
     """The fingerprint of that key, as OpenSSH prints it."""
-    return ssh_keys.parse(public_key(number)).fingerprint
+    return identity.parse_robots_key(public_key(number)).fingerprint
 
 
 def join(program: Browser, mac: str, key: int, hostname: str = "turtle") -> TestResponse:

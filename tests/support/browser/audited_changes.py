@@ -8,7 +8,7 @@ from typing import Any
 from api_visitor import Program, new_public_key
 from drive_settings import DOCK
 from robotether_server.db import Database
-from robotether_server.ssh_keys import parse
+from robotether_server.identity import parse_robots_key
 
 KEY = new_public_key()
 OTHER_KEY = new_public_key()
@@ -48,7 +48,7 @@ class Walk:
 
 def finger(key: str) -> dict[str, str]:
     """The body that names a key."""
-    return {"fingerprint": parse(key).fingerprint}
+    return {"fingerprint": parse_robots_key(key).fingerprint}
 
 
 # Method, template of the path, path, body, kind of the line that it leaves.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import subprocess
 from pathlib import Path
 
-from robotether_server import ssh_keys
-from robotether_server.ssh_keys import PublicKey
+from robotether_server import identity
+from robotether_server.identity import PublicKey
 
 
 class RobotSigner:
@@ -21,7 +21,7 @@ class RobotSigner:
     @property
     def key(self) -> PublicKey:
         """The public half."""
-        return ssh_keys.parse(self.line)
+        return identity.parse_robots_key(self.line)
 
     def sign(self, namespace: str, message: str) -> str:
         """The armoured signature over a message."""

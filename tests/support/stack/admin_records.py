@@ -6,7 +6,7 @@ import json
 
 from robotether_server.db import Database, robots
 from robotether_server.db.robots import Report, Robot
-from robotether_server.ssh_keys import PublicKey
+from robotether_server.identity import PublicKey
 
 MAC = "02:00:00:00:51:01"
 ADD = ("robot", "add", "sim1", "--mac", "0200.0000.5101", "--allow-local-mac")

@@ -8,10 +8,10 @@ from pathlib import Path
 from robotether_common.join import PreviousKey
 from robotether_server.db import Database, Transaction, credentials, robots, seen_robots, users
 from robotether_server.db.robots import Report, Robot
+from robotether_server.identity import PublicKey
 from robotether_server.services import joining
 from robotether_server.services.joining import Answer, PresentedKey
 from robotether_server.settings import JoinSettings
-from robotether_server.ssh_keys import PublicKey
 
 MAC = "00:1b:44:00:61:01"
 OTHER_MAC = "00:1b:44:00:61:02"

@@ -10,8 +10,8 @@ from mariadb_server import MariaDb
 from robotether_server.db import Database, Transaction, fleet, grants, robots, seen_robots, users
 from robotether_server.db.grants import Level, Pair
 from robotether_server.db.robots import Report
+from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordRefused
-from robotether_server.ssh_keys import PublicKey
 
 HOUR = dt.timedelta(hours=1)
 LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")

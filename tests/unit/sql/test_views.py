@@ -9,7 +9,7 @@ from granted import give
 from mariadb_server import MariaDb
 from robotether_server.db import Database, Transaction, credentials, robots, users
 from robotether_server.db.robots import Report, State
-from robotether_server.ssh_keys import PublicKey
+from robotether_server.identity import PublicKey
 
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
 HOUR = dt.timedelta(hours=1)

@@ -11,11 +11,11 @@ from robotether_server.api.context import context
 from robotether_server.db import credentials
 from robotether_server.db.credentials import Token
 from robotether_server.db.users import SshKey
+from robotether_server.identity import MAX_KEY_LENGTH
 from robotether_server.install_line import site_of
 from robotether_server.problems import FieldInvalid, Problem, RecordMissing
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import logging_in, ssh_keys, tokens, users
-from robotether_server.ssh_keys import MAX_LINE_LENGTH
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import METHODS, ConfirmedAction, Field
 
@@ -127,7 +127,7 @@ def add_key() -> AnyResponse | str | tuple[str, int]:
         return render()
     try:
         name = forms.optional_text("name", "Name", MAX_NAME_LENGTH)
-        line = forms.text("public_key", "Public key", MAX_LINE_LENGTH)
+        line = forms.text("public_key", "Public key", MAX_KEY_LENGTH)
         with context().database.transaction() as tx:
             key = ssh_keys.add(tx, current_user.source(), current_user.get(), name, line)
     except Problem as problem:

@@ -13,8 +13,8 @@ from robotether_server.api.robots import shown_robot
 from robotether_server.db import Database
 from robotether_server.db.robots import Report, Robot
 from robotether_server.db.seen_robots import FREE, ControlState, DrivenBy, SeenRobot, Stopped
+from robotether_server.identity import parse_robots_key
 from robotether_server.page_settings import DEFAULTS
-from robotether_server.ssh_keys import parse
 from web_visitor import Browser, audit_kinds
 
 MAC = "00:1b:44:11:3a:b7"
@@ -160,7 +160,7 @@ def test_playbook_enrols_a_robot_once(root: Program) -> None:
     first = root.ask("PUT", "/robots/turtle", body)
     assert first.status_code == 201
     assert (first.json["state"], first.json["level"]) == ("active", "manage")
-    assert first.json["fingerprint"] == parse(body["public_key"]).fingerprint
+    assert first.json["fingerprint"] == parse_robots_key(body["public_key"]).fingerprint
     assert first.json["ssh"]["host_keys"] == ["ssh-ed25519 AAAAhost"]
     second = root.ask("PUT", "/robots/turtle", body)
     assert (second.status_code, second.json) == (200, first.json)
@@ -327,7 +327,7 @@ def join(program: Browser, mac: str) -> str:
     key = new_public_key()
     body = {"mac": mac, "public_key": key, "hostname": "turtle", "agent_version": "0.1.0"}
     assert program.ask("POST", "/api/v1/join", json=body).status_code == 202
-    return parse(key).fingerprint
+    return parse_robots_key(key).fingerprint
 
 
 def test_waiting_key_is_approved(root: Program, database: Database, fingerprint: str) -> None:
@@ -396,7 +396,7 @@ def test_waiting_key_is_rejected_and_forgiven(root: Program, program: Browser) -
         "mac": MAC,
         "hostname": "turtle",
         "address": "198.51.100.7",
-        "fingerprint": parse(key).fingerprint,
+        "fingerprint": parse_robots_key(key).fingerprint,
         "agent_version": "0.1.0",
         "reason": "approval_pending",
     }

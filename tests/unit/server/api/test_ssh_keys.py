@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from api_visitor import API, Program, new_public_key
-from robotether_server.ssh_keys import parse
+from robotether_server.identity import parse_robots_key
 from web_visitor import Browser
 
 
@@ -14,7 +14,7 @@ def test_key_is_added_and_deleted_by_its_owner(ann: Program, root: Program) -> N
     answer = ann.ask("POST", "/me/ssh-keys", {"name": "laptop", "public_key": line})
     assert answer.status_code == 201
     key = answer.json
-    assert (key["name"], key["fingerprint"]) == ("laptop", parse(line).fingerprint)
+    assert (key["name"], key["fingerprint"]) == ("laptop", parse_robots_key(line).fingerprint)
     assert ann.get("/me/ssh-keys") == {"ssh_keys": [key]}
     assert root.get("/me/ssh-keys") == {"ssh_keys": []}
     path = f"/me/ssh-keys/{key['id']}"

@@ -23,7 +23,7 @@ from admin_records import (
 from robotether_server.cli import robot_keys
 from robotether_server.db import Database, robots
 from robotether_server.db.robots import State
-from robotether_server.ssh_keys import PublicKey
+from robotether_server.identity import PublicKey
 
 Run = Callable[..., Any]
 THIRD_KEY = PublicKey("ssh-ed25519 CCCC", "SHA256:third")

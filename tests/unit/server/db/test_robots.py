@@ -10,9 +10,10 @@ from allotment import mac, pair_owners
 from granted import give
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from robotether_server import macs
+from robotether_server import identity
 from robotether_server.db import Database, Transaction, robots, seen_robots, users
 from robotether_server.db.robots import Report, Robot
+from robotether_server.identity import PublicKey
 from robotether_server.problems import (
     FieldInvalid,
     RecordExists,
@@ -20,7 +21,6 @@ from robotether_server.problems import (
     RecordRefused,
     StoreUnavailable,
 )
-from robotether_server.ssh_keys import PublicKey
 
 MAC = "00:1b:44:11:3a:b7"
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
@@ -73,7 +73,7 @@ MAX_IN_SQL_LENGTH = 17
 def test_python_and_sql_agree_about_macs(database: Database, text: str) -> None:
     """The twin in Python accepts and makes exactly what the trigger does."""
     try:
-        expected = macs.normalise(text)
+        expected = identity.normalise_mac(text)
     except FieldInvalid:
         expected = None
     if len(text.rstrip()) > MAX_IN_SQL_LENGTH:

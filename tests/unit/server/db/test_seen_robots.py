@@ -10,10 +10,10 @@ from granted import give
 from robotether_server.db import Database, robots, seen_robots, users
 from robotether_server.db.robots import Report
 from robotether_server.db.seen_robots import FREE, ControlState, DrivenBy, Stopped
+from robotether_server.identity import PublicKey
 from robotether_server.problems import (
     RecordMissing,
 )
-from robotether_server.ssh_keys import PublicKey
 
 MAC = "00:1b:44:11:3a:b7"
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")

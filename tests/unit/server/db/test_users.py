@@ -6,8 +6,8 @@ import datetime as dt
 
 import pytest
 from robotether_server.db import Database, credentials, users
+from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordExists, RecordMissing, RecordRefused
-from robotether_server.ssh_keys import PublicKey
 
 
 def test_user_is_found_by_name(database: Database) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from joins import MAC, OTHER_KEY, OTHER_MAC, Site, age
 from robotether_server.db.audit import Source
+from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordMissing
 from robotether_server.services import pending
 from robotether_server.services import robots as robot_service
-from robotether_server.ssh_keys import PublicKey
 
 ADMIN = Source("root")
 THIRD_KEY = PublicKey("ssh-ed25519 C", "SHA256:c")

@@ -15,12 +15,12 @@ from relay_clients import closing
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
 from robotether_server.db import Database, Transaction, credentials, robots, users
 from robotether_server.db.fleet import Credential, RelayUser
+from robotether_server.identity import PublicKey
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.db.database import ThreadedDatabase
 from robotether_server.relay.main import Timing
 from robotether_server.settings import DatabaseSettings
-from robotether_server.ssh_keys import PublicKey
 from stopwatch import Stopwatch
 
 PUBLISH = '{"op":"publish","topic":"/cmd_vel"}'

@@ -1,4 +1,4 @@
-"""OpenSSH public keys: fingerprints as ssh-keygen prints them, and nothing but a key gets through."""
+"""MACs in every usual spelling (the twin in SQL is compared in db/test_robots.py), and OpenSSH public keys."""
 
 from __future__ import annotations
 
@@ -11,19 +11,88 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robot_signer import RobotSigner
-from robotether_server import ssh_keys
+from robotether_server.identity import (
+    check_universal_mac,
+    key_comment,
+    normalise_mac,
+    parse_persons_key,
+    parse_robots_key,
+    signature_holds,
+)
 from robotether_server.problems import FieldInvalid
-from robotether_server.ssh_keys import comment, parse, parse_persons
 
 # The generator of the curve, which is a point of it.
 NISTP256_POINT = bytes.fromhex(
     "046b17d1f2e12c4247f8bce6e563a440f277037d812deb33a0f4a13945d898c296"
     "4fe342e2fe1a7f9b8ee7eb4a7c0f9e162bce33576b315ececbb6406837bf51f5"
 )
-
-
 NAMESPACE = "robotether-rotation"
 MESSAGE = "00:1b:44:11:3a:b7 ssh-ed25519 AAAA\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "00:1B:44:11:3A:B7",
+        "00-1b-44-11-3a-b7",
+        "001b.4411.3ab7",
+        "001B44113AB7",
+        " 00:1b:44:11:3a:b7  ",
+        "0:1b:44:11:3a:b7",
+        "0-1B-44-11-3A-B7",
+    ],
+)
+def test_usual_spellings_become_one(text: str) -> None:
+    """Lower case with colons, two digits a byte."""
+    assert normalise_mac(text) == "00:1b:44:11:3a:b7"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "00:1b-44:11:3a:b7",
+        "001b44113ab",
+        "1b.4411.3ab7",
+        "00:1b:44:11:3a:",
+        "00:1b:44:11:3a:1b7",
+        "001b44113ab7\n",
+        "\t001b44113ab7",
+        "\N{FULLWIDTH DIGIT ZERO}01b44113ab7",
+        "g" * 12,
+    ],
+)
+def test_anything_else_is_refused(text: str) -> None:
+    """The sentence names the field and shows how to write it."""
+    with pytest.raises(FieldInvalid, match=r"cannot use mac .* write it as 00:1b:44:11:3a:b7"):
+        normalise_mac(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["00:00:00:00:00:00", "0:0:0:0:0:0", "ffff.ffff.ffff", "01:00:5e:00:00:fb", "330000000001"],
+)
+def test_macs_of_no_single_robot_are_refused(text: str) -> None:
+    """Zero, broadcast and multicast, whatever the spelling."""
+    with pytest.raises(FieldInvalid, match=r"cannot use mac .* which no single robot has"):
+        normalise_mac(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["02:42:ac:11:00:02", "0242.ac11.0002", "2:42:ac:11:0:2", "fe0000000001"]
+)
+def test_macs_that_machines_give_themselves_are_refused_unless_allowed(text: str) -> None:
+    """The sentence says how an admin lets one in."""
+    with pytest.raises(FieldInvalid, match=r"locally administered.*--allow-local-mac"):
+        normalise_mac(text, allow_local=False)
+    with pytest.raises(FieldInvalid, match="locally administered"):
+        check_universal_mac(normalise_mac(text))
+
+
+@pytest.mark.parametrize("text", ["00:1b:44:11:3a:b7", "b8:27:eb:00:00:01"])
+def test_macs_of_makers_pass(text: str) -> None:
+    """Those that stand on a network card."""
+    assert normalise_mac(text, allow_local=False) == text
 
 
 def make_key(folder: Path, kind: str, bits: int) -> tuple[str, str]:
@@ -51,11 +120,11 @@ def ed25519(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_fingerprint_is_that_of_ssh_keygen(tmp_path: Path, kind: str, bits: int) -> None:
     """What sshd passes to the lookup is what stands in the row; the comment is gone."""
     line, fingerprint = make_key(tmp_path, kind, bits)
-    key = parse_persons(line.strip())
+    key = parse_persons_key(line.strip())
     assert key.fingerprint == fingerprint
     assert key.line == " ".join(line.split()[:2])
-    assert parse(line) == key, "robots may have it too"
-    assert comment(line) == "a comment"
+    assert parse_robots_key(line) == key, "robots may have it too"
+    assert key_comment(line) == "a comment"
 
 
 def wire(*fields: bytes) -> str:
@@ -74,18 +143,18 @@ def test_keys_of_security_keys_are_peoples(tmp_path: Path) -> None:
         shown = subprocess.run(
             ["ssh-keygen", "-lf", file], check=True, capture_output=True, text=True
         )
-        assert parse_persons(line).fingerprint == shown.stdout.split()[1]
+        assert parse_persons_key(line).fingerprint == shown.stdout.split()[1]
         with pytest.raises(FieldInvalid):
-            parse(line)
+            parse_robots_key(line)
         with pytest.raises(FieldInvalid, match="damaged"):
-            parse_persons(f"{kind.decode()} {wire(kind, *fields[:-1])}")
+            parse_persons_key(f"{kind.decode()} {wire(kind, *fields[:-1])}")
 
 
 def test_short_rsa_key_is_refused(tmp_path: Path) -> None:
     """The sentence says how many bits it needs; 2048 are enough."""
-    parse_persons(make_key(tmp_path, "rsa", 2048)[0])
+    parse_persons_key(make_key(tmp_path, "rsa", 2048)[0])
     with pytest.raises(FieldInvalid, match="2048 bits or more, this has 1024"):
-        parse_persons(f"ssh-rsa {wire(b'ssh-rsa', b'!', bytes(1) + bytes([255]) * 128)}")
+        parse_persons_key(f"ssh-rsa {wire(b'ssh-rsa', b'!', bytes(1) + bytes([255]) * 128)}")
 
 
 @pytest.mark.parametrize(
@@ -109,7 +178,7 @@ def test_short_rsa_key_is_refused(tmp_path: Path) -> None:
 def test_what_is_no_plain_key_is_refused(ed25519: str, change: object) -> None:
     """Options, a second line, control characters, damage and other types do not reach sshd."""
     assert callable(change)
-    for read in (parse, parse_persons):
+    for read in (parse_robots_key, parse_persons_key):
         with pytest.raises(FieldInvalid, match="cannot use public_key"):
             read(change(ed25519))
 
@@ -118,7 +187,7 @@ def test_what_is_no_plain_key_is_refused(ed25519: str, change: object) -> None:
 def test_rubbish_is_refused_with_a_problem(blob: bytes, kind: str) -> None:
     """No bytes from outside raise anything else."""
     with pytest.raises(FieldInvalid):
-        parse_persons(f"{kind} {base64.b64encode(blob).decode()}")
+        parse_persons_key(f"{kind} {base64.b64encode(blob).decode()}")
 
 
 @pytest.fixture
@@ -130,7 +199,7 @@ def signer(tmp_path_factory: pytest.TempPathFactory) -> RobotSigner:
 def test_signature_of_the_key_holds(signer: RobotSigner) -> None:
     """Over this message, for this namespace."""
     signature = signer.sign(NAMESPACE, MESSAGE)
-    assert ssh_keys.signature_holds(signer.key, NAMESPACE, MESSAGE, signature)
+    assert signature_holds(signer.key, NAMESPACE, MESSAGE, signature)
 
 
 def test_any_other_signature_does_not(
@@ -147,5 +216,5 @@ def test_any_other_signature_does_not(
         "\N{SNOWMAN}",
         "",
     ):
-        assert not ssh_keys.signature_holds(signer.key, NAMESPACE, MESSAGE, wrong)
-    assert not ssh_keys.signature_holds(stranger.key, NAMESPACE, MESSAGE, good)
+        assert not signature_holds(signer.key, NAMESPACE, MESSAGE, wrong)
+    assert not signature_holds(stranger.key, NAMESPACE, MESSAGE, good)

@@ -1,13 +1,16 @@
-"""Reads one OpenSSH public key line, as a robot presents it or a person in the profile; checks signatures.
+"""What names a robot, its MAC, and what proves it, its public key; people's public keys are read here, too.
 
-Used by api, web and services. What it returns is written into sshd's answer to AuthorizedKeysCommand, so it
-lets nothing through but a key type and its base64: no options, no comment, no second line.
+Used by api, web, services and db. A MAC is written in one spelling, `00:1b:44:11:3a:b7`, and refused where no robot has
+it: the twin of the procedure normalise_mac in sql/0006_shell_ports_and_macs.sql, which serves whoever writes SQL by
+hand; a test holds the two together. What is returned of a key is written into sshd's answer to AuthorizedKeysCommand,
+so nothing passes but a key type and its base64: no options, no comment, no second line.
 """
 
 import base64
 import binascii
 import hashlib
 import logging
+import re
 import struct
 import subprocess
 from dataclasses import dataclass
@@ -18,22 +21,71 @@ from robotether_server.problems import FieldInvalid
 
 logger = logging.getLogger(__name__)
 
-MAX_LINE_LENGTH = 2048
-EXAMPLE = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIJo5eEbP6ZLLOX3tKdbGgfGBCI/FHRkzCO4p7gLumWqa turtle"
+MAX_MAC_LENGTH = 40
+ZERO_MAC = "00:00:00:00:00:00"
+# Bits of the first byte: for many machines at once, and given by a machine to itself (IEEE 802).
+MULTICAST = 0x01
+LOCAL = 0x02
+
+_MAC_SPELLINGS = re.compile(
+    r"([0-9a-f]{1,2}:){5}[0-9a-f]{1,2}"  # some systems print 0 for 00
+    r"|([0-9a-f]{1,2}-){5}[0-9a-f]{1,2}"
+    r"|([0-9a-f]{4}[.]){2}[0-9a-f]{4}"
+    r"|[0-9a-f]{12}"
+)
+
+MAX_KEY_LENGTH = 2048
+EXAMPLE_KEY = (
+    "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIJo5eEbP6ZLLOX3tKdbGgfGBCI/FHRkzCO4p7gLumWqa turtle"
+)
 SMALLEST_RSA_BITS = 2048
-ECDSA_CURVES = ("nistp256", "nistp384", "nistp521")
-ED25519 = "ssh-ed25519"
-SK_ED25519 = "sk-ssh-ed25519@openssh.com"
-SK_ECDSA = "sk-ecdsa-sha2-nistp256@openssh.com"
-ROBOT_TYPES = (ED25519, *(f"ecdsa-sha2-{curve}" for curve in ECDSA_CURVES), "ssh-rsa")
+ROBOT_TYPES = ("ssh-ed25519", *(f"ecdsa-sha2-nistp{bits}" for bits in (256, 384, 521)), "ssh-rsa")
 # A robot cannot touch a security key, a person can.
-PERSON_TYPES = (*ROBOT_TYPES, SK_ED25519, SK_ECDSA)
+PERSON_TYPES = (
+    *ROBOT_TYPES,
+    "sk-ssh-ed25519@openssh.com",
+    "sk-ecdsa-sha2-nistp256@openssh.com",
+)
 ED25519_BYTES = 32
-
-
 MAX_SIGNATURE_LENGTH = 4096
 SIGNER = "robot"
 SIGNATURE_TIMEOUT_S = 5
+
+
+def normalise_mac(text: str, *, allow_local: bool = True) -> str:
+    """Return the MAC in lower case with colons; raise FieldInvalid when it is none that a robot may have."""
+    lower = text.strip(" ").lower()
+    if not _MAC_SPELLINGS.fullmatch(lower):
+        raise FieldInvalid(
+            f"cannot use mac {text[:MAX_MAC_LENGTH]!r}: it is no MAC address; write it as 00:1b:44:11:3a:b7",
+            "mac",
+        )
+    digits = "".join(part.zfill(2) for part in re.split("[:.-]", lower))
+    mac = ":".join(digits[at : at + 2] for at in range(0, len(digits), 2))
+    if mac == ZERO_MAC or _first_byte(mac) & MULTICAST:
+        raise FieldInvalid(
+            f"cannot use mac {text[:MAX_MAC_LENGTH]!r}: it is all zero, broadcast or multicast, which no single "
+            "robot has; give that of its network card",
+            "mac",
+        )
+    if not allow_local:
+        check_universal_mac(mac)
+    return mac
+
+
+def check_universal_mac(mac: str) -> None:
+    """Raise FieldInvalid for a MAC that a machine gave itself: another may have given itself the same."""
+    if _first_byte(mac) & LOCAL:
+        raise FieldInvalid(
+            f"cannot use mac {mac}: it is locally administered, as those of virtual machines and containers "
+            "are; give that of a network card, or let an admin announce this one: "
+            "robotether robot add NAME --mac MAC --allow-local-mac",
+            "mac",
+        )
+
+
+def _first_byte(mac: str) -> int:
+    return int(mac[:2], 16)
 
 
 @dataclass(frozen=True)
@@ -44,24 +96,24 @@ class PublicKey:
     fingerprint: str
 
 
-def parse(text: str) -> PublicKey:
+def parse_robots_key(text: str) -> PublicKey:
     """Return a robot's key of one line; raise FieldInvalid when it is none that robots may use."""
-    return _parse(text, ROBOT_TYPES)
+    return _parse_key(text, ROBOT_TYPES)
 
 
-def parse_persons(text: str) -> PublicKey:
+def parse_persons_key(text: str) -> PublicKey:
     """Return a person's key of one line; raise FieldInvalid when it is none that people may use."""
-    return _parse(text, PERSON_TYPES)
+    return _parse_key(text, PERSON_TYPES)
 
 
-def comment(text: str) -> str:
+def key_comment(text: str) -> str:
     """Return the comment after the key, or an empty text."""
     return " ".join(text.split()[2:])
 
 
-def _parse(text: str, types: tuple[str, ...]) -> PublicKey:
+def _parse_key(text: str, types: tuple[str, ...]) -> PublicKey:
     words = text.strip().split(" ")
-    if len(text) > MAX_LINE_LENGTH or not text.strip().isprintable() or len(words) < 2:  # noqa: PLR2004 - type and key
+    if len(text) > MAX_KEY_LENGTH or not text.strip().isprintable() or len(words) < 2:  # noqa: PLR2004 - type and key
         raise _invalid("it must be one line: type, key and perhaps a comment")
     kind, encoded = words[:2]
     if kind not in types:
