@@ -17,8 +17,8 @@ from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing, LoginMissing, TokenInvalid
-from robotether_server.services import drive_pages, tokens
-from robotether_server.services.tokens import EnrolmentCredential
+from robotether_server.services import drive_pages, joining
+from robotether_server.services.joining import EnrolmentCredential
 from robotether_server.tickets import CredentialKind
 
 COOKIE = "__Host-robotether_login"
@@ -66,8 +66,8 @@ def enrolment_credential(tx: Transaction, request: Request) -> EnrolmentCredenti
     """
     header = request.headers.get("Authorization")
     if header is not None:
-        return tokens.find_credential(tx, _bearer(header))
-    return tokens.credential_of_admin(api_user(tx, request))
+        return joining.find_credential(tx, _bearer(header))
+    return joining.credential_of_admin(api_user(tx, request))
 
 
 def credential_of(request: Request) -> tuple[CredentialKind, str]:

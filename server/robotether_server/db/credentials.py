@@ -1,4 +1,4 @@
-"""What clients log in with: logins of browsers, API tokens of programs, join tokens of robots.
+"""What clients log in with: logins of browsers and API tokens of programs.
 
 A client keeps a secret text, the database only its SHA-256. A plain hash is enough, as each text holds 32 random
 bytes; nobody can try them all. Written by services; the relay reads the views relay_logins and relay_tokens.
@@ -10,22 +10,18 @@ import secrets
 from dataclasses import dataclass
 
 from robotether_server.db import users
-from robotether_server.db.database import Row, Transaction
+from robotether_server.db.database import Transaction
 from robotether_server.db.users import User
 from robotether_server.problems import RecordExists, RecordMissing
 from robotether_server.schemas import Label, Timestamp, UserName
 
 RANDOM_BYTES = 32
 API_PREFIX = "rt_"
-JOIN_PREFIX = "rj_"
 # So often at most a login that is used is written anew.
 RENEWED_EVERY = dt.timedelta(minutes=1)
 SELECT_TOKENS = (
     "SELECT t.id, u.name AS user, t.name, t.created_at, t.expires_at "
     "FROM api_tokens t JOIN users u ON u.id = t.user_id "
-)
-SELECT_JOIN_TOKENS = (
-    "SELECT id, name, uses, used, created_at, created_by, expires_at FROM join_tokens "
 )
 
 
@@ -162,87 +158,3 @@ def get_token(tx: Transaction, token_id: int) -> Token:
 def delete_token(tx: Transaction, token_id: int) -> None:
     """Delete a token."""
     tx.change("DELETE FROM api_tokens WHERE id = %s", (token_id,))
-
-
-@dataclass(frozen=True)
-class JoinToken:
-    """A join token without its text, which only its creator knows."""
-
-    id: int
-    name: Label
-    uses: int
-    used: int
-    created_at: Timestamp
-    created_by: str
-    expires_at: Timestamp
-
-
-def _join_token(row: Row) -> JoinToken:
-    return JoinToken(**row)
-
-
-def create_join_token(
-    tx: Transaction, name: str, uses: int, expires_at: dt.datetime, by: str
-) -> str:
-    """Make a token; return its text, which cannot be had again. Raises RecordExists."""
-    text = new_secret(JOIN_PREFIX)
-    try:
-        tx.insert(
-            "INSERT INTO join_tokens (name, token_hash, uses, expires_at, created_by) "
-            "VALUES (%s, %s, %s, %s, %s)",
-            (name, digest(text), uses, expires_at, by),
-        )
-    except RecordExists as error:
-        raise RecordExists(
-            f"cannot create join token {name}: there is one of that name; delete it or choose another name"
-        ) from error
-    return text
-
-
-def find_join_token(tx: Transaction, text: str) -> JoinToken | None:
-    """Return the token of that text, be it used up or over."""
-    row = tx.row(SELECT_JOIN_TOKENS + "WHERE token_hash = %s", (digest(text),))
-    return _join_token(row) if row else None
-
-
-def get_join_token(tx: Transaction, token_id: int) -> JoinToken:
-    """Return the token of that id, locked until the transaction ends; raise RecordMissing."""
-    row = tx.row(SELECT_JOIN_TOKENS + "WHERE id = %s FOR UPDATE", (token_id,))
-    if row is None:
-        raise RecordMissing(f"cannot find join token {token_id}: there is none of that number")
-    return _join_token(row)
-
-
-def list_join_tokens(tx: Transaction) -> list[JoinToken]:
-    """Return every join token, the newest first."""
-    return [_join_token(row) for row in tx.rows(SELECT_JOIN_TOKENS + "ORDER BY id DESC")]
-
-
-def has_admitted(tx: Transaction, token_id: int, fingerprint: str) -> bool:
-    """Return whether this token has admitted that key before."""
-    found = tx.row(
-        "SELECT 1 FROM join_token_uses WHERE token_id = %s AND fingerprint = %s",
-        (token_id, fingerprint),
-    )
-    return found is not None
-
-
-def use_join_token(tx: Transaction, token_id: int, fingerprint: str) -> bool:
-    """Count one use, for that key; return False when none is left, its time is over or it is deleted."""
-    counted = tx.change(
-        "UPDATE join_tokens SET used = used + 1 "
-        "WHERE id = %s AND used < uses AND expires_at > CURRENT_TIMESTAMP(6)",
-        (token_id,),
-    )
-    if not counted:
-        return False
-    tx.change(
-        "INSERT INTO join_token_uses (token_id, fingerprint) VALUES (%s, %s)",
-        (token_id, fingerprint),
-    )
-    return True
-
-
-def delete_join_token(tx: Transaction, token_id: int) -> None:
-    """Delete a token; the robots that it admitted stay."""
-    tx.change("DELETE FROM join_tokens WHERE id = %s", (token_id,))

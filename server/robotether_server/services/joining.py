@@ -1,7 +1,7 @@
 """Decides what becomes of the key that a robot joins with, or that a playbook brings (robots.py).
 
 A MAC only names a robot; its key is what proves it, and a join proves no possession of the key. So without a
-credential (tokens.py) JOIN_POLICY says what becomes of a new key, mostly it waits, and nothing that waits may keep a
+credential JOIN_POLICY says what becomes of a new key, mostly it waits, and nothing that waits may keep a
 robot out that comes with a credential. A join with a known key must never change the row, and only the old key's
 signature (`rotate`) or an admin changes the key of an active robot.
 """
@@ -18,20 +18,23 @@ from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_mes
 from robotether_server import identity
 from robotether_server.db import Transaction, audit, credentials, robots, seen_robots
 from robotether_server.db.audit import Source, network_of
-from robotether_server.db.robots import Claim, Report, Robot
+from robotether_server.db.robots import Claim, JoinToken, Report, Robot
+from robotether_server.db.users import User
 from robotether_server.identity import PublicKey
 from robotether_server.problems import (
     FieldInvalid,
+    GrantMissing,
     KeyInUse,
     KeyRejected,
     MacElsewhere,
     RecordExists,
     RobotDisabled,
+    TokenExpired,
+    TokenInvalid,
     TokenRequired,
     TokenUsedUp,
     TooManyPending,
 )
-from robotether_server.services.tokens import ROBOT, EnrolmentCredential, find_credential
 from robotether_server.settings import JoinSettings
 
 # What nobody announced: how much one network may leave waiting, and for how long.
@@ -42,6 +45,24 @@ MAC_CHANGED_EVERY = dt.timedelta(hours=24)
 ROBOT_NAME = re.compile(r"(?=.{1,63}\Z)[a-z0-9]([a-z0-9-]*[a-z0-9])?")
 MIN_SUFFIX_LENGTH = 6
 MAC_DIGITS = 12
+# Who acts in the audit log when a robot joins.
+ROBOT = "robot"
+
+
+@dataclass(frozen=True)
+class EnrolmentCredential:
+    """`actor` stands in the audit log; `token`: the join token that a use is counted of, or else `admin`."""
+
+    actor: str
+    token: JoinToken | None = None
+    admin: User | None = None
+
+    @property
+    def details(self) -> dict[str, object]:
+        """What the audit log has beside the actor."""
+        if self.token is None:
+            return {"by": "admin"}
+        return {"by": "join token", "token": self.token.name}
 
 
 @dataclass(frozen=True)
@@ -250,6 +271,38 @@ def _credential_of(
     )
 
 
+def find_credential(tx: Transaction, text: str) -> EnrolmentCredential:
+    """Return whose token that is; raise TokenInvalid, TokenExpired or GrantMissing.
+
+    A join token that is used up still tells who asks: a use is counted when it admits a robot.
+    """
+    if text.startswith(robots.JOIN_PREFIX):
+        return EnrolmentCredential(ROBOT, token=_join_token(tx, text))
+    user = credentials.find_token_user(tx, text)
+    if user is None:
+        raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
+    return credential_of_admin(user)
+
+
+def credential_of_admin(user: User) -> EnrolmentCredential:
+    """Return an admin as a credential; raise GrantMissing for another user."""
+    if not user.is_admin:
+        raise GrantMissing("cannot admit a robot with this token: it must be an admin's")
+    return EnrolmentCredential(user.name, admin=user)
+
+
+def _join_token(tx: Transaction, text: str) -> JoinToken:
+    token = robots.find_join_token(tx, text)
+    if token is None:
+        raise TokenInvalid("cannot accept the join token: it is unknown or deleted; make another")
+    if token.expires_at <= dt.datetime.now(dt.UTC):
+        raise TokenExpired(
+            f"cannot accept the join token: it expired at {token.expires_at:%Y-%m-%d %H:%M} UTC; "
+            "make another"
+        )
+    return token
+
+
 def _active(robot: Robot) -> Answer:
     return Answer(robot.name, "active")
 
@@ -360,7 +413,7 @@ def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:
 
 def is_spent(tx: Transaction, credential: EnrolmentCredential, key: PublicKey) -> bool:
     """Return whether the join token admitted this key before, and an admin has undone that since."""
-    return credential.token is not None and credentials.has_admitted(
+    return credential.token is not None and robots.has_admitted(
         tx, credential.token.id, key.fingerprint
     )
 
@@ -383,13 +436,13 @@ def usual_names(mac: str) -> Iterator[str]:
         yield f"robot-{digits}-{number}"
 
 
-def _count_use(tx: Transaction, token: credentials.JoinToken, key: PublicKey) -> None:
-    if credentials.has_admitted(tx, token.id, key.fingerprint):
+def _count_use(tx: Transaction, token: JoinToken, key: PublicKey) -> None:
+    if robots.has_admitted(tx, token.id, key.fingerprint):
         raise TokenUsedUp(
             f"cannot join with this token: it has admitted key {key.fingerprint} before, and an admin has undone "
             "that; get another token, or an admin's approval"
         )
-    if not credentials.use_join_token(tx, token.id, key.fingerprint):
+    if not robots.use_join_token(tx, token.id, key.fingerprint):
         raise TokenUsedUp(
             f"cannot join with this token: it was good for {token.uses} "
             f"{'robot' if token.uses == 1 else 'robots'}, and has admitted them; get another"

@@ -18,7 +18,7 @@ from robotether_server.problems import (
 )
 from robotether_server.robot_settings import Settings
 from robotether_server.services import joining
-from robotether_server.services.tokens import EnrolmentCredential
+from robotether_server.services.joining import EnrolmentCredential
 
 
 @dataclass(frozen=True)

@@ -1,23 +1,14 @@
-"""API tokens, which programs of a user log in with, and join tokens, which admit robots: made, listed, deleted, found.
-
-Reveals nothing about tokens that do not hold.
-"""
+"""API tokens, which programs of a user log in with, and join tokens, which admit robots: made, listed, deleted."""
 
 import datetime as dt
-from dataclasses import dataclass
 
 from robotether_server import schemas
-from robotether_server.db import Transaction, audit, credentials
+from robotether_server.db import Transaction, audit, credentials, robots
 from robotether_server.db.audit import Source
-from robotether_server.db.credentials import JoinToken, Token
+from robotether_server.db.credentials import Token
+from robotether_server.db.robots import JoinToken
 from robotether_server.db.users import User
-from robotether_server.problems import (
-    FieldInvalid,
-    GrantMissing,
-    NotPossible,
-    TokenExpired,
-    TokenInvalid,
-)
+from robotether_server.problems import FieldInvalid, NotPossible
 from robotether_server.schemas import Label
 
 # So that no user fills the table, nor the lists of admins.
@@ -25,24 +16,6 @@ MAX_TOKENS = 1000
 # Of a join token.
 MAX_USES = 10000
 MAX_LIFETIME = dt.timedelta(hours=8760)
-# Who acts in the audit log when a robot joins.
-ROBOT = "robot"
-
-
-@dataclass(frozen=True)
-class EnrolmentCredential:
-    """`actor` stands in the audit log; `token`: the join token that a use is counted of, or else `admin`."""
-
-    actor: str
-    token: JoinToken | None = None
-    admin: User | None = None
-
-    @property
-    def details(self) -> dict[str, object]:
-        """What the audit log has beside the actor."""
-        if self.token is None:
-            return {"by": "admin"}
-        return {"by": "join token", "token": self.token.name}
 
 
 def create(
@@ -102,7 +75,7 @@ def create_join_token(
     lifetime = expires_at - dt.datetime.now(dt.UTC)
     if not dt.timedelta() < lifetime <= MAX_LIFETIME:
         raise FieldInvalid("cannot use hours: the token's time must end within 1 to 8760 hours")
-    text = credentials.create_join_token(
+    text = robots.create_join_token(
         tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH]
     )
     audit.record(
@@ -118,51 +91,19 @@ def create_join_token(
 
 def list_join_tokens(tx: Transaction) -> list[JoinToken]:
     """Return every join token, the newest first."""
-    return credentials.list_join_tokens(tx)
+    return robots.list_join_tokens(tx)
 
 
 def delete_join_token(tx: Transaction, source: Source, token_id: int) -> JoinToken:
     """Delete a token and return it; the robots that it admitted stay. Raises RecordMissing."""
-    token = credentials.get_join_token(tx, token_id)
-    credentials.delete_join_token(tx, token_id)
+    token = robots.get_join_token(tx, token_id)
+    robots.delete_join_token(tx, token_id)
     audit.record(tx, source, "join_token_deleted", token=token.name, used=token.used)
     return token
 
 
 def delete_join_tokens_of(tx: Transaction, source: Source, maker: str) -> None:
     """Delete all tokens that this admin made."""
-    for token in credentials.list_join_tokens(tx):
+    for token in robots.list_join_tokens(tx):
         if token.created_by == maker:
             delete_join_token(tx, source, token.id)
-
-
-def find_credential(tx: Transaction, text: str) -> EnrolmentCredential:
-    """Return whose token that is; raise TokenInvalid, TokenExpired or GrantMissing.
-
-    A join token that is used up still tells who asks: a use is counted when it admits a robot.
-    """
-    if text.startswith(credentials.JOIN_PREFIX):
-        return EnrolmentCredential(ROBOT, token=_join_token(tx, text))
-    user = credentials.find_token_user(tx, text)
-    if user is None:
-        raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
-    return credential_of_admin(user)
-
-
-def credential_of_admin(user: User) -> EnrolmentCredential:
-    """Return an admin as a credential; raise GrantMissing for another user."""
-    if not user.is_admin:
-        raise GrantMissing("cannot admit a robot with this token: it must be an admin's")
-    return EnrolmentCredential(user.name, admin=user)
-
-
-def _join_token(tx: Transaction, text: str) -> JoinToken:
-    token = credentials.find_join_token(tx, text)
-    if token is None:
-        raise TokenInvalid("cannot accept the join token: it is unknown or deleted; make another")
-    if token.expires_at <= dt.datetime.now(dt.UTC):
-        raise TokenExpired(
-            f"cannot accept the join token: it expired at {token.expires_at:%Y-%m-%d %H:%M} UTC; "
-            "make another"
-        )
-    return token

@@ -6,7 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robotether_common.join import PreviousKey
-from robotether_server.db import Database, Transaction, credentials, robots, seen_robots, users
+from robotether_server.db import (
+    Database,
+    Transaction,
+    audit,
+    credentials,
+    robots,
+    seen_robots,
+    users,
+)
+from robotether_server.db.audit import AuditEvent
 from robotether_server.db.robots import Report, Robot
 from robotether_server.identity import PublicKey
 from robotether_server.services import joining
@@ -87,10 +96,10 @@ class Site:
         with self.database.transaction() as tx:
             return [seen.robot.name for seen in seen_robots.list_all(tx)]
 
-    def events(self, kind: str) -> list[dict[str, object]]:
-        """The rows of the audit log of one kind."""
+    def events(self, kind: str) -> list[AuditEvent]:
+        """The audit log's events of one kind, the oldest first."""
         with self.database.transaction() as tx:
-            return tx.rows("SELECT * FROM audit_events WHERE kind = %s ORDER BY id", (kind,))
+            return audit.find(tx, audit.AuditSearch(kind=kind))[::-1]
 
 
 def key(number: int) -> PublicKey:

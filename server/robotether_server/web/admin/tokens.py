@@ -6,7 +6,8 @@ from flask import Blueprint, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db.credentials import JoinToken, Token
+from robotether_server.db.credentials import Token
+from robotether_server.db.robots import JoinToken
 from robotether_server.install_line import install_line
 from robotether_server.problems import Problem, RecordMissing
 from robotether_server.schemas import MAX_NAME_LENGTH

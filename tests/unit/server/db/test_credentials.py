@@ -6,7 +6,6 @@ import datetime as dt
 import hashlib
 
 import pytest
-from allotment import at_once
 from robotether_server.db import Database, Transaction, credentials, users
 from robotether_server.db.users import User
 from robotether_server.problems import RecordExists, RecordMissing
@@ -120,71 +119,3 @@ def test_token_of_disabled_user_finds_nobody(database: Database) -> None:
         text = credentials.create_token(tx, ann, "ci", None)
         users.set_disabled(tx, ann.id, disabled=True)
         assert credentials.find_token_user(tx, text) is None
-
-
-NOW = dt.datetime.now(dt.UTC)
-LATER = NOW + dt.timedelta(hours=1)
-
-
-def test_token_is_found_by_its_text_alone(database: Database) -> None:
-    """Which the database does not keep."""
-    with database.transaction() as tx:
-        text = credentials.create_join_token(tx, "lab", 3, LATER, "root")
-        token = credentials.find_join_token(tx, text)
-        assert token is not None
-        assert text.startswith("rj_")
-        assert (token.name, token.uses, token.used, token.created_by) == ("lab", 3, 0, "root")
-        assert token.expires_at == LATER
-        assert credentials.find_join_token(tx, text + "x") is None
-        assert credentials.get_join_token(tx, token.id) == token
-        assert text not in repr(tx.rows("SELECT * FROM join_tokens"))
-        with pytest.raises(RecordExists, match="join token lab"):
-            credentials.create_join_token(tx, "lab", 1, LATER, "root")
-
-
-def test_each_key_uses_a_token_once(database: Database) -> None:
-    """After the last use it lets nobody in; a deleted token is forgotten with its uses."""
-    with database.transaction() as tx:
-        token = credentials.find_join_token(
-            tx, credentials.create_join_token(tx, "lab", 2, LATER, "root")
-        )
-        assert token is not None
-        assert credentials.use_join_token(tx, token.id, "SHA256:a")
-        assert credentials.has_admitted(tx, token.id, "SHA256:a")
-        assert not credentials.has_admitted(tx, token.id, "SHA256:b")
-        assert credentials.use_join_token(tx, token.id, "SHA256:b")
-        assert not credentials.use_join_token(tx, token.id, "SHA256:c")
-        assert credentials.get_join_token(tx, token.id).used == 2
-        credentials.delete_join_token(tx, token.id)
-        assert credentials.list_join_tokens(tx) == []
-        assert not credentials.use_join_token(tx, token.id, "SHA256:d")
-        with pytest.raises(RecordMissing, match="join token"):
-            credentials.get_join_token(tx, token.id)
-
-
-def test_token_whose_time_is_over_lets_nobody_in(database: Database) -> None:
-    """Also one that ended while its robot was on the way."""
-    with database.transaction() as tx:
-        text = credentials.create_join_token(tx, "lab", 2, NOW - dt.timedelta(seconds=1), "root")
-        token = credentials.find_join_token(tx, text)
-        assert token is not None
-        assert not credentials.use_join_token(tx, token.id, "SHA256:a")
-
-
-def test_last_use_is_counted_once_when_many_ask_at_once(database: Database) -> None:
-    """One wins, whoever it is."""
-    with database.transaction() as tx:
-        token = credentials.find_join_token(
-            tx, credentials.create_join_token(tx, "lab", 1, LATER, "root")
-        )
-    assert token is not None
-    won: list[int] = []
-
-    def use(tx: Transaction, number: int) -> None:
-        if credentials.use_join_token(tx, token.id, f"SHA256:{number}"):
-            won.append(number)
-
-    assert at_once(database, 8, use) == []
-    assert len(won) == 1
-    with database.transaction() as tx:
-        assert credentials.get_join_token(tx, token.id).used == 1

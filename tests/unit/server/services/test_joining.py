@@ -9,11 +9,12 @@ import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
 from robot_signer import RobotSigner
 from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_message
-from robotether_server.db import Database, credentials, robots
+from robotether_server.db import Database, credentials, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Report
 from robotether_server.problems import (
     FieldInvalid,
+    GrantMissing,
     KeyInUse,
     KeyRejected,
     MacElsewhere,
@@ -42,12 +43,12 @@ def site(database: Database) -> Site:
 
 def join_token(site: Site, uses: int, expires_at: dt.datetime = LATER) -> str:
     with site.database.transaction() as tx:
-        return credentials.create_join_token(tx, "lab", uses, expires_at, "root")
+        return robots.create_join_token(tx, "lab", uses, expires_at, "root")
 
 
 def used(site: Site) -> int:
     with site.database.transaction() as tx:
-        return credentials.list_join_tokens(tx)[0].used
+        return robots.list_join_tokens(tx)[0].used
 
 
 def claimed(site: Site) -> list[str]:
@@ -235,7 +236,7 @@ def test_first_key_of_an_announced_robot_gets_in(site: Site) -> None:
     assert site.ask() == Answer("sim1", "active")
     assert site.ask(key=OTHER_KEY).code == "mac_in_use"
     assert site.ask(OTHER_MAC, key(2)).code == "approval_pending"
-    assert [event["actor"] for event in site.events("robot_approved")] == ["robot"]
+    assert [event.actor for event in site.events("robot_approved")] == ["robot"]
 
 
 def test_token_only_lets_nobody_wait(site: Site) -> None:
@@ -261,7 +262,7 @@ def test_admins_token_beats_a_key_that_only_waits(site: Site) -> None:
     assert site.ask(token=token).code == "mac_in_use"
     assert site.robot(answer.robot).key == OTHER_KEY
     (event,) = site.events("robot_approved")
-    assert event["actor"] == "root"
+    assert (event.actor, event.details["by"]) == ("root", "admin")
 
 
 def test_key_that_an_unknown_robot_showed_first_is_free_for_its_robot(site: Site) -> None:
@@ -291,6 +292,9 @@ def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
         site.ask("00:1b:44:00:61:09", key(6), token=token)
     assert len(site.names()) == 2
     assert site.ask(token=token).code == "active"
+    event, _ = site.events("robot_approved")
+    assert event.actor == "robot"
+    assert (event.details["by"], event.details["token"]) == ("join token", "lab")
 
 
 def test_token_does_not_undo_what_an_admin_did(site: Site) -> None:
@@ -313,6 +317,11 @@ def test_wrong_tokens_are_told_apart(site: Site) -> None:
     for wrong in ("rj_nobodys", "rt_nobodys", "nobodys"):
         with pytest.raises(TokenInvalid):
             site.ask(token=wrong)
+    with site.database.transaction() as tx:
+        users.add(tx, "ann", "x", "user")
+        of_a_user = credentials.create_token(tx, users.get(tx, "ann"), "a", None)
+    with pytest.raises(GrantMissing, match="must be an admin's"):
+        site.ask(token=of_a_user)
     assert site.names() == []
 
 
@@ -352,7 +361,7 @@ def test_robot_that_lost_its_mac_stays_itself(site: Site, admin_database: Databa
     site.set_state("sim1", "active")
     for _ in range(2):
         assert site.ask(mac_present=False).code == "active"
-    assert [event["robot"] for event in site.events("mac_changed")] == ["sim1"]
+    assert [event.robot for event in site.events("mac_changed")] == ["sim1"]
     with admin_database.transaction() as tx:
         tx.change("INSERT INTO robot_sessions (robot_id, address) SELECT id, '::1' FROM robots")
     with pytest.raises(MacElsewhere, match="copy of that robot's disk"):
@@ -393,7 +402,7 @@ def test_signed_key_takes_the_place_of_the_one_that_signed(
     robot = rotating_site.robot("sim1")
     assert (robot.state, robot.key, robot.rotate_requested_at) == ("active", KEY, None)
     (event,) = rotating_site.events("key_rotated")
-    assert (event["robot"], event["actor"]) == ("sim1", "robot")
+    assert (event.robot, event.actor) == ("sim1", "robot")
     assert rotating_site.ask(key=old.key).code == "mac_in_use"
 
 

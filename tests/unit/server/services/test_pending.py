@@ -56,4 +56,4 @@ def test_forgiven_key_may_ask_again(site: Site) -> None:
             pending.forgive(tx, ADMIN, rejected.id)
     assert site.ask(OTHER_MAC, OTHER_KEY).code == "approval_pending"
     (event,) = site.events("key_forgiven")
-    assert (event["actor"], event["robot"]) == ("root", name)
+    assert (event.actor, event.robot) == ("root", name)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import datetime as dt
-import json
 import threading
 from collections.abc import Callable
 
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, REPORT, Site, key
 from robot_signer import RobotSigner
-from robotether_server.db import Database, Transaction, audit, credentials, robots, seen_robots
+from robotether_server.db import Database, Transaction, audit, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Robot
 from robotether_server.problems import (
@@ -28,11 +27,10 @@ from robotether_server.problems import (
     StoreUnavailable,
     TokenUsedUp,
 )
+from robotether_server.services import joining
 from robotether_server.services import robots as robot_service
-from robotether_server.services import tokens
-from robotether_server.services.joining import Answer
+from robotether_server.services.joining import Answer, EnrolmentCredential
 from robotether_server.services.robots import Registration
-from robotether_server.services.tokens import EnrolmentCredential
 
 ADMIN = Source("root", "192.0.2.9")
 
@@ -50,8 +48,7 @@ def logged(site: Site) -> list[tuple[str, str | None, str | None]]:
 
 
 def details(site: Site, kind: str) -> dict[str, object]:
-    found: dict[str, object] = json.loads(str(site.events(kind)[0]["details"]))
-    return found
+    return site.events(kind)[0].details
 
 
 def test_added_robot_waits_for_its_key(site: Site) -> None:
@@ -238,7 +235,7 @@ def test_settings_are_changed_from_what_they_are(site: Site) -> None:
     with pytest.raises(FieldInvalid, match=r"cannot use guard\.deadman_ms: "):
         do(site, robot_service.change_settings, "sim1", lambda _: {"guard": {"deadman_ms": 1}})
     assert site.robot("sim1").settings == changed.settings
-    assert [json.loads(str(one["details"])) for one in site.events("robot_settings_set")] == [
+    assert [one.details for one in site.events("robot_settings_set")] == [
         {"was": {}, "settings": {"shell_user": "pi"}},
         {"was": {"shell_user": "pi"}, "settings": changed.settings},
     ]
@@ -315,7 +312,7 @@ def register(
     local: bool = False,
 ) -> tuple[Robot, bool]:
     with site.database.transaction() as tx:
-        credential = tokens.find_credential(tx, token) if token else EnrolmentCredential("root")
+        credential = joining.find_credential(tx, token) if token else EnrolmentCredential("root")
         asked = Registration(name, mac, signer.line, credential, "turtle", "0.1", local)
         return robot_service.register(tx, ADMIN, asked)
 
@@ -323,12 +320,12 @@ def register(
 def join_token(site: Site, uses: int) -> str:
     later = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
     with site.database.transaction() as tx:
-        return credentials.create_join_token(tx, "lab", uses, later, "root")
+        return robots.create_join_token(tx, "lab", uses, later, "root")
 
 
 def uses(site: Site) -> int:
     with site.database.transaction() as tx:
-        return credentials.list_join_tokens(tx)[0].used
+        return robots.list_join_tokens(tx)[0].used
 
 
 def claims_of(site: Site) -> int:
@@ -347,7 +344,7 @@ def test_new_robot_is_made_and_active(site: Site, signer: RobotSigner) -> None:
         assert robots.get(tx, "turtle") == robot
     assert uses(site) == 1
     (event,) = site.events("robot_approved")
-    assert (event["robot"], event["actor"], event["address"]) == ("turtle", "root", "192.0.2.9")
+    assert (event.robot, event.actor, event.address) == ("turtle", "root", "192.0.2.9")
 
 
 def test_used_up_token_makes_no_robot(site: Site, signer: RobotSigner) -> None:

@@ -10,12 +10,9 @@ from robotether_server.db import credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     FieldInvalid,
-    GrantMissing,
     NotPossible,
     RecordExists,
     RecordMissing,
-    TokenExpired,
-    TokenInvalid,
 )
 from robotether_server.services import tokens
 
@@ -101,41 +98,3 @@ def test_wrong_token_is_not_made(site: Site, name: str, uses: int, end: float) -
     """A name that fits a table, 1 to 10000 uses, an end within a year."""
     with site.database.transaction() as tx, pytest.raises(FieldInvalid):
         tokens.create_join_token(tx, ADMIN, name, uses, hours(end))
-
-
-NOW = dt.datetime.now(dt.UTC)
-
-
-def test_admins_token_names_the_admin(site: Site) -> None:
-    """Another user's does not do."""
-    with site.database.transaction() as tx:
-        root, ann = users.get(tx, "root"), users.get(tx, "ann")
-        credential = tokens.find_credential(tx, credentials.create_token(tx, root, "a", None))
-        assert (credential.actor, credential.admin, credential.token) == ("root", root, None)
-        assert credential.details == {"by": "admin"}
-        with pytest.raises(GrantMissing, match="must be an admin's"):
-            tokens.find_credential(tx, credentials.create_token(tx, ann, "a", None))
-
-
-def test_join_token_holds_until_its_time_is_over(site: Site) -> None:
-    """Also when it is used up: it still tells who asks."""
-    with site.database.transaction() as tx:
-        text = credentials.create_join_token(tx, "lab", 1, NOW + dt.timedelta(hours=1), "root")
-        credential = tokens.find_credential(tx, text)
-        assert credential.token is not None
-        assert (credential.actor, credential.details) == (
-            "robot",
-            {"by": "join token", "token": "lab"},
-        )
-        credentials.use_join_token(tx, credential.token.id, "SHA256:a")
-        assert tokens.find_credential(tx, text).token is not None
-        over = credentials.create_join_token(tx, "over", 1, NOW - dt.timedelta(hours=1), "root")
-        with pytest.raises(TokenExpired):
-            tokens.find_credential(tx, over)
-
-
-@pytest.mark.parametrize("text", ["rj_nobodys", "rt_nobodys", "", "x"])
-def test_unknown_token_is_refused(site: Site, text: str) -> None:
-    """Without a word on whether there are others."""
-    with site.database.transaction() as tx, pytest.raises(TokenInvalid):
-        tokens.find_credential(tx, text)

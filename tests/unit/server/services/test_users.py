@@ -35,7 +35,7 @@ def test_user_is_added_with_a_password(site: Site) -> None:
             user_service.add(tx, ADMIN, "eve", "short", "user")
         with pytest.raises(RecordExists):
             user_service.add(tx, ADMIN, "bob", PASSWORD, "admin")
-    assert [event["actor"] for event in site.events("user_added")] == ["root"]
+    assert [event.actor for event in site.events("user_added")] == ["root"]
 
 
 def test_first_admin_is_made_where_there_is_no_user(database: Database) -> None:
