@@ -11,9 +11,8 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 from robotether_common.session import ByeCode, Kind
 
@@ -186,35 +185,26 @@ class RobotLink:
             self._received_at = self._loop.time()
             if not limiter.allow(self._received_at):
                 raise BrokenLineError(f"cannot continue: more than {LINES_PER_S} lines a second")
-            self._handle(lines.parse_line(line))
+            if (message := lines.parse_line(line)) is not None:
+                self._handle(message)
 
-    def _handle(self, message: Mapping[str, Any]) -> None:
-        kind = message["type"]
-        if kind == "ping":
-            self._on_ping(message)
-        elif kind == "pong":
-            self._on_pong(lines.whole_field(message, "seq"))
-        elif kind == "hello":
-            self._on_hello(message)
-        elif kind == "guard":
-            self._registry.on_guard_status(self, *lines.parse_guard(message))
-        elif kind == "health":
-            ros, video = lines.health_field(message, "ros"), lines.health_field(message, "video")
-            exposed = lines.bool_field(message, "ros_exposed")
-            self._registry.on_health(self, ros, video, ros_exposed=exposed)
-        elif kind == "vitals":
-            self._registry.on_battery(self, lines.parse_vitals(message))
-        elif kind == "check" and self.kind == "session":
-            self._checks.ask()
-
-    def _on_ping(self, message: Mapping[str, Any]) -> None:
-        self.clock.on_ping(time.monotonic(), lines.clock_field(message, "t_ms"))
-        self._send(lines.pong_line(message))
-
-    def _on_hello(self, message: Mapping[str, Any]) -> None:
-        lines.text_field(message, "hostname", 253)
-        version = lines.printable_field(message, "agent_version", 32)
-        self._registry.on_hello(self, version, lines.guard_mode_field(message, "guard"))
+    def _handle(self, message: lines.Line) -> None:
+        match message:
+            case lines.PingLine():
+                self.clock.on_ping(time.monotonic(), message.t_ms)
+                self._send(lines.pong_line(message))
+            case lines.PongLine():
+                self._on_pong(message.seq)
+            case lines.HelloLine():
+                self._registry.on_hello(self, message.agent_version, message.guard)
+            case lines.GuardLine():
+                self._registry.on_guard_status(self, message.report, message.answers)
+            case lines.HealthLine(ros, video, ros_exposed):
+                self._registry.on_health(self, ros, video, ros_exposed=ros_exposed)
+            case lines.VitalsLine():
+                self._registry.on_battery(self, message.rounded)
+            case lines.CheckLine() if self.kind == "session":
+                self._checks.ask()
 
     async def _check(self) -> None:
         found = await self._checker.check(self._robot)

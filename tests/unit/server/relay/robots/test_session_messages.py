@@ -8,20 +8,22 @@ import json
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from robotether_common.session import Battery
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.session_messages import (
+    MAX_DETAIL,
     BrokenLineError,
+    Line,
     Preface,
     WrongKeyError,
     bye_line,
     checked_line,
     config_line,
-    parse_guard,
     parse_line,
     parse_preface,
     pong_line,
-    printable_field,
 )
+from robotether_server.relay.robots.sessions import GuardReport
 
 PREFACE = {
     "type": "preface",
@@ -83,33 +85,92 @@ def test_a_wrong_field_is_named(field, value):
         parse_preface(preface(**{field: value}), "the key")
 
 
-@pytest.mark.parametrize("count", [-1, 2**53, True, "7", 1.0])
-def test_a_guard_counts_from_0(count):
-    """A count that can be none ends up in no record and no sum."""
-    line = {"state": "ready", "stopped": False, "by": "", "moving": False}
-    assert parse_guard({**line, "refused": {"held": 7}})[0].refused == (("held", 7),)
-    with pytest.raises(BrokenLineError, match="old"):
-        parse_guard({**line, "refused": {"old": count}})
+GUARD = {"type": "guard", "state": "ready", "stopped": False, "by": "", "moving": False}
+HELLO = {"type": "hello", "hostname": "turtle", "agent_version": "0.1.0", "guard": "on"}
+HEALTH = {"type": "health", "ros": "ok", "video": "down", "ros_exposed": False}
+PING = {"type": "ping", "seq": 17, "t_ms": 123456.7}
 
 
-@pytest.mark.parametrize("text", ["1\ud800", "1\x1b[2J", "1\n", "1\u202e"])
-def test_what_people_see_is_printable(text):
-    """Half a character would spoil the write of a whole batch of records, others steer terminals."""
-    assert printable_field({"agent_version": "0.1.0"}, "agent_version", 32) == "0.1.0"
-    with pytest.raises(BrokenLineError, match="agent_version"):
-        printable_field({"agent_version": text}, "agent_version", 32)
+def parse(line: dict[str, object], **changes: object) -> Line | None:
+    return parse_line(json.dumps(line | changes).encode() + b"\n")
+
+
+def test_a_guard_tells_of_itself():
+    """Of refused commands it counts the kinds that are known here."""
+    told = parse(GUARD, by="ann", refused={"held": 7, "unheard_of": 1}, answers="a1")
+    assert told.report == GuardReport("ready", stopped=False, by="ann", refused=(("held", 7),))
+    assert told.answers == "a1"
+    assert parse(GUARD).answers is None
+
+
+@pytest.mark.parametrize(
+    ("battery", "known"),
+    [
+        (None, None),
+        ({"percent": 80.6, "charging": True}, Battery(81, charging=True)),
+        ({"percent": 0, "charging": False}, Battery(0, charging=False)),
+    ],
+)
+def test_a_battery_is_known_in_whole_percent(battery, known):
+    """A robot may have none."""
+    assert parse({"type": "vitals"}, battery=battery).rounded == known
+
+
+@pytest.mark.parametrize(
+    ("line", "field", "value"),
+    [
+        *((GUARD, "refused", {"old": count}) for count in (-1, 2**53, True, "7", 1.5)),
+        (GUARD, "refused", ["old"]),
+        (GUARD, "state", "asleep"),
+        (GUARD, "stopped", 0),
+        (GUARD, "moving", None),
+        (GUARD, "by", "x" * 64),
+        (GUARD, "answers", "x" * 65),
+        # Half a character would spoil the write of a whole batch of records, others steer terminals.
+        *((GUARD, "by", text) for text in ("1\x1b[2J", "1\n", "1\u202e")),
+        (HELLO, "agent_version", "1\x1b[2J"),
+        (HELLO, "agent_version", "x" * 33),
+        (HELLO, "hostname", "x" * 254),
+        (HELLO, "guard", "maybe"),
+        (HEALTH, "ros", "fine"),
+        (HEALTH, "video", "x" * 200),
+        (HEALTH, "ros_exposed", "no"),
+        *((PING, "t_ms", clock) for clock in (-1, 2e12, "now", True, None)),
+        *((PING, "seq", number) for number in ("17", 1.5, True, None)),
+        ({"type": "vitals"}, "battery", {"percent": 101, "charging": True}),
+        ({"type": "vitals"}, "battery", {"percent": 50}),
+        ({"type": "vitals"}, "battery", 50),
+    ],
+)
+def test_a_wrong_field_of_a_line_is_named(line, field, value):
+    """With what is allowed there; whatever the robot writes, the text is short and steers no terminal."""
+    with pytest.raises(BrokenLineError, match=field) as refusal:
+        parse(line, **{field: value})
+    assert str(refusal.value).isprintable()
+
+
+def test_what_a_robot_writes_does_not_fill_the_log():
+    """Its own words stand in the text, up to a length."""
+    with pytest.raises(BrokenLineError) as refusal:
+        parse(HEALTH, ros="x" * 10_000)
+    assert len(str(refusal.value)) == MAX_DETAIL
+
+
+@pytest.mark.parametrize("text", ["\\ud800", "\\udfff", "\\ud800x"])
+def test_half_a_character_is_not_read(text):
+    """It would spoil the write of a whole batch of records."""
+    with pytest.raises(BrokenLineError):
+        parse_line(json.dumps(GUARD | {"by": "@"}).replace("@", text).encode())
+
+
+def test_a_line_of_an_unknown_type_is_none():
+    """A newer agent may have more to tell."""
+    assert parse({"type": "weather", "seq": "x"}) is None
 
 
 def test_a_pong_carries_the_agents_clock_back():
     """Number and time come back as they were."""
-    assert json.loads(pong_line({"seq": 17, "t_ms": 123456.7})) == {
-        "type": "pong",
-        "seq": 17,
-        "t_ms": 123456.7,
-    }
-    for ping in ({"seq": 17}, {"seq": 17, "t_ms": "now"}):
-        with pytest.raises(BrokenLineError, match="t_ms"):
-            pong_line(ping)
+    assert json.loads(pong_line(parse(PING))) == {"type": "pong", "seq": 17, "t_ms": 123456.7}
 
 
 def test_lines_end_where_they_should():
@@ -126,4 +187,4 @@ def test_lines_end_where_they_should():
 def test_any_bytes_are_a_message_or_a_named_problem(data):
     """Nothing but BrokenLineError comes out of rubbish."""
     with contextlib.suppress(BrokenLineError):
-        assert isinstance(parse_line(data)["type"], str)
+        assert parse_line(data) is None
