@@ -1,23 +1,22 @@
-"""Actions that a page confirms first: what they affect, and how to undo them.
+"""Actions that a page confirms first, as data: what each affects, how to undo it, and what it does.
 
-Used by the admin pages and the profile. GET asks, POST does; an action that fails comes back with its form as it
-was filled in, and the sentence that says why.
+GET asks, POST does; an action that fails comes back with its form as it was filled in, and the sentence that says why.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from http import HTTPStatus
 
-from flask import flash, make_response, redirect, render_template, request
+from flask import Blueprint, make_response, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction
-from robotether_server.db.audit import Source
-from robotether_server.problems import Problem
+from robotether_server.api.exports import R
+from robotether_server.problems import Problem, RecordMissing
 from robotether_server.web import current_user
+from robotether_server.web.forms import METHODS, go_on
 
-METHODS = ["GET", "POST"]
+Words = Mapping[str, object]
 
 
 @dataclass(frozen=True)
@@ -34,60 +33,94 @@ class Field:
 
 @dataclass(frozen=True)
 class ConfirmedAction:
-    """The texts of one action.
+    """One action: its path, its texts, and `do(tx, source, **parts of the path)`.
 
-    `undo` says how to undo it, or that nobody can; `done` is shown on the page `onward` (by default `back`).
-    `hidden` is sent along with the answer.
+    Texts name what the page knows: "Disable robot {name}?", "{robot.mac}"; `result` is what `do` returned. An effect
+    without words is left out. `undo` says how to undo it, or that nobody can; `done` is shown on the page `onward` (by
+    default the page that the question came from). `hidden` is sent along with the answer. If `do` returns a response,
+    that is sent instead: no other page may hold a secret.
     """
 
+    path: str
     title: str
     effects: tuple[str, ...]
     undo: str
     button: str
     done: str
-    back: str
-    onward: str | None = None
+    do: Callable[..., object]
+    onward: str = ""
     fields: tuple[Field, ...] = ()
     hidden: tuple[tuple[str, str], ...] = ()
     is_harmless: bool = False
 
 
-def run(action: ConfirmedAction, change: Callable[[Transaction, Source], object]) -> AnyResponse:
-    """Ask, or make the change in a transaction of its own when the answer has come."""
+def register(
+    blueprint: Blueprint, back: str, find: Callable[..., Words], *actions: ConfirmedAction
+) -> None:
+    """Make the path of each action ask and act.
 
-    def do() -> None:
-        with context().database.transaction() as tx:
-            change(tx, current_user.source())
+    `find` returns what the texts may name, from the parts of the path, or raises a Problem; `back` is the page that the
+    question came from, and may name the same.
+    """
+    for action in actions:
+        view = _view(action, back, find)
+        blueprint.add_url_rule(action.path, action.path, view, methods=METHODS)
 
-    return ask_first(action, do)
+
+def _view(
+    action: ConfirmedAction, back: str, find: Callable[..., Words]
+) -> Callable[..., AnyResponse]:
+    def view(**parts: object) -> AnyResponse:
+        def do() -> object:
+            with context().database.transaction() as tx:
+                return action.do(tx, current_user.source(), **parts)
+
+        return ask_first(action, back, find(**parts), do)
+
+    return view
 
 
 def ask_first(
-    action: ConfirmedAction, do: Callable[[], object], show_secret: Callable[[], str] | None = None
+    action: ConfirmedAction, back: str, words: Words, do: Callable[[], object]
 ) -> AnyResponse:
-    """Ask, or do it when the answer has come.
-
-    `show_secret` makes the page that answers an action which made a secret, as no other page may hold it.
-    """
-    if request.method == "GET":
-        return _ask(action)
+    """Ask, or do it when the answer has come."""
+    back = back.format_map(words)
+    if request.method != "POST":
+        return _ask(action, back, words)
     try:
-        do()
+        result = do()
     except Problem as problem:
-        return _ask(action, problem)
-    if show_secret is not None:
-        return make_response(show_secret())
-    return go_on(action.onward or action.back, action.done)
+        return _ask(action, back, words, problem)
+    if isinstance(result, AnyResponse):
+        return result
+    words = {**words, "result": result}
+    return go_on(action.onward.format_map(words) or back, action.done.format_map(words))
 
 
-def go_on(path: str, message: str) -> AnyResponse:
-    """Redirect to another page, with a message about what was done. The message must hold no secret."""
-    flash(message)
-    return redirect(path, HTTPStatus.SEE_OTHER)
-
-
-def _ask(action: ConfirmedAction, problem: Problem | None = None) -> AnyResponse:
-    page = render_template("confirm.html", action=action, problem=problem, values=request.form)
+def _ask(
+    action: ConfirmedAction, back: str, words: Words, problem: Problem | None = None
+) -> AnyResponse:
+    effects = [effect.format_map(words) for effect in action.effects]
+    page = render_template(
+        "confirm.html",
+        action=action,
+        title=action.title.format_map(words),
+        effects=[effect for effect in effects if effect],
+        undo=action.undo.format_map(words),
+        back=back,
+        fields=[replace(one, value=one.value.format_map(words)) for one in action.fields],
+        hidden=[(name, value.format_map(words)) for name, value in action.hidden],
+        problem=problem,
+        values=request.form,
+    )
     response = make_response(page)
     response.status_code = problem.status if problem else HTTPStatus.OK
     return response
+
+
+def pick(records: Iterable[R], number: int, missing: str) -> R:
+    """Return the record of that number; raise RecordMissing with this sentence."""
+    for record in records:
+        if record.id == number:
+            return record
+    raise RecordMissing(missing)

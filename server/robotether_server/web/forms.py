@@ -1,12 +1,53 @@
-"""Typed getters for what people fill into forms; every refusal names the field by its label."""
+"""Forms that save: their paths, and typed getters for what people fill in; a refusal names the field by its label."""
 
+import re
+from collections.abc import Callable
+from http import HTTPStatus
 from typing import TypeVar
 
-from flask import request
+from flask import Blueprint, flash, redirect, request
+from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.problems import FieldInvalid
+from robotether_server.api.context import context
+from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.web import current_user
 
+NUMBER = re.compile(r"-?\d{1,12}(\.\d{1,12})?", re.ASCII)
+METHODS = ["GET", "POST"]
 T = TypeVar("T", bound=str)
+# Where to go on and what is said there; or a page, for a secret that no other page may hold.
+Saved = tuple[str, str] | str
+PageAnswer = AnyResponse | str | tuple[str, int]
+S = TypeVar("S", bound=Callable[..., Saved])
+
+
+def form(blueprint: Blueprint, path: str, page: Callable[..., str]) -> Callable[[S], S]:
+    """Let a POST to `path` call the function: `save(tx, source, **parts of the path)`, in a transaction of its own.
+
+    GET shows `page(**parts)`, and so does a form that cannot be saved, with its `problem`.
+    """
+
+    def register(save: S) -> S:
+        def view(**parts: object) -> PageAnswer:
+            if request.method != "POST":
+                return page(**parts)
+            try:
+                with context().database.transaction() as tx:
+                    saved = save(tx, current_user.source(), **parts)
+            except Problem as problem:
+                return page(**parts, problem=problem), problem.status
+            return saved if isinstance(saved, str) else go_on(*saved)
+
+        blueprint.add_url_rule(path, path or "/", view, methods=METHODS)
+        return save
+
+    return register
+
+
+def go_on(path: str, message: str) -> AnyResponse:
+    """Redirect to another page, with a message about what was done. The message must hold no secret."""
+    flash(message)
+    return redirect(path, HTTPStatus.SEE_OTHER)
 
 
 def text(name: str, label: str, longest: int) -> str:
@@ -65,3 +106,18 @@ def choice(name: str, label: str, allowed: tuple[T, ...]) -> T:
 def is_ticked(name: str) -> bool:
     """Tell whether a checkbox is ticked."""
     return bool(request.form.get(name))
+
+
+def number_or_text(text: str) -> object:
+    """Return the value of a setting's text; one that is no number stays a text, and the settings refuse it by name."""
+    return float(text) if NUMBER.fullmatch(text) else text
+
+
+def value_text(value: object) -> str:
+    """Return a setting as the text of its field: names one a line, an empty text for no value."""
+    if value is None:
+        return ""
+    if isinstance(value, list | tuple):
+        return "\n".join(map(str, value))
+    # All digits that the form takes back: saved unchanged it must change nothing.
+    return f"{value:.12g}" if isinstance(value, float) else str(value)

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
+from flask import Flask
 from flask.testing import FlaskClient
 from robotether_server import passwords
 from robotether_server.db import Database, credentials, users
@@ -58,3 +59,16 @@ def audit_kinds(database: Database) -> list[tuple[str, str, str | None]]:
     with database.transaction() as tx:
         rows = tx.rows("SELECT kind, actor, address FROM audit_events ORDER BY id")
     return [(row["kind"], row["actor"], row["address"]) for row in rows]
+
+
+def paths(app: Flask, start: str, method: str, name: str = "", number: str = "1") -> list[str]:
+    """Every path below `start` that takes the method, of sim1 and ann or of what has this name and number."""
+    found = []
+    for rule in app.url_map.iter_rules():
+        if rule.rule.startswith(start) and method in (rule.methods or ()):
+            path = re.sub(r"<int:\w+>", number, rule.rule)
+            for part, usual in (("name", "sim1"), ("robot", "sim1"), ("user", "ann")):
+                path = path.replace(f"<{part}>", name or usual)
+            assert "<" not in path, path
+            found.append(path)
+    return found

@@ -13,9 +13,8 @@ from robotether_server.web.admin import (
     grants,
     groups,
     pending,
-    robot_actions,
-    robot_pages,
     robot_settings,
+    robots,
     sites,
     tokens,
     users,
@@ -24,8 +23,7 @@ from robotether_server.web.admin import (
 blueprint = Blueprint("admin", __name__, url_prefix="/admin")
 blueprint.before_request(current_user.require_admin)
 for part in (
-    robot_pages,
-    robot_actions,
+    robots,
     robot_settings,
     pending,
     users,

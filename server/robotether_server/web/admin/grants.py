@@ -1,86 +1,100 @@
-"""Gives and removes grants from the pages of robots, users, groups and sites; all forms are of the same fields."""
+"""Grants on the pages of robots, users, groups and sites: which each shows, and the forms to give and remove them."""
 
 from collections.abc import Callable
 
 from flask import Blueprint, request
-from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import times
 from robotether_server.api.context import context
+from robotether_server.db import Transaction, seen_robots, users
 from robotether_server.db import grants as db_grants
+from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS, Grant
-from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.db.robots import Robot
+from robotether_server.db.users import User
+from robotether_server.problems import FieldInvalid
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
-from robotether_server.web import confirmation, current_user, forms
-from robotether_server.web.admin import groups, robot_pages, sites, users
-from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web import confirmation, forms
+from robotether_server.web.confirmation import ConfirmedAction, Words
+from robotether_server.web.forms import Saved, form
 from robotether_server.web.page_texts import timestamp_words
 
 blueprint = Blueprint("grants", __name__)
 
 MAX_CHOICE_LENGTH = 80
-PageAnswer = AnyResponse | str | tuple[str, int]
+# Title, and value and words of what there is to choose from.
+Choices = list[tuple[str, list[tuple[str, str]]]]
 
 
-@blueprint.route("/robots/<name>/grants", methods=METHODS)
-def of_robot(name: str) -> PageAnswer:
-    """Add a grant for this robot."""
-    return _give(robot_pages.render, name, robot_pages.page_of(name))
+def for_robot(tx: Transaction, robot: Robot) -> list[Grant]:
+    """Return the grants that reach a robot: its own, its site's and those for all."""
+    return [
+        one
+        for one in db_grants.list_all(tx)
+        if one.is_for_all
+        or one.robot == robot.name
+        or (one.site is not None and one.site == robot.site)
+    ]
 
 
-@blueprint.route("/users/<name>/grants", methods=METHODS)
-def of_user(name: str) -> PageAnswer:
-    """Add a grant of this user."""
-    return _give(users.render, name, users.page_of(name))
+def for_site(tx: Transaction, site: str) -> list[Grant]:
+    """Return the grants that reach a site: its own and those for all."""
+    return [one for one in db_grants.list_all(tx) if one.is_for_all or one.site == site]
 
 
-@blueprint.route("/groups/<name>/grants", methods=METHODS)
-def of_group(name: str) -> PageAnswer:
-    """Add a grant of this group."""
-    return _give(groups.render, name, groups.page_of(name))
+def of_user(tx: Transaction, user: User) -> list[Grant]:
+    """Return the grants that a user has, alone or in a group."""
+    joined = {group.name for group in db_grants.list_groups(tx) if user.name in group.members}
+    return [one for one in db_grants.list_all(tx) if one.user == user.name or one.group in joined]
 
 
-@blueprint.route("/sites/<name>/grants", methods=METHODS)
-def of_site(name: str) -> PageAnswer:
-    """Add a grant for the robots of this site."""
-    return _give(sites.render, name, sites.page_of(name))
+def of_group(tx: Transaction, group: str) -> list[Grant]:
+    """Return the grants that a group has."""
+    return [one for one in db_grants.list_all(tx) if one.group == group]
 
 
-@blueprint.route("/grants/<int:grant_id>/take", methods=METHODS)
-def revoke(grant_id: int) -> AnyResponse:
-    """Take a grant away."""
-    with context().database.transaction() as tx:
-        found = db_grants.get(tx, grant_id)
-    who, what = found.holder_words, found.scope_words
-    action = ConfirmedAction(
-        title=f"Remove the grant of {who} for {what}?",
-        effects=_what_is_lost(found),
-        undo=_way_back(found),
-        button="Remove",
-        done=f"The {who} no longer has a grant for {what}.",
-        back=_page_of(found, request.args.get("from", "")),
-    )
-    return confirmation.run(action, lambda tx, source: grants.revoke_by_id(tx, source, grant_id))
+def holders(tx: Transaction) -> Choices:
+    """Return who may be given a grant; admins need none."""
+    people = [user.name for user in users.list_all(tx) if not user.is_admin]
+    groups = [group.name for group in db_grants.list_groups(tx)]
+    return [
+        ("Users", [(f"user:{name}", name) for name in people]),
+        ("Groups", [(f"group:{name}", f"group {name}") for name in groups]),
+    ]
 
 
-def _give(render: Callable[[str, Problem | None], str], name: str, back: str) -> PageAnswer:
-    """Add the form's grant, and show the form's page again."""
-    if request.method == "GET":
-        return render(name, None)
-    try:
-        grantee, scope = _grantee(), _scope()
-        level = forms.choice("level", "May", LEVELS)
-        text = forms.optional_text("ends_at", "Until", times.MAX_TEXT_LENGTH)
-        ends_at = times.day_or_timestamp("Until", text, is_end=True) if text else None
-        with context().database.transaction() as tx:
-            given, _ = grants.give(
-                tx, current_user.source(), grantee, scope, level, ends_at=ends_at
-            )
-    except Problem as problem:
-        return render(name, problem), problem.status
+def scopes(tx: Transaction) -> Choices:
+    """Return what a grant may be for."""
+    robots = [seen.robot.name for seen in seen_robots.list_all(tx)]
+    sites = [site.name for site in db_grants.list_sites(tx)]
+    return [
+        ("Robots", [(f"robot:{name}", name) for name in robots]),
+        ("Sites", [(f"site:{name}", f"site {name}") for name in sites]),
+        ("Everything", [("all", "all robots, also future ones")]),
+    ]
+
+
+def register_form(
+    pages: Blueprint, path: str, page: Callable[..., str], page_of: Callable[[str], str]
+) -> None:
+    """Make the form for grants on the page of one thing; all are of the same fields."""
+
+    def give(tx: Transaction, source: Source, name: str) -> Saved:
+        return page_of(name), _give(tx, source)
+
+    form(pages, path, page)(give)
+
+
+def _give(tx: Transaction, source: Source) -> str:
+    """Add the form's grant; return what is said of it."""
+    grantee, scope = _grantee(), _scope()
+    level = forms.choice("level", "May", LEVELS)
+    text = forms.optional_text("ends_at", "Until", times.MAX_TEXT_LENGTH)
+    ends_at = times.day_or_timestamp("Until", text, is_end=True) if text else None
+    given, _ = grants.give(tx, source, grantee, scope, level, ends_at=ends_at)
     words = f"{given.holder_words} may {level} {given.scope_words}{_end_words(given)}."
-    return confirmation.go_on(back, words[0].upper() + words[1:])
+    return words[0].upper() + words[1:]
 
 
 def _grantee() -> Grantee:
@@ -103,23 +117,22 @@ def _scope() -> Scope:
     raise FieldInvalid("cannot use What: choose a robot, a site or all robots")
 
 
-def _what_is_lost(grant: Grant) -> tuple[str, ...]:
-    who, what, end = grant.holder_words, grant.scope_words, _end_words(grant)
-    if grant.has_ended:
-        return (f"It no longer allows anything: {grant.level}{end}. It is removed from the lists.",)
-    return (
-        f"The {who}, who may {grant.level} now{end}, loses what only this grant gives for {what}.",
-        "Connections that need it are cut within 2 seconds; a robot that is driven by it stops by itself.",
-    )
-
-
-def _way_back(grant: Grant) -> str:
-    if grant.has_ended:
-        return "Give the grant again, with an end in the future."
-    end = _end_words(grant)
-    return (
-        f"Give the {grant.holder_words} the grant {grant.level} for {grant.scope_words}{end} again."
-    )
+def _found(grant_id: int) -> Words:
+    with context().database.transaction() as tx:
+        found = db_grants.get(tx, grant_id)
+    who, what, end = found.holder_words, found.scope_words, _end_words(found)
+    words = {"who": who, "what": what, "page": _page_of(found, request.args.get("from", ""))}
+    if found.has_ended:
+        return words | {
+            "lost": f"It no longer allows anything: {found.level}{end}. It is removed from the lists.",
+            "cut": "",
+            "undo": "Give the grant again, with an end in the future.",
+        }
+    return words | {
+        "lost": f"The {who}, who may {found.level} now{end}, loses what only this grant gives for {what}.",
+        "cut": "Connections that need it are cut within 2 seconds; a robot that is driven by it stops by itself.",
+        "undo": f"Give the {who} the grant {found.level} for {what}{end} again.",
+    }
 
 
 def _end_words(grant: Grant) -> str:
@@ -129,9 +142,25 @@ def _end_words(grant: Grant) -> str:
 def _page_of(found: Grant, about: str) -> str:
     """Return the page that the question came from."""
     if about == "site" and found.site is not None:
-        return sites.page_of(found.site)
+        return f"/admin/sites/{found.site}"
     if about == "robot" and found.robot is not None:
-        return robot_pages.page_of(found.robot)
+        return f"/admin/robots/{found.robot}"
     if found.group is not None:
-        return groups.page_of(found.group)
-    return users.page_of(found.user or "")
+        return f"/admin/groups/{found.group}"
+    return f"/admin/users/{found.user}"
+
+
+confirmation.register(
+    blueprint,
+    "{page}",
+    _found,
+    ConfirmedAction(
+        path="/grants/<int:grant_id>/take",
+        title="Remove the grant of {who} for {what}?",
+        effects=("{lost}", "{cut}"),
+        undo="{undo}",
+        button="Remove",
+        done="The {who} no longer has a grant for {what}.",
+        do=grants.revoke_by_id,
+    ),
+)

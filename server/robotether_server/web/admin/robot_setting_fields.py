@@ -7,6 +7,7 @@ from typing import Literal
 from robotether_server import robot_settings
 from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import get_path, is_in
+from robotether_server.web import forms
 
 
 @dataclass(frozen=True)
@@ -153,14 +154,4 @@ def summary(settings: Mapping[str, object]) -> list[tuple[str, str]]:
 
 def line_of(field: SettingField, value: object) -> str:
     """Return a value as one line; nothing has words of its own."""
-    return text_of(value).replace("\n", ", ") or field.empty
-
-
-def text_of(value: object) -> str:
-    """Return a value as the text of its field: names one a line, an empty text for no limit."""
-    if value is None:
-        return ""
-    if isinstance(value, list | tuple):
-        return "\n".join(map(str, value))
-    # All digits that the form takes back: saved unchanged it must change nothing.
-    return f"{value:.12g}" if isinstance(value, float) else str(value)
+    return forms.value_text(value).replace("\n", ", ") or field.empty

@@ -15,7 +15,8 @@ from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalid, NotPossible, Problem
 from robotether_server.services import drive_pages
 from robotether_server.web import confirmation, current_user, forms
-from robotether_server.web.confirmation import METHODS, ConfirmedAction
+from robotether_server.web.confirmation import ConfirmedAction, Words
+from robotether_server.web.forms import METHODS, Saved, form
 from robotether_server.web.pages.drive_page_form import path_of
 
 blueprint = Blueprint("button_forms", __name__, url_prefix="/robots/<name>/settings/buttons")
@@ -26,98 +27,80 @@ MAX_TYPE_LENGTH = 140
 EMPTY = {"name": "", "kind": "publish", "target": "", "type": "", "sends": "{}", "confirm": ""}
 
 
-@blueprint.route("/new", methods=METHODS)
-def add(name: str) -> AnyResponse | str | tuple[str, int]:
-    """Add a button behind the others."""
+def show_new(name: str, problem: Problem | None = None) -> str:
+    """Show the empty form."""
     _present(name)
-    return _form(name, f"Add a button to robot {name}", EMPTY, lambda all_, new: all_.append(new))
+    return _page(name, f"Add a button to robot {name}", EMPTY, problem=problem)
 
 
-@blueprint.route("/<int:place>", methods=METHODS)
-def change(name: str, place: int) -> AnyResponse | str | tuple[str, int]:
+@form(blueprint, "/new", show_new)
+def add(tx: Transaction, source: Source, name: str) -> Saved:
+    """Add a button behind the others."""
+    return _save(tx, source, name, lambda present, new: [*present, new])
+
+
+def show(name: str, place: int, problem: Problem | None = None) -> str:
+    """Show the form of a button at its position."""
+    button = _at(name, place)
+    title = f"Button {button.name} of robot {name}"
+    return _page(name, title, _values(button), _was(button), problem)
+
+
+@form(blueprint, "/<int:place>", show)
+def change(tx: Transaction, source: Source, name: str, place: int) -> Saved:
     """Change a button at its position."""
-    present = _at(name, place)
+    was = request.form.get("was", "")
 
-    def put(all_: list[Button], new: Button) -> None:
-        all_[drive_pages.placed(all_, place, _was(present))] = new
+    def put(present: list[Button], new: Button) -> list[Button]:
+        present[drive_pages.placed(present, place, was)] = new
+        return present
 
-    title = f"Button {present.name} of robot {name}"
-    return _form(name, title, _values(present), put, was=_was(present))
-
-
-@blueprint.route("/<int:place>/remove", methods=METHODS)
-def remove(name: str, place: int) -> AnyResponse:
-    """Remove a button."""
-    present = _at(name, place)
-    action = ConfirmedAction(
-        title=f"Remove button {present.name} of robot {name}?",
-        effects=("Open pages keep it until they are reloaded.",),
-        undo="Add it again; the audit log keeps what it sent.",
-        button="Remove",
-        done=f"Button {present.name} is removed.",
-        back=f"{path_of(name)}#buttons",
-        hidden=(("was", _was(present)),),
-    )
-
-    def without(all_: list[Button]) -> list[Button]:
-        del all_[drive_pages.placed(all_, place, _was(present))]
-        return all_
-
-    return confirmation.run(action, lambda tx, source: _change(tx, source, name, without))
+    return _save(tx, source, name, put)
 
 
 @blueprint.route("/<int:place>/move", methods=METHODS)
 def move(name: str, place: int) -> AnyResponse:
     """Swap a button with its neighbour."""
-    if request.method == "GET":
+    if request.method != "POST":
         return redirect(path_of(name))
     to = -1 if forms.choice("to", "Direction", ("up", "down")) == "up" else 1
     was = request.form.get("was", "")
 
-    def swapped(all_: list[Button]) -> list[Button]:
-        at = drive_pages.placed(all_, place, was)
-        if not 0 <= at + to < len(all_):
+    def swapped(present: list[Button]) -> list[Button]:
+        at = drive_pages.placed(present, place, was)
+        if not 0 <= at + to < len(present):
             raise NotPossible(f"cannot move button {was}: it cannot move further")
-        all_[at], all_[at + to] = all_[at + to], all_[at]
-        return all_
+        present[at], present[at + to] = present[at + to], present[at]
+        return present
 
     with context().database.transaction() as tx:
         _change(tx, current_user.source(), name, swapped)
-    return confirmation.go_on(f"{path_of(name)}#buttons", f"Button {was} is moved.")
+    return forms.go_on(f"{path_of(name)}#buttons", f"Button {was} is moved.")
 
 
-def _form(
-    name: str,
-    title: str,
-    values: dict[str, str],
-    put: Callable[[list[Button], Button], None],
-    was: str = "",
-) -> AnyResponse | str | tuple[str, int]:
-    """Show the form with these values, or do its action with its button."""
-    if request.method == "GET":
-        return _page(name, title, values, was)
-    try:
-        button = _sent()
-        with context().database.transaction() as tx:
-            _save(tx, name, button, put)
-    except Problem as problem:
-        return _page(name, title, _typed(), was, problem), problem.status
-    return confirmation.go_on(f"{path_of(name)}#buttons", f"Button {button.name} is saved.")
+def _remove(tx: Transaction, source: Source, name: str, place: int) -> None:
+    was = request.form.get("was", "")
+
+    def without(present: list[Button]) -> list[Button]:
+        del present[drive_pages.placed(present, place, was)]
+        return present
+
+    _change(tx, source, name, without)
 
 
 def _save(
-    tx: Transaction, name: str, button: Button, put: Callable[[list[Button], Button], None]
-) -> None:
-    source = current_user.source()
+    tx: Transaction,
+    source: Source,
+    name: str,
+    put: Callable[[list[Button], Button], list[Button]],
+) -> Saved:
+    """Let the form's button into the robot's."""
+    button = _sent()
     drive_pages.find_managed(tx, current_user.get(), name)
     if forms.is_ticked("allow") and current_user.get().is_admin:
         drive_pages.allow(tx, source, name, button)
-
-    def changed(all_: list[Button]) -> list[Button]:
-        put(all_, button)
-        return all_
-
-    drive_pages.change_buttons(tx, source, name, changed)
+    drive_pages.change_buttons(tx, source, name, lambda present: put(present, button))
+    return f"{path_of(name)}#buttons", f"Button {button.name} is saved."
 
 
 def _change(tx: Transaction, source: Source, name: str, change_: drive_pages.Change) -> None:
@@ -126,13 +109,19 @@ def _change(tx: Transaction, source: Source, name: str, change_: drive_pages.Cha
 
 
 def _page(
-    name: str, title: str, values: dict[str, str], was: str, problem: Problem | None = None
+    name: str,
+    title: str,
+    present: dict[str, str],
+    was: str = "",
+    problem: Problem | None = None,
 ) -> str:
+    """Return the form with the button's values, or as it was sent."""
+    sent = {field: request.form.get(field, "") for field in (*EMPTY, "allow")}
     return render_template(
         "drive_button.html",
         name=name,
         title=title,
-        values=values,
+        values=sent if problem else present,
         was=was,
         problem=problem,
         kinds=KINDS,
@@ -155,10 +144,6 @@ def _sent() -> Button:
             "confirm": forms.is_ticked("confirm"),
         }
     )
-
-
-def _typed() -> dict[str, str]:
-    return {field: request.form.get(field, "") for field in (*EMPTY, "allow")}
 
 
 def _values(button: Button) -> dict[str, str]:
@@ -194,3 +179,25 @@ def _at(name: str, place: int) -> Button:
     if not 1 <= place <= len(present):
         raise NotPossible(f"cannot find button {place} of robot {name}: it may have been removed")
     return present[place - 1]
+
+
+def _found(name: str, place: int) -> Words:
+    button = _at(name, place)
+    return {"name": name, "button": button.name, "was": _was(button)}
+
+
+confirmation.register(
+    blueprint,
+    f"{path_of('{name}')}#buttons",
+    _found,
+    ConfirmedAction(
+        path="/<int:place>/remove",
+        title="Remove button {button} of robot {name}?",
+        effects=("Open pages keep it until they are reloaded.",),
+        undo="Add it again; the audit log keeps what it sent.",
+        button="Remove",
+        done="Button {button} is removed.",
+        do=_remove,
+        hidden=(("was", "{was}"),),
+    ),
+)

@@ -4,22 +4,21 @@ It sets how the robot moves, its cameras, the stream request, and when driving p
 included. docs/reference/robot-settings.md describes `page` and `buttons`.
 """
 
-import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from flask import Blueprint, render_template, request
-from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import robot_settings
 from robotether_server.api.context import context
+from robotether_server.db import Transaction
+from robotether_server.db.audit import Source
 from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, TURNS, Kind
 from robotether_server.problems import FieldInvalid, Problem
 from robotether_server.robot_settings import Settings
 from robotether_server.services import drive_pages
-from robotether_server.web import confirmation, current_user
-from robotether_server.web.confirmation import METHODS
+from robotether_server.web import current_user, forms
+from robotether_server.web.forms import Saved, form
 
 KIND_WORDS: tuple[tuple[Kind, str], ...] = (
     ("differential", "Drives and turns (differential)"),
@@ -30,7 +29,6 @@ _BY_TYPE = "found by its type"
 MAX_FIELD_LENGTH = 300
 # So many rows for further cameras than there are.
 SPARE_ROWS = 2
-NUMBER = re.compile(r"\d{1,12}(\.\d{1,12})?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -85,29 +83,10 @@ blueprint = Blueprint("drive_page", __name__, url_prefix="/robots/<name>/setting
 blueprint.before_request(current_user.require_user)
 
 
-@blueprint.route("", methods=METHODS)
-def show(name: str) -> AnyResponse | str | tuple[str, int]:
-    """Show the form and the buttons, or save the form."""
-    try:
-        with context().database.transaction() as tx:
-            present = drive_pages.find_managed(tx, current_user.get(), name).robot.settings
-            if request.method == "POST":
-                drive_pages.set_page(tx, current_user.source(), name, _from_form())
-    except FieldInvalid as problem:
-        return _page(name, present, problem), problem.status
-    if request.method == "GET":
-        return _page(name, present)
-    return confirmation.go_on(
-        path_of(name), f"The page of robot {name} is saved. Open pages keep the old one."
-    )
-
-
-def path_of(name: str) -> str:
-    """Return the path of the form."""
-    return f"/robots/{name}/settings"
-
-
-def _page(name: str, present: Mapping[str, object], problem: Problem | None = None) -> str:
+def show(name: str, problem: Problem | None = None) -> str:
+    """Show the form and the buttons."""
+    with context().database.transaction() as tx:
+        present = drive_pages.find_managed(tx, current_user.get(), name).robot.settings
     try:
         settings = robot_settings.parse(present)
     except FieldInvalid as error:
@@ -125,24 +104,37 @@ def _page(name: str, present: Mapping[str, object], problem: Problem | None = No
             "topics": TOPICS,
         },
         texts=_texts(page),
-        defaults={field.name: _text(DEFAULTS.as_dict()[field.name]) for field in FIELDS},
+        defaults={field.name: forms.value_text(DEFAULTS.as_dict()[field.name]) for field in FIELDS},
         turns=TURNS,
         buttons=settings.buttons,
     )
+
+
+@form(blueprint, "", show)
+def save(tx: Transaction, source: Source, name: str) -> Saved:
+    """Set what the form has; the buttons have forms of their own."""
+    drive_pages.find_managed(tx, current_user.get(), name)
+    drive_pages.set_page(tx, source, name, _from_form())
+    return path_of(name), f"The page of robot {name} is saved. Open pages keep the old one."
+
+
+def path_of(name: str) -> str:
+    """Return the path of the form."""
+    return f"/robots/{name}/settings"
 
 
 def _texts(page: Settings) -> dict[str, object]:
     """Return the texts of the fields: those sent, else the settings in force."""
     sent = request.form
     texts: dict[str, object] = {
-        field.name: sent.get(field.name, _text(page[field.name])) for field in FIELDS
+        field.name: sent.get(field.name, forms.value_text(page[field.name])) for field in FIELDS
     }
     hold = page["hold_after_ms"]
     usual = hold if hold is not None else DEFAULTS.hold_after_ms
     return texts | {
         "kind": sent.get("kind", page["kind"]),
         "holds": "hold" in sent if sent else hold is not None,
-        "hold_after_ms": sent.get("hold_after_ms", _text(usual)),
+        "hold_after_ms": sent.get("hold_after_ms", forms.value_text(usual)),
         "cameras": _camera_rows(page["cameras"]),
     }
 
@@ -172,9 +164,11 @@ def _from_form() -> Settings:
     """Return the page of the form, unchecked."""
     page: Settings = {field.name: _value(field) for field in FIELDS}
     page["kind"] = _sent("kind")
-    page["hold_after_ms"] = _number(_sent("hold_after_ms")) if "hold" in request.form else None
+    page["hold_after_ms"] = (
+        forms.number_or_text(_sent("hold_after_ms")) if "hold" in request.form else None
+    )
     page["cameras"] = [
-        {"topic": topic, "name": name, "turned_deg": _number(turn)}
+        {"topic": topic, "name": name, "turned_deg": forms.number_or_text(turn)}
         for topic, name, turn in _sent_cameras()
     ]
     return page
@@ -184,7 +178,7 @@ def _value(field: PageField) -> object:
     text = _sent(field.name)
     if not text and field.empty:
         return None
-    return text if field.kind == "topic" else _number(text)
+    return text if field.kind == "topic" else forms.number_or_text(text)
 
 
 def _sent(name: str) -> str:
@@ -192,15 +186,3 @@ def _sent(name: str) -> str:
     if text is None or len(text) > MAX_FIELD_LENGTH:
         raise FieldInvalid(f"cannot use page.{name}: it is missing or too long")
     return text.strip()
-
-
-def _number(text: str) -> object:
-    """Return the value of a text; one that is no number stays a text, and the settings refuse it by its name."""
-    return float(text) if NUMBER.fullmatch(text) else text
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return ""
-    # All digits that the form takes back: saved unchanged it must change nothing.
-    return f"{value:.12g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""An admin in a browser."""
+"""An admin and a user in browsers."""
 
 from __future__ import annotations
 
@@ -12,4 +12,12 @@ def admin(app: Flask) -> Browser:
     """root, logged in."""
     browser = Browser(app.test_client())
     browser.log_in("root")
+    return browser
+
+
+@pytest.fixture
+def ann(app: Flask) -> Browser:
+    """A user who is no admin, logged in."""
+    browser = Browser(app.test_client())
+    browser.log_in("ann")
     return browser

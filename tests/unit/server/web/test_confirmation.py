@@ -1,44 +1,76 @@
-"""Deeds: asked about first, done by a POST, told afterwards; a failure comes back with the form."""
+"""Confirmed actions: asked about first, done by a POST, told afterwards; a failure comes back with the form."""
 
 from __future__ import annotations
 
 from admin_visitor import send
+from flask import Flask
 from robotether_server.db import Database, robots
-from web_visitor import Browser, audit_kinds
+from web_visitor import Browser, audit_kinds, paths
 
 
-def test_asking_changes_nothing(browser: Browser, database: Database) -> None:
-    """It names what is affected, and says how to undo it."""
-    browser.log_in("root")
-    page = browser.ask("GET", "/admin/robots/sim1/disable").text
-    assert "Disable robot sim1?" in page
-    assert "Undo:" in page
+def test_nothing_but_a_post_changes_anything(
+    app: Flask, admin: Browser, database: Database
+) -> None:
+    """Also HEAD, which browsers send without the token of a form; every page can be shown or is not there."""
+    before = audit_kinds(database)
+    for path in paths(app, "/admin", "POST") + paths(app, "/profile", "POST"):
+        assert admin.ask("GET", path).status_code in (200, 404), path
+        assert admin.ask("HEAD", path).status_code in (200, 404), path
+    assert audit_kinds(database) == before
     with database.transaction() as tx:
         assert robots.get(tx, "sim1").state == "pending"
 
 
-def test_a_deed_is_done_and_told_once(browser: Browser, database: Database) -> None:
+def test_no_action_on_what_is_not_there(app: Flask, admin: Browser) -> None:
+    """Neither asked about nor done, whatever it is."""
+    asked = [
+        path
+        for start in ("/admin", "/profile", "/robots")
+        for path in paths(app, start, "POST", "ghost", "99999999")
+        if "ghost" in path or "99999999" in path
+    ]
+    assert len(asked) > 30
+    for path in asked:
+        if not path.endswith("/move"):  # it leads back to the robot's form, which says so
+            assert admin.ask("GET", path).status_code == 404, path
+        assert send(admin, path, to="up").status_code == 404, path
+
+
+def test_question_names_what_it_affects_and_how_to_undo_it(admin: Browser) -> None:
+    """An effect without words is left out."""
+    page = admin.ask("GET", "/admin/robots/sim1/disable").text
+    assert "Disable robot sim1?" in page
+    assert "<strong>Undo:</strong> Enable the robot on its page." in page
+    assert admin.ask("GET", "/admin/users/ann/disable").text.count("<li>") == 2
+
+
+def test_an_action_is_done_and_told_once(admin: Browser, database: Database) -> None:
     """The next page has the message, the one after has not."""
-    browser.log_in("root")
-    answer = send(browser, "/admin/robots/sim1/disable")
+    answer = send(admin, "/admin/robots/sim1/disable")
     assert (answer.status_code, answer.location) == (303, "/admin/robots/sim1")
-    assert "Robot sim1 is disabled." in browser.ask("GET", "/admin/robots/sim1").text
-    assert "Robot sim1 is disabled." not in browser.ask("GET", "/admin/robots/sim1").text
+    assert "Robot sim1 is disabled." in admin.ask("GET", "/admin/robots/sim1").text
+    assert "Robot sim1 is disabled." not in admin.ask("GET", "/admin/robots/sim1").text
     assert ("robot_disabled", "root", "198.51.100.7") in audit_kinds(database)
 
 
-def test_a_deed_that_fails_comes_back_as_it_was_filled_in(browser: Browser) -> None:
-    """With the sentence, and the status of the problem."""
-    browser.log_in("root")
-    answer = send(browser, "/admin/robots/sim1/rename", new_name="sim2")
+def test_an_action_that_fails_comes_back_as_it_was_filled_in(
+    admin: Browser, database: Database
+) -> None:
+    """With the sentence, and the status of the problem; nothing is changed, not even in part."""
+    before = audit_kinds(database)
+    answer = send(admin, "/admin/robots/sim1/rename", new_name="sim2")
     assert answer.status_code == 409
     assert 'role="alert"' in answer.text
     assert 'value="sim2"' in answer.text
-
-
-def test_a_deed_that_fails_changes_nothing(browser: Browser, database: Database) -> None:
-    """Not even in part."""
-    browser.log_in("root")
-    before = audit_kinds(database)
-    assert send(browser, "/admin/robots/sim1/mac", mac="rubbish").status_code == 422
     assert audit_kinds(database) == before
+
+
+def test_names_are_no_templates(admin: Browser, database: Database) -> None:
+    """Braces in what people and robots call things stay what they are."""
+    send(admin, "/profile/tokens", name="{token.id}{0}")
+    path = (
+        "/profile/tokens/"
+        + admin.ask("GET", "/profile").text.split("/profile/tokens/")[1].split('"')[0]
+    )
+    assert "Delete API token {token.id}{0}?" in admin.ask("GET", path).text
+    assert send(admin, path).status_code == 303

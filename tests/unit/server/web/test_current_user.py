@@ -7,29 +7,7 @@ from admin_visitor import join
 from flask import Flask
 from robotether_server.settings import WebSettings
 from robotether_server.web import create_app
-from web_visitor import Browser
-
-PARTS = {
-    "<name>": "sim1",
-    "<user>": "ann",
-    "<robot>": "sim1",
-    "<int:key_id>": "1",
-    "<int:grant_id>": "1",
-    "<int:token_id>": "1",
-}
-
-
-def paths(app: Flask, start: str, method: str) -> list[str]:
-    """Every path below `start` that takes the method, of things that exist or not."""
-    found = []
-    for rule in app.url_map.iter_rules():
-        if rule.rule.startswith(start) and method in (rule.methods or ()):
-            path = rule.rule
-            for part, value in PARTS.items():
-                path = path.replace(part, value)
-            assert "<" not in path, path
-            found.append(path)
-    return found
+from web_visitor import Browser, paths
 
 
 def test_nobody_is_sent_to_log_in_and_back(app: Flask, browser: Browser) -> None:

@@ -70,3 +70,19 @@ def test_a_box_is_ticked_or_not() -> None:
 def test_a_password_is_as_typed() -> None:
     """Its spaces count."""
     assert given(" a b ", lambda: forms.secret("x")) == " a b "
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, ""),
+        (0.5, "0.5"),
+        (2.0, "2"),
+        (0.12345678, "0.12345678"),
+        (300, "300"),
+        (["/a", "*"], "/a\n*"),
+    ],
+)
+def test_values_are_texts_as_a_field_takes_them(value: object, text: str) -> None:
+    """Numbers without needless zeros, and with all their digits."""
+    assert forms.value_text(value) == text

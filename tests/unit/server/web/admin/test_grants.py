@@ -1,4 +1,4 @@
-"""Grants from the pages of robots, users, groups and sites."""
+"""Grants on the pages of robots, users, groups and sites: which each shows, given and removed."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import datetime as dt
 
 import pytest
 from admin_visitor import send
-from robotether_server.db import Database
+from robotether_server.db import Database, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
+from robotether_server.web.admin import grants as grant_pages
 from web_visitor import Browser, audit_kinds
 
 ADMIN = Source("root")
@@ -44,6 +45,51 @@ def number_of(database: Database, who: str, what: str) -> int:
             if (one.holder_words, one.scope_words) == (who, what)
         ]
     return found[0]
+
+
+@pytest.fixture
+def every_kind(database: Database) -> None:
+    """The crew manages the lab, and olga observes all, beside ann's and olga's grants for sim1."""
+    with database.transaction() as tx:
+        grants.give(tx, ADMIN, Grantee("group", "crew"), Scope("site", "lab"), "manage")
+        grants.give(tx, ADMIN, Grantee("user", "olga"), ALL, "observe")
+
+
+@pytest.mark.usefixtures("every_kind")
+def test_page_shows_all_that_reach_its_subject(database: Database) -> None:
+    """Also by way of group, site and all."""
+    with database.transaction() as tx:
+        lists = {
+            "sim1": grant_pages.for_robot(tx, robots.get(tx, "sim1")),
+            "sim2": grant_pages.for_robot(tx, robots.get(tx, "sim2")),
+            "lab": grant_pages.for_site(tx, "lab"),
+            "ann": grant_pages.of_user(tx, users.get(tx, "ann")),
+            "crew": grant_pages.of_group(tx, "crew"),
+        }
+    found = {
+        name: {(one.holder_words, one.scope_words) for one in given}
+        for name, given in lists.items()
+    }
+    everything = ("user olga", "all robots")
+    lab = ("group crew", "site lab")
+    assert found == {
+        "sim1": {("user ann", "robot sim1"), ("user olga", "robot sim1"), everything},
+        "sim2": {lab, everything},
+        "lab": {lab, everything},
+        "ann": {("user ann", "robot sim1"), lab},
+        "crew": {lab},
+    }
+
+
+def test_forms_offer_who_needs_a_grant_and_what_there_is(database: Database) -> None:
+    """Admins need none."""
+    with database.transaction() as tx:
+        offered = grant_pages.holders(tx), grant_pages.scopes(tx)
+    values = [[value for _, options in choices for value, _ in options] for choices in offered]
+    assert values == [
+        ["user:ann", "user:olga", "group:crew"],
+        ["robot:sim1", "robot:sim2", "site:lab", "all"],
+    ]
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -87,9 +133,12 @@ def test_a_grant_ends_with_its_day(admin: Browser, database: Database) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES)
-@pytest.mark.parametrize(
-    "wrong",
-    [
+def test_a_wrong_grant_comes_back_with_the_page(
+    admin: Browser, database: Database, page: str
+) -> None:
+    """And the sentence; nothing is given."""
+    before = all_grants(database)
+    for wrong in (
         {"holder": "user:ghost"},
         {"holder": "ann"},
         {"scope": "robot:ghost"},
@@ -98,15 +147,9 @@ def test_a_grant_ends_with_its_day(admin: Browser, database: Database) -> None:
         {"holder": ""},
         {"ends_at": "2020-01-01"},
         {"ends_at": "soon"},
-    ],
-)
-def test_a_wrong_grant_comes_back_with_the_page(
-    admin: Browser, database: Database, page: str, wrong: dict[str, str]
-) -> None:
-    """And the sentence; nothing is given."""
-    before = all_grants(database)
-    answer = send(admin, f"{page}/grants", **(FORM | wrong))
-    assert (answer.status_code >= 400, "form-problem" in answer.text) == (True, True)
+    ):
+        answer = send(admin, f"{page}/grants", **(FORM | wrong))
+        assert (answer.status_code >= 400, "form-problem" in answer.text) == (True, True), wrong
     assert all_grants(database) == before
 
 
@@ -142,13 +185,11 @@ def test_the_question_names_the_end(
     assert "Give the user ann the grant" not in page
 
 
+@pytest.mark.usefixtures("every_kind")
 def test_what_comes_by_group_or_site_is_shown_and_not_changed_there(
     admin: Browser, database: Database
 ) -> None:
     """The user's page names the group, the robot's the site; the forms for them stand on their own pages."""
-    with database.transaction() as tx:
-        grants.give(tx, ADMIN, Grantee("group", "crew"), Scope("site", "lab"), "manage")
-        grants.give(tx, ADMIN, Grantee("user", "ann"), ALL, "observe")
     number = number_of(database, "group crew", "site lab")
     for page in ("/admin/users/ann", "/admin/robots/sim2"):
         text = admin.ask("GET", page).text
@@ -158,8 +199,3 @@ def test_what_comes_by_group_or_site_is_shown_and_not_changed_there(
     for page in ("/admin/groups/crew", "/admin/sites/lab"):
         assert f"/admin/grants/{number}/take" in admin.ask("GET", page).text
     assert "all robots" in admin.ask("GET", "/admin/sites/lab").text
-
-
-def test_a_grant_that_is_not_there_cannot_be_taken(admin: Browser) -> None:
-    """404."""
-    assert admin.ask("GET", "/admin/grants/99999999/take").status_code == 404

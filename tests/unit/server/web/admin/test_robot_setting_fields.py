@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import pytest
 from robotether_server.robot_settings import DEFAULTS, get_path
-from robotether_server.web.admin.robot_setting_fields import (
-    SECTIONS,
-    SettingField,
-    summary,
-    text_of,
-)
+from robotether_server.web.admin.robot_setting_fields import SECTIONS, SettingField, summary
 
 FIELDS = [field for section in SECTIONS for field in section.fields]
 
@@ -22,22 +17,6 @@ def test_field_is_of_the_kind_of_its_default(field: SettingField) -> None:
     assert isinstance(default, kinds[field.kind])
     assert field.label
     assert field.hint.endswith(".")
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (None, ""),
-        (0.5, "0.5"),
-        (2.0, "2"),
-        (0.12345678, "0.12345678"),
-        (300, "300"),
-        (["/a", "*"], "/a\n*"),
-    ],
-)
-def test_values_are_texts_as_a_field_takes_them(value: object, text: str) -> None:
-    """Numbers without needless zeros, and with all their digits."""
-    assert text_of(value) == text
 
 
 def test_summary_has_what_differs() -> None:

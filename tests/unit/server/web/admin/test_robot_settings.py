@@ -139,9 +139,3 @@ def test_what_somebody_wrote_by_sql_can_be_mended(admin: Browser, database: Data
     assert (page.status_code, "form-problem" in page.text) == (200, True)
     assert send(admin, PATH, **filled(admin)).status_code == 303
     assert kept(database) == {}
-
-
-def test_robot_that_is_not_there_has_no_form(admin: Browser) -> None:
-    """404."""
-    for path in ("/admin/robots/ghost/settings", "/admin/robots/ghost/settings/defaults"):
-        assert admin.ask("GET", path).status_code == 404

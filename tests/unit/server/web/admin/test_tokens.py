@@ -33,10 +33,10 @@ def test_an_admin_deletes_a_users_token(
     assert audit_kinds(database)[-1] == ("token_deleted", "root", "198.51.100.7")
 
 
-def test_no_token_says_where_they_are_made(admin: Browser) -> None:
-    """And one that is not there is a page."""
+def test_an_empty_list_says_where_tokens_are_made(admin: Browser) -> None:
+    """In the profile, or by the form above."""
     assert "Nobody has an API token" in admin.ask("GET", "/admin/tokens").text
-    assert admin.ask("GET", "/admin/tokens/1/delete").status_code == 404
+    assert "There is no join token" in admin.ask("GET", "/admin/join-tokens").text
 
 
 @pytest.fixture
@@ -102,8 +102,3 @@ def test_a_token_is_deleted_after_a_question(admin: Browser, database: Database)
     assert send(admin, f"/admin/join-tokens/{path}").location == "/admin/join-tokens"
     assert names(database) == []
     assert admin.ask("GET", f"/admin/join-tokens/{path}").status_code == 404
-
-
-def test_no_token_yet_says_what_to_do(admin: Browser) -> None:
-    """The form stands above."""
-    assert "There is no join token" in admin.ask("GET", "/admin/join-tokens").text

@@ -1,4 +1,4 @@
-"""Users: listed, added, shown."""
+"""Users: listed, added, shown, and what an admin changes after a question."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ from robotether_server.db import Database, users
 from web_visitor import PASSWORD, Browser, audit_kinds
 
 
-def test_list_shows_every_user(admin: Browser) -> None:
-    """With how many robots each sees."""
+def test_every_user_is_listed_and_has_a_page(admin: Browser) -> None:
+    """With the grants, each with a form to change it; a user who is not there has none."""
     page = admin.ask("GET", "/admin/users").text
     for name in ("ann", "olga", "root"):
         assert f'data-testid="row-{name}"' in page
+    assert 'data-testid="grant-sim1"' in admin.ask("GET", "/admin/users/ann").text
+    answer = admin.ask("GET", "/admin/users/ghost")
+    assert (answer.status_code, "cannot find user ghost" in answer.text) == (404, True)
 
 
 def test_a_password_that_was_made_is_shown_once_and_works(app: Flask, admin: Browser) -> None:
@@ -55,26 +58,6 @@ def test_a_wrong_form_comes_back(admin: Browser, form: dict[str, str], sentence:
     assert (answer.status_code >= 400, sentence in answer.text) == (True, True)
     assert f'value="{form["name"]}"' in answer.text
     assert "short" not in answer.text
-
-
-def test_page_of_a_user_shows_the_grants(admin: Browser) -> None:
-    """Each with a form to change it."""
-    page = admin.ask("GET", "/admin/users/ann").text
-    assert 'data-testid="grant-sim1"' in page
-
-
-def test_unknown_user_is_a_page(admin: Browser) -> None:
-    """404."""
-    answer = admin.ask("GET", "/admin/users/ghost")
-    assert (answer.status_code, "cannot find user ghost" in answer.text) == (404, True)
-
-
-@pytest.fixture
-def ann(app: Flask) -> Browser:
-    """A user who is logged in."""
-    browser = Browser(app.test_client())
-    browser.log_in("ann")
-    return browser
 
 
 def is_in(visitor: Browser) -> bool:
@@ -148,10 +131,3 @@ def test_the_last_admin_stays(admin: Browser, action: str, form: dict[str, str])
     """Or nobody could come back to these pages."""
     answer = send(admin, f"/admin/users/root/{action}", **form)
     assert (answer.status_code, "nobody else is an admin" in answer.text) == (409, True)
-
-
-@pytest.mark.parametrize("action", ["role", "disable", "enable", "password", "log-out", "remove"])
-def test_no_deed_on_a_user_who_is_not_there(admin: Browser, action: str) -> None:
-    """404, asked or done."""
-    assert admin.ask("GET", f"/admin/users/ghost/{action}").status_code == 404
-    assert send(admin, f"/admin/users/ghost/{action}").status_code == 404

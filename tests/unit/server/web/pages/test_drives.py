@@ -8,26 +8,9 @@ import json
 
 import pytest
 from drive_records import add_drive
-from flask import Flask
 from robotether_server.db import Database
 from robotether_server.web.filters import PER_PAGE
 from web_visitor import Browser
-
-
-@pytest.fixture
-def admin(app: Flask) -> Browser:
-    """Root, logged in."""
-    browser = Browser(app.test_client())
-    browser.log_in("root")
-    return browser
-
-
-@pytest.fixture
-def ann(app: Flask) -> Browser:
-    """A user who is no admin, logged in."""
-    browser = Browser(app.test_client())
-    browser.log_in("ann")
-    return browser
 
 
 def test_admin_sees_all_and_user_her_own(

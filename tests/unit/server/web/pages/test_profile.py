@@ -34,14 +34,6 @@ def test_ssh_configuration_of_the_robots_that_one_manages(
     assert "Add an SSH key above first" in page
 
 
-@pytest.fixture
-def ann(app: Flask) -> Browser:
-    """A user who is logged in."""
-    browser = Browser(app.test_client())
-    browser.log_in("ann")
-    return browser
-
-
 def test_password_is_changed_and_this_browser_stays(app: Flask, ann: Browser) -> None:
     """Every other one has to log in again, with the new one."""
     other = Browser(app.test_client())

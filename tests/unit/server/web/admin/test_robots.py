@@ -1,13 +1,15 @@
-"""The list of robots, its search, and the form that announces one."""
+"""The robots' list, search and pages, the form that announces one, and what an admin changes after a question."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import pytest
 from admin_visitor import fingerprint, join, send
 from robotether_server.db import Database, robots
 from robotether_server.db.robots import Report, Robot
 from robotether_server.db.seen_robots import SeenRobot
-from robotether_server.web.admin.robot_pages import RobotSearch
+from robotether_server.web.admin.robots import RobotSearch
 from web_visitor import Browser, audit_kinds
 
 ROBOT = Robot(
@@ -29,16 +31,19 @@ def test_a_robot_is_found_by_what_people_know_of_it(words: str) -> None:
     assert RobotSearch(words).finds(SEEN)
 
 
-@pytest.mark.parametrize(("words", "state"), [("lift crane", ""), ("", "offline"), ("", "pending")])
-def test_what_does_not_fit_is_not_found(words: str, state: str) -> None:
-    """Neither by a word nor by the state."""
-    assert not RobotSearch(words, state).finds(SEEN)
-
-
-@pytest.mark.parametrize("state", ["", "online", "active"])
-def test_a_robot_is_found_by_its_state(state: str) -> None:
+@pytest.mark.parametrize(
+    ("words", "state", "finds"),
+    [
+        ("", "online", True),
+        ("", "active", True),
+        ("lift crane", "", False),
+        ("", "offline", False),
+        ("", "pending", False),
+    ],
+)
+def test_both_words_and_state_must_fit(words: str, state: str, finds: bool) -> None:
     """Online is a state beside the record's own."""
-    assert RobotSearch("", state).finds(SEEN)
+    assert RobotSearch(words, state).finds(SEEN) is finds
 
 
 def test_list_shows_who_drives_and_what_is_stopped(
@@ -68,15 +73,11 @@ def test_list_shows_who_drives_and_what_is_stopped(
 
 
 def test_list_shows_what_the_search_finds(admin: Browser) -> None:
-    """And how many of how many."""
+    """And how many of how many; one that finds nothing leads back to all."""
     page = admin.ask("GET", "/admin/robots?q=sim2").text
     assert "row-sim2" in page
     assert "row-sim1" not in page
     assert "1 of 2" in page
-
-
-def test_a_search_that_finds_nothing_leads_back(admin: Browser) -> None:
-    """To all robots."""
     page = admin.ask("GET", "/admin/robots?q=ghost").text
     assert "None of the 2 robots matches" in page
     assert 'href="/admin/robots">Show all' in page
@@ -102,13 +103,15 @@ def test_what_an_unknown_robot_calls_itself_is_text(admin: Browser, program: Bro
 
 
 def test_a_robot_is_announced(admin: Browser, database: Database) -> None:
-    """Its page follows, and its row is there."""
+    """Its page follows, and its row is there; a local MAC may be allowed by a box."""
     answer = send(admin, "/admin/add-robot", name="lift", mac="00-1B-44-11-3A-B7")
     assert (answer.status_code, answer.location) == (303, "/admin/robots/lift")
     assert "Robot lift is announced" in admin.ask("GET", "/admin/robots/lift").text
     with database.transaction() as tx:
         assert robots.get(tx, "lift").mac == "00:1b:44:11:3a:b7"
     assert ("robot_added", "root", "198.51.100.7") in audit_kinds(database)
+    answer = send(admin, "/admin/add-robot", name="vm", mac="06:00:00:00:00:01", local_mac="yes")
+    assert answer.status_code == 303
 
 
 @pytest.mark.parametrize(
@@ -129,12 +132,6 @@ def test_a_wrong_form_comes_back_filled_in(
     assert answer.status_code >= 400
     assert sentence in answer.text
     assert f'value="{mac}"' in answer.text
-
-
-def test_a_local_mac_may_be_allowed(admin: Browser) -> None:
-    """By a box that says what it is."""
-    answer = send(admin, "/admin/add-robot", name="lift", mac="06:00:00:00:00:01", local_mac="yes")
-    assert answer.status_code == 303
 
 
 def test_page_tells_all_that_is_known(
@@ -198,3 +195,116 @@ def test_robot_called_as_a_page_is_reached(admin: Browser) -> None:
         assert send(admin, "/admin/add-robot", name=name, mac=mac).status_code == 303
         page = admin.ask("GET", f"/admin/robots/{name}").text
         assert f'<h1 data-testid="robot-name">{name}</h1>' in page
+
+
+@pytest.fixture
+def active(admin: Browser, program: Browser) -> None:
+    """sim1 has joined and is approved."""
+    join(program, MAC, 1)
+    form = {"robot": "sim1", "fingerprint": fingerprint(1), "name": "sim1"}
+    assert send(admin, "/admin/pending", **form).status_code == 303
+
+
+def get(database: Database, name: str) -> Robot:
+    """The robot's row."""
+    with database.transaction() as tx:
+        return robots.get(tx, name)
+
+
+@pytest.mark.usefixtures("active")
+@pytest.mark.parametrize(
+    ("actions", "is_done", "kind"),
+    [
+        (["disable"], lambda robot: robot.state == "disabled", "robot_disabled"),
+        (["disable", "enable"], lambda robot: robot.state == "active", "robot_enabled"),
+        (["rekey"], lambda robot: robot.fingerprint is None, "robot_rekeyed"),
+        (["rotate-key"], lambda robot: robot.rotate_requested_at, "robot_rotation_requested"),
+        (["shell-on"], lambda robot: robot.shell_port is not None, "robot_shell_set"),
+        (["shell-on", "shell-off"], lambda robot: robot.shell_port is None, "robot_shell_set"),
+    ],
+)
+def test_action_is_done_and_audited(
+    admin: Browser,
+    database: Database,
+    actions: list[str],
+    is_done: Callable[[Robot], bool],
+    kind: str,
+) -> None:
+    """Each leads back to the robot's page."""
+    for action in actions:
+        answer = send(admin, f"/admin/robots/sim1/{action}")
+        assert (answer.status_code, answer.location) == (303, "/admin/robots/sim1")
+    assert is_done(get(database, "sim1"))
+    assert audit_kinds(database)[-1] == (kind, "root", "198.51.100.7")
+
+
+@pytest.mark.usefixtures("active")
+def test_a_removed_robot_is_gone(admin: Browser, database: Database) -> None:
+    """The page says before that nobody can bring it back."""
+    assert "cannot be restored" in admin.ask("GET", "/admin/robots/sim1/remove").text
+    answer = send(admin, "/admin/robots/sim1/remove")
+    assert (answer.status_code, answer.location) == (303, "/admin/robots")
+    assert admin.ask("GET", "/admin/robots/sim1").status_code == 404
+    assert audit_kinds(database)[-1][0] == "robot_removed"
+
+
+@pytest.mark.parametrize("action", ["enable", "rotate-key"])
+def test_what_the_state_does_not_allow_is_said(admin: Browser, action: str) -> None:
+    """On the page that asked."""
+    answer = send(admin, f"/admin/robots/sim1/{action}")
+    assert (answer.status_code, "it is pending" in answer.text) == (409, True)
+
+
+def test_a_renamed_robot_has_another_page(admin: Browser, database: Database) -> None:
+    """And everything else stays."""
+    before = get(database, "sim1")
+    answer = send(admin, "/admin/robots/sim1/rename", new_name="lift")
+    assert (answer.status_code, answer.location) == (303, "/admin/robots/lift")
+    assert get(database, "lift").ros_port == before.ros_port
+
+
+def test_a_robot_gets_another_mac(admin: Browser, database: Database) -> None:
+    """In any spelling; the form has the present one."""
+    assert f'value="{MAC}"' in admin.ask("GET", "/admin/robots/sim1/mac").text
+    assert send(admin, "/admin/robots/sim1/mac", mac="001b44113ab7").status_code == 303
+    assert get(database, "sim1").mac == "00:1b:44:11:3a:b7"
+
+
+def test_ports_move(admin: Browser, database: Database) -> None:
+    """To those named, both or neither, or to a free pair; not to another robot's. The page names the present ones."""
+    path = "/admin/robots/sim1/ports"
+    assert "Now: 20000" in admin.ask("GET", path).text
+    assert send(admin, path, ros_port="20100", video_port="20101").status_code == 303
+    assert (get(database, "sim1").ros_port, get(database, "sim1").video_port) == (20100, 20101)
+    answer = send(admin, path, ros_port="20100")
+    assert (answer.status_code, 'value="20100"' in answer.text) == (422, True)
+    taken = get(database, "sim2").ros_port
+    answer = send(admin, path, ros_port=str(taken), video_port=str(taken + 1))
+    assert (answer.status_code, "form-problem" in answer.text) == (409, True)
+    assert str(taken) in answer.text
+    assert send(admin, path).status_code == 303
+    assert get(database, "sim1").ros_port != 20100
+
+
+def test_shell_user_is_set_and_cleared(admin: Browser, database: Database) -> None:
+    """Empty: everybody's own name."""
+    send(admin, "/admin/robots/sim1/shell-user", shell_user="pi")
+    assert get(database, "sim1").settings == {"shell_user": "pi"}
+    send(admin, "/admin/robots/sim1/shell-user", shell_user="")
+    assert get(database, "sim1").settings == {}
+
+
+@pytest.mark.parametrize(
+    ("path", "form"),
+    [
+        ("rename", {"new_name": ""}),
+        ("rename", {"new_name": "a b"}),
+        ("mac", {"mac": "ff:ff:ff:ff:ff:ff"}),
+        ("ports", {"ros_port": "x", "video_port": "20101"}),
+        ("shell-user", {"shell_user": "a b"}),
+    ],
+)
+def test_what_is_wrong_comes_back(admin: Browser, path: str, form: dict[str, str]) -> None:
+    """With the form and the sentence."""
+    answer = send(admin, f"/admin/robots/sim1/{path}", **form)
+    assert (answer.status_code, "form-problem" in answer.text) == (422, True)
