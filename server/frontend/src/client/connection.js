@@ -12,42 +12,41 @@ const ANSWER_MS = 8000; // over the 5 s after which rosbridge gives up on a serv
 const SILENCE_MS = 6000;
 const WATCH_MS = 1000;
 
+/** @type {{onLeaving: () => void, onLink: (send: ((operation: object) => boolean) | null) => void, onOwn: (operation: any) => void}} */
+const NO_HANDLERS = { onLeaving() {}, onLink() {}, onOwn() {} };
+
 export class Connection {
   // `requestTicket()` gives a URL, `openLink(url, handlers)` a link as in rosbridge.js. `prepare(call)` asks the
   // robot what the page must know of it, on every new link before that one counts as live.
   // `onLeaving()` is the last chance to say something on a live link that this page gives up.
   // `onLink(send)` comes with each link that opens, and with null when it ends; `onOwn(operation)` with what
-  // the relay says on it in operations of our own.
+  // the relay says on it in operations of our own. A live link on which the robot is silent for `maxSilenceMs` is lost.
   /**
    * @param {{
    *   requestTicket: () => Promise<string>,
    *   openLink: (url: string, handlers: import("./rosbridge.js").LinkHandlers) => Link,
-   *   prepare: (call: Link["call"]) => Promise<void>,
+   *   prepare?: (call: Link["call"]) => Promise<void>,
    *   onState: (state: State) => void,
-   *   onLeaving?: () => void,
-   *   onLink?: (send: ((operation: object) => boolean) | null) => void,
-   *   onOwn?: (operation: any) => void,
+   *   maxSilenceMs?: number,
    *   now?: () => number,
-   * }} options
+   * } & Partial<typeof NO_HANDLERS>} options
    */
   constructor({
     requestTicket,
     openLink,
-    prepare,
+    prepare = async () => {},
     onState,
-    onLeaving = () => {},
-    onLink = () => {},
-    onOwn = () => {},
+    maxSilenceMs = SILENCE_MS,
     now = () => performance.now(),
+    ...handlers
   }) {
     this.requestTicket = requestTicket;
     this.openLink = openLink;
     this.prepare = prepare;
     this.onState = onState;
-    this.onLeaving = onLeaving;
-    this.onLink = onLink;
-    this.onOwn = onOwn;
+    this.maxSilenceMs = maxSilenceMs;
     this.now = now;
+    this.handlers = { ...NO_HANDLERS, ...handlers };
     this.state = CONNECTING;
     this.delays = backoff();
     this.attempt = 0;
@@ -61,6 +60,7 @@ export class Connection {
 
   start() {
     this.started = true;
+    this.delays = backoff();
     this.state = CONNECTING;
     this.watch = setInterval(() => this.checkSilence(), WATCH_MS);
     this.onState(this.state);
@@ -165,8 +165,8 @@ export class Connection {
     this.link = this.openLink(url, {
       onOpen: current(() => this.confirm()),
       onMessage: current(() => (this.receivedAt = this.now())),
-      onOwn: current((operation) => this.onOwn(operation)),
-      onClose: current(({ code, reason }) => this.settle(afterClose({ code, reason, wasLive: this.live }))),
+      onOwn: current((operation) => this.handlers.onOwn(operation)),
+      onClose: current(({ code, reason }) => this.settle({ ...afterClose({ code, reason, wasLive: this.live }), code })),
     });
     this.timer = setTimeout(() => this.settle(NOT_OPENED), OPEN_MS);
   }
@@ -176,7 +176,7 @@ export class Connection {
   async confirm() {
     const { attempt } = this;
     const link = /** @type {Link} */ (this.link);
-    this.onLink((operation) => link.send(operation));
+    this.handlers.onLink((operation) => link.send(operation));
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.settle(ROSBRIDGE_SILENT), ANSWER_MS);
     await this.prepare((service, request) => link.call(service, request));
@@ -200,13 +200,13 @@ export class Connection {
 
   // A network that goes away silently closes nothing: the answers just stop.
   checkSilence() {
-    if (this.live && this.silenceMs > SILENCE_MS) this.settle(LINK_LOST);
+    if (this.live && this.silenceMs > this.maxSilenceMs) this.settle(LINK_LOST);
   }
 
   settle(state) {
     this.leave();
     this.show(state);
-    if (state.retry) this.timer = setTimeout(() => this.connect(), this.delay(state));
+    if (state.retry && this.started) this.timer = setTimeout(() => this.connect(), this.delay(state));
   }
 
   // Whoever loses the control sees on at once; but were that refused too, the next attempt has to wait.
@@ -218,7 +218,7 @@ export class Connection {
 
   leave() {
     clearTimeout(this.timer);
-    if (this.live) this.onLeaving();
+    if (this.live) this.handlers.onLeaving();
     this.dropLink();
     this.connecting = false;
   }
@@ -227,7 +227,7 @@ export class Connection {
     this.attempt += 1;
     const { link } = this;
     this.link = null; // first: who hears that it is gone must not find it live
-    if (link) this.onLink(null);
+    if (link) this.handlers.onLink(null);
     link?.close();
     for (const entry of this.topics) entry.channel = null;
   }
@@ -242,7 +242,7 @@ export class Connection {
 // why this page may no longer drive.
 // Pure. Close codes are those of docs/reference/protocols.md.
 
-/** @typedef {{name: string, reason: string, retry: boolean, lost?: string, login?: boolean}} State */
+/** @typedef {{name: string, reason: string, retry: boolean, lost?: string, login?: boolean, code?: number}} State `code`: of the close */
 
 /** @returns {State} */
 const retrying = (name, reason = "") => ({ name, reason, retry: true });
@@ -272,8 +272,8 @@ const BY_CLOSE_CODE = {
 export const CONNECTING = retrying("connecting");
 export const LIVE = retrying("live");
 export const LINK_LOST = retrying("link_lost");
-export const NOT_OPENED = retrying("server_unreachable");
-export const ROSBRIDGE_SILENT = retrying("rosbridge_down");
+const NOT_OPENED = retrying("server_unreachable");
+const ROSBRIDGE_SILENT = retrying("rosbridge_down");
 
 // A code that is not listed is a cut by the network (1006) or by something in between.
 export function afterClose({ code, reason = "", wasLive = false }) {

@@ -1,9 +1,8 @@
 // The summary of this page's last drive: in words, and as a file.
 
 import { api } from "../pages/calls.js";
-import { byTestId, make, part, setText } from "../pages/page.js";
+import { byTestId, make, part, setText, shortNumber, sizeText } from "../pages/page.js";
 import { summary as texts, endReasons, refusals } from "../texts/panels.js";
-import { shortNumber, sizeText } from "../topics/samples.js";
 
 const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });
 const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));

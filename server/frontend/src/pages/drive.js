@@ -3,7 +3,6 @@
 import { framesUrl, requestTicket, rosUrl } from "../client/api.js";
 import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
-import { openLink } from "../client/rosbridge.js";
 import { RttProbe } from "../client/rtt.js";
 import { Session } from "../client/session.js";
 import { Arming, NO_CONTROLS, VideoInterlock } from "../control/arming.js";
@@ -17,8 +16,8 @@ import { setUpControls } from "../input/controls.js";
 import { Readback, Readings } from "../overlays/readings.js";
 import { watchers } from "../texts/common.js";
 import { Discovery } from "../topics/discovery.js";
-import { ObserverConnection } from "../topics/observerConnection.js";
 import { Topics } from "../topics/topicList.js";
+import { ObserverConnection } from "../topics/topicProbe.js";
 import { View } from "../video/view.js";
 import { LoginUse, api } from "./calls.js";
 import { byTestId, localTime, setText, part } from "./page.js";
@@ -220,7 +219,7 @@ feed.start();
 // connection tells of the control.
 function setUpPanels(root, { robot, user, settings, connection, ask = () => {} }) {
   const requestUrl = async () => rosUrl(location.href, robot, await requestTicket(api, robot, "observe"));
-  const observerConnection = new ObserverConnection({ requestUrl, openLink });
+  const observerConnection = new ObserverConnection({ requestUrl });
   const topics = new Topics(part(root, "topics"), { observerConnection, ask });
   const panels = [topics, ...driversPanels(root, { robot, settings, connection })];
   const summary = panels.find((panel) => panel instanceof Summary);

@@ -27,6 +27,26 @@ export function localTime(iso, now = new Date()) {
   return `${time.toLocaleDateString("en-GB", { day: "numeric", month: "short" })} ${clock}`;
 }
 
+// A number as people read one: with the digits that count.
+export function shortNumber(value) {
+  if (!Number.isFinite(value)) return "-";
+  const size = Math.abs(value);
+  if (size >= 1e9 || (value !== 0 && size < 1e-3)) return value.toExponential(2);
+  return size >= 1000 ? String(Math.round(value)) : String(Number(value.toPrecision(3)));
+}
+
+/** @type {[string, number][]} */
+const UNITS = [
+  ["GB", 1e9],
+  ["MB", 1e6],
+  ["KB", 1e3],
+];
+
+export function sizeText(bytes) {
+  const [unit, one] = UNITS.find(([, least]) => bytes >= least) ?? ["bytes", 1];
+  return `${one === 1 ? bytes : (bytes / one).toPrecision(bytes >= 100 * one ? 3 : 2)} ${unit}`;
+}
+
 // Makes an element with attributes and children; a child that is a text stays a text.
 export function make(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);

@@ -1,9 +1,8 @@
 // Shows one probe of a topic: its newest message, how often it comes, and one of its numbers over the last minute.
 
-import { make, setText } from "../pages/page.js";
+import { make, setText, shortNumber, sizeText } from "../pages/page.js";
 import { topics as texts } from "../texts/panels.js";
 import { preview } from "./fields.js";
-import { shortNumber, sizeText } from "./samples.js";
 import { TopicProbe, MEASURE_MS } from "./topicProbe.js";
 
 const TICK_MS = 500;
@@ -146,7 +145,7 @@ export function places(points, { now, min, max }, { width, height }) {
   }));
 }
 
-// `extent` as of samples.js's LastMinute, or null.
+// `extent` as of LastMinute, or null.
 function drawPlot(canvas, points, extent, now) {
   const scale = window.devicePixelRatio || 1;
   const size = { width: canvas.clientWidth, height: canvas.clientHeight };

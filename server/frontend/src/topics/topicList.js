@@ -16,7 +16,7 @@ export function matching(topics, query) {
 }
 
 export class Topics {
-  // `root` is the panel, a <details>; `observerConnection` as of observerConnection.js; `ask()` has the robot asked for its topics again.
+  // `root` is the panel, a <details>; `observerConnection` as of topicProbe.js; `ask()` has the robot asked for its topics again.
   constructor(root, { observerConnection, ask }) {
     this.root = root;
     this.observerConnection = observerConnection;

@@ -1,15 +1,15 @@
 // A probe of one topic: what was received of it, and how often. Pure but for its timer.
 // It asks for two messages a second at most, and of a large type for one when the person says so.
 
-import { plainType } from "../client/rosbridge.js";
+import { CONNECTING, Connection } from "../client/connection.js";
+import { openLink, plainType } from "../client/rosbridge.js";
 import { numberAt, numbersIn } from "./fields.js";
-import { LastMinute, Rate } from "./samples.js";
 
 const THROTTLE_MS = 500;
 export const MEASURE_MS = 3000;
 
 export class TopicProbe {
-  // `topic` is {name, type}; `watch(spec, onMessage, onState)` as of observerConnection.js.
+  // `topic` is {name, type}; `watch(spec, onMessage, onState)` as of ObserverConnection.
   constructor({ topic, watch, onChange = () => {}, now = () => performance.now() }) {
     this.topic = topic;
     this.watch = watch;
@@ -145,3 +145,120 @@ const LARGE_TYPES = new Set([
 ]);
 
 const isLargeType = (type) => LARGE_TYPES.has(plainType(type || ""));
+
+// What is kept of a topic: the numbers of the last minute, and how often messages come. Pure.
+const MINUTE_MS = 60_000;
+const MOST = 600;
+const RATE_MS = 10_000;
+
+export class LastMinute {
+  constructor() {
+    this.points = [];
+  }
+
+  push(value, at) {
+    if (!Number.isFinite(value)) return;
+    this.points.push({ value, at });
+    if (this.points.length > MOST) this.points.shift();
+    this.prune(at);
+  }
+
+  prune(now) {
+    while (this.points.length && now - this.points[0].at > MINUTE_MS) this.points.shift();
+  }
+
+  // {now, min, max}, or null without a value.
+  extent(now) {
+    this.prune(now);
+    if (this.points.length === 0) return null;
+    const values = this.points.map(({ value }) => value);
+    return { now: values.at(-1), min: Math.min(...values), max: Math.max(...values) };
+  }
+}
+
+export class Rate {
+  constructor() {
+    this.times = [];
+    this.at = null;
+  }
+
+  mark(at) {
+    this.at = at;
+    this.times.push(at);
+    while (at - this.times[0] > RATE_MS) this.times.shift();
+  }
+
+  // Messages a second, of those that came in the last 10 s; null before there are two.
+  perSecond(now) {
+    const recent = this.times.filter((at) => now - at <= RATE_MS);
+    const span = recent.at(-1) - recent[0];
+    return span > 0 ? (1000 * (recent.length - 1)) / span : null;
+  }
+
+  silenceMs(now) {
+    return this.at === null ? null : now - this.at;
+  }
+}
+
+// A connection of its own that only watches: a message that is too large for the server ends the connection it comes on, and
+// that must not be the one that drives. Open only while a probe is open.
+const TOO_BIG = 1009;
+
+export class ObserverConnection {
+  // `requestUrl()` gives a URL.
+  constructor({ requestUrl, open = openLink }) {
+    this.watchers = new Set();
+    this.wanted = false;
+    this.connection = new Connection({
+      requestTicket: requestUrl,
+      openLink: open,
+      onState: (state) => this.receive(state),
+      maxSilenceMs: Infinity, // a topic may well be silent
+    });
+  }
+
+  // Whether there is a way to the robot: the page's own connection stands, and the page is seen.
+  use(wanted) {
+    this.wanted = wanted;
+    this.renew();
+  }
+
+  // `spec` as of rosbridge.js; `onState("lost"|"open"|"too_big")`. Gives the function that ends it.
+  watch(spec, onMessage, onState) {
+    const watcher = { onState, end: this.connection.subscribe(spec, onMessage) };
+    this.watchers.add(watcher);
+    if (this.connection.live) onState("open");
+    this.renew();
+    return () => this.leave(watcher);
+  }
+
+  leave(watcher) {
+    watcher.end();
+    this.watchers.delete(watcher);
+    this.renew();
+  }
+
+  // Opens what is wanted and closes what is not.
+  renew() {
+    const wanted = this.wanted && this.watchers.size > 0;
+    if (wanted && !this.connection.started) this.connection.start();
+    if (wanted || !this.connection.started) return;
+    this.connection.stop();
+    this.tell("lost");
+  }
+
+  receive(state) {
+    if (state.name === "live") this.tell("open");
+    else if (state !== CONNECTING) this.lose(state.code === TOO_BIG ? "too_big" : "lost");
+  }
+
+  // What was too large once is not asked for again.
+  lose(how) {
+    this.tell(how);
+    if (how === "too_big") for (const watcher of [...this.watchers]) this.leave(watcher);
+  }
+
+  tell(state) {
+    for (const { onState } of [...this.watchers]) onState(state);
+  }
+}

@@ -99,7 +99,7 @@ test("news of the network connect nothing that was not started, or was stopped",
 
 test("a stop is the last chance to say something on a live link", async () => {
   const live = [];
-  connection.onLeaving = () => live.push(connection.live);
+  connection.handlers.onLeaving = () => live.push(connection.live);
   connection.start();
   await goLive();
   connection.stop();
@@ -182,7 +182,7 @@ test("the last that a link carries which the page gives up is what onLeaving say
   connection.start();
   await goLive();
   const publisher = connection.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });
-  connection.onLeaving = () => publisher.publish("zero");
+  connection.handlers.onLeaving = () => publisher.publish("zero");
   connection.cut();
   assert.deepEqual(links[0].published, ["zero"]);
   connection.cut();
@@ -320,7 +320,7 @@ test("a link that is given up is not live any more when its end is told", async 
   connection.start();
   await goLive();
   const live = [];
-  connection.onLink = () => live.push(connection.live);
+  connection.handlers.onLink = () => live.push(connection.live);
   connection.reopen();
   assert.deepEqual(live, [false]);
 });

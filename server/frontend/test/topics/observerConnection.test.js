@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { ObserverConnection } from "../../src/topics/observerConnection.js";
+import { TicketRefused } from "../../src/client/api.js";
+import { ObserverConnection } from "../../src/topics/topicProbe.js";
 
 const SPEC = { name: "/odom", type: "nav_msgs/Odometry", throttleMs: 500 };
 
@@ -20,11 +21,11 @@ function fakeLink(url, handlers) {
 }
 
 beforeEach(() => {
-  mock.timers.enable({ apis: ["setTimeout"] });
+  mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
   links = [];
   urls = 0;
   states = [];
-  observerConnection = new ObserverConnection({ requestUrl: async () => `wss://server/ros?ticket=${++urls}`, openLink: fakeLink });
+  observerConnection = new ObserverConnection({ requestUrl: async () => `wss://server/ros?ticket=${++urls}`, open: fakeLink });
 });
 
 afterEach(() => mock.timers.reset());
@@ -39,6 +40,11 @@ async function watch() {
   );
   await settle();
   return end;
+}
+
+async function goLive(nth) {
+  links[nth].onOpen();
+  await settle();
 }
 
 test("there is no connection unless something is looked at, and none without a way to the robot", async () => {
@@ -56,7 +62,7 @@ test("there is no connection unless something is looked at, and none without a w
 test("several looks share a connection, which ends with the last", async () => {
   observerConnection.use(true);
   const first = await watch();
-  links[0].onOpen();
+  await goLive(0);
   const second = await watch();
   assert.equal(links.length, 1);
   assert.equal(links[0].subscribed.length, 2);
@@ -70,12 +76,12 @@ test("several looks share a connection, which ends with the last", async () => {
 test("a hidden page ends the connection, and a new one takes up what was looked at", async () => {
   observerConnection.use(true);
   await watch();
-  links[0].onOpen();
+  await goLive(0);
   observerConnection.use(false);
   assert.equal(links[0].closed, true);
   observerConnection.use(true);
   await settle();
-  links[1].onOpen();
+  await goLive(1);
   assert.deepEqual(
     links[1].subscribed.map(({ name }) => name),
     ["/odom"],
@@ -87,7 +93,7 @@ test("a hidden page ends the connection, and a new one takes up what was looked 
 test("after a cut it comes back, with a pause", async () => {
   observerConnection.use(true);
   await watch();
-  links[0].onOpen();
+  await goLive(0);
   links[0].onClose({ code: 4505 });
   await settle();
   assert.equal(links.length, 1);
@@ -99,7 +105,7 @@ test("after a cut it comes back, with a pause", async () => {
 test("a message that is too large ends what is looked at, and is not asked for again", async () => {
   observerConnection.use(true);
   await watch();
-  links[0].onOpen();
+  await goLive(0);
   links[0].onClose({ code: 1009 });
   mock.timers.tick(60_000);
   await settle();
@@ -111,7 +117,11 @@ test("a message that is too large ends what is looked at, and is not asked for a
 
 test("what is closed while the ticket is on its way opens nothing", async () => {
   observerConnection.use(true);
-  const end = observerConnection.watch(SPEC, () => {});
+  const end = observerConnection.watch(
+    SPEC,
+    () => {},
+    () => {},
+  );
   end();
   await settle();
   assert.equal(links.length, 0);
@@ -119,8 +129,8 @@ test("what is closed while the ticket is on its way opens nothing", async () => 
 
 test("a refused ticket is asked for again later", async () => {
   let refused = true;
-  observerConnection.requestUrl = async () => {
-    if (refused) throw new Error("refused");
+  observerConnection.connection.requestTicket = async () => {
+    if (refused) throw new TicketRefused(503);
     return "wss://server/ros";
   };
   observerConnection.use(true);
@@ -129,4 +139,14 @@ test("a refused ticket is asked for again later", async () => {
   mock.timers.tick(500);
   await settle();
   assert.equal(links.length, 1);
+});
+
+test("a topic that is silent ends nothing", async () => {
+  observerConnection.use(true);
+  await watch();
+  await goLive(0);
+  observerConnection.connection.now = () => performance.now() + 600_000;
+  mock.timers.tick(1000);
+  await settle();
+  assert.deepEqual([links.length, states], [1, ["open"]]);
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { LocalStore } from "../../src/pages/page.js";
+import { LocalStore, shortNumber, sizeText } from "../../src/pages/page.js";
 
 // As the browser's, in memory.
 function storage() {
@@ -38,4 +38,20 @@ test("a browser that keeps nothing is no error", () => {
   kept.write("sticks", true);
   kept.forget("sticks");
   assert.equal(kept.read("sticks"), null);
+});
+
+test("numbers are short and still tell small from none", () => {
+  assert.deepEqual([0, 0.12345, -1.5, 123456.7, 0.0001234, 2.5e12, NaN].map(shortNumber), [
+    "0",
+    "0.123",
+    "-1.5",
+    "123457",
+    "1.23e-4",
+    "2.50e+12",
+    "-",
+  ]);
+});
+
+test("sizes are told in the unit that people know", () => {
+  assert.deepEqual([12, 1500, 250_000, 1_230_000].map(sizeText), ["12 bytes", "1.5 KB", "250 KB", "1.2 MB"]);
 });
