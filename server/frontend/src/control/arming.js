@@ -73,8 +73,6 @@ export class Arming {
 // Decides whether driving pauses because the person cannot see what the robot sees now.
 // It must never take a frame for newer than its timestamp, nor its own timer for what keeps it honest: what asks
 // whether a command may go asks check() right then.
-const STEP_MS = 250; // between two clocks of this machine: it slept, or one of them was set
-
 export class VideoInterlock {
   // `afterMs`: the greatest age of the frame, null for any. `onChange()` comes when `kind` has become another.
   // `now()` is the clock of ages, which may stand still in a sleep of the machine; `wall()` goes on.
@@ -84,20 +82,21 @@ export class VideoInterlock {
     this.onChange = onChange;
     this.now = now;
     this.wall = wall;
-    this.state = "none"; // before the first word: no picture yet
+    this.offered = true; // before the first word: no frame yet
     /** @type {number | null} */
     this.at = null;
     this.allowed = false;
-    this.sleptMs = wall() - now();
+    this.sleep = new Sleep();
     this.wokeAt = -Infinity;
+    this.noteSleep();
     this.kind = this.found;
   }
 
-  // Of the main frame: {state: "fresh"|"old"|"none"|"off", ageMs}; "off" when the robot has no camera.
-  /** @param {{state: string, ageMs: number | null}} reading */
-  receive({ state, ageMs }) {
-    this.state = state;
-    this.at = ageMs !== null && Number.isFinite(ageMs) ? this.now() - ageMs : null;
+  // `offered`: there is a camera, and the page is seen. `at`: the timestamp of the main frame on the clock of `now()`, or null.
+  /** @param {{offered: boolean, at: number | null}} reading */
+  receive({ offered, at }) {
+    this.offered = offered;
+    this.at = at !== null && Number.isFinite(at) ? Math.min(at, this.now()) : null;
     this.check();
   }
 
@@ -124,9 +123,8 @@ export class VideoInterlock {
 
   // What was seen before a sleep is as old as that, whatever its clock says.
   noteSleep() {
-    const sleptMs = this.wall() - this.now();
-    if (Math.abs(sleptMs - this.sleptMs) > STEP_MS) this.wokeAt = this.now();
-    this.sleptMs = sleptMs;
+    const now = this.now();
+    if (this.sleep.isOver(now, this.wall())) this.wokeAt = now;
   }
 
   get ageMs() {
@@ -136,17 +134,33 @@ export class VideoInterlock {
   // "seen": drive; "off": there is nothing to see; "missing", "old": held; "blind": allowed all the same.
   // `kind` is what was found at the last check, so that all who read it between two read the same, and learn of each change.
   get found() {
-    if (this.afterMs === null || this.state === "off") return "off";
+    if (this.afterMs === null || !this.offered) return "off";
     const why = this.lack;
     return why && this.allowed ? "blind" : why || "seen";
   }
 
   get lack() {
-    if (this.state === "none" || this.at === null) return "missing";
+    if (this.at === null) return "missing";
     return this.now() - this.at > (this.afterMs ?? Infinity) || this.at < this.wokeAt ? "old" : "";
   }
 
   get held() {
     return this.kind === "missing" || this.kind === "old";
+  }
+}
+
+// performance.now() may stand still while the machine sleeps, and what was seen before would look new after it.
+const STEP_MS = 250; // between two clocks of this machine: it slept, or one of them was set
+
+export class Sleep {
+  constructor() {
+    this.apart = NaN;
+  }
+
+  // Says whether the machine slept since the last look; `wall` is the time of day, which goes on.
+  isOver(now, wall) {
+    const before = this.apart;
+    this.apart = wall - now;
+    return Math.abs(this.apart - before) > STEP_MS;
   }
 }

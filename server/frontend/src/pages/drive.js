@@ -65,7 +65,7 @@ const view = new View(root, {
   settings,
   openFrames: (topic, options) => new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
   subscribe,
-  onFreshness: (freshness) => interlock.receive(freshness),
+  onMain: (reading) => interlock.receive(reading),
 });
 const rtt = new RttProbe({
   call: (service, request) => connection.call(service, request),

@@ -2,6 +2,7 @@
 // It must never say that a frame is fresher than it is: driving is paused by what it reports.
 
 import { plainQuery } from "../client/api.js";
+import { Sleep } from "../control/arming.js";
 import { Hud } from "../overlays/hud.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
@@ -10,7 +11,6 @@ import { driveSettings } from "../pages/settings.js";
 import { video as texts } from "../texts/video.js";
 import { cameraTopics, offeredCameras, topicOf } from "../topics/discovery.js";
 import { requestedQuality } from "./cameraTile.js";
-import { FreshnessReporter, MainTimestamp, Sleep, freshness } from "./freshness.js";
 import { Layout, MAP } from "./layout.js";
 import { Tiles } from "./tiles.js";
 
@@ -22,8 +22,8 @@ const SETTLE_MS = 300;
 
 export class View {
   // `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `subscribe` as of connection.js;
-  // `onFreshness({state: "fresh"|"old"|"none"|"off", ageMs})` reports the main frame, at each change and ten times a second at most.
-  constructor(root, { robot, settings, openFrames, subscribe, onFreshness, now = () => performance.now() }) {
+  // `onMain({offered, at})` reports the main frame as of VideoInterlock, ten times a second and at each frame.
+  constructor(root, { robot, settings, openFrames, subscribe, onMain, now = () => performance.now() }) {
     this.root = root;
     this.robot = robot;
     this.settings = settings;
@@ -36,8 +36,7 @@ export class View {
     this.known = new Set(); // topics of cameras; one whose node has died is a missing picture, not a robot without a camera
     this.mainTimestamp = new MainTimestamp();
     this.sleep = new Sleep();
-    this.freshness = new FreshnessReporter(onFreshness);
-    this.limitMs = this.page.hold_after_ms ?? USUAL_HOLD_MS;
+    this.onMain = onMain;
     this.refused = null;
     /** @type {import("../topics/discovery.js").Camera[]} */
     this.cameras = [];
@@ -57,7 +56,7 @@ export class View {
       openFrames,
       wanted: () => this.wantedOfAll(),
       set: { width: this.page.width ?? null, height: this.page.height ?? null },
-      oldMs: this.limitMs,
+      oldMs: this.page.hold_after_ms ?? USUAL_HOLD_MS,
       world: this.world,
       memory: () => this.memory.map,
       onMemory: (map) => this.keep({ map }),
@@ -111,7 +110,7 @@ export class View {
   // A robot that reports no camera may have the usual one all the same.
   seen(topic) {
     this.known.add(topic);
-    this.checkFreshness();
+    this.reportMain();
   }
 
   get hasCamera() {
@@ -212,7 +211,7 @@ export class View {
     });
     if (layout.main) tools.camera.value = layout.main;
     tools.turn.disabled = tools.still.disabled = layout.main === MAP;
-    this.checkFreshness();
+    this.reportMain();
   }
 
   // What the driver goes by: the main frame, or beside the map the first camera that is shown.
@@ -221,12 +220,11 @@ export class View {
     return cameras.includes(this.layout.main) ? this.layout.main : (cameras[0] ?? null);
   }
 
-  checkFreshness() {
+  reportMain() {
     const { watched } = this;
-    const now = this.now();
-    if (this.sleep.isOver(now, Date.now())) this.forget();
+    if (this.sleep.isOver(this.now(), Date.now())) this.forget();
     const at = this.mainTimestamp.read(watched, this.tiles.get(watched)?.at ?? null);
-    this.freshness.receive(freshness({ offered: this.hasCamera, hidden: document.hidden, at }, this.limitMs, now), now);
+    this.onMain({ offered: this.hasCamera && !document.hidden, at });
   }
 
   forget() {
@@ -235,7 +233,7 @@ export class View {
   }
 
   tick() {
-    this.checkFreshness();
+    this.reportMain();
     this.ticks += 1;
     if (this.ticks % SHOW_EVERY !== 0) return;
     this.tiles.each((tile) => tile.showState());
@@ -254,6 +252,25 @@ export class View {
     setText(note, text);
     clearTimeout(this.noting);
     this.noting = setTimeout(() => setText(note, ""), NOTE_MS);
+  }
+}
+
+// The timestamp of what is in the main place. Another camera that is put there begins with the timestamp of the one before, as the
+// driver has seen that much; from its own first frame on it answers for itself.
+export class MainTimestamp {
+  constructor() {
+    this.id = null;
+    this.before = null;
+  }
+
+  // `at` is the timestamp of the newest frame of the source `id`, null before its first.
+  read(id, at) {
+    if (id !== this.id) {
+      this.before = this.newest ?? null;
+      this.id = id;
+    }
+    this.newest = at ?? this.before;
+    return this.newest;
   }
 }
 

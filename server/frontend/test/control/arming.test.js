@@ -45,7 +45,7 @@ function pass(ms, checks = true) {
   }
 }
 
-const see = (ageMs = 0) => interlock.receive({ state: "fresh", ageMs });
+const see = (ageMs = 0) => interlock.receive({ offered: true, at: clock - ageMs });
 const moving = () => sent.filter(({ forward }) => forward !== 0);
 
 test("before the first picture nothing that is pressed counts", () => {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { VideoInterlock } from "../../src/control/arming.js";
+import { Sleep, VideoInterlock } from "../../src/control/arming.js";
 
 let clock, wall, changes, hold;
 
@@ -27,7 +27,7 @@ function pass(ms) {
   hold.check();
 }
 
-const see = (ageMs) => hold.receive({ state: "fresh", ageMs });
+const see = (ageMs) => hold.receive({ offered: true, at: clock - ageMs });
 
 test("driving is held until the first picture", () => {
   assert.equal(hold.held, true);
@@ -47,7 +47,7 @@ test("a picture grows old by itself: no word of it is no word that it is fresh",
 
 test("the limit is the robot's, whatever the picture itself calls old", () => {
   make(3000);
-  hold.receive({ state: "old", ageMs: 2500 });
+  see(2500);
   assert.equal(hold.held, false);
   make(300);
   see(400);
@@ -56,16 +56,16 @@ test("the limit is the robot's, whatever the picture itself calls old", () => {
 
 test("a picture that is lost holds at once", () => {
   see(10);
-  hold.receive({ state: "none", ageMs: null });
+  hold.receive({ offered: true, at: null });
   assert.equal(hold.kind, "missing");
   assert.equal(hold.held, true);
 });
 
 test("a robot without a camera is never held, nor one whose settings say so", () => {
-  hold.receive({ state: "off", ageMs: null });
+  hold.receive({ offered: false, at: null });
   assert.equal(hold.held, false);
   make(null);
-  hold.receive({ state: "none", ageMs: null });
+  hold.receive({ offered: true, at: null });
   pass(60_000);
   assert.equal(hold.held, false);
 });
@@ -73,7 +73,7 @@ test("a robot without a camera is never held, nor one whose settings say so", ()
 test("a person may drive without the picture until it is back, and then not again", () => {
   hold.allow();
   assert.equal(hold.kind, "blind");
-  hold.receive({ state: "none", ageMs: null });
+  hold.receive({ offered: true, at: null });
   pass(10_000);
   assert.equal(hold.held, false);
   see(10);
@@ -104,7 +104,7 @@ test("after a sleep of the machine, in which the clock of ages stood, only a new
 });
 
 test("a reading without an age is no picture", () => {
-  hold.receive({ state: "fresh", ageMs: NaN });
+  see(NaN);
   assert.equal(hold.held, true);
 });
 
@@ -120,4 +120,13 @@ test("between two checks all read the same, so that none misses a change", () =>
   hold.check();
   assert.equal(hold.held, true);
   assert.deepEqual(changes, ["seen", "old"]);
+});
+
+test("a machine that slept, or whose time of day was set, is told from one that was busy", () => {
+  const sleep = new Sleep();
+  assert.equal(sleep.isOver(0, 1_000_000), false);
+  assert.equal(sleep.isOver(5000, 1_005_010), false);
+  assert.equal(sleep.isOver(5100, 1_065_110), true);
+  assert.equal(sleep.isOver(5200, 1_065_210), false);
+  assert.equal(sleep.isOver(5300, 1_000_000), true);
 });

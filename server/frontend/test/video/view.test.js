@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { chosenBefore, viewActionOf, snapshotName, snapshotUrl } from "../../src/video/view.js";
+import { MainTimestamp, chosenBefore, viewActionOf, snapshotName, snapshotUrl } from "../../src/video/view.js";
 
 const within = (...selectors) => ({ closest: (asked) => selectors.some((one) => asked.includes(one)) || null });
 const page = within();
@@ -46,4 +46,19 @@ test("what was chosen for a robot is its own, and nonsense is nothing", () => {
   assert.deepEqual(chosenBefore(store, "sim1"), { quality: "50" });
   assert.deepEqual(chosenBefore(store, "sim2"), {});
   assert.deepEqual(chosenBefore(store, "sim3"), {});
+});
+
+test("another camera begins with the moment of the one before and then answers for itself", () => {
+  const timestamp = new MainTimestamp();
+  assert.equal(timestamp.read("/a", null), null);
+  assert.equal(timestamp.read("/a", 10), 10);
+  assert.equal(timestamp.read("/b", null), 10);
+  assert.equal(timestamp.read("/b", null), 10);
+  assert.equal(timestamp.read("/b", 40), 40);
+});
+
+test("a picture that stalled before it was made the main one is as old as it is", () => {
+  const timestamp = new MainTimestamp();
+  timestamp.read("/a", 100);
+  assert.equal(timestamp.read("/b", 20), 20);
 });
