@@ -1,7 +1,7 @@
 // The summary of this page's last drive: in words, and as a file.
 
 import { api } from "../pages/calls.js";
-import { byTestId, make, part, setText, shortNumber, sizeText } from "../pages/page.js";
+import { byTestId, download, make, part, setText, shortNumber, sizeText } from "../pages/page.js";
 import { summary as texts, endReasons, refusals } from "../texts/panels.js";
 
 const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });
@@ -62,10 +62,7 @@ export class Summary {
 
   save() {
     const text = `${JSON.stringify(this.drive, null, 2)}\n`;
-    const url = URL.createObjectURL(new Blob([text], { type: "application/json" }));
-    const link = make("a", { href: url, download: `robotether-${this.robot}-drive-${this.drive.id}.json` });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(url), 10_000);
+    download(new Blob([text], { type: "application/json" }), `robotether-${this.robot}-drive-${this.drive.id}.json`);
   }
 }
 

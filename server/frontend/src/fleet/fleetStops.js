@@ -2,7 +2,7 @@
 
 import { Stopping } from "../control/stopping.js";
 import { stopAll, stop } from "../pages/calls.js";
-import { part, setText, localTime } from "../pages/page.js";
+import { localTime, make, part, setText } from "../pages/page.js";
 import { stop as stopTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
 
@@ -70,22 +70,13 @@ export class FleetStops {
     const lines = this.results.map((robot) => outcome(robot, this.controls.get(robot.name)));
     if (lines.join("\n") === this.lines && this.result.querySelector("ul")) return;
     this.lines = lines.join("\n");
-    const list = document.createElement("ul");
-    list.append(...lines.map((line) => element("li", line)));
-    this.result.replaceChildren(list);
+    this.result.replaceChildren(make("ul", {}, ...lines.map((line) => make("li", {}, line))));
   }
 }
 
 function button(text, testId, onPress) {
-  const made = element("button", text);
-  Object.assign(made, { type: "button" }).dataset.testid = testId;
+  const made = make("button", { type: "button", "data-testid": testId }, text);
   made.addEventListener("click", onPress);
-  return made;
-}
-
-function element(tag, text) {
-  const made = document.createElement(tag);
-  made.textContent = text;
   return made;
 }
 

@@ -1,9 +1,10 @@
 // Battery and diagnostics of the robot, small beside the video.
 
-import { part, setText } from "../pages/page.js";
+import { make, part, setText } from "../pages/page.js";
 import { battery as batteryTexts, diagnostics as texts } from "../texts/video.js";
+import { Subscriptions } from "./subscriptions.js";
 
-const BATTERY_THROTTLE_MS = 2000;
+const BATTERY = { throttleMs: 2000 };
 const BATTERY_OLD_MS = 60_000;
 const MOST_ROWS = 60;
 // Each node sends its own part: what is held back must wait and not be lost.
@@ -12,28 +13,21 @@ const DIAGNOSTICS = { throttleMs: 100, queueLength: 50 };
 export class Overlays {
   // `subscribe` as of connection.js.
   constructor(root, { subscribe, now }) {
-    this.subscribe = subscribe;
+    this.subscriptions = new Subscriptions(subscribe);
     this.now = now;
     this.battery = part(root, "battery");
     this.details = part(root, "diagnostics");
     this.diagnostics = new Diagnostics();
     this.reader = new BatteryReader();
-    this.follows = {};
     this.received = /** @type {{battery: any, at: number} | null} */ (null);
     this.details.addEventListener("toggle", () => this.show());
   }
 
   // {battery, diagnostics}, each {name, type} or undefined.
   follow({ battery, diagnostics }) {
-    this.listen("battery", battery, { throttleMs: BATTERY_THROTTLE_MS }, (message) => this.receiveBattery(message));
-    this.listen("diagnostics", diagnostics, DIAGNOSTICS, (message) => this.diagnostics.receive(message, this.now()));
-  }
-
-  listen(kind, topic, limits, handler) {
-    const key = topic ? `${topic.name} ${topic.type}` : "";
-    if (key === (this.follows[kind]?.key ?? "")) return;
-    this.follows[kind]?.end();
-    this.follows[kind] = topic && { key, end: this.subscribe({ ...topic, ...limits }, handler) };
+    const { subscriptions } = this;
+    subscriptions.follow("battery", battery, BATTERY, (message) => this.receiveBattery(message));
+    subscriptions.follow("diagnostics", diagnostics, DIAGNOSTICS, (message) => this.diagnostics.receive(message, this.now()));
   }
 
   receiveBattery(message) {
@@ -74,12 +68,7 @@ export class Overlays {
 }
 
 function row({ name, level, message }) {
-  const item = document.createElement("li");
-  item.dataset.level = level;
-  const title = document.createElement("strong");
-  title.textContent = `${texts.levels[level]}: ${name}`;
-  item.append(title, ` ${message}`);
-  return item;
+  return make("li", { "data-level": level }, make("strong", {}, `${texts.levels[level]}: ${name}`), ` ${message}`);
 }
 
 // What a robot's sensor_msgs/BatteryState says to a person. Pure.

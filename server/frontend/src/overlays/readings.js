@@ -3,6 +3,7 @@
 import { poseReader, speedReader } from "../client/rosbridge.js";
 import { byTestId, part, setText } from "../pages/page.js";
 import { readings as texts, dataAge, latency } from "../texts/common.js";
+import { Subscriptions } from "./subscriptions.js";
 
 const OLD_MS = 2500;
 const TICK_MS = 250;
@@ -94,29 +95,21 @@ export class Readback {
    * }} options
    */
   constructor({ subscribe, onSpeed, onPose = () => {} }) {
-    this.subscribe = subscribe;
+    this.subscriptions = new Subscriptions(subscribe);
     this.onSpeed = onSpeed;
     this.onPose = onPose;
-    this.topic = null;
   }
 
   // `topic` is {name, type}. Following the same one again changes nothing.
   follow(topic) {
-    if (topic.name === this.topic?.name && topic.type === this.topic?.type) return;
-    this.end?.();
-    this.topic = topic;
-    this.forget();
-    this.listen(topic);
-  }
-
-  listen({ name, type }) {
-    const [read, readPose] = [speedReader(type), poseReader(type)];
-    this.end = this.subscribe({ name, type, throttleMs: THROTTLE_MS }, (message) => {
+    const [read, readPose] = [speedReader(topic.type), poseReader(topic.type)];
+    const begun = this.subscriptions.follow("speed", topic, { throttleMs: THROTTLE_MS }, (message) => {
       clearTimeout(this.timer);
       this.timer = setTimeout(() => this.forget(), SPEED_OLD_MS);
       this.onSpeed(read(message));
       if (readPose) this.onPose(readPose(message));
     });
+    if (begun) this.forget();
   }
 
   forget() {

@@ -1,6 +1,7 @@
 // What the map is drawn from: its subscriptions, which last only while it is seen, and what they say.
 
 import { planar, poseReader } from "../client/rosbridge.js";
+import { Subscriptions } from "./subscriptions.js";
 
 // A map is large, and comes on the connection that the robot is driven by: one that is being made comes seldom.
 const THROTTLE_MS = { scan: 150, map: 10_000, located: 200 };
@@ -10,14 +11,13 @@ const ORIGIN = { x: 0, y: 0, theta: 0 };
 export class World {
   // `subscribe(spec, handler)` as of connection.js; `makeBitmap(grid)` gives a promise of what drawImage takes.
   constructor({ subscribe, onChange, makeBitmap = bitmapOf, now = () => performance.now() }) {
-    this.subscribe = subscribe;
+    this.subscriptions = new Subscriptions(subscribe);
     this.onChange = onChange;
     this.makeBitmap = makeBitmap;
     this.now = now;
     this.path = new Path();
     this.topics = {};
     this.shown = null;
-    this.open = new Map();
     this.odometry = this.scan = this.map = this.located = null;
     this.offset = ORIGIN; // of the odometry's frame in the map's
   }
@@ -40,29 +40,14 @@ export class World {
     if (this.path.add(pose) || this.shown) this.onChange();
   }
 
+  // Only what is seen and is there. Only the map needs to know where in it the robot is.
   sync() {
-    const wanted = this.wanted();
-    for (const [kind, { key, end }] of this.open) {
-      if (wanted.get(kind) && keyOf(wanted.get(kind)) === key) continue;
-      end();
-      this.open.delete(kind);
-    }
-    for (const [kind, topic] of wanted) if (!this.open.has(kind)) this.listen(kind, topic);
-  }
-
-  // By kind, what is seen and is there. Only the map needs to know where in it the robot is.
-  wanted() {
-    const seen = { scan: this.shown?.scan, map: this.shown?.map, located: this.shown?.map };
-    const kinds = Object.keys(seen).filter((kind) => seen[kind] && this.topics[kind]);
-    return new Map(kinds.map((kind) => [kind, this.topics[kind]]));
-  }
-
-  listen(kind, topic) {
-    const handler = { scan: (m) => this.receiveScan(m), map: (m) => this.receiveMap(m), located: (m) => this.receiveLocation(m, topic) }[
-      kind
-    ];
-    const spec = { ...topic, throttleMs: THROTTLE_MS[kind] };
-    this.open.set(kind, { key: keyOf(topic), end: this.subscribe(spec, handler) });
+    const { topics, shown } = this;
+    const follow = (kind, seen, handler) =>
+      this.subscriptions.follow(kind, seen ? topics[kind] : undefined, { throttleMs: THROTTLE_MS[kind] }, handler);
+    follow("scan", shown?.scan, (message) => this.receiveScan(message));
+    follow("map", shown?.map, (message) => this.receiveMap(message));
+    follow("located", shown?.map, (message) => this.receiveLocation(message));
   }
 
   receiveScan(message) {
@@ -82,8 +67,8 @@ export class World {
   }
 
   // Where the localization says that the robot is tells where the odometry began.
-  receiveLocation(message, { type }) {
-    const pose = poseReader(type)?.(message);
+  receiveLocation(message) {
+    const pose = poseReader(this.topics.located.type)?.(message);
     if (!pose) return;
     this.located = pose;
     if (this.odometry) this.offset = compose(pose, inverse(this.odometry.pose));
@@ -107,8 +92,6 @@ export class World {
     return this.now() - at > OLD_MS;
   }
 }
-
-const keyOf = ({ name, type }) => `${name} ${type}`;
 
 const bitmapOf = ({ pixels, width, height }) => createImageBitmap(new ImageData(pixels, width, height));
 

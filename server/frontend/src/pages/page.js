@@ -55,6 +55,13 @@ export function make(tag, attributes = {}, ...children) {
   return made;
 }
 
+// Saves it as a file of this name.
+export function download(blob, name) {
+  const url = URL.createObjectURL(blob);
+  make("a", { href: url, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 10_000); // the browser has taken it up long before
+}
+
 // What a person chose on this device, kept for the next visit. A browser that keeps nothing is no error.
 const PREFIX = "robotether.";
 

@@ -6,7 +6,7 @@ import { Sleep } from "../control/arming.js";
 import { Hud } from "../overlays/hud.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
-import { LocalStore, TEXT, byTestId, matches, part, setText } from "../pages/page.js";
+import { LocalStore, TEXT, byTestId, download, matches, part, setText } from "../pages/page.js";
 import { driveSettings } from "../pages/settings.js";
 import { video as texts } from "../texts/video.js";
 import { cameraTopics, offeredCameras, topicOf } from "../topics/discovery.js";
@@ -357,13 +357,4 @@ async function saveSnapshot(robot, { topic, name }) {
   if (!image) return answer?.status ?? 0;
   download(image, snapshotName(robot, name, new Date()));
   return null;
-}
-
-function download(blob, name) {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(blob);
-  link.download = name;
-  link.click();
-  // The browser has taken the blob up by the next task.
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
