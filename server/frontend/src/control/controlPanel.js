@@ -1,15 +1,16 @@
-// The part of the drive page that shows who drives, and lets a person ask, reply, take, start and give up.
+// What a person reads of connection, control and stops, and what they can do about it: the banner, who drives, and questions.
 // The markup is the server's (drive.html); what can be done is driveMode.js's to say.
 
 import { lease, serverClock } from "../pages/calls.js";
 import { byTestId, localTime, part, setText } from "../pages/page.js";
-import { control as texts, driveMode as notes } from "../texts/common.js";
-import { Question } from "./question.js";
+import { connection, control as texts, driveMode as notes, logIn, states } from "../texts/common.js";
+
+/** @typedef {import("./driveMode.js").Control} Control */
 
 const TICK_MS = 500;
 
 export class ControlPanel {
-  // `busy` as of question.js.
+  // `busy` as of Question.
   constructor(root, { robot, driveMode, busy }) {
     this.robot = robot;
     this.driveMode = driveMode;
@@ -148,4 +149,136 @@ function whoDrives({ user, since }, me, driving) {
   const time = localTime(since);
   if (user !== me) return texts.other(user, time);
   return driving ? texts.you(time) : texts.yourOther(time);
+}
+
+// The banner shows the state and offers what a person can do about that.
+const bannerTexts = { ...connection, ...states };
+
+export class Banner {
+  // `onRetry()`: try to connect now; `onBlind()`: a person wants to drive without video.
+  constructor(root, { onRetry, onBlind, now = () => performance.now() }) {
+    this.element = byTestId(root, "state");
+    this.button = part(this.element, "state-action");
+    this.button.addEventListener("click", () => this.act());
+    this.onRetry = onRetry;
+    this.onBlind = onBlind;
+    this.offered = undefined;
+    this.deafness = new Deafness(now); // who presses sooner meant what the button was before
+  }
+
+  // `state` as of connection.js; `facts` are those of `selectStatus` and what the sentences need.
+  show(state, facts) {
+    this.state = state;
+    this.shown = selectStatus(state, facts);
+    const text = bannerTexts[this.shown];
+    this.element.dataset.state = state.name;
+    this.element.dataset.shown = this.shown;
+    setText(part(this.element, "state-title"), text.title);
+    setText(part(this.element, "state-detail"), text.detail({ ...facts, reason: state.reason }));
+    this.offer(state.login ? logIn : text.action);
+  }
+
+  // A button that goes while it has the focus leaves it to the banner, or the next Tab would begin at the top.
+  offer(action) {
+    if (this.offered && action !== this.offered) this.deafness.renew();
+    this.offered = action;
+    const focused = this.button === document.activeElement;
+    this.button.hidden = !action;
+    setText(this.button, action ?? "");
+    if (focused && !action) this.element.focus();
+  }
+
+  act() {
+    if (this.state.login) location.assign(`/login?next=${encodeURIComponent(location.pathname)}`);
+    else if (this.shown === "not_allowed") location.reload();
+    else if (this.shown === "held") this.goBlind();
+    else this.onRetry();
+  }
+
+  goBlind() {
+    if (!this.deafness.active) this.onBlind();
+  }
+}
+
+// The one state that the page's banner shows, out of all that is true at once: what keeps the robot from driving
+// comes first. Pure.
+const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
+
+// `state` is the connection's (connection.js); `control` as in docs/reference/protocols.md, `video` the kind of the VideoInterlock; `disabled` by an
+// administrator.
+export function selectStatus({ name }, { control, driving, video, disabled = false }) {
+  if (name !== "live") return disabled ? asDisabled(name) : name;
+  return robotStatus(control ?? {}) ?? (driving ? videoStatus(video) : null) ?? "live";
+}
+
+const asDisabled = (name) => (AWAY.includes(name) ? "disabled" : name);
+
+function robotStatus(/** @type {Partial<Control>} */ { stopped, guard }) {
+  if (stopped) return stopped.confirmed ? "stopped" : "stopping";
+  return guard === "down" ? "guard_down" : null;
+}
+
+// Whoever watches is held by nothing.
+function videoStatus(video) {
+  if (video === "missing" || video === "old") return "held";
+  return video === "blind" ? "blind" : null;
+}
+
+// A question that comes up by itself, over the video. It accepts no input while it is new and while somebody drives: what is
+// pressed then was meant for what stood there before, or slipped off the stick.
+const NEW_MS = 700;
+const CHECK_MS = 100;
+
+// Whether a press comes too soon to be meant for what is shown now.
+export class Deafness {
+  constructor(now) {
+    this.now = now;
+    this.since = -Infinity;
+  }
+
+  // Something else is shown from now on.
+  renew() {
+    this.since = this.now();
+  }
+
+  get active() {
+    return this.now() - this.since < NEW_MS;
+  }
+}
+
+export class Question {
+  // `busy()` says whether a key or stick is held.
+  constructor(element, { busy = () => false, now = () => performance.now() } = {}) {
+    this.element = element;
+    this.busy = busy;
+    this.deafness = new Deafness(now);
+    element.addEventListener("click", (event) => this.sift(event), { capture: true });
+    setInterval(() => this.mark(), CHECK_MS);
+  }
+
+  get shown() {
+    return !this.element.hidden;
+  }
+
+  get deaf() {
+    return this.deafness.active || this.busy();
+  }
+
+  show(shown) {
+    if (shown === this.shown) return;
+    if (shown) this.deafness.renew();
+    this.element.hidden = !shown;
+    this.mark();
+  }
+
+  sift(event) {
+    if (!this.deaf) return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  mark() {
+    const deaf = String(this.shown && this.deaf);
+    if (this.element.dataset.deaf !== deaf) this.element.dataset.deaf = deaf;
+  }
 }

@@ -139,7 +139,7 @@ export const feed = {
 
 // Sentences of the pages: how old things are and why driving is held. No logic beyond filling in.
 
-// By the names of banner.js; those of a connection that does not stand are in texts/common.js.
+// By the names of selectStatus; those of a connection that does not stand are above.
 export const states = {
   disabled: { title: "Disabled", detail: () => "By an administrator." },
   stopping: {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
 
-import { Banner } from "../../src/control/banner.js";
+import { Banner } from "../../src/control/controlPanel.js";
 import { LINK_LOST, LIVE } from "../../src/client/connection.js";
 
 let before, clock, deeds, parts, banner;

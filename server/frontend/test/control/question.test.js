@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { Question } from "../../src/control/question.js";
+import { Question } from "../../src/control/controlPanel.js";
 
 let clock, held, element, question;
 

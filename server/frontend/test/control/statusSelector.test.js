@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { selectStatus } from "../../src/control/banner.js";
+import { selectStatus } from "../../src/control/controlPanel.js";
 import { connection, states } from "../../src/texts/common.js";
 
 const texts = { ...connection, ...states };
