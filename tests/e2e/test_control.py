@@ -123,7 +123,7 @@ def test_the_driver_refuses_and_drives_on(ann: Page, ben: Page) -> None:
     """Who asked reads the no, and may ask again."""
     _ask(ben, ann)
     answer(ann, "refuse")
-    expect(ben.get_by_test_id("control-note")).to_have_text("ann said no.")
+    expect(ben.get_by_test_id("control-note")).to_have_text("ann refused your request.")
     expect(ann.get_by_test_id("question")).to_be_hidden()
     expect_mode(ann, "drive")
     expect_mode(ben, "observe")
@@ -182,7 +182,7 @@ def test_who_opens_a_robot_takes_nothing(page_users: PageUsers, stack: Stack) ->
     pages = [page_users.open(name, ROBOT) for name in ("ann", "ben")]
     for page in pages:
         expect_mode(page, "observe")
-        expect(page.get_by_test_id("driver")).to_have_text("Nobody drives.")
+        expect(page.get_by_test_id("driver")).to_have_text("Nobody is driving.")
         expect(page.get_by_test_id("state")).to_contain_text("You are watching.")
         expect(page.get_by_test_id("control-drive")).to_be_visible()
     assert _newest_fence(stack) == before
@@ -385,7 +385,7 @@ def test_a_reload_while_driving_drives_on_and_a_visit_does_not(
     expect(ben.get_by_test_id("driver")).to_contain_text("ann has been driving")
     page_users.go(ann, ROBOT)
     expect_mode(ann, "observe")
-    expect(ben.get_by_test_id("driver")).to_have_text("Nobody drives.")
+    expect(ben.get_by_test_id("driver")).to_have_text("Nobody is driving.")
     ann.reload()
     expect_mode(ann, "observe")
 
@@ -417,7 +417,7 @@ def test_control_that_was_given_up_is_free(ann: Page, ben: Page) -> None:
     """Who gives it up watches, and nobody gets it without a press."""
     ann.get_by_test_id("control-leave").click()
     expect_mode(ann, "observe")
-    expect(ben.get_by_test_id("driver")).to_have_text("Nobody drives.")
+    expect(ben.get_by_test_id("driver")).to_have_text("Nobody is driving.")
     expect_mode(ben, "observe")
     ben.get_by_test_id("control-drive").click()
     expect_mode(ben, "drive")

@@ -190,7 +190,7 @@ def test_a_release_by_somebody_else_leaves_the_control_free(
     _expect_released(ann)
     for page in (admin, ann):
         expect_mode(page, "observe")
-        expect(page.get_by_test_id("driver")).to_have_text("Nobody drives.")
+        expect(page.get_by_test_id("driver")).to_have_text("Nobody is driving.")
     take_control(ann)
 
 

@@ -78,7 +78,7 @@ export class ControlPanel {
   count() {
     const { asking, asked, control, me } = this.driveMode;
     const left = (waiting) => serverClock.secondsUntil(waiting.passes_at);
-    setText(part(this.questionElement, "left"), asking ? texts.passes(left(asking)) : "");
+    setText(part(this.questionElement, "left"), asking ? texts.passes(asking.user, left(asking)) : "");
     const mine = asked && control.waiting?.user === me && control.driver ? control.waiting : null;
     setText(part(this.element, "left"), mine ? texts.arrives(control.driver.user, left(mine)) : "");
   }

@@ -48,17 +48,17 @@ export const connection = {
 export const control = {
   drive: "Drive",
   driveHere: "Drive here",
-  nobody: "Nobody drives.",
+  nobody: "Nobody is driving.",
   you: (since) => `You have been driving since ${since}.`,
   yourOther: (since) => `You have been driving in another window since ${since}.`,
   other: (user, since) => `${user} has been driving since ${since}.`,
   reservedForYou: "Control is reserved for you.",
-  reserved: (user) => `Control goes to ${user}.`,
+  reserved: (user) => `Control is reserved for ${user}.`,
   waiting: (user) => `${user} asks for control.`,
   guardDown: "The robot's guard does not answer. The robot accepts no commands until it is back.",
   guardOff: "This robot's guard is switched off. The robot does not stop by itself.",
   asks: (user) => `${user} asks for control.`,
-  passes: (seconds) => `If you neither reply nor drive, control passes on in ${seconds} s.`,
+  passes: (user, seconds) => `If you neither reply nor drive, control passes to ${user} in ${seconds} s.`,
   arrives: (user, seconds) => `You asked ${user}. If ${user} neither replies nor drives, you get control in ${seconds} s.`,
   takeSure: (user) => `Take control from ${user}? The robot stops, and ${user} can only watch.`,
   failed: (detail) => detail || "The server does not answer. Try again.",
@@ -71,7 +71,7 @@ export const driveMode = {
   superseded: () => "You continued in another window, so this one is watching.",
   robot_stopped: () => "The robot was stopped, so you are watching.",
   stopped_meanwhile: () => "The robot was stopped, so nobody gets control.",
-  refused: ({ by }) => `${by} said no.`,
+  refused: ({ by }) => `${by} refused your request.`,
   arrived: () => "You have control now.",
   pressed: () => "You took control.",
   busy_driver: ({ by }) => `${by} is driving. To drive, ask for control.`,
@@ -104,11 +104,11 @@ export const release = {
 
 export const reasons = {
   login: "Your login has ended. Log in again.",
-  robot: "There is no such robot, or it is not open to you.",
-  grant: "Your account may no longer do this. Reload the page to see what it may do.",
+  robot: "There is no such robot, or you have no access to it.",
+  grant: "Your rights have changed. Reload the page to see what you may still do.",
   stale: "This page is too old. Reload it.",
   restarting: "The server is restarting; this page keeps trying.",
-  busy: "The server asks to slow down; this page keeps trying.",
+  busy: "The server gets too many requests; this page keeps trying.",
   crowded: "This robot or your account has too many open connections. Close other windows; this page keeps trying.",
 };
 
@@ -121,7 +121,7 @@ function offlineSince(since, reason) {
 
 export const readings = {
   none: "-",
-  wanted: (value) => `set ${value}`,
+  wanted: (value) => `asked ${value}`,
   old: (seconds) => `${seconds} s old`,
 };
 
@@ -152,7 +152,7 @@ export const states = {
   },
   guard_down: {
     title: "Guard not answering",
-    detail: () => "No command reaches the wheels. Restart the agent on the robot if this stays.",
+    detail: () => "No command reaches the wheels. If this persists, restart the agent on the robot.",
   },
   held: {
     title: "Paused",

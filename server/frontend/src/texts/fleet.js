@@ -22,7 +22,7 @@ export const fleet = {
     if (!stopped) return `${name}: not stopped`;
     return confirmed ? `${name}: stopped` : `${name}: stopping, not confirmed by the robot yet`;
   },
-  stopNone: "There was no robot to stop.",
+  stopNone: "No robot to stop.",
   stopFailed: (detail) => `Not stopped: ${detail || "no answer from the server. Press again"}.`,
   stoppingAll: "Stopping.",
   count: (online, all) => `${online} of ${all} online`,

@@ -31,7 +31,7 @@ export const topics = {
   tooBig: "One message is larger than the server passes on, so this view has ended.",
   refused: (why) => `Not shown: ${why}`,
   rate: (rate) => `${rate} messages/s`,
-  rateAtLeast: (rate) => `${rate} messages/s or more; not requested more often`,
+  rateAtLeast: (rate) => `${rate} messages/s or more: this page requests no more`,
   rateSlow: (seconds) => `one message in ${seconds} s`,
   size: (size) => `about ${size} each`,
   measure: "Measure rate",
