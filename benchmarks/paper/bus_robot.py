@@ -13,6 +13,7 @@ import sys
 from sim_robot.graph import Graph, make_graph
 from sim_robot.rosbridge import rosapi
 from sim_robot.rosbridge.server import RosbridgeServer
+from sim_robot.simulator import Listener
 
 
 class BusRobot:
@@ -22,14 +23,14 @@ class BusRobot:
         self.graph: Graph = make_graph(2)
         self._address, self._port = address, port
         rosapi.offer(self.graph)
-        self.rosbridge = RosbridgeServer(self.graph)
+        self.rosbridge = Listener("rosbridge", RosbridgeServer(self.graph).app)
 
     async def __aenter__(self) -> BusRobot:
-        await self.rosbridge.listener.start(self._address, self._port)
+        await self.rosbridge.start(self._address, self._port)
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        await self.rosbridge.listener.stop()
+        await self.rosbridge.stop()
 
 
 async def run(address: str, port: int) -> None:

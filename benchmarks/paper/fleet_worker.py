@@ -23,7 +23,7 @@ from typing import Any, TextIO
 from robotether_agent import settings as agent_settings
 from robotether_agent.settings import Settings
 from robotether_agent.systemd import Notifier
-from sim_robot.bus import Node, TopicMessage
+from sim_robot.graph import Node, TopicMessage
 
 from paper.bus_robot import BusRobot
 from paper.enrolled import environment
@@ -85,7 +85,7 @@ class LightRobot:
 
     @property
     def _settings(self) -> Settings:
-        port = self._ros.rosbridge.listener.port
+        port = self._ros.rosbridge.port
         given = {
             **self._given,
             "rosbridge_url": f"ws://{LOCALHOST}:{port}",

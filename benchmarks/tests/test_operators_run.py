@@ -21,8 +21,8 @@ SHORT = Times(settle_s=0.2, measure_s=1.0)
 async def client() -> AsyncIterator[OperatorClient]:
     """An operator who is at the robot itself."""
     async with Simulator(SETTINGS) as simulator, aiohttp.ClientSession() as http:
-        ros = f"ws://127.0.0.1:{simulator.rosbridge.listener.port}/"
-        video = f"http://127.0.0.1:{simulator.video.listener.port}/stream?topic=/camera/image_raw"
+        ros = f"ws://127.0.0.1:{simulator.rosbridge.port}/"
+        video = f"http://127.0.0.1:{simulator.video.port}/stream?topic=/camera/image_raw"
 
         async def view(on_frame: OnFrame) -> None:
             await view_stream(http, video, on_frame)

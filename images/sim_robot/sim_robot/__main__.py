@@ -6,8 +6,7 @@ import os
 import signal
 import sys
 
-from sim_robot.problems import SettingsProblem
-from sim_robot.settings import SimSettings, from_environment
+from sim_robot.settings import SettingsProblem, SimSettings, from_environment
 from sim_robot.simulator import Simulator
 
 log = logging.getLogger("sim_robot")

@@ -1,18 +1,25 @@
-"""Draws the simulated robot's world from above: the picture behind /camera/image_raw.
+"""Draws the simulated robot's world from above, and gives the newest frame to whoever asks.
 
-Called by frames.py in a thread; it gets everything in a Scene and touches nothing else. What is drawn is
-the list LAYERS, from bottom to top.
+Used by video_server.py, and by `CompressedCamera` for a topic. All viewers who want the same size and quality share one
+drawing. It happens in one thread beside the robot's loop, only when somebody wants it, and never more often than the
+camera's rate. That thread gets everything in a Scene and touches nothing else; what it draws is the list LAYERS, from
+bottom to top.
 """
 
+import asyncio
+import base64
+import binascii
 import io
 import math
+from collections import OrderedDict
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
 from PIL import Image, ImageDraw, ImageFont
 
-from sim_robot import stamp
+from sim_robot.graph import Graph, Node
 from sim_robot.kinematics import Pose, Velocity
 from sim_robot.world import Box, World
 
@@ -25,6 +32,14 @@ PATH, BODY, NOSE, TEXT, TEXT_GROUND = "#2f6fb0", "#c8502e", "#ffffff", "#20201c"
 ROBOT_RADIUS_M, ROBOT_RADIUS_MIN_PX = 0.4, 9
 GRID_LINES_MAX, GRID_STRONG_EVERY, LABEL_PX = 40, 5, 11
 BACKGROUNDS = 8
+STAMP_COLUMNS, STAMP_ROWS = 32, 2
+STAMP_ROW_PART = 1 / 40  # of the picture's height
+SMALLEST_STAMPED = (128, 96)
+STAMP_BYTES = 6
+_NS_A_TENTH_MS = 100_000
+_CRC_BEGIN = 0xFFFF
+MAX_FORMATS = 8
+NODE = Node("/camera")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +77,13 @@ class View:
 
 
 def draw(scene: Scene, size: Size) -> Image.Image:
-    """Draw one picture, with its moment along the lower edge (stamp.py)."""
+    """Draw one picture, with its moment along the lower edge."""
     view = View(size, scene.world_size_m)
     image = _background(view, GROUNDS[scene.camera]).copy()
     canvas = ImageDraw.Draw(image)
     for layer in LAYERS:
         layer(canvas, view, scene)
-    stamp.put(image, scene.stamp_ns)
+    _put_stamp(image, scene.stamp_ns)
     return image
 
 
@@ -143,3 +158,163 @@ def _font(height: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 Layer = Callable[[ImageDraw.ImageDraw, View, Scene], None]
 LAYERS: tuple[Layer, ...] = (_draw_path, _draw_robot, _draw_caption)
+
+
+def _put_stamp(image: Image.Image, stamp_ns: int) -> None:
+    """Draw the moment over the lower edge, so that a machine can read it back; a picture too small stays as it is.
+
+    tests/support/fakes/frame_stamp.py reads it. Two rows of 32 cells fill the lowest twentieth of the picture, black
+    for 0 and white for 1: 48 bits of Unix time in tenths of a millisecond, then CRC-16 of those six bytes (CCITT, begun
+    with 0xffff), the highest bit first, the upper row first. Cells are large and grey alone, and found by parts of the
+    picture's size and not by pixels: they outlive poor JPEG quality and half the size.
+    """
+    width, height = image.size
+    if width < SMALLEST_STAMPED[0] or height < SMALLEST_STAMPED[1]:
+        return
+    cells = Image.frombytes(
+        "L", (STAMP_COLUMNS, STAMP_ROWS), bytes(255 * bit for bit in stamp_bits(stamp_ns))
+    )
+    top = round(height * (1 - STAMP_ROWS * STAMP_ROW_PART))
+    image.paste(cells.resize((width, height - top), Image.Resampling.NEAREST), (0, top))
+
+
+def stamp_bits(stamp_ns: int) -> list[int]:
+    """Give the 64 bits of a moment."""
+    stamp = (stamp_ns // _NS_A_TENTH_MS).to_bytes(STAMP_BYTES, "big")
+    whole = stamp + binascii.crc_hqx(stamp, _CRC_BEGIN).to_bytes(2, "big")
+    return [byte >> place & 1 for byte in whole for place in range(7, -1, -1)]
+
+
+@dataclass(frozen=True)
+class FrameFormat:
+    """How a viewer wants its frames: pixels, pixels, JPEG quality from 1 to 100."""
+
+    width: int = 640
+    height: int = 480
+    quality: int = 95
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedFrame:
+    """One picture: its sequence, the Unix time of what it shows, and the JPEG."""
+
+    sequence: int
+    stamp_ns: int
+    jpeg: bytes
+
+
+class FrameFeed:
+    """The camera's frames. `scene_of` gives the scene as it is now."""
+
+    def __init__(self, scene_of: Callable[[], Scene], fps: float) -> None:
+        self._scene = scene_of
+        self._fps = fps
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="camera")
+        self._newest: OrderedDict[FrameFormat, tuple[int, asyncio.Task[RenderedFrame]]] = (
+            OrderedDict()
+        )
+        self._running = asyncio.Event()
+        self._running.set()
+        self.drawn = 0
+
+    @property
+    def is_frozen(self) -> bool:
+        """Tell whether the camera gives nothing."""
+        return not self._running.is_set()
+
+    def freeze(self, frozen: bool) -> None:
+        """Give no new frame until this is taken back."""
+        if frozen:
+            self._running.clear()
+        else:
+            self._running.set()
+
+    async def next_frame(self, wanted: FrameFormat, after: int = -1) -> RenderedFrame:
+        """Wait for a frame with a sequence above `after`: the newest one, not the next in line."""
+        sequence = await self._due(after)
+        while self.is_frozen:
+            await self._running.wait()
+            sequence = await self._due(after)
+        # Shielded: a viewer who leaves must not take the frame from the others.
+        return await asyncio.shield(self._drawing(wanted, sequence))
+
+    async def close(self) -> None:
+        """Draw nothing more."""
+        drawings = [task for _, task in self._newest.values()]
+        await asyncio.gather(*drawings, return_exceptions=True)
+        self._thread.shutdown(cancel_futures=True)
+
+    async def _due(self, after: int) -> int:
+        loop = asyncio.get_running_loop()
+        sequence = max(int(loop.time() * self._fps), after + 1)
+        await asyncio.sleep(sequence / self._fps - loop.time())
+        return sequence
+
+    def _drawing(self, wanted: FrameFormat, sequence: int) -> asyncio.Task[RenderedFrame]:
+        known = self._newest.get(wanted)
+        if known is not None and known[0] >= sequence:
+            return known[1]
+        task = asyncio.create_task(self._draw(wanted, sequence))
+        self._newest[wanted] = (sequence, task)
+        self._newest.move_to_end(wanted)
+        if len(self._newest) > MAX_FORMATS:
+            self._newest.popitem(last=False)
+        return task
+
+    async def _draw(self, wanted: FrameFormat, sequence: int) -> RenderedFrame:
+        scene = self._scene()
+        loop = asyncio.get_running_loop()
+        data = await loop.run_in_executor(self._thread, _frame, scene, wanted)
+        self.drawn += 1
+        return RenderedFrame(sequence, scene.stamp_ns, data)
+
+
+def _frame(scene: Scene, wanted: FrameFormat) -> bytes:
+    image = draw(scene, (wanted.width, wanted.height))
+    return jpeg(image, wanted.quality)
+
+
+FORMAT = FrameFormat(quality=80)  # image_transport's own default
+
+
+class CompressedCamera:
+    """Publishes one camera's frames on `CAMERA/compressed`, as image_transport does: sensor_msgs/CompressedImage.
+
+    `simulator` calls it at each step of the loop. Frames are drawn only while somebody is subscribed, and then come
+    from the same feed as those of the video server.
+    """
+
+    def __init__(self, graph: Graph, camera: str, feed: FrameFeed) -> None:
+        self.topic = f"{camera}/compressed"
+        self._graph = graph
+        self._feed = feed
+        self._task: asyncio.Task[None] | None = None
+        graph.bus.advertise(self.topic, "sensor_msgs/CompressedImage", NODE)
+
+    def step(self) -> None:
+        """Begin, if somebody listens and nothing runs yet."""
+        is_running = self._task is not None and not self._task.done()
+        if not is_running and self._graph.bus.has_subscribers(self.topic):
+            self._task = asyncio.create_task(self._show())
+
+    async def close(self) -> None:
+        """Publish nothing more."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+    async def _show(self) -> None:
+        sequence = -1
+        while self._graph.bus.has_subscribers(self.topic):
+            frame = await self._feed.next_frame(FORMAT, after=sequence)
+            sequence = frame.sequence
+            if self._graph.bus.has_subscribers(self.topic):
+                self._publish(frame)
+
+    def _publish(self, frame: RenderedFrame) -> None:
+        values = {
+            "header": self._graph.types.header("camera", frame.stamp_ns, frame.sequence),
+            "format": "jpeg",
+            "data": base64.b64encode(frame.jpeg).decode(),
+        }
+        self._graph.bus.publish(self.topic, values)

@@ -1,7 +1,9 @@
-"""What the robot has beside wheels and camera: battery, lights, a dock, its diagnostics and services for all of these.
+"""What the robot has beside wheels and camera: scanner and map, battery, lights, a dock, diagnostics, and services.
 
-Called by simulator.py once a second. `/sim/freeze_camera` is the simulator's own and on no real robot: while it is on,
-no camera gives a new picture, so that tests see what a stalled camera does.
+Called by simulator.py, `Sensors` five times a second and `Devices` once. Nothing is measured while nobody listens.
+Ranges beyond the scanner's reach are infinite, which rosbridge writes as null. The frame `map` coincides with `odom`:
+its origin is the start pose. `/sim/freeze_camera` is the simulator's own and on no real robot: while it is on, no
+camera gives a new picture, so that tests see what a stalled camera does.
 """
 
 import math
@@ -9,12 +11,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sim_robot.bus import Node, TopicMessage
-from sim_robot.frames import FrameFeed
-from sim_robot.graph import Graph, Handler, Service
+from sim_robot.camera import FrameFeed
+from sim_robot.graph import Graph, Handler, Node, Service, TopicMessage
 from sim_robot.kinematics import STANDING
 from sim_robot.messages import Fields, Values
-from sim_robot.robot import RobotNode
+from sim_robot.robot import BASE_FRAME, RobotNode
+from sim_robot.world import World
 
 NODE = Node("/sim_devices")
 BATTERY, DIAGNOSTICS, LIGHTS = "/battery_state", "/diagnostics", "/lights"
@@ -25,6 +27,13 @@ DRAIN_STANDING, DRAIN_DRIVING, CHARGE = 1 / 28_800, 1 / 7_200, 1 / 200  # of all
 CHARGING, DISCHARGING, FULL = 1, 2, 4  # POWER_SUPPLY_STATUS_*
 HEALTH_GOOD, TECHNOLOGY_LION = 1, 2
 OK, WARN = 0, 1
+SENSORS_NODE = Node("/sim_sensors")
+SCAN, MAP = "/scan", "/map"
+MAP_FRAME = "map"
+SCAN_HZ = 5.0
+RAYS = 180
+RANGE_MIN_M, RANGE_MAX_M = 0.1, 12.0
+CELL_M, CELLS_MAX = 0.1, 200
 _SWITCH: Fields = (("data", "bool"),)
 _NOTHING: Fields = ()
 
@@ -161,3 +170,61 @@ def _status(name: str, level: int, message: str, values: dict[str, str]) -> Valu
         "hardware_id": "simulated",
         "values": [{"key": key, "value": value} for key, value in values.items()],
     }
+
+
+class Sensors:
+    """Looks around from where the robot is."""
+
+    def __init__(self, graph: Graph, robot: RobotNode, world: World) -> None:
+        self._graph = graph
+        self._robot = robot
+        self._world = world
+        self._seq = 0
+        graph.bus.advertise(SCAN, "sensor_msgs/LaserScan", SENSORS_NODE)
+        graph.bus.advertise(MAP, "nav_msgs/OccupancyGrid", SENSORS_NODE)
+        graph.bus.publish(MAP, self._map(), latched=True)
+
+    def step(self) -> None:
+        """Publish a scan, if somebody listens."""
+        self._seq += 1
+        if self._graph.bus.has_subscribers(SCAN):
+            self._graph.bus.publish(SCAN, self._scan())
+
+    def _scan(self) -> Values:
+        pose, step = self._robot.turtle.pose, 2 * math.pi / RAYS
+        angles = (pose.theta - math.pi + number * step for number in range(RAYS))
+        return {
+            "header": self._graph.types.header(BASE_FRAME, time.time_ns(), self._seq),
+            "angle_min": -math.pi,
+            "angle_max": math.pi - step,
+            "angle_increment": step,
+            "time_increment": 0.0,
+            "scan_time": 1 / SCAN_HZ,
+            "range_min": RANGE_MIN_M,
+            "range_max": RANGE_MAX_M,
+            "ranges": [_in_range(self._world.distance(pose.x, pose.y, angle)) for angle in angles],
+            "intensities": [],
+        }
+
+    def _map(self) -> Values:
+        start, now_ns = self._robot.turtle.start, time.time_ns()
+        cells = min(round(self._world.size_m / CELL_M), CELLS_MAX)
+        corner = {"x": -start.x, "y": -start.y, "z": 0.0}
+        return {
+            "header": self._graph.types.header(MAP_FRAME, now_ns, 1),
+            "info": {
+                "map_load_time": self._graph.types.time(now_ns),
+                "resolution": self._world.size_m / cells,
+                "width": cells,
+                "height": cells,
+                "origin": {
+                    "position": corner,
+                    "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+                },
+            },
+            "data": self._world.grid(cells),
+        }
+
+
+def _in_range(distance_m: float) -> float:
+    return round(distance_m, 3) if distance_m <= RANGE_MAX_M else math.inf

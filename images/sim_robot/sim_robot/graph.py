@@ -1,14 +1,157 @@
-"""What all nodes of the simulated robot share: message types, topics, services.
+"""The simulated robot's ROS graph: topics and services, inside this one process.
 
-Made once by simulator.py and handed to everything that publishes, subscribes or offers a service.
+Made once by simulator.py and handed to everything that publishes, subscribes or offers a service. A topic exists as
+long as somebody advertises it or subscribes to it. Must never wait: a subscriber's callback is called at once and has
+to return at once.
 """
 
+import logging
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from sim_robot.bus import Bus
-from sim_robot.messages import Fields, MessageTypes, Values
-from sim_robot.problems import ServiceUnknown
+from sim_robot.messages import Fields, MessageTypes, SimRobotProblem, Values
+
+log = logging.getLogger(__name__)
+
+_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+", re.ASCII)
+NAME_LIMIT = 255
+
+
+class GraphProblem(SimRobotProblem):
+    """The topic or service is not what the caller believes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """One participant. Several may have one name, as all clients of rosbridge do."""
+
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class TopicMessage:
+    """One published message; `wire` keeps what it was encoded to, so that it is encoded once."""
+
+    topic: str
+    key: str
+    values: Values
+    wire: dict[tuple[str, str], str | bytes] = field(default_factory=dict)
+
+
+Callback = Callable[[TopicMessage], None]
+
+
+@dataclass(eq=False)
+class _BusTopic:
+    key: str
+    publishers: set[Node] = field(default_factory=set)
+    subscribers: dict[Node, Callback] = field(default_factory=dict)
+    latched: TopicMessage | None = None
+
+
+def full_name(name: str) -> str:
+    """Make a topic's or service's name absolute; GraphProblem if ROS would not take it."""
+    absolute = name if name.startswith("/") else "/" + name
+    if len(absolute) > NAME_LIMIT or not _NAME.fullmatch(absolute):
+        raise GraphProblem(
+            f"cannot use the name {name!r:.80}: parts of letters, digits and _ are allowed,"
+            " divided by /, none beginning with a digit"
+        )
+    return absolute
+
+
+class Bus:
+    """All topics. Nodes are told apart by identity, topics by absolute name."""
+
+    def __init__(self, types: MessageTypes) -> None:
+        self._types = types
+        self._topics: dict[str, _BusTopic] = {}
+
+    def advertise(self, topic: str, type_name: str | None, node: Node) -> None:
+        """Announce that `node` publishes; without a type the topic must exist already."""
+        self._establish(topic, type_name).publishers.add(node)
+
+    def unadvertise(self, topic: str, node: Node) -> None:
+        """Take that back."""
+        if topic in self._topics:
+            self._topics[topic].publishers.discard(node)
+            self._forget_if_unused(topic)
+
+    def subscribe(self, topic: str, type_name: str | None, node: Node, callback: Callback) -> None:
+        """Call `callback` for each message from now on; one subscription a node and topic."""
+        self._establish(topic, type_name).subscribers[node] = callback
+
+    def unsubscribe(self, topic: str, node: Node) -> None:
+        """End that."""
+        if topic in self._topics:
+            self._topics[topic].subscribers.pop(node, None)
+            self._forget_if_unused(topic)
+
+    def has_subscribers(self, topic: str) -> bool:
+        """Tell whether a message would reach anybody."""
+        return topic in self._topics and bool(self._topics[topic].subscribers)
+
+    def publish(self, topic: str, values: Values, *, latched: bool = False) -> None:
+        """Hand a whole message of the topic's type to all subscribers; a latched one is kept for those to come."""
+        message = TopicMessage(topic, self._topics[topic].key, values)
+        if latched:
+            self._topics[topic].latched = message
+        for callback in tuple(self._topics[topic].subscribers.values()):
+            _deliver(callback, message)
+
+    def latched(self, topic: str) -> TopicMessage | None:
+        """Give the message that a new subscriber gets at once, if there is one."""
+        return self._topics[topic].latched if topic in self._topics else None
+
+    def type_key(self, topic: str) -> str | None:
+        """Give the type of a topic, None if it does not exist."""
+        return self._topics[topic].key if topic in self._topics else None
+
+    def topics(self) -> dict[str, str]:
+        """Give all topics with their types' keys, by name."""
+        return {name: self._topics[name].key for name in sorted(self._topics)}
+
+    def publisher_names(self, topic: str) -> list[str]:
+        """Name the nodes that publish on a topic."""
+        found = self._topics.get(topic)
+        return sorted({node.name for node in found.publishers}) if found else []
+
+    def subscriber_names(self, topic: str) -> list[str]:
+        """Name the nodes that listen to a topic."""
+        found = self._topics.get(topic)
+        return sorted({node.name for node in found.subscribers}) if found else []
+
+    def _establish(self, topic: str, type_name: str | None) -> _BusTopic:
+        known = self._topics.get(topic)
+        if type_name is None:
+            if known is None:
+                raise GraphProblem(
+                    f"cannot find the type of {topic}: nobody advertises it yet; give a type"
+                )
+            return known
+        key = self._types.key_of(type_name)
+        if known is None:
+            known = self._topics[topic] = _BusTopic(key)
+        elif known.key != key:
+            established = self._types.name_of(known.key)
+            raise GraphProblem(
+                f"cannot use {topic} as {type_name}: it is established as {established}"
+            )
+        return known
+
+    def _forget_if_unused(self, topic: str) -> None:
+        if not self._topics[topic].publishers and not self._topics[topic].subscribers:
+            del self._topics[topic]
+
+
+def _deliver(callback: Callback, message: TopicMessage) -> None:
+    try:
+        callback(message)
+    except Exception:
+        # The border between nodes: one that fails must not keep others from the message.
+        log.exception("a subscriber of %s failed", message.topic)
+
 
 # Gets its whole request and returns its whole answer; it must not wait.
 Handler = Callable[[Values], Values]
@@ -36,9 +179,9 @@ class Services:
         self._services[service.name] = service
 
     def get(self, name: str) -> Service:
-        """Find a service, or raise ServiceUnknown."""
+        """Find a service, or raise GraphProblem."""
         if name not in self._services:
-            raise ServiceUnknown(f"Service {name} does not exist")
+            raise GraphProblem(f"Service {name} does not exist")
         return self._services[name]
 
     def all(self) -> list[Service]:

@@ -7,8 +7,7 @@ import http.client
 import os
 import sys
 
-from sim_robot.problems import SettingsProblem
-from sim_robot.settings import from_environment
+from sim_robot.settings import SettingsProblem, from_environment
 
 TIMEOUT_S = 3.0
 SWITCHING_PROTOCOLS, OK = 101, 200

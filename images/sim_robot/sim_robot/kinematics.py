@@ -1,15 +1,22 @@
-"""How the simulated robot moves: the kinematics of turtlesim, without its window.
+"""How the simulated robot moves: the kinematics of turtlesim, and what each kind of robot makes of a command.
 
 Used by robot.py, 62.5 times a second. Frame: metres, x to the right, y up, origin in the world's
-lower left corner; theta in radians, counter-clockwise from x, in [-pi, pi). It knows no ROS and no
-clock: the caller says what time it is.
+lower left corner; theta in radians, counter-clockwise from x, in [-pi, pi). It knows no
+clock: the caller says what time it is. A differential robot cannot move sideways and leaves `linear.y` out; an
+Ackermann robot turns by steering.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+
+from sim_robot.messages import Values
 
 STEP_S = 0.016
 COMMAND_TIMEOUT_S = 1.0
+WHEELBASE_M = 0.5
+STEERING_LIMIT_RAD = 0.6
+TWIST, ACKERMANN = "geometry_msgs/Twist", "ackermann_msgs/AckermannDriveStamped"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,3 +81,34 @@ class Turtle:
 
 def _wrapped(theta: float) -> float:
     return theta - 2 * math.pi * math.floor((theta + math.pi) / (2 * math.pi))
+
+
+@dataclass(frozen=True, slots=True)
+class Drivetrain:
+    """The type of a command, and how it is read."""
+
+    command_type: str
+    velocity: Callable[[Values], Velocity]
+
+
+def _differential(values: Values) -> Velocity:
+    return Velocity(values["linear"]["x"], 0.0, values["angular"]["z"])
+
+
+def _holonomic(values: Values) -> Velocity:
+    return Velocity(values["linear"]["x"], values["linear"]["y"], values["angular"]["z"])
+
+
+def _ackermann(values: Values) -> Velocity:
+    speed, wanted = values["drive"]["speed"], values["drive"]["steering_angle"]
+    if not math.isfinite(wanted):
+        return Velocity(speed, 0.0, wanted)  # the robot refuses it
+    steering = min(max(wanted, -STEERING_LIMIT_RAD), STEERING_LIMIT_RAD)
+    return Velocity(speed, 0.0, speed * math.tan(steering) / WHEELBASE_M)
+
+
+DRIVETRAINS = {
+    "differential": Drivetrain(TWIST, _differential),
+    "holonomic": Drivetrain(TWIST, _holonomic),
+    "ackermann": Drivetrain(ACKERMANN, _ackermann),
+}

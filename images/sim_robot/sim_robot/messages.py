@@ -11,8 +11,6 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from sim_robot.problems import MessageMismatch, TypeUnknown
-
 Values = dict[str, Any]
 Fields = tuple[tuple[str, str], ...]  # (name, type), in the order of the .msg file
 
@@ -84,6 +82,18 @@ def float32(value: float) -> float:
     except OverflowError:
         return math.copysign(math.inf, value)
     return rounded
+
+
+class SimRobotProblem(Exception):  # noqa: N818  "problem" is the word of all parts for it
+    """What a client asked for cannot be done; the text is a sentence for a person."""
+
+
+class TypeUnknown(SimRobotProblem):
+    """No message type has this name."""
+
+
+class MessageMismatch(SimRobotProblem):
+    """A message has a field that its type lacks, or a value of another type."""
 
 
 class MessageTypes:

@@ -11,10 +11,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from sim_robot.bus import Node, TopicMessage
-from sim_robot.drivetrain import DRIVETRAINS
-from sim_robot.graph import Graph, Service
-from sim_robot.kinematics import Turtle
+from sim_robot.graph import Graph, Node, Service, TopicMessage
+from sim_robot.kinematics import DRIVETRAINS, Turtle
 from sim_robot.messages import Values, float32
 
 log = logging.getLogger(__name__)

@@ -7,12 +7,15 @@ import socket
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
-from sim_robot.drivetrain import DRIVETRAINS
-from sim_robot.problems import SettingsProblem
+from sim_robot.kinematics import DRIVETRAINS
 
 PREFIX = "SIM_"
 PORT_MAX = 65535
 LOG_LEVELS = ("debug", "info", "warning", "error")
+
+
+class SettingsProblem(Exception):  # noqa: N818  as in messages.py
+    """A variable of the environment has a value that is not allowed."""
 
 
 @dataclass(frozen=True)

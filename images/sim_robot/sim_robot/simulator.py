@@ -12,16 +12,17 @@ from functools import partial
 from types import TracebackType
 from typing import Self
 
-from sim_robot import devices, frames, sensors
-from sim_robot.camera import Scene
-from sim_robot.devices import Devices
-from sim_robot.frames import CompressedCamera, FrameFeed
+from aiohttp import web
+
+from sim_robot import devices
+from sim_robot.camera import NODE as CAMERA_NODE
+from sim_robot.camera import CompressedCamera, FrameFeed, Scene
+from sim_robot.devices import Devices, Sensors
 from sim_robot.graph import make_graph
 from sim_robot.kinematics import STEP_S
 from sim_robot.robot import RobotNode
 from sim_robot.rosbridge import rosapi
 from sim_robot.rosbridge.server import RosbridgeServer
-from sim_robot.sensors import Sensors
 from sim_robot.settings import SimSettings
 from sim_robot.video_server import VideoServer
 from sim_robot.world import World
@@ -30,7 +31,30 @@ log = logging.getLogger(__name__)
 
 LATE_LIMIT_S = 0.25
 WARN_EVERY_S = 10.0
+SHUTDOWN_TIMEOUT_S = 1.0
 CAMERAS = {"/camera/image_raw": "front", "/rear/image_raw": "rear"}
+
+
+class Listener:
+    """Starts and stops an application; after the start `port` is the real one, also for port 0."""
+
+    def __init__(self, name: str, app: web.Application) -> None:
+        self._name = name
+        self._runner = web.AppRunner(
+            app, access_log=None, handle_signals=False, shutdown_timeout=SHUTDOWN_TIMEOUT_S
+        )
+        self.port = 0
+
+    async def start(self, address: str, port: int) -> None:
+        """Listen; OSError if the port is taken."""
+        await self._runner.setup()
+        await web.TCPSite(self._runner, address, port).start()
+        self.port = self._runner.addresses[0][1]
+        log.info("%s listens on %s:%d", self._name, address, self.port)
+
+    async def stop(self) -> None:
+        """End all connections."""
+        await self._runner.cleanup()
 
 
 class FixedRate:
@@ -95,22 +119,22 @@ class Simulator:
         self._compressed = [CompressedCamera(self.graph, *camera) for camera in self.feeds.items()]
         self._slower = (
             (_steps(devices.STEP_S), self.devices.step),
-            (_steps(1 / sensors.SCAN_HZ), self._sensors.step),
+            (_steps(1 / devices.SCAN_HZ), self._sensors.step),
         )
         self.rate = FixedRate(STEP_S, self._step)
-        self.rosbridge = RosbridgeServer(self.graph)
-        self.video = VideoServer(self.feeds)
+        self.rosbridge = Listener("rosbridge", RosbridgeServer(self.graph).app)
+        self.video = Listener("video", VideoServer(self.feeds).app)
         self._loop_task: asyncio.Task[None] | None = None
         rosapi.offer(self.graph)
         # Listed for clients that look for cameras; their images go through the video server or a CompressedCamera.
         for topic in self.feeds:
-            self.graph.bus.advertise(topic, "sensor_msgs/Image", frames.NODE)
+            self.graph.bus.advertise(topic, "sensor_msgs/Image", CAMERA_NODE)
 
     async def start(self) -> None:
         """Listen and move."""
         settings = self._settings
-        await self.rosbridge.listener.start(settings.bind_address, settings.rosbridge_port)
-        await self.video.listener.start(settings.bind_address, settings.video_port)
+        await self.rosbridge.start(settings.bind_address, settings.rosbridge_port)
+        await self.video.start(settings.bind_address, settings.video_port)
         self._loop_task = asyncio.create_task(self.rate.run())
 
     async def wait(self) -> None:
@@ -127,7 +151,7 @@ class Simulator:
         # A frozen camera would keep those waiting who end now.
         for feed in self.feeds.values():
             feed.freeze(False)
-        await asyncio.gather(self.rosbridge.listener.stop(), self.video.listener.stop())
+        await asyncio.gather(self.rosbridge.stop(), self.video.stop())
         await asyncio.gather(*(camera.close() for camera in self._compressed))
         await asyncio.gather(*(feed.close() for feed in self.feeds.values()))
 
@@ -149,8 +173,8 @@ class Simulator:
 
     def _step(self) -> None:
         self.robot.step()
-        for camera in self._compressed:
-            camera.step()
+        for topic in self._compressed:
+            topic.step()
         for steps, action in self._slower:
             if self.robot.steps % steps == 0:
                 action()

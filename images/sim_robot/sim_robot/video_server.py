@@ -11,9 +11,7 @@ from collections.abc import Mapping
 
 from aiohttp import web
 
-from sim_robot.frames import FrameFeed, FrameFormat, RenderedFrame
-from sim_robot.listener import Listener
-from sim_robot.problems import RequestProblem
+from sim_robot.camera import FrameFeed, FrameFormat, RenderedFrame
 
 log = logging.getLogger(__name__)
 
@@ -34,12 +32,11 @@ class VideoServer:
 
     def __init__(self, feeds: Mapping[str, FrameFeed]) -> None:
         self._feeds = feeds
-        app = web.Application()
+        self.app = app = web.Application()
         app.router.add_get("/", self._list)
         app.router.add_get("/stream_viewer", self._viewer)
         app.router.add_get("/stream", self._stream, allow_head=False)
         app.router.add_get("/snapshot", self._snapshot, allow_head=False)
-        self.listener = Listener("video", app)
 
     async def _list(self, _request: web.Request) -> web.Response:
         body = "".join(map(_links, self._feeds))
@@ -132,22 +129,18 @@ def _check_type(query: Mapping[str, str]) -> None:
 
 
 def _wanted(query: Mapping[str, str]) -> FrameFormat:
-    try:
-        return FrameFormat(
-            width=_number(query, "width", FrameFormat.width, SIZE_LIMIT_PX),
-            height=_number(query, "height", FrameFormat.height, SIZE_LIMIT_PX),
-            quality=_number(query, "quality", FrameFormat.quality, 100),
-        )
-    except RequestProblem as problem:
-        raise web.HTTPBadRequest(text=str(problem)) from problem
+    return FrameFormat(
+        width=_number(query, "width", FrameFormat.width, SIZE_LIMIT_PX),
+        height=_number(query, "height", FrameFormat.height, SIZE_LIMIT_PX),
+        quality=_number(query, "quality", FrameFormat.quality, 100),
+    )
 
 
 def _number(query: Mapping[str, str], name: str, default: int, high: int) -> int:
     text = query.get(name, str(default))
     if not (text.isascii() and text.isdecimal()) or not 1 <= int(text[:9]) <= high:
-        raise RequestProblem(
-            f"cannot show the camera: {name} is {text!r:.40}, allowed is a whole number from 1 to {high}"
-        )
+        why = f"{name} is {text!r:.40}, allowed is a whole number from 1 to {high}"
+        raise web.HTTPBadRequest(text=f"cannot show the camera: {why}")
     return int(text)
 
 

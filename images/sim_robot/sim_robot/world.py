@@ -1,6 +1,6 @@
 """What stands in the simulated robot's world: its walls and some obstacles, for the eye, the scanner and the map.
 
-Used by camera.py and sensors.py. Frame: that of kinematics.py, metres. Obstacles are seen and never felt: the robot
+Used by camera.py and devices.py. Frame: that of kinematics.py, metres. Obstacles are seen and never felt: the robot
 drives through them. They stand where the paper's spiral does not come.
 """
 

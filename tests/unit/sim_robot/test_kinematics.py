@@ -24,14 +24,6 @@ def closed_form(start: Pose, velocity: Velocity, steps: int) -> tuple[float, flo
     return start.x + total.real, start.y + total.imag
 
 
-def test_straight_way_has_the_commanded_length() -> None:
-    """1 m/s for 2 s leads 2 m ahead and nowhere else."""
-    turtle = Turtle(20.0)
-    drive(turtle, Velocity(1.0), 125)
-    assert turtle.pose.x == pytest.approx(12.0, abs=1e-9)
-    assert (turtle.pose.y, turtle.pose.theta) == (10.0, 0.0)
-
-
 @pytest.mark.parametrize(
     "velocity", [Velocity(1.0, 0.0, 1.0), Velocity(-0.7, 0.0, 2.5), Velocity(0.5, 0.8, -0.3)]
 )
@@ -42,23 +34,6 @@ def test_arc_is_the_closed_form_of_the_discrete_motion(velocity: Velocity) -> No
     assert (turtle.pose.x, turtle.pose.y) == pytest.approx(
         closed_form(turtle.start, velocity, 300), abs=1e-9
     )
-
-
-def test_circle_is_close_to_the_true_one() -> None:
-    """A quarter circle of 1 m radius ends within 1 cm of the continuous one."""
-    turtle = Turtle(20.0)
-    steps = round(math.pi / 2 / STEP_S)
-    drive(turtle, Velocity(1.0, 0.0, 1.0), steps)
-    angle = steps * STEP_S
-    assert turtle.pose.x == pytest.approx(10 + math.sin(angle), abs=0.01)
-    assert turtle.pose.y == pytest.approx(11 - math.cos(angle), abs=0.01)
-
-
-def test_sideways_is_to_the_left() -> None:
-    """linear.y moves a robot that looks along x towards y."""
-    turtle = Turtle(20.0)
-    drive(turtle, Velocity(0.0, 1.0), 125)
-    assert (turtle.pose.x, turtle.pose.y) == pytest.approx((10.0, 12.0))
 
 
 def test_theta_stays_within_half_a_turn() -> None:
@@ -86,24 +61,6 @@ def test_walls_clamp() -> None:
     assert turtle.at_wall
     assert turtle.pose.x == 4.0
     assert 3.0 < turtle.pose.y <= 4.0
-
-
-def test_reset_leads_back_to_the_start() -> None:
-    """After a reset the robot stands at the start."""
-    turtle = Turtle(20.0)
-    drive(turtle, Velocity(1.0, 0.0, 1.0), 50)
-    turtle.reset()
-    assert turtle.pose == turtle.start
-    assert turtle.velocity == Velocity()
-
-
-def test_paper_spiral_fits_into_the_default_world() -> None:
-    """The open-loop spiral (2 Hz, v from 1.0 m/s by 0.05, 1.0 rad/s, 78 m) touches no wall."""
-    turtle = Turtle(20.0)
-    for message in range(62):
-        steps = 31 if message % 4 else 32  # 0.5 s is 31.25 steps
-        drive(turtle, Velocity(1.0 + 0.05 * message, 0.0, 1.0), steps)
-        assert not turtle.at_wall
 
 
 def test_paper_spiral_meets_no_obstacle() -> None:

@@ -5,15 +5,7 @@ from pathlib import Path
 
 import pytest
 import sim_robot
-from sim_robot.problems import SettingsProblem
-from sim_robot.settings import SimSettings, from_environment, variable_names
-
-
-def test_defaults_are_those_of_the_real_servers() -> None:
-    """Nothing set: ports 9090 and 8080, ROS 2."""
-    settings = from_environment({"PATH": "/bin", "SIM_NAME": "sim1"})
-    assert settings == SimSettings(name="sim1")
-    assert (settings.rosbridge_port, settings.video_port, settings.ros_version) == (9090, 8080, 2)
+from sim_robot.settings import SettingsProblem, SimSettings, from_environment, variable_names
 
 
 def test_every_variable_is_read() -> None:

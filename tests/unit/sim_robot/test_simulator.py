@@ -1,7 +1,10 @@
 """The whole robot: its loop keeps its rate while somebody looks."""
 
 import asyncio
+import contextlib
 import dataclasses
+import logging
+import time
 from pathlib import Path
 from typing import Any
 
@@ -9,18 +12,18 @@ import aiohttp
 import pytest
 import sim_robot
 from sim_client import SETTINGS, SocketClient, until
-from sim_robot.simulator import Simulator
+from sim_robot.simulator import FixedRate, Simulator
 from stopwatch import Stopwatch
 
 
 async def test_camera_does_not_disturb_the_loop(simulator: Simulator) -> None:
     """With two viewers of different sizes, 125 steps take 2 s and none is skipped."""
-    base = f"http://127.0.0.1:{simulator.video.listener.port}/stream?topic=/camera/image_raw"
+    base = f"http://127.0.0.1:{simulator.video.port}/stream?topic=/camera/image_raw"
     async with (
         aiohttp.ClientSession() as http,
         http.get(base) as large,
         http.get(base + "&width=320&height=240&quality=50") as small,
-        SocketClient(simulator.rosbridge.listener.port) as client,
+        SocketClient(simulator.rosbridge.port) as client,
     ):
         readers = [asyncio.create_task(_read_on(answer)) for answer in (large, small)]
         await client.send(op="subscribe", topic="/odom")
@@ -45,24 +48,6 @@ async def _read_on(answer: aiohttp.ClientResponse) -> None:
         pass
 
 
-async def test_reset_service_over_rosbridge(simulator: Simulator) -> None:
-    """/reset is offered to clients."""
-    async with SocketClient(simulator.rosbridge.listener.port) as client:
-        answer = await client.ask(op="call_service", service="/reset", id="r")
-        assert (answer["result"], answer["values"]) == (True, {})
-
-
-async def test_cameras_are_listed(simulator: Simulator) -> None:
-    """A client that looks for cameras finds both."""
-    async with SocketClient(simulator.rosbridge.listener.port) as client:
-        answer = await client.ask(
-            op="call_service",
-            service="/rosapi/topics_for_type",
-            args={"type": "sensor_msgs/Image"},
-        )
-        assert answer["values"] == {"topics": ["/camera/image_raw", "/rear/image_raw"]}
-
-
 async def test_topics_are_those_of_the_readme(simulator: Simulator) -> None:
     """Every topic and service of the robot stands in its README."""
     readme = (Path(sim_robot.__file__).parents[1] / "README.md").read_text()
@@ -75,7 +60,7 @@ async def test_topics_are_those_of_the_readme(simulator: Simulator) -> None:
 
 async def test_slower_parts_are_stepped_at_their_rates(simulator: Simulator) -> None:
     """In a second a listener gets one battery message and five scans."""
-    async with SocketClient(simulator.rosbridge.listener.port) as client:
+    async with SocketClient(simulator.rosbridge.port) as client:
         for topic in ("/battery_state", "/scan", "/diagnostics"):
             await client.send(op="subscribe", topic=topic)
         seen: list[str] = []
@@ -99,7 +84,7 @@ async def test_kind_of_robot_is_what_was_set(kind: str) -> None:
     type_name, command = moves[kind]
     async with (
         Simulator(dataclasses.replace(SETTINGS, kind=kind)) as simulator,
-        SocketClient(simulator.rosbridge.listener.port) as client,
+        SocketClient(simulator.rosbridge.port) as client,
     ):
         await client.send(op="publish", topic="/cmd_vel", type=type_name, msg=command)
         turtle = simulator.robot.turtle
@@ -108,10 +93,32 @@ async def test_kind_of_robot_is_what_was_set(kind: str) -> None:
 
 async def test_taken_port_leaves_nothing_open(simulator: Simulator) -> None:
     """When the video port is taken, rosbridge's is free again."""
-    settings = dataclasses.replace(SETTINGS, video_port=simulator.video.listener.port)
+    settings = dataclasses.replace(SETTINGS, video_port=simulator.video.port)
     other = Simulator(settings)
     with pytest.raises(OSError, match="address already in use"):
         async with other:
             pass
     with pytest.raises(OSError, match="Connect call failed"):
-        await asyncio.open_connection("127.0.0.1", other.rosbridge.listener.port)
+        await asyncio.open_connection("127.0.0.1", other.rosbridge.port)
+
+
+async def run_until(rate: FixedRate, calls: int) -> Stopwatch:
+    """Run until that many calls were made; how long it took."""
+    task = asyncio.create_task(rate.run())
+    with Stopwatch() as stopwatch:
+        await until(f"{calls} calls", lambda: rate.calls >= calls)
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+    return stopwatch
+
+
+async def test_long_delay_is_skipped_and_logged(caplog: pytest.LogCaptureFixture) -> None:
+    """After a stall of 0.5 s the loop does not race through the missed calls, and says so."""
+    pauses = [0.5]
+    rate = FixedRate(0.005, lambda: time.sleep(pauses.pop() if pauses else 0))
+    with caplog.at_level(logging.WARNING):
+        took = await run_until(rate, 10)
+    # No more than there was time for, 110 on a machine that does not pause by itself.
+    assert 90 <= rate.skipped <= took.clock_s / 0.005
+    assert "cannot hold 200.0 Hz" in caplog.text

@@ -8,7 +8,6 @@ from collections.abc import AsyncIterator
 
 import aiohttp
 import pytest
-from frame_stamp import read_stamp
 from PIL import Image
 from sim_client import WAIT_S, until
 from sim_robot.simulator import Simulator
@@ -20,7 +19,7 @@ TOPIC = "/camera/image_raw"
 @pytest.fixture
 async def http(simulator: Simulator) -> AsyncIterator[aiohttp.ClientSession]:
     """An HTTP client of the robot's video server."""
-    base = f"http://127.0.0.1:{simulator.video.listener.port}"
+    base = f"http://127.0.0.1:{simulator.video.port}"
     timeout = aiohttp.ClientTimeout(total=20)
     async with aiohttp.ClientSession(base, timeout=timeout) as session:
         yield session
@@ -36,20 +35,6 @@ async def read_part(content: aiohttp.StreamReader) -> tuple[dict[str, str], byte
     assert await content.readline() == b"\r\n"
     assert await content.readline() == b"--boundarydonotcross\r\n"
     return headers, body
-
-
-async def test_snapshot_is_a_jpeg_of_the_size_asked_for(http: aiohttp.ClientSession) -> None:
-    """width, height and quality act; the default is 640 x 480."""
-    sizes = {}
-    for query in ("", "&width=320&height=200", "&quality=10"):
-        async with http.get(f"/snapshot?topic={TOPIC}{query}") as answer:
-            assert (answer.status, answer.content_type) == (200, "image/jpeg")
-            assert abs(float(answer.headers["X-Timestamp"]) - time.time()) < 2
-            data = await answer.read()
-            sizes[query] = (Image.open(io.BytesIO(data)).size, len(data))
-    assert sizes[""][0] == sizes["&quality=10"][0] == (640, 480)
-    assert sizes["&width=320&height=200"][0] == (320, 200)
-    assert sizes["&quality=10"][1] < sizes[""][1] / 2
 
 
 async def test_stream_is_multipart_jpeg(http: aiohttp.ClientSession) -> None:
@@ -86,7 +71,7 @@ async def test_viewers_share_frames_and_leave_nothing_running(
             for answer in (one, two, three):
                 await read_part(answer.content)
         assert simulator.feeds[TOPIC].drawn - before <= (time.monotonic() - start) * 15 + 2
-    await until("viewers gone", lambda: not simulator.video.listener._runner.server.connections)
+    await until("viewers gone", lambda: not simulator.video._runner.server.connections)
     drawn = simulator.feeds[TOPIC].drawn
     await asyncio.sleep(0.2)  # three frames' time in which nothing may happen
     assert simulator.feeds[TOPIC].drawn == drawn
@@ -94,9 +79,7 @@ async def test_viewers_share_frames_and_leave_nothing_running(
 
 async def test_slow_viewer_skips_frames(simulator: Simulator) -> None:
     """Who reads nothing for a while is shown few old frames and then the newest."""
-    reader, writer = await asyncio.open_connection(
-        "127.0.0.1", simulator.video.listener.port, limit=2**12
-    )
+    reader, writer = await asyncio.open_connection("127.0.0.1", simulator.video.port, limit=2**12)
     writer.write(
         f"GET /stream?topic={TOPIC}&width=2000&height=2000&quality=100 HTTP/1.0\r\n\r\n".encode()
     )
@@ -120,41 +103,6 @@ async def _next_stamp(reader: asyncio.StreamReader) -> float:
         assert data, "the stream ended"
         tail = tail[-100:] + data
     return float(found.group(1))
-
-
-async def test_list_links_to_the_cameras(http: aiohttp.ClientSession) -> None:
-    """The first page links to viewer, stream and snapshot of each topic."""
-    async with http.get("/") as answer:
-        page = await answer.text()
-    for topic in (TOPIC, "/rear/image_raw"):
-        for link in ("/stream_viewer", "/stream", "/snapshot"):
-            assert f'href="{link}?topic={topic}"' in page
-
-
-async def test_cameras_show_different_pictures(http: aiohttp.ClientSession) -> None:
-    """The rear camera's picture is none of the front camera's, and both tell their moment."""
-    grounds = set()
-    for topic in (TOPIC, "/rear/image_raw"):
-        async with http.get(f"/snapshot?topic={topic}") as answer:
-            jpeg = await answer.read()
-            assert abs(read_stamp(jpeg) - float(answer.headers["X-Timestamp"])) < 0.001
-            grounds.add(Image.open(io.BytesIO(jpeg)).getpixel((620, 200)))
-    assert len(grounds) == 2
-
-
-async def test_viewer_page_is_safe(http: aiohttp.ClientSession) -> None:
-    """The viewer shows the stream of its query and executes nothing from it."""
-    async with http.get(URL('/stream_viewer?topic="><script>', encoded=True)) as answer:
-        page = await answer.text()
-    assert '<img src="/stream?topic=' in page
-    assert "<script" not in page
-
-
-@pytest.mark.parametrize("path", ["/stream", "/stream_viewer"])
-async def test_unknown_type_is_404(http: aiohttp.ClientSession, path: str) -> None:
-    """vp8 and h264 are not offered."""
-    async with http.get(f"{path}?topic={TOPIC}&type=h264") as answer:
-        assert answer.status == 404
 
 
 async def test_stream_of_no_topic_ends_without_a_frame(http: aiohttp.ClientSession) -> None:

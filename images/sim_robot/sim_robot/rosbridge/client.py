@@ -1,24 +1,216 @@
-"""One client of rosbridge: what it advertises, what it is subscribed to, what waits for it.
+"""One client of rosbridge: what it advertises, what it is subscribed to, and what waits for it, as it will be sent.
 
 Made by server.py for each connection, changed by the operations. Knows no socket: what goes out waits
-in `outbox`.
+in `outbox`, which is bounded. The real rosbridge's queue is not, so a client that does not read makes it grow until the
+robot has no memory left. Here the oldest topic messages make room for new ones; replies are never dropped, and a
+client that lets too many of them pile up is cut off by server.py.
 """
 
+import asyncio
+import base64
+import json
+import struct
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
-from sim_robot.bus import Node, TopicMessage
-from sim_robot.graph import Graph
-from sim_robot.problems import ClientLimit
-from sim_robot.rosbridge import encoding
-from sim_robot.rosbridge.outbox import Outbox
-from sim_robot.rosbridge.subscription import Subscription
+import cbor2
+
+from sim_robot.graph import Graph, Node, TopicMessage
+from sim_robot.messages import MessageTypes, SimRobotProblem, Values, finite_or_none
 
 NODE_NAME = "/rosbridge_websocket"
 STATUS_LEVELS = ("info", "warning", "error", "none")  # from talkative to silent
 TOPICS_LIMIT = 1000
+MESSAGES_LIMIT = 1000
+BYTES_LIMIT = 16 * 1024 * 1024
+QUEUE_LIMIT = 1000  # whatever queue_length a client asks for
+NONE, CBOR = "none", "cbor"
+COMPRESSIONS = (NONE, CBOR)
+
+# RFC 8746, little-endian: item type -> tag, struct format
+_TYPED_ARRAYS = {
+    "uint16": (69, "H"),
+    "uint32": (70, "I"),
+    "uint64": (71, "Q"),
+    "int8": (72, "b"),
+    "int16": (77, "h"),
+    "int32": (78, "i"),
+    "int64": (79, "q"),
+    "float32": (85, "f"),
+    "float64": (86, "d"),
+}
 
 Id = str | int | None
+
+
+class _Entry(NamedTuple):
+    data: str | bytes
+    droppable: bool
+
+
+class Outbox:
+    """A queue with one reader."""
+
+    def __init__(
+        self, messages_limit: int = MESSAGES_LIMIT, bytes_limit: int = BYTES_LIMIT
+    ) -> None:
+        self._messages_limit = messages_limit
+        self._bytes_limit = bytes_limit
+        self._entries: deque[_Entry] = deque()
+        self._size = 0
+        self._filled = asyncio.Event()
+        self.dropped = 0
+        self.overflowed = False
+
+    def __len__(self) -> int:
+        """Count what waits."""
+        return len(self._entries)
+
+    def put_message(self, data: str | bytes) -> None:
+        """Queue a topic message; the oldest ones go when there is no room."""
+        self._put(_Entry(data, droppable=True))
+
+    def put_reply(self, data: str | bytes) -> None:
+        """Queue a reply; `overflowed` tells when even dropping made no room."""
+        self._put(_Entry(data, droppable=False))
+
+    async def get(self) -> str | bytes:
+        """Wait for the next one."""
+        while not self._entries:
+            self._filled.clear()
+            await self._filled.wait()
+        entry = self._entries.popleft()
+        self._size -= len(entry.data)
+        return entry.data
+
+    def _put(self, entry: _Entry) -> None:
+        if self.overflowed:
+            return
+        self._entries.append(entry)
+        self._size += len(entry.data)
+        while self._is_full() and self._drop_oldest():
+            self.dropped += 1
+        self.overflowed = self._is_full()
+        self._filled.set()
+
+    def _is_full(self) -> bool:
+        # One alone may be larger than the limit: it has to go out somehow.
+        too_large = self._size > self._bytes_limit and len(self._entries) > 1
+        return too_large or len(self._entries) > self._messages_limit
+
+    def _drop_oldest(self) -> bool:
+        for index, entry in enumerate(self._entries):
+            if entry.droppable:
+                del self._entries[index]
+                self._size -= len(entry.data)
+                return True
+        return False
+
+
+class ThrottledQueue:
+    """Throttles one client's messages of one topic, by rosbridge's throttle_rate and queue_length.
+
+    Without a queue, messages that come before the throttle time is over are left out. With one, they wait, the oldest
+    making room, and go out one a throttle time.
+    """
+
+    def __init__(self, send: Callable[[TopicMessage], None]) -> None:
+        self._send = send
+        self._loop = asyncio.get_running_loop()
+        self._throttle_s = 0.0
+        self._queue: deque[TopicMessage] | None = None
+        self._due_s = 0.0
+        self._timer: asyncio.TimerHandle | None = None
+
+    def configure(self, throttle_ms: int, queue_length: int) -> None:
+        """Set both; what waits stays, as far as it fits."""
+        self._throttle_s = throttle_ms / 1000
+        waiting = self._queue or ()
+        length = min(queue_length, QUEUE_LIMIT)
+        self._queue = deque(waiting, maxlen=length) if length else None
+
+    def offer(self, message: TopicMessage) -> None:
+        """Send a message now, later or never."""
+        is_due = self._loop.time() >= self._due_s
+        if self._queue is not None and (self._queue or not is_due):
+            self._queue.append(message)
+            self._start_timer()
+        elif is_due:
+            self._send_now(message)
+
+    def close(self) -> None:
+        """Forget what waits."""
+        self._queue = None
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _send_now(self, message: TopicMessage) -> None:
+        self._due_s = self._loop.time() + self._throttle_s
+        self._send(message)
+
+    def _start_timer(self) -> None:
+        if self._timer is None:
+            self._timer = self._loop.call_at(self._due_s, self._send_waiting)
+
+    def _send_waiting(self) -> None:
+        self._timer = None
+        if self._queue:
+            self._send_now(self._queue.popleft())
+        if self._queue:
+            self._start_timer()
+
+
+@dataclass(frozen=True, slots=True)
+class SubscribeRequest:
+    """What one call of `subscribe` asked for."""
+
+    throttle_ms: int
+    queue_length: int
+    compression: str
+
+
+class Subscription:
+    """All requests for one topic and the queue that they share."""
+
+    def __init__(self, queue: ThrottledQueue) -> None:
+        self._queue = queue
+        self._requests: dict[str | int | None, SubscribeRequest] = {}
+        self.offer = queue.offer
+
+    def __len__(self) -> int:
+        """Count the requests."""
+        return len(self._requests)
+
+    @property
+    def compression(self) -> str:
+        """How messages are encoded: CBOR as soon as one request asks for it."""
+        wanted = {request.compression for request in self._requests.values()}
+        return CBOR if CBOR in wanted else NONE
+
+    def add(self, identity: str | int | None, request: SubscribeRequest) -> None:
+        """Add a request, or replace the one with this id."""
+        self._requests[identity] = request
+        self._apply()
+
+    def remove(self, identity: str | int | None) -> None:
+        """Remove the request with this id; without an id, all."""
+        if identity is None:
+            self._requests.clear()
+        else:
+            self._requests.pop(identity, None)
+        self._apply()
+
+    def close(self) -> None:
+        """Deliver nothing more."""
+        self._queue.close()
+
+    def _apply(self) -> None:
+        if self._requests:
+            throttle_ms = min(request.throttle_ms for request in self._requests.values())
+            queue_length = min(request.queue_length for request in self._requests.values())
+            self._queue.configure(throttle_ms, queue_length)
 
 
 @dataclass(eq=False)
@@ -37,7 +229,7 @@ class Client:
         """Queue a reply, with the id of what it answers."""
         if identity is not None:
             message["id"] = identity
-        self.outbox.put_reply(encoding.to_json(message))
+        self.outbox.put_reply(to_json(message))
 
     def status(self, level: str, text: str, identity: Id) -> None:
         """Queue a status message, unless the client does not want to hear this level."""
@@ -46,14 +238,14 @@ class Client:
 
     def deliver(self, message: TopicMessage, topic: str, compression: str) -> None:
         """Queue a topic message."""
-        frame = encoding.publish_frame(self.graph.types, message, topic, compression)
+        frame = publish_frame(self.graph.types, message, topic, compression)
         self.outbox.put_message(frame)
 
     def check_limit(self) -> None:
-        """Raise ClientLimit when the client may not hold one more topic."""
+        """Raise SimRobotProblem when the client may not hold one more topic."""
         held = sum(map(len, self.advertised.values())) + sum(map(len, self.subscriptions.values()))
         if held >= TOPICS_LIMIT:
-            raise ClientLimit(f"cannot take one more topic: this client holds {TOPICS_LIMIT}")
+            raise SimRobotProblem(f"cannot take one more topic: this client holds {TOPICS_LIMIT}")
 
     def close(self) -> None:
         """Give back everything that the client held."""
@@ -64,3 +256,55 @@ class Client:
             self.graph.bus.unsubscribe(topic, self.node)
         self.advertised.clear()
         self.subscriptions.clear()
+
+
+def publish_frame(
+    types: MessageTypes, message: TopicMessage, topic: str, compression: str
+) -> str | bytes:
+    """Encode a message for a client that knows the topic as `topic`."""
+    known = message.wire.get((topic, compression))
+    if known is None:
+        known = _encode(types, message, topic, compression)
+        message.wire[topic, compression] = known
+    return known
+
+
+def to_json(value: Any) -> str:
+    """Write compact JSON; NaN and infinity become null."""
+    try:
+        return json.dumps(value, separators=(",", ":"), allow_nan=False)
+    except ValueError:
+        return json.dumps(finite_or_none(value), separators=(",", ":"))
+
+
+def _encode(
+    types: MessageTypes, message: TopicMessage, topic: str, compression: str
+) -> str | bytes:
+    frame: Values = {"op": "publish", "topic": topic, "msg": message.values}
+    if compression == CBOR:
+        return cbor2.dumps(frame | {"msg": _cbor_values(types, message.key, message.values)})
+    return to_json(frame)
+
+
+def _cbor_values(types: MessageTypes, key: str, values: Values) -> Values:
+    return {
+        name: _cbor_field(types, field_type, values[name]) for name, field_type in types.fields(key)
+    }
+
+
+def _cbor_field(types: MessageTypes, field_type: str, value: Any) -> Any:
+    item_type, bracket, _ = field_type.partition("[")
+    if bracket and item_type == "uint8":
+        return base64.b64decode(value)
+    if bracket:
+        return _cbor_array(types, item_type, value)
+    if types.is_message(field_type):
+        return _cbor_values(types, field_type, value)
+    return value
+
+
+def _cbor_array(types: MessageTypes, item_type: str, items: list[Any]) -> Any:
+    if item_type in _TYPED_ARRAYS:
+        tag, code = _TYPED_ARRAYS[item_type]
+        return cbor2.CBORTag(tag, struct.pack(f"<{len(items)}{code}", *items))
+    return [_cbor_field(types, item_type, item) for item in items]

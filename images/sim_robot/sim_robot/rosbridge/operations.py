@@ -10,20 +10,22 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
-from sim_robot.bus import TopicMessage, full_name
-from sim_robot.graph import Graph
-from sim_robot.problems import (
-    MessageBroken,
-    OperationFieldInvalid,
-    OperationRefused,
-    OperationUnknown,
-    SimRobotProblem,
+from sim_robot.graph import Graph, TopicMessage, full_name
+from sim_robot.messages import SimRobotProblem
+from sim_robot.rosbridge.client import (
+    COMPRESSIONS,
+    NONE,
+    STATUS_LEVELS,
+    Client,
+    SubscribeRequest,
+    Subscription,
+    ThrottledQueue,
 )
-from sim_robot.rosbridge import encoding, fields
-from sim_robot.rosbridge.client import STATUS_LEVELS, Client
-from sim_robot.rosbridge.subscription import SubscribeRequest, Subscription, ThrottledQueue
+
+Operation = Mapping[str, Any]
+T = TypeVar("T")
 
 log = logging.getLogger(__name__)
 
@@ -44,18 +46,22 @@ REFUSED = (
 )
 
 
+class OperationProblem(SimRobotProblem):
+    """A rosbridge operation is broken, unknown or not offered."""
+
+
 def advertise(client: Client, operation: dict[str, Any]) -> None:
     """Establish the topic, if need be, and count this advertisement; `latch` and `queue_size` have no effect."""
-    topic = full_name(fields.text(operation, "topic"))
-    type_name = fields.text(operation, "type")
-    fields.optional_flag(operation, "latch")
-    _register(client, topic, type_name, fields.identity(operation))
+    topic = full_name(get_text(operation, "topic"))
+    type_name = get_text(operation, "type")
+    get_optional_flag(operation, "latch")
+    _register(client, topic, type_name, get_identity(operation))
 
 
 def unadvertise(client: Client, operation: dict[str, Any]) -> None:
     """Take one advertisement back, or all of the topic when the operation has no id."""
-    topic = full_name(fields.text(operation, "topic"))
-    identity = fields.identity(operation)
+    topic = full_name(get_text(operation, "topic"))
+    identity = get_identity(operation)
     if topic not in client.advertised:
         client.status("warning", f"unadvertise: {topic} is not advertised by this client", identity)
         return
@@ -80,12 +86,12 @@ def publish(client: Client, operation: dict[str, Any]) -> None:
 
     A topic that the client did not advertise is advertised on the way, as the real rosbridge does.
     """
-    topic = full_name(fields.text(operation, "topic"))
-    type_name = fields.optional_text(operation, "type")
-    values = fields.optional_object(operation, "msg") or {}
+    topic = full_name(get_text(operation, "topic"))
+    type_name = get_optional_text(operation, "type")
+    values = get_optional_object(operation, "msg") or {}
     bus, types = client.graph.bus, client.graph.types
     if topic not in client.advertised:
-        _register(client, topic, type_name, fields.identity(operation))
+        _register(client, topic, type_name, get_identity(operation))
     elif type_name is not None:
         bus.advertise(topic, type_name, client.node)  # refuses another type
     key = bus.type_key(topic)
@@ -101,11 +107,11 @@ def subscribe(client: Client, operation: dict[str, Any]) -> None:
     `throttle_rate` (ms) and `queue_length` act as in the real rosbridge, `compression` may be none or cbor.
     `fragment_size` is checked and has no effect. A latched message comes at once, as to each new subscriber.
     """
-    as_written = fields.text(operation, "topic")
+    as_written = get_text(operation, "topic")
     topic = full_name(as_written)
-    type_name = fields.optional_text(operation, "type")
+    type_name = get_optional_text(operation, "type")
     request = _request(operation)
-    fields.count(operation, "fragment_size")
+    get_count(operation, "fragment_size")
     client.check_limit()
     known = client.subscriptions.get(topic)
     subscription = known or Subscription(
@@ -113,7 +119,7 @@ def subscribe(client: Client, operation: dict[str, Any]) -> None:
     )
     client.graph.bus.subscribe(topic, type_name, client.node, subscription.offer)
     client.subscriptions[topic] = subscription
-    subscription.add(fields.identity(operation), request)
+    subscription.add(get_identity(operation), request)
     latched = client.graph.bus.latched(topic)
     if known is None and latched is not None:
         subscription.offer(latched)
@@ -121,8 +127,8 @@ def subscribe(client: Client, operation: dict[str, Any]) -> None:
 
 def unsubscribe(client: Client, operation: dict[str, Any]) -> None:
     """End one subscription, or all to the topic when the operation has no id."""
-    topic = full_name(fields.text(operation, "topic"))
-    identity = fields.identity(operation)
+    topic = full_name(get_text(operation, "topic"))
+    identity = get_identity(operation)
     subscription = client.subscriptions.get(topic)
     if subscription is None:
         client.status("warning", f"unsubscribe: this client has none to {topic}", identity)
@@ -135,15 +141,15 @@ def unsubscribe(client: Client, operation: dict[str, Any]) -> None:
 
 
 def _request(operation: dict[str, Any]) -> SubscribeRequest:
-    compression = fields.optional_text(operation, "compression") or encoding.NONE
-    if compression not in encoding.COMPRESSIONS:
-        raise OperationFieldInvalid(
+    compression = get_optional_text(operation, "compression") or NONE
+    if compression not in COMPRESSIONS:
+        raise OperationProblem(
             f"cannot send with compression {compression!r:.40}:"
-            f" the simulated robot has {' and '.join(encoding.COMPRESSIONS)}"
+            f" the simulated robot has {' and '.join(COMPRESSIONS)}"
         )
     return SubscribeRequest(
-        throttle_ms=fields.count(operation, "throttle_rate"),
-        queue_length=fields.count(operation, "queue_length"),
+        throttle_ms=get_count(operation, "throttle_rate"),
+        queue_length=get_count(operation, "queue_length"),
         compression=compression,
     )
 
@@ -155,14 +161,14 @@ def _deliver(client: Client, topic: str, as_written: str, message: TopicMessage)
 
 def call_service(client: Client, operation: dict[str, Any]) -> None:
     """Queue the service's response; of a call that fails, `result` is false and `values` the reason."""
-    name = fields.text(operation, "service")
+    name = get_text(operation, "service")
     answer: dict[str, Any] = {"op": "service_response", "service": name}
     try:
         values = _call(client.graph, name, operation.get("args"))
     except SimRobotProblem as problem:
-        client.reply(answer | {"values": str(problem), "result": False}, fields.identity(operation))
+        client.reply(answer | {"values": str(problem), "result": False}, get_identity(operation))
     else:
-        client.reply(answer | {"values": values, "result": True}, fields.identity(operation))
+        client.reply(answer | {"values": values, "result": True}, get_identity(operation))
 
 
 def _call(graph: Graph, name: str, args: object) -> dict[str, Any]:
@@ -177,9 +183,9 @@ def _call(graph: Graph, name: str, args: object) -> dict[str, Any]:
 
 def set_level(client: Client, operation: dict[str, Any]) -> None:
     """Send only status messages of this level and above from now on."""
-    level = fields.text(operation, "level")
+    level = get_text(operation, "level")
     if level not in STATUS_LEVELS:
-        raise OperationFieldInvalid(
+        raise OperationProblem(
             f"Expected field level to be one of {', '.join(STATUS_LEVELS)}, not {level!r}"
         )
     client.level = level
@@ -192,7 +198,7 @@ def status(client: Client, operation: dict[str, Any]) -> None:
 
 def refuse(_client: Client, operation: dict[str, Any]) -> None:
     """Say that this is not offered."""
-    raise OperationRefused(f"the simulated robot does not offer the operation {operation['op']}")
+    raise OperationProblem(f"the simulated robot does not offer the operation {operation['op']}")
 
 
 OPERATIONS: Mapping[str, Callable[[Client, dict[str, Any]], None]] = {
@@ -215,7 +221,7 @@ def handle(client: Client, data: str | bytes) -> None:
         operation = _parse(data)
         _run(client, operation)
     except SimRobotProblem as problem:
-        log.info("%s: %s: %s", client.name, problem.code, problem)
+        log.info("%s: %s", client.name, problem)
         _report(client, operation, str(problem))
     except Exception:
         log.exception("%s: an operation failed", client.name)
@@ -225,10 +231,10 @@ def handle(client: Client, data: str | bytes) -> None:
 def _run(client: Client, operation: dict[str, Any]) -> None:
     name = operation.get("op")
     if name is None:
-        raise OperationUnknown(f"Received a message without an op; known are {_known()}")
+        raise OperationProblem(f"Received a message without an op; known are {_known()}")
     if not isinstance(name, str) or name not in OPERATIONS:
-        raise OperationUnknown(f"Unknown operation: {name!r:.60}; known are {_known()}")
-    fields.identity(operation)
+        raise OperationProblem(f"Unknown operation: {name!r:.60}; known are {_known()}")
+    get_identity(operation)
     OPERATIONS[name](client, operation)
 
 
@@ -240,9 +246,9 @@ def _parse(data: str | bytes) -> dict[str, Any]:
     try:
         operation = json.loads(data, parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
-        raise MessageBroken(f"cannot read a message: it is no JSON ({error})") from error
+        raise OperationProblem(f"cannot read a message: it is no JSON ({error})") from error
     if not isinstance(operation, dict):
-        raise MessageBroken("cannot read a message: it is JSON, but no object")
+        raise OperationProblem("cannot read a message: it is JSON, but no object")
     return operation
 
 
@@ -254,3 +260,51 @@ def _report(client: Client, operation: dict[str, Any], text: str) -> None:
     name, identity = operation.get("op"), operation.get("id")
     prefix = f"{name}: " if isinstance(name, str) and name in OPERATIONS else ""
     client.status("error", prefix + text, identity if isinstance(identity, str | int) else None)
+
+
+def get_text(operation: Operation, name: str) -> str:
+    """Get a string that must be there."""
+    value = get_optional_text(operation, name)
+    if value is None:
+        raise OperationProblem(f"Expected a {name} field but none was found")
+    return value
+
+
+def get_optional_text(operation: Operation, name: str) -> str | None:
+    """Get a string, or None if the field is left out."""
+    return _optional(operation, name, str, "a string")
+
+
+def get_optional_object(operation: Operation, name: str) -> dict[str, Any] | None:
+    """Get an object, or None if the field is left out."""
+    return _optional(operation, name, dict, "an object")
+
+
+def get_optional_flag(operation: Operation, name: str) -> bool | None:
+    """Get true or false, or None if the field is left out."""
+    return _optional(operation, name, bool, "true or false")
+
+
+def get_count(operation: Operation, name: str) -> int:
+    """Get a whole number that is not negative, 0 if the field is left out."""
+    value = operation.get(name, 0)
+    if type(value) is not int or value < 0:
+        raise OperationProblem(
+            f"Expected field {name} to be a whole number from 0, not {value!r:.60}"
+        )
+    return value
+
+
+def get_identity(operation: Operation) -> str | int | None:
+    """Get the field id, None if it is left out."""
+    value = operation.get("id")
+    if value is None or type(value) in (str, int):
+        return value
+    raise OperationProblem(f"Expected field id to be a string or a whole number, not {value!r:.60}")
+
+
+def _optional(operation: Operation, name: str, kind: type[T], what: str) -> T | None:
+    value = operation.get(name)
+    if name not in operation or isinstance(value, kind):
+        return value
+    raise OperationProblem(f"Expected field {name} to be {what}, not {value!r:.60}")

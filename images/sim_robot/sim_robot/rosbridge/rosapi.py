@@ -8,8 +8,7 @@ from collections.abc import Callable
 from functools import partial
 
 from sim_robot.graph import Graph, Service
-from sim_robot.messages import ROS_1, Fields, Values
-from sim_robot.problems import SimRobotProblem
+from sim_robot.messages import ROS_1, Fields, TypeUnknown, Values
 
 NODE = "/rosapi"
 _NOTHING: Fields = ()
@@ -43,7 +42,7 @@ def _topic_type(graph: Graph, request: Values) -> Values:
 def _topics_for_type(graph: Graph, request: Values) -> Values:
     try:
         wanted = graph.types.key_of(request["type"])
-    except SimRobotProblem:
+    except TypeUnknown:
         return {"topics": []}
     return {"topics": [name for name, key in graph.bus.topics().items() if key == wanted]}
 

@@ -10,10 +10,8 @@ import logging
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from sim_robot.graph import Graph
-from sim_robot.listener import Listener
-from sim_robot.rosbridge.client import Client
+from sim_robot.rosbridge.client import Client, Outbox
 from sim_robot.rosbridge.operations import handle
-from sim_robot.rosbridge.outbox import Outbox
 
 log = logging.getLogger(__name__)
 
@@ -28,10 +26,9 @@ class RosbridgeServer:
         self._graph = graph
         self._numbers = itertools.count(1)
         self._connections: set[web.WebSocketResponse] = set()
-        app = web.Application()
-        app.router.add_get("/", self._serve)
-        app.on_shutdown.append(self._close_all)
-        self.listener = Listener("rosbridge", app)
+        self.app = web.Application()
+        self.app.router.add_get("/", self._serve)
+        self.app.on_shutdown.append(self._close_all)
 
     async def _serve(self, request: web.Request) -> web.StreamResponse:
         socket = web.WebSocketResponse(

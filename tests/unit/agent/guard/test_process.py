@@ -22,7 +22,7 @@ from robotether_agent.guard.latch import StopFile
 from robotether_agent.guard.process import Guard
 from robotether_agent.guard.rosbridge import new_http
 from sim_client import SETTINGS, until
-from sim_robot.bus import Node, TopicMessage
+from sim_robot.graph import Node, TopicMessage
 from sim_robot.simulator import Simulator
 
 # What a loaded machine may add: this process, the guard's and the robot's wheels wait for a processor in turn. Where
@@ -37,7 +37,7 @@ class Robot:
     """The simulated robot, and what its wheels were told when."""
 
     def __init__(self, simulator: Simulator) -> None:
-        self.port = simulator.rosbridge.listener.port
+        self.port = simulator.rosbridge.port
         self.told: list[tuple[float, float]] = []
         bus = simulator.graph.bus
         bus.subscribe("/cmd_vel", "geometry_msgs/Twist", Node("/wheels"), self._receive)

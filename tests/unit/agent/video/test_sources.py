@@ -213,7 +213,7 @@ async def test_frames_of_the_simulated_robots_rosbridge(run):
     """The whole way of a real message, base64 and all."""
     settings = SimSettings(name="x", bind_address="127.0.0.1", rosbridge_port=0, video_port=0)
     async with Simulator(settings) as robot:
-        url = f"ws://127.0.0.1:{robot.rosbridge.listener.port}"
+        url = f"ws://127.0.0.1:{robot.rosbridge.port}"
         _, taken = run(source_settings(rosbridge=url, source="rosbridge"))
         await eventually(taken.some(), taken.told)
         newest = taken.pictures[-1]
