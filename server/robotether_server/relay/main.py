@@ -26,7 +26,7 @@ from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.control_api import ControlApi
-from robotether_server.relay.db.database import RelayDatabase, ThreadedDatabase
+from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.db.fleet import Fleet
 from robotether_server.relay.drives.viewer_stats import ViewerStats
@@ -321,7 +321,7 @@ async def run(settings: RelaySettings, listen: Listen) -> None:
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stopped.set)
-    relay = Relay(settings, ThreadedDatabase(Database(settings.database)), listen=listen)
+    relay = Relay(settings, RelayDatabase(Database(settings.database)), listen=listen)
     await relay.start()
     await stopped.wait()
     log.info("stopping")

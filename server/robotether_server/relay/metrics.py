@@ -6,7 +6,8 @@ when somebody asks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 
 from prometheus_client import (
     CollectorRegistry,
@@ -30,7 +31,7 @@ class Metrics:
         self._registry = CollectorRegistry()
         ProcessCollector(registry=self._registry)
         PlatformCollector(registry=self._registry)
-        self._registry.register(_TrafficCollector(traffic))
+        self._registry.register(_Collector(partial(_read_bridges, traffic)))
         self.refusals = self._counter("refusals", "Requests refused, by problem code", "code")
         self.close_reasons = self._counter(
             "connection_endings", "Operators' connections ended, by reason", "name"
@@ -61,7 +62,7 @@ class Metrics:
 
     def collect_feeds(self, traffic: FeedTraffic) -> None:
         """Add what feeds count."""
-        self._registry.register(_FeedCollector(traffic))
+        self._registry.register(_Collector(partial(_read_feeds, traffic)))
 
     def render(self) -> bytes:
         """Write all numbers in Prometheus' text format."""
@@ -71,50 +72,38 @@ class Metrics:
         return Counter(f"robotether_relay_{name}", meaning, labels, registry=self._registry)
 
 
-class _TrafficCollector(Collector):
-    def __init__(self, traffic: Traffic) -> None:
-        self._traffic = traffic
+class _Collector(Collector):
+    """Makes counters of plain integers, when somebody asks."""
+
+    def __init__(self, read: Callable[[], Iterable[CounterMetricFamily]]) -> None:
+        self._read = read
 
     def collect(self) -> Iterable[CounterMetricFamily]:
-        traffic = self._traffic
-        messages = CounterMetricFamily(
-            "robotether_relay_messages", "Rosbridge messages passed on", labels=["to"]
-        )
-        messages.add_metric(["robot"], traffic.messages_to_robot)
-        messages.add_metric(["client"], traffic.messages_to_client)
-        sizes = CounterMetricFamily(
-            "robotether_relay_message_bytes", "Bytes of rosbridge messages", labels=["to"]
-        )
-        sizes.add_metric(["robot"], traffic.bytes_to_robot)
-        sizes.add_metric(["client"], traffic.bytes_to_client)
-        refused = CounterMetricFamily(
-            "robotether_relay_messages_refused",
-            "Rosbridge messages refused, by kind",
-            labels=["kind"],
-        )
-        for kind, count in traffic.refused.items():
-            refused.add_metric([kind], count)
-        return [messages, sizes, refused]
+        return self._read()
 
 
-class _FeedCollector(Collector):
-    def __init__(self, traffic: FeedTraffic) -> None:
-        self._traffic = traffic
+def _family(
+    name: str, meaning: str, label: str, counts: Mapping[str, float]
+) -> CounterMetricFamily:
+    family = CounterMetricFamily(f"robotether_relay_{name}", meaning, labels=[label])
+    for kind, count in counts.items():
+        family.add_metric([kind], count)
+    return family
 
-    def collect(self) -> Iterable[CounterMetricFamily]:
-        traffic = self._traffic
-        frames = CounterMetricFamily(
-            "robotether_relay_pictures", "Frames received and sent", labels=["to"]
-        )
-        frames.add_metric(["relay"], traffic.frames_in)
-        frames.add_metric(["client"], traffic.frames_out)
-        sizes = CounterMetricFamily(
-            "robotether_relay_picture_bytes", "Bytes of pictures", labels=["to"]
-        )
-        sizes.add_metric(["relay"], traffic.bytes_in)
-        sizes.add_metric(["client"], traffic.bytes_out)
-        skipped = CounterMetricFamily(
-            "robotether_relay_pictures_skipped", "Frames skipped because a newer one was there"
-        )
-        skipped.add_metric([], traffic.skipped)
-        return [frames, sizes, skipped]
+
+def _read_bridges(traffic: Traffic) -> Iterator[CounterMetricFamily]:
+    messages = {"robot": traffic.messages_to_robot, "client": traffic.messages_to_client}
+    yield _family("messages", "Rosbridge messages passed on", "to", messages)
+    sizes = {"robot": traffic.bytes_to_robot, "client": traffic.bytes_to_client}
+    yield _family("message_bytes", "Bytes of rosbridge messages", "to", sizes)
+    meaning = "Rosbridge messages refused, by kind"
+    yield _family("messages_refused", meaning, "kind", traffic.refused)
+
+
+def _read_feeds(traffic: FeedTraffic) -> Iterator[CounterMetricFamily]:
+    frames = {"relay": traffic.frames_in, "client": traffic.frames_out}
+    yield _family("pictures", "Frames received and sent", "to", frames)
+    sizes = {"relay": traffic.bytes_in, "client": traffic.bytes_out}
+    yield _family("picture_bytes", "Bytes of pictures", "to", sizes)
+    meaning = "Frames skipped because a newer one was there"
+    yield CounterMetricFamily("robotether_relay_pictures_skipped", meaning, traffic.skipped)

@@ -49,7 +49,7 @@ FAST = Timing(
 )
 
 
-class MemoryDatabase:
+class MemoryDatabase(RelayDatabase):
     """Records in memory: robots, grants and credentials as a test sets them."""
 
     def __init__(self) -> None:
@@ -83,41 +83,41 @@ class MemoryDatabase:
         return [entry for entry in self.written if isinstance(entry, SessionEntry)]
 
     async def changes(self) -> Changes:
-        self._ask()
+        self._check_up()
         return Changes(rights=self._rights(), credentials=repr(sorted(map(repr, self.credentials))))
 
     async def load(self) -> Snapshot:
-        self._ask()
+        self._check_up()
         return Snapshot(dict(self.robots), dict(self.grants), self._rights())
 
     async def last_seen(self) -> list[tuple[int, datetime]]:
-        self._ask()
+        self._check_up()
         return self.seen
 
     async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
-        self._ask()
+        self._check_up()
         self.lookups += 1
         return {key: self.credentials[key] for key in credentials if key in self.credentials}
 
     async def stored_control(self) -> StoredControl:
-        self._ask()
+        self._check_up()
         return StoredControl(dict(self.fences), list(self.stops))
 
     async def next_fence(self, lease: NewLease) -> int:
-        self._ask()
+        self._check_up()
         fence = max(self.fences.get(lease.robot_id, 0), lease.above) + 1
         self.fences[lease.robot_id] = fence
         return fence
 
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
-        self._ask()
+        self._check_up()
         self.written.extend(entry for entry in entries if entry not in self.written)
         return {position: position + 1 for position, _ in enumerate(entries)}
 
     def close(self) -> None:
         """Nothing to let go."""
 
-    def _ask(self) -> None:
+    def _check_up(self) -> None:
         if self.down:
             raise StoreUnavailable("cannot reach the database: the test took them away")
 

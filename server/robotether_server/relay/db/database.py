@@ -10,7 +10,7 @@ import asyncio
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from robotether_server.db import Database, Transaction, control, fleet
 from robotether_server.db.control import NewLease, StoredControl
@@ -24,36 +24,8 @@ THREADS = 4
 MAX_OPEN_QUESTIONS = 64
 
 
-class RelayDatabase(Protocol):
+class RelayDatabase:
     """What the relay asks the database; StoreUnavailable when it does not answer."""
-
-    async def changes(self) -> Changes:
-        """Tell whether anything changed."""
-
-    async def load(self) -> Snapshot:
-        """Read robots and rights."""
-
-    async def last_seen(self) -> list[tuple[int, datetime]]:
-        """Read since when robots are offline."""
-
-    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
-        """Read who credentials belong to."""
-
-    async def stored_control(self) -> StoredControl:
-        """Read the newest numbers of drives, and which robots are stopped."""
-
-    async def next_fence(self, lease: NewLease) -> int:
-        """Number a drive; the number is committed."""
-
-    async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
-        """Write entries in one transaction; return new rows' ids by the entry's place."""
-
-    def close(self) -> None:
-        """Let the threads go; does not wait for a database that hangs."""
-
-
-class ThreadedDatabase:
-    """Records in MariaDB."""
 
     def __init__(self, database: Database, answer_within_s: float = 3.0) -> None:
         self._database = database

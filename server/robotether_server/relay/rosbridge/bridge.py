@@ -9,15 +9,19 @@ for writing on the other, so that a connection's memory is bounded by the socket
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import time
 from collections import Counter
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any
 
 from aiohttp import WebSocketError, WSCloseCode, WSMsgType
 
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.control.control import Control
 from robotether_server.relay.drives.drive_path import CommandTimestamps, DriveLease, DrivePath
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
@@ -29,7 +33,6 @@ from robotether_server.relay.rosbridge.message_validator import (
     ValidatedMessage,
     status_error,
 )
-from robotether_server.relay.rosbridge.own_operations import OwnOperations
 
 log = logging.getLogger(__name__)
 
@@ -301,3 +304,52 @@ def _close_reason_of_broken(error: WebSocketError, sender: str, limit: int) -> C
     if error.code == WSCloseCode.MESSAGE_TOO_BIG:
         return close_reasons.message_too_big(limit, sender)
     return close_reasons.protocol_broken(sender)
+
+
+class OwnOperations:
+    """What one connection may ask of the relay itself: clock syncs, the control object, and the stop.
+
+    Only a client that sends clock syncs gets any of these, so that other rosbridge clients never see them. None reaches
+    a robot, and none waits for the database. What comes from a robot passes unread, so a robot can write the same
+    operations: the key in a client's clock syncs, which no robot sees, shows which ones are the relay's.
+    """
+
+    def __init__(self, control: Control, robot: RelayRobot, user: str, address: str | None) -> None:
+        self._control = control
+        self._robot = robot
+        self._user = user
+        self._address = address
+        self._clock_syncs = False
+        self._key: dict[str, object] = {}
+        self._update_due = asyncio.Event()
+
+    def watched(self) -> AbstractContextManager[None]:
+        """Hear of changes inside the block."""
+        return self._control.watched(self._robot.id, self._changed)
+
+    def answer(self, operation: str, own: Mapping[str, Any]) -> bytes | None:
+        """Do what the client asks; return the answer."""
+        if operation == "robotether.stop":
+            self._control.stops.stop(self._robot, self._user, address=self._address)
+            return None
+        self._key = {"key": own["key"]} if "key" in own else {}
+        if not self._clock_syncs:
+            self._clock_syncs = True
+            self._update_due.set()
+        relay_ms = round(time.monotonic() * 1000, 3)
+        return _written(operation, t_ms=own.get("t_ms"), relay_ms=relay_ms, **self._key)
+
+    async def next_update(self) -> bytes:
+        """Wait until there is something to tell; return the control object's message."""
+        await self._update_due.wait()
+        self._update_due.clear()
+        control = self._control.describe(self._robot.id)
+        return _written("robotether.control", control=control, **self._key)
+
+    def _changed(self) -> None:
+        if self._clock_syncs:
+            self._update_due.set()
+
+
+def _written(operation: str, **members: object) -> bytes:
+    return json.dumps({"op": operation, **members}, separators=(",", ":")).encode()

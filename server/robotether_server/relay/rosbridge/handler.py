@@ -29,9 +29,8 @@ from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.sessions import utc_now
-from robotether_server.relay.rosbridge.bridge import Bridge, RobotEnd, Traffic
+from robotether_server.relay.rosbridge.bridge import Bridge, OwnOperations, RobotEnd, Traffic
 from robotether_server.relay.rosbridge.message_validator import MessageValidator
-from robotether_server.relay.rosbridge.own_operations import OwnOperations
 
 # What an observer may say is short, and parsing it holds up everybody else.
 OBSERVER_LIMIT = 64 * 1024
