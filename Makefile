@@ -119,8 +119,8 @@ bench: venv ## latency, recovery, video and loads, into docs/measurements.md (so
 
 experiments: venv images ## the paper's experiments and more, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1, PAGE_ONLY=1); needs root
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes PYTHONPATH=$(SUPPORT):benchmarks:common:agent:server:images/sim_robot $(VENV)/bin/python -m paper \
-	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart) $(if $(PAGE_ONLY),--page-only) $(if $(ONLY),--only $(ONLY))
+	@IMAGES_ARE_BUILT=yes $(PYTEST) benchmarks/paper $(if $(ONLY),-k "$(subst $(comma), or ,$(ONLY))") \
+	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart) $(if $(PAGE_ONLY),--page-only)
 
 screenshots: venv ## pictures of all pages and states into docs/screenshots; needs make demo
 	@tools/ensure_test_hosts

@@ -19,10 +19,11 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from demo import ROOT
 from fake_cloud import FakeCloud, agent_environ, eventually
-from guard_latency import ROOT, simulated_robot
 from openssh_server import command_line, descendants
 from robotether_agent.status import read_status
+from round_trip import simulated_robot
 from sections import Section
 
 AGENT = ROOT / "agent"
@@ -48,7 +49,6 @@ class Memory:
 
 
 def memory_of(pid: int) -> Memory:
-    """Read /proc/PID/smaps_rollup."""
     lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]
     kb = {name: int(value.split()[0]) for name, value in (line.split(":", 1) for line in lines)}
     command = " ".join(Path(word).name for word in command_line(pid).split()[:4])
@@ -98,7 +98,7 @@ async def measured(agent: Path, settled_after_s: float) -> list[Memory]:
             await process.wait()
 
 
-def rows_of(memories: Sequence[Memory], where: str = "") -> list[str]:
+def rows_of(memories: Sequence[Memory], where: str = "") -> list[tuple[str, ...]]:
     """The rows of one agent: each process, and the sum of those that are Python."""
     python = [memory for memory in memories if memory.is_python]
     total = Memory(
@@ -107,19 +107,19 @@ def rows_of(memories: Sequence[Memory], where: str = "") -> list[str]:
     )
     rows = [*python, *(memory for memory in memories if not memory.is_python), total]
     return [
-        f"| {where}{row.command} | "
-        + " | ".join(f"{kb / 1024:.1f}" for kb in (row.pss, row.pss_anon, row.uss, row.rss))
-        + " |"
+        (
+            where + row.command,
+            *(f"{kb / 1024:.1f}" for kb in (row.pss, row.pss_anon, row.uss, row.rss)),
+        )
         for row in rows
     ]
 
 
 def measure(agents: Sequence[Path] = (AGENT,), settled_after_s: float = SETTLED_AFTER_S) -> Section:
-    """The table for docs/measurements.md."""
-    table = ["| process | PSS MB | of it anonymous | USS MB | RSS MB |", "|---|---|---|---|---|"]
+    rows = []
     for agent in agents:
         found = asyncio.run(measured(agent.resolve(), settled_after_s))
-        table += rows_of(found, f"{agent}: " if len(agents) > 1 else "")
+        rows += rows_of(found, f"{agent}: " if len(agents) > 1 else "")
     return Section(
         title="Memory of the agent and its guard",
         text=(
@@ -127,12 +127,12 @@ def measure(agents: Sequence[Path] = (AGENT,), settled_after_s: float = SETTLED_
             "that several processes share once in all, USS what one process has alone.\n\n"
             f"Aim: at most {AIM_MB} MB PSS in all Python processes."
         ),
-        table=table,
+        columns="process | PSS MB | of it anonymous | USS MB | RSS MB",
+        rows=rows,
     )
 
 
 def main() -> None:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("agents", type=Path, nargs="*", default=[AGENT])
     parser.add_argument("--after", type=float, default=SETTLED_AFTER_S, metavar="S")

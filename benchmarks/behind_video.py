@@ -2,13 +2,11 @@
 
 Over an emulated link like the worst of the paper's (link.py), with real OpenSSH at both ends and the robot's TCP left
 at cubic, a message of 200 bytes goes to the robot and comes back, 20 times a second and without waiting for the one
-before. Used by `bench`, which runs it alone with `--only behind_video`.
-Needs root. No sample may be dropped: a message that is still out at the end of a way is waited for.
+before. Used by `bench`; needs root. No sample may be dropped: one that is still out at the end is waited for.
 """
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
 import os
@@ -24,14 +22,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import aiohttp
+from bare_tunnel import new_key, ssh_command
+from demo import ROOT
 from link import Link, Shape, why_not_here
 from local_network import free_port
+from numpy import quantile
 from openssh_server import OpenSshServer, listens, wait_until
-from sections import Section, quantile
+from sections import NONE, Section
 from video_robot import FRAMES_HZ, LENGTH, OFFERED_BIT_S, ROS_PORT, VIDEO_PORT
 
-HERE = Path(__file__).resolve().parent
-AGENT = os.pathsep.join(str(HERE.parent / name) for name in ("common", "agent"))
+VIDEO_ROBOT = [sys.executable, str(Path(__file__).with_name("video_robot.py"))]
+AGENT = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
 UP_MBIT_S, DOWN_MBIT_S = 4.97, 7.13
 UP = Shape(rate_bit_s=UP_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
 DOWN = Shape(rate_bit_s=DOWN_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
@@ -59,7 +60,6 @@ class Setup:
 
 
 def setups() -> list[Setup]:
-    """What is compared."""
     return [
         Setup("one connection, as in the paper", "one"),
         Setup("two connections", "two"),
@@ -80,9 +80,7 @@ class Site:
 
     def __enter__(self) -> Site:
         """Start sshd; this thread must be in the server's namespace."""
-        key = self.folder / "key"
-        subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
-        public = key.with_suffix(".pub").read_text().strip()
+        self._key, public = new_key(self.folder)
         self._sshd.authorize(public, (self.ros_port, self.video_port))
         # The agent knows the server by an alias, a bare ssh by its address.
         names = f"[{self._sshd.address}]:{self._sshd.port},robotether-server"
@@ -91,7 +89,6 @@ class Site:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop sshd."""
         self._sshd.close()
         self._relay.close()
 
@@ -123,22 +120,17 @@ class Site:
             yield
 
     def _commands(self, connections: str) -> list[list[str]]:
-        ros = f"0.0.0.0:{self.ros_port}:127.0.0.1:{ROS_PORT}"
-        video = f"0.0.0.0:{self.video_port}:127.0.0.1:{VIDEO_PORT}"
-        if connections == "one":
-            return [self._ssh("-R", ros, "-R", video)]
-        if connections == "two":
-            return [self._ssh("-R", ros), self._ssh("-R", video)]
+        ros = {self.ros_port: f"127.0.0.1:{ROS_PORT}"}
+        video = {self.video_port: f"127.0.0.1:{VIDEO_PORT}"}
+        if connections != "agent":
+            several = [ros | video] if connections == "one" else [ros, video]
+            return [
+                ssh_command(self._sshd, self._key, forwards, self._sshd.address, bind="0.0.0.0")
+                for forwards in several
+            ]
         sshd = [self._sshd.address, str(self._sshd.port)]
         ports = [str(self.ros_port), str(self.video_port)]
-        program = str(HERE / "video_tunnels.py")
-        return [[sys.executable, program, str(self.folder), *sshd, *ports, "cubic"]]
-
-    def _ssh(self, *forwards: str) -> list[str]:
-        options = ["BatchMode=yes", f"UserKnownHostsFile={self.folder}/known_hosts"]
-        flags = [word for option in options for word in ("-o", option)]
-        where = ["-p", str(self._sshd.port), f"{self._sshd.user}@{self._sshd.address}"]
-        return ["ssh", "-F", "none", "-N", "-i", f"{self.folder}/key", *flags, *forwards, *where]
+        return [[*VIDEO_ROBOT, "tunnels", str(self.folder), *sshd, *ports]]
 
 
 @contextmanager
@@ -158,7 +150,6 @@ def running(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
 
 
 async def measure_setup(site: Site, setup: Setup, seconds: float) -> None:
-    """Measure one way whose connections stand."""
     watching = asyncio.create_task(watch(site.video_port, setup)) if setup.with_video else None
     try:
         async with aiohttp.ClientSession() as http:
@@ -227,8 +218,8 @@ def measure(seconds: float = SECONDS) -> Section:
     try:
         with Link(up=UP, down=DOWN) as link:
             link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
-            robot = [sys.executable, str(HERE / "video_robot.py")]
-            with link.server.entered(), running(link.robot.command(*robot)) as services:
+            command = link.robot.command(*VIDEO_ROBOT, "services")
+            with link.server.entered(), running(command) as services:
                 assert services.stdout is not None
                 services.stdout.readline()
                 with Site(link, folder) as site:
@@ -241,7 +232,6 @@ def measure(seconds: float = SECONDS) -> Section:
 
 
 def section(measured: list[Setup]) -> Section:
-    """The result, with what was asked for."""
     text = (
         f"A {MESSAGE_BYTES}-byte message goes to the robot and back at {RATE_HZ} Hz over an emulated link: 38 ms, "
         f"{UP_MBIT_S} Mbit/s up, {DOWN_MBIT_S} Mbit/s down, queues of 256 KB. The camera "
@@ -249,34 +239,22 @@ def section(measured: list[Setup]) -> Section:
         "relay are not included; the table above has them.\n\n"
         "Aim: p50 under 60 ms and p99 under 100 ms with video."
     )
-    return Section("Round trip while video fills the uplink", text, list(table(measured)))
+    columns = "route | round trips | p50 ms | p99 ms | max ms | video Mbit/s | frames/s | frame age p50 ms | p99 ms"
+    return Section(
+        "Round trip while video fills the uplink", text, columns, [row(one) for one in measured]
+    )
 
 
-def table(measured: list[Setup]) -> Iterator[str]:
-    """Round trips, and how the frames fared."""
-    yield "| route | round trips | p50 ms | p99 ms | max ms | video Mbit/s | frames/s | frame age p50 ms | p99 ms |"
-    yield "|---|---|---|---|---|---|---|---|---|"
-    for setup in measured:
-        trips, ages = setup.round_trips_ms, setup.frame_ages_ms
-        video = "- | - | - | -"
-        if ages:
-            rate = setup.frame_bytes * 8 / setup.lasted_s / 1e6
-            video = (
-                f"{rate:.2f} | {len(ages) / setup.lasted_s:.1f} "
-                f"| {quantile(ages, 0.5):.0f} | {quantile(ages, 0.99):.0f}"
-            )
-        yield (
-            f"| {setup.name} | {len(trips)} | {quantile(trips, 0.5):.1f} | {quantile(trips, 0.99):.1f} "
-            f"| {max(trips):.1f} | {video} |"
-        )
-
-
-def main() -> None:
-    """Measure and print."""
-    arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--seconds", type=float, default=SECONDS, help="each way")
-    sys.stdout.write(measure(arguments.parse_args().seconds).markdown)
-
-
-if __name__ == "__main__":
-    main()
+def row(setup: Setup) -> tuple[object, ...]:
+    trips, ages = setup.round_trips_ms, setup.frame_ages_ms
+    video: tuple[str, ...] = (NONE,) * 4
+    if ages:
+        rate = setup.frame_bytes * 8 / setup.lasted_s / 1e6
+        times = (f"{quantile(ages, part):.0f}" for part in (0.5, 0.99))
+        video = (f"{rate:.2f}", f"{len(ages) / setup.lasted_s:.1f}", *times)
+    return (
+        setup.name,
+        len(trips),
+        *(f"{quantile(trips, part):.1f}" for part in (0.5, 0.99, 1)),
+        *video,
+    )

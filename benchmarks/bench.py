@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,20 +19,22 @@ from datetime import UTC, datetime
 import agent_memory
 import behind_video
 import drive_page
-import guard_latency
-import input_latency
 import operations_rate
-import picture_age
 import recovery
 import round_trip
 import stopping
-import viewers
+import video
 from demo import ROOT, Demo
-from measurements_page import page, parts
-from paper.circumstances import described, machine
-from sections import Section, wrapped
+from sections import Section, commit, machine, wrapped
 
 PAGE = ROOT / "docs" / "measurements.md"
+HEAD = """# Measurements
+
+`make bench` writes this page. It may measure only some parts again, so each says when and where it
+was measured. Compare numbers within a table, not between tables.
+"""
+# Before each part.
+_MARK = re.compile(r"^<!-- experiment: (\w+) -->\n", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -49,15 +52,15 @@ class Effort:
 EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
     "round_trip": lambda demo, effort: round_trip.measure(demo, 200 if effort.quick else 3000),
     "behind_video": lambda _, effort: behind_video.measure(5 if effort.quick else behind_video.SECONDS),
-    "picture_age": lambda demo, effort: picture_age.measure(demo, 3 if effort.quick else picture_age.SECONDS),
-    "viewers": lambda demo, effort: viewers.measure(demo, 3 if effort.quick else viewers.SECONDS),
-    "input_latency": lambda demo, effort: input_latency.measure(demo, 5 if effort.quick else input_latency.PRESSES),
+    "picture_age": lambda demo, effort: video.measure_age(demo, 3 if effort.quick else video.SECONDS),
+    "viewers": lambda demo, effort: video.measure_viewers(demo, 3 if effort.quick else video.VIEWERS_SECONDS),
+    "input_latency": lambda demo, effort: drive_page.measure_input(demo, 5 if effort.quick else drive_page.PRESSES),
     "drive_page": lambda demo, effort: drive_page.measure(demo, 3 if effort.quick else drive_page.SECONDS),
     "recovery": lambda _, effort: recovery.measure(effort.times(recovery.REPEAT, 2)),
     "stopping": lambda demo, effort: stopping.measure(demo, effort.times(10, 1)),
     "operations_rate": lambda _demo, _effort: operations_rate.measure(),
     "agent_memory": lambda _demo, _effort: agent_memory.measure(),
-    "guard_latency": lambda _, effort: guard_latency.measure(200 if effort.quick else 2000),
+    "guard_latency": lambda _, effort: round_trip.measure_guard(200 if effort.quick else 2000),
 }  # fmt: skip
 
 
@@ -65,7 +68,7 @@ def circumstances() -> str:
     """When, at which commit, on what machine and at what load; call it before the measurement."""
     here = machine()
     return wrapped(
-        f"Measured on {datetime.now(UTC):%Y-%m-%d} at commit {described()}, all on one machine: "
+        f"Measured on {datetime.now(UTC):%Y-%m-%d} at commit {commit()}, all on one machine: "
         f"{here['processor']}, {here['cores']} cores, Linux {here['kernel']}, Python "
         f"{platform.python_version()}, load {os.getloadavg()[0]:.1f} at the start."
     )
@@ -82,14 +85,17 @@ def names_of(text: str) -> list[str]:
 
 
 def write_part(name: str, section: Section, measured: str) -> None:
-    """Write a part to the page at once: a later experiment may fail."""
-    known = parts(PAGE.read_text()) if PAGE.exists() else {}
+    """Replace a part of the page, at once, as a later experiment may fail; of one that is no more there is no part."""
+    pieces = _MARK.split(PAGE.read_text())[1:] if PAGE.exists() else []
+    known = dict(zip(pieces[::2], pieces[1::2], strict=True))
     known[name] = f"{section.markdown}\n{measured}"
-    PAGE.write_text(page(known, EXPERIMENTS))
+    parts = [
+        f"<!-- experiment: {one} -->\n{known[one].strip()}\n" for one in EXPERIMENTS if one in known
+    ]
+    PAGE.write_text("\n".join([HEAD, *parts]))
 
 
 def main() -> None:
-    """Measure, print, write."""
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument(
         "--only", type=names_of, default=list(EXPERIMENTS), help="run these, separated by commas"

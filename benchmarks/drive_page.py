@@ -1,20 +1,26 @@
-"""What the drive page weighs, how soon it shows a frame, how old that is on the screen, and whether it runs smoothly.
+"""The drive page in Chromium over the whole demo: its weight, first frame, smoothness, input latency.
 
-Chromium over the whole demo on loopback. The first picture is the first whose moment can be read out of what the page
-shows; smoothness is counted in animation frames while the processor is throttled to a quarter. Used by `bench`; needs
-`make demo`.
+The first frame is the first whose timestamp can be read out of what the page shows. Smoothness is counted in animation
+frames while the processor is throttled to a quarter. A key press is timed from its event to the command on the robot's
+/cmd_vel, as a subscriber of its own rosbridge gets it. A press without a command in 2 s ends the run, unless the page
+paused driving meanwhile, as it does when the video is old: that is counted. Used by `bench`; needs `make demo`.
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from demo import Demo
 from frame_stamp import READ_STAMP
-from pages import chromium, log_in
+from numpy import quantile
+from pages import chromium, drive_live, expect_live, log_in
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
-from sections import Section, quantile
+from sections import Section
+from sim_watch import Seen, SimWatch
+from stopping import is_zero
 
 ROBOT = "sim1"
 OPENED = 8
@@ -25,7 +31,6 @@ FIRST_WITHIN_MS, POLL_EVERY_MS = 15_000, 100
 BINARY = 2
 AIM_KB, AIM_FIRST_MS, AIM_FPS = 200, 1000, 60
 FRAME = "[data-testid=stage] canvas.picture, [data-testid=view] img"
-
 # In each page before its own scripts: the click on the fleet page, then the first readable picture on the drive page.
 WATCH_FIRST = """(() => {
   const unix = (ms) => performance.timeOrigin + ms;
@@ -41,7 +46,6 @@ WATCH_FIRST = """(() => {
   };
   requestAnimationFrame(look);
 })()""".replace("READ_STAMP", READ_STAMP).replace("PICTURE", FRAME)
-
 # Reads the picture once an animation frame, and notes the age of each new one.
 WATCH_AGES = """(ms) => new Promise((resolve) => {
   const readStamp = READ_STAMP;
@@ -56,7 +60,6 @@ WATCH_AGES = """(ms) => new Promise((resolve) => {
   };
   requestAnimationFrame(look);
 })""".replace("READ_STAMP", READ_STAMP).replace("PICTURE", FRAME)
-
 COUNT_FRAMES = """(ms) => new Promise((resolve) => {
   const gaps = [];
   let before = performance.now();
@@ -68,6 +71,25 @@ COUNT_FRAMES = """(ms) => new Promise((resolve) => {
   };
   requestAnimationFrame(look);
 })"""
+KEY = "w"
+PRESSES = 80
+HELD_S = 0.12
+# Longer than the zeros after a release last, so that each press begins from silence.
+PAUSE_S = 0.25
+WITHIN_S = 2.0
+AIM_P50_MS, AIM_P99_MS = 5, 20
+# Unix time in ms of the last events, by the page's own clocks; capture, so that no listener of the page comes first.
+LISTEN = """(() => {
+  window.benchKeys = {};
+  const note = (event) => {
+    if (!event.repeat) window.benchKeys[event.type] = performance.timeOrigin + event.timeStamp;
+  };
+  for (const type of ["keydown", "keyup"]) addEventListener(type, note, { capture: true });
+  const state = document.querySelector("[data-testid=state]");
+  window.benchHolds = 0;
+  new MutationObserver(() => { window.benchHolds += state.dataset.shown === "held"; })
+    .observe(state, { attributeFilter: ["data-shown"] });
+})()"""
 
 
 @dataclass
@@ -86,7 +108,6 @@ class Weight:
 
     @property
     def total_kb(self) -> float:
-        """All of it."""
         return sum(self.bytes_by_kind.values()) / 1000
 
     def _on_response(self, event: dict[str, Any]) -> None:
@@ -112,7 +133,6 @@ class Result:
 
     @property
     def fps(self) -> float:
-        """Animation frames a second, throttled."""
         return 1000 * len(self.gaps_ms) / sum(self.gaps_ms)
 
 
@@ -126,7 +146,6 @@ def open_by_click(page: Page, demo: Demo) -> None:
 
 
 def first_frame_ms(page: Page, demo: Demo) -> float:
-    """Ms from the click to a picture."""
     open_by_click(page, demo)
     # Not by wait_for_function, whose eval the page's policy forbids.
     for _ in range(FIRST_WITHIN_MS // POLL_EVERY_MS):
@@ -172,7 +191,6 @@ def throttled(page: Page, seconds: float) -> tuple[list[float], float]:
 
 
 def measure_all(demo: Demo, seconds: float) -> Result:
-    """Weigh, open, watch."""
     with sync_playwright() as playwright:
         browser = chromium(playwright)
         weight = weigh(browser, demo)
@@ -189,12 +207,12 @@ def measure_all(demo: Demo, seconds: float) -> Result:
 
 
 def measure(demo: Demo, seconds: float = SECONDS) -> Section:
-    """Measure, and return the result."""
     found = measure_all(demo, seconds)
     parts = ", ".join(
         f"{kind.lower()} {size / 1000:.0f}" for kind, size in found.weight.bytes_by_kind.items()
     )
-    late = sum(gap > 1.5 * 1000 / AIM_FPS for gap in found.gaps_ms)
+    first_ms, ages_ms, gaps_ms = found.first_ms, found.ages_ms, found.gaps_ms
+    late = sum(gap > 1.5 * 1000 / AIM_FPS for gap in gaps_ms)
     return Section(
         title="The drive page in Chromium",
         text=(
@@ -203,16 +221,105 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
             "fleet page, with a warm cache. Headless Chromium draws without a GPU, on the cores that run everything "
             "else."
         ),
-        table=[
-            "| what | measured | aim |",
-            "|---|---|---|",
-            f"| weight, KB | {found.weight.total_kb:.1f} ({parts}) | under {AIM_KB} |",
-            f"| click to first frame, ms, p50 and max of {len(found.first_ms)} "
-            f"| {quantile(found.first_ms, 0.5):.0f}, {max(found.first_ms):.0f} | under {AIM_FIRST_MS} |",
-            f"| age of a frame when the page has drawn it, ms, p50 and p95 of {len(found.ages_ms)} "
-            f"| {quantile(found.ages_ms, 0.5):.0f}, {quantile(found.ages_ms, 0.95):.0f} | p95 under 80 |",
-            f"| animation frames a second, processor {THROTTLE}x slower | {found.fps:.1f} | {AIM_FPS} |",
-            f"| of {len(found.gaps_ms)} animation frames, more than half a frame late | {late} | - |",
-            f"| video frames a second meanwhile | {found.frames_per_s:.1f} | 15 |",
+        columns="what | measured | aim",
+        rows=[
+            ("weight, KB", f"{found.weight.total_kb:.1f} ({parts})", f"under {AIM_KB}"),
+            (
+                f"click to first frame, ms, p50 and max of {len(first_ms)}",
+                f"{quantile(first_ms, 0.5):.0f}, {max(first_ms):.0f}",
+                f"under {AIM_FIRST_MS}",
+            ),
+            (
+                f"age of a frame when the page has drawn it, ms, p50 and p95 of {len(ages_ms)}",
+                f"{quantile(ages_ms, 0.5):.0f}, {quantile(ages_ms, 0.95):.0f}",
+                "p95 under 80",
+            ),
+            (
+                f"animation frames a second, processor {THROTTLE}x slower",
+                f"{found.fps:.1f}",
+                AIM_FPS,
+            ),
+            (f"of {len(gaps_ms)} animation frames, more than half a frame late", late, "-"),
+            ("video frames a second meanwhile", f"{found.frames_per_s:.1f}", 15),
+        ],
+    )
+
+
+def first_after(watch: SimWatch, since: float, fits: Callable[[Seen], bool], what: str) -> Seen:
+    """Wait for the first fitting command that came after `since`."""
+    end = time.monotonic() + WITHIN_S
+    while time.monotonic() < end:
+        for seen in watch.commands(since):
+            if fits(seen):
+                return seen
+        time.sleep(0.005)
+    raise RuntimeError(f"cannot measure: no {what} on /cmd_vel within {WITHIN_S:g} s")
+
+
+def unheld_press(page: Page, watch: SimWatch) -> tuple[float, float] | None:
+    """Press and let go once as `press` does; None when the page held driving meanwhile."""
+    expect_live(page, seconds=10)
+    holds = page.evaluate("window.benchHolds")
+    try:
+        return press(page, watch)
+    except RuntimeError:
+        page.keyboard.up(KEY)
+        if page.evaluate("window.benchHolds") == holds:
+            raise
+        return None
+
+
+def press(page: Page, watch: SimWatch) -> tuple[float, float]:
+    """Press and let go once: ms from the event to the command, for both."""
+    # Of one pair of clocks, as they may drift apart.
+    to_unix_ms = (time.time() - time.monotonic()) * 1000
+    since = time.monotonic()
+    page.keyboard.down(KEY)
+    moved = first_after(watch, since, lambda seen: not is_zero(seen), "command")
+    page.wait_for_timeout(HELD_S * 1000)
+    since = time.monotonic()
+    page.keyboard.up(KEY)
+    stood = first_after(watch, since, is_zero, "zero")
+    keys = page.evaluate("window.benchKeys")
+    page.wait_for_timeout(PAUSE_S * 1000)
+    return (
+        moved.at * 1000 + to_unix_ms - keys["keydown"],
+        stood.at * 1000 + to_unix_ms - keys["keyup"],
+    )
+
+
+def row(event: str, took_ms: list[float]) -> tuple[object, ...]:
+    times = (quantile(took_ms, 0.5), quantile(took_ms, 0.99), max(took_ms))
+    return event, len(took_ms), *(f"{ms:.1f}" for ms in times)
+
+
+def measure_input(demo: Demo, presses: int = PRESSES) -> Section:
+    """From a key event to the command; a press is made so often."""
+    with sync_playwright() as playwright:
+        browser = chromium(playwright)
+        page = browser.new_context(ignore_https_errors=True).new_page()
+        log_in(page, demo)
+        drive_live(page, demo, ROBOT)
+        page.wait_for_timeout(1000)
+        page.evaluate(LISTEN)
+        with SimWatch(demo, ROBOT) as watch:
+            tried = [unheld_press(page, watch) for _ in range(presses)]
+        browser.close()
+    both = [times for times in tried if times is not None]
+    if not both:
+        raise RuntimeError("cannot measure: the page paused driving at each press")
+    return Section(
+        title="From a key event to `cmd_vel` on the robot",
+        text=(
+            f"W is pressed and released {presses} times on the drive page in Chromium, with live video, over the "
+            "whole demo on loopback. The time is from the event's timestamp until a subscriber of the robot's "
+            f"rosbridge has the command. During {len(tried) - len(both)} presses the page paused driving because the "
+            "video was old.\n\n"
+            f"Aim: p50 under {AIM_P50_MS} ms and p99 under {AIM_P99_MS} ms."
+        ),
+        columns="event | times | p50 ms | p99 ms | max ms",
+        rows=[
+            row("key down to the first command", [down for down, _ in both]),
+            row("key up to the first zero", [up for _, up in both]),
         ],
     )

@@ -18,6 +18,7 @@ import aiohttp
 from playbooks import FROM_INDEX, Played, Site
 from programs import Program
 from robot_hosts import RobotHost, RobotHosts
+from sections import Section
 from stack import Stack
 
 FLEET = 5
@@ -47,25 +48,26 @@ async def power_on_s(program: Program, robot: RobotHost) -> float:
     return time.monotonic() - started
 
 
-def row(what: str, robots: int, values: list[float]) -> str:
-    """One line of the table, seconds."""
-    return f"| {what} | {robots} | {statistics.median(values):.1f} | {max(values):.1f} | {len(values)} |"
+def row(what: str, robots: int, values: list[float]) -> tuple[object, ...]:
+    times = (statistics.median(values), max(values))
+    return what, robots, *(f"{seconds:.1f}" for seconds in times), len(values)
 
 
-def measure(site: Site, hosts: RobotHosts) -> list[str]:
-    """Return the table's lines."""
+def measure(site: Site, hosts: RobotHosts) -> Section:
     program = Program(site.stack, site.token)
     one = [hosts.boot("solo")]
     fleet = hosts.boot_all(*(f"fleet{number}" for number in range(1, FLEET + 1)))
-    lines = ["| what | robots | median s | worst s | runs |", "|---|---|---|---|---|"]
+    rows = []
     for robots in (one, fleet):
         for what in ("enroll.yml, first run, to drivable", "enroll.yml, second run"):
             played = site.play_well("enroll.yml", *robots)
             report(played)
-            lines.append(row(what, len(robots), [played.took_s]))
+            rows.append(row(what, len(robots), [played.took_s]))
     cuts = [asyncio.run(power_on_s(program, one[0])) for _ in range(POWER_CUTS)]
-    lines.append(row("power-on of an enrolled robot to drivable", 1, cuts))
-    return lines
+    rows.append(row("power-on of an enrolled robot to drivable", 1, cuts))
+    return Section(
+        "Until a robot can be driven", "", "what | robots | median s | worst s | runs", rows
+    )
 
 
 def report(played: Played) -> None:
@@ -85,7 +87,7 @@ def main() -> None:
                 # The playbook proves each robot by a round trip of its own before it ends.
                 site = Site(folder, stack, hosts, stack.token("enrol-times"))
                 site.variables["robotether_agent_environment"] = str(FROM_INDEX)
-                sys.stdout.write("\n".join(measure(site, hosts)) + "\n")
+                sys.stdout.write(f"{measure(site, hosts).table}\n")
         finally:
             stack.down()
 

@@ -2,26 +2,20 @@
 
 The relay's own Gate, in this process and without a network, is given the same message again and again: a
 command, a subscription, a publish of 10 KB; then the largest that a robot's default limits let pass. Used by
-`bench`; `python benchmarks/operations_rate.py` prints the table. It measures nothing but the check.
+`bench`. It measures nothing but the check.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-
-from sections import Section
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "common"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "server"))
 
 from robotether_server.relay.drives.drive_path import stamped
 from robotether_server.relay.rosbridge.message_validator import MessageValidator
 from robotether_server.robot_settings import DEFAULTS, Limits
+from sections import Section
 
 # The check alone is measured, not how soon it says that there were too many.
 UNLIMITED = Limits(messages_per_s=10**9, message_kb=DEFAULTS.policy.limits.message_kb)
@@ -41,10 +35,9 @@ class Rate:
     microseconds: float
 
     @property
-    def row(self) -> str:
-        """The line of the table."""
+    def row(self) -> tuple[str, ...]:
         rate = f"{1_000_000 / self.microseconds:,.0f}"
-        return f"| {self.name} | {self.size:,} | {self.microseconds:,.1f} | {rate} |"
+        return self.name, f"{self.size:,}", f"{self.microseconds:,.1f}", rate
 
 
 def kinds() -> Mapping[str, bytes]:
@@ -100,20 +93,12 @@ def _repeat(one: Callable[[], None], count: int) -> float:
 
 
 def measure() -> Section:
-    """The table for docs/measurements.md."""
     rates = [time_of(name, data) for name, data in kinds().items()]
     return Section(
         "Operations checked by the relay",
         f"The time to check and rewrite one message, on one core and connection, the fastest of {REPEATS} rounds. "
         "While the relay reads a large message, it does nothing else. By default a driver's connection may send about "
         f"one of the largest a second.\n\nAim: a small message under {AIM_US} us.",
-        [
-            "| message | bytes | us each | a second on a core |",
-            "|---|---:|---:|---:|",
-            *(rate.row for rate in rates),
-        ],
+        "message | bytes | us each | a second on a core",
+        [rate.row for rate in rates],
     )
-
-
-if __name__ == "__main__":
-    sys.stdout.write(measure().markdown)

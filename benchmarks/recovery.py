@@ -3,12 +3,11 @@
 Real agents, each in a network of its own (roaming.py), with a real sshd and the real relay. The time runs from the
 moment in which the robot has a network again until a new drive connection through the relay has passed a message and
 its answer. All cuts are made side by side, each on a robot of its own. Used by `bench`;
-alone, as root, with the PYTHONPATH that the Makefile gives to `bench`.
+needs root.
 """
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
 import math
@@ -29,7 +28,9 @@ from typing import Protocol
 
 import aiohttp
 from aiohttp import web
+from demo import ROOT
 from namespaces import Namespace
+from numpy import quantile
 from openssh_server import OpenSshServer, descendants, kill
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from roaming import RoamingNetwork, roaming_networks
@@ -38,11 +39,9 @@ from robotether_agent.enrolment.join import SshAccess, parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.main import Timing
-from sections import Section, quantile
+from sections import Section
 
-AGENT = os.pathsep.join(
-    str(Path(__file__).resolve().parents[1] / name) for name in ("common", "agent")
-)
+AGENT = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
 REPEAT = 50
 AIM_S = 2.0
 # Nobody waits longer: it counts as a failure.
@@ -118,10 +117,8 @@ class Subject:
         network: Network,
         robot: RelayRobot,
         folder: Path,
-        settings: Mapping[str, str],
     ) -> None:
         self.network = network
-        self._settings = settings
         self._site = site
         self.robot = robot
         self._folder = folder
@@ -140,7 +137,6 @@ class Subject:
         EnrolmentStore(state).keep(enrolment, parse_host_keys({"host_keys": sshd.host_keys}))
 
     def start_agent(self) -> None:
-        """Start it as the boot service does."""
         command = self.network.robot.command(sys.executable, "-m", "robotether_agent", "run")
         settings = {
             "server": self.network.server,
@@ -149,7 +145,6 @@ class Subject:
             "run_dir": self._folder / "run",
             "shell_address": "none",
             "log_level": "debug",
-            **self._settings,
         }
         given = {f"ROBOTETHER_{name.upper()}": str(value) for name, value in settings.items()}
         environ = {**os.environ, "PYTHONPATH": AGENT, **given}
@@ -173,12 +168,10 @@ class Subject:
             kill(pid)
 
     def close(self) -> None:
-        """Leave nothing behind."""
         self.kill_agent()
         self._log.close()
 
     def log_tail(self) -> str:
-        """What the agent said last."""
         return "\n".join((self._folder / "agent.log").read_text().splitlines()[-40:])
 
     async def drivable_after(self, since: float, give_up_s: float) -> float:
@@ -215,16 +208,13 @@ class Cut:
         return sum(map(math.isinf, self.took_s))
 
     @property
-    def row(self) -> str:
-        """The row of the table."""
+    def row(self) -> list[str]:
         good = [value for value in self.took_s if not math.isinf(value)] or [math.nan]
         numbers = (quantile(good, 0.5), quantile(good, 0.99), max(good))
-        cells = [self.name, *(f"{value:.2f}" for value in numbers), str(self.failures)]
-        return f"| {' | '.join(cells)} |"
+        return [self.name, *(f"{value:.2f}" for value in numbers), str(self.failures)]
 
 
 def dropped_for(seconds: float) -> Callable[[Subject], Awaitable[float]]:
-    """Drop all packets for so long."""
 
     async def make(subject: Subject) -> float:
         await asyncio.to_thread(subject.network.cut)
@@ -236,7 +226,6 @@ def dropped_for(seconds: float) -> Callable[[Subject], Awaitable[float]]:
 
 
 async def readdressed(subject: Subject) -> float:
-    """Give the robot another address."""
     await asyncio.to_thread(subject.network.readdress)
     return time.monotonic()
 
@@ -264,7 +253,6 @@ async def rebooted(subject: Subject) -> float:
 
 
 def cuts() -> list[Cut]:
-    """All of them."""
     return [
         *(Cut(f"packets dropped for {seconds} s", dropped_for(seconds)) for seconds in (3, 10, 20)),
         Cut("another address", readdressed),
@@ -274,22 +262,18 @@ def cuts() -> list[Cut]:
     ]
 
 
-async def measure_all(
-    networks: Sequence[RoamingNetwork], repeat: int, settings: Mapping[str, str]
-) -> list[Cut]:
+async def measure_all(networks: Sequence[RoamingNetwork], repeat: int) -> list[Cut]:
     """Make each cut `repeat` times; this thread must be in the cloud's namespace."""
     made = cuts()
     async with AsyncExitStack() as stack:
-        subjects = await _start_all(stack, networks, settings)
+        subjects = await _start_all(stack, networks)
         await asyncio.gather(
             *(_measure(*pair, repeat) for pair in zip(made, subjects, strict=True))
         )
     return made
 
 
-async def _start_all(
-    stack: AsyncExitStack, networks: Sequence[RoamingNetwork], settings: Mapping[str, str]
-) -> list[Subject]:
+async def _start_all(stack: AsyncExitStack, networks: Sequence[RoamingNetwork]) -> list[Subject]:
     records = MemoryDatabase()
     robots = [
         records.add_robot(number, f"sim{number}", u1="drive")
@@ -309,7 +293,7 @@ async def _start_all(
         with network.robot.entered():
             listener = socket.create_server(("127.0.0.1", 9090))
         await stack.enter_async_context(Rosbridge(listener))
-        subjects.append(Subject(site, network, robot, folder, settings))
+        subjects.append(Subject(site, network, robot, folder))
         stack.callback(subjects[-1].close)
         await subjects[-1].enrol()
         subjects[-1].start_agent()
@@ -332,35 +316,15 @@ async def _measure(cut: Cut, subject: Subject, repeat: int) -> None:
             sys.stderr.write(subject.log_tail() + "\n")
 
 
-def measure(repeat: int = REPEAT, settings: Mapping[str, str] | None = None) -> Section:
-    """Make the networks, measure, and return the section of docs/measurements.md.
-
-    `settings` are more settings of the agents.
-    """
+def measure(repeat: int = REPEAT) -> Section:
     with roaming_networks(len(cuts())) as (cloud, networks), cloud.entered():
-        made = asyncio.run(measure_all(networks, repeat, settings or {}))
+        made = asyncio.run(measure_all(networks, repeat))
     return Section(
         title="How soon a robot is drivable again",
         text="Seconds from when the robot has a network again until a new drive connection through the relay has "
         f"passed a message and its answer, {repeat} times each. All rows run at once, on one machine with network "
         "namespaces. A reboot is a kill and a start of the agent and of all that it started, without the machine's "
         f"boot.\n\nAim: {AIM_S:g} s at p99 and no failure.",
-        table=[
-            "| after | p50 | p99 | max | failures |",
-            "|---|---|---|---|---|",
-            *(cut.row for cut in made),
-        ],
+        columns="after | p50 | p99 | max | failures",
+        rows=[cut.row for cut in made],
     )
-
-
-def main() -> None:
-    """Measure and print."""
-    arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--repeat", type=int, default=REPEAT)
-    arguments.add_argument("--guard", choices=("on", "off"), default="on")
-    given = arguments.parse_args()
-    sys.stdout.write(measure(given.repeat, {"guard": given.guard}).markdown)
-
-
-if __name__ == "__main__":
-    main()

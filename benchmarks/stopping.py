@@ -19,10 +19,11 @@ from functools import partial
 
 import processes
 from demo import Demo
+from numpy import quantile
 from pages import chromium, drive_live, log_in
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 from program_driver import ProgramDriver
-from sections import Section, quantile
+from sections import NONE, Section
 from sim_watch import Seen, SimWatch
 
 ROBOT = "sim1"
@@ -54,7 +55,6 @@ Loss = Callable[[Demo, ExitStack], None]
 
 
 def is_zero(seen: Seen) -> bool:
-    """Whether a twist stands still."""
     return not any(value for part in seen.msg.values() for value in part.values())
 
 
@@ -89,7 +89,6 @@ def watched(demo: Demo, lose: Callable[[], None]) -> tuple[list[Seen], float]:
 
 
 def program_loses(demo: Demo, loss: Callable[[Demo, ProgramDriver, ExitStack], None]) -> Outcome:
-    """One repetition with a program that drives."""
     outcome = Outcome()
     with ExitStack() as undo:
         url = f"wss://{demo.address}/robots/{ROBOT}/ros?ticket={demo.ticket(ROBOT, 'drive')}"
@@ -116,7 +115,6 @@ def page_loses(demo: Demo, loss: Callable[[Browser, Page, ExitStack], None]) -> 
 
 
 def close_page(_: Browser, page: Page, __: ExitStack) -> None:
-    """The person closes the tab."""
     page.close()
 
 
@@ -128,7 +126,6 @@ def freeze_tab(browser: Browser, _: Page, undo: ExitStack) -> None:
 
 
 def kill_browser(browser: Browser, _: Page, __: ExitStack) -> None:
-    """The whole browser dies."""
     for pid in _processes(browser, "browser"):
         os.kill(pid, signal.SIGKILL)
 
@@ -165,7 +162,6 @@ def cut_robot(demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
 
 
 def kill_service(service: str, demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
-    """A part of the server dies."""
     container = demo.container(service)
     undo.callback(container.start)
     container.kill()
@@ -228,23 +224,17 @@ def _drives(demo: Demo) -> bool:
         return False
 
 
-def row(cause: str, outcome: Outcome) -> str:
-    """One line of the table."""
+def row(cause: str, outcome: Outcome) -> tuple[object, ...]:
     times, losses = outcome.last_command_to_zero, outcome.loss_to_zero
     if not times:
-        return f"| {cause} | 0 | - | - | - | {outcome.drove_on} |"
-    return (
-        f"| {cause} | {len(times)} | {quantile(times, 0.5):.0f} | {max(times):.0f} "
-        f"| {quantile(losses, 0.5):.0f} | {outcome.drove_on} |"
-    )
+        return cause, 0, NONE, NONE, NONE, outcome.drove_on
+    numbers = (quantile(times, 0.5), max(times), quantile(losses, 0.5))
+    return cause, len(times), *(f"{ms:.0f}" for ms in numbers), outcome.drove_on
 
 
 def measure(demo: Demo, repeat: int) -> Section:
     """Lose the driver by each cause, `repeat` times."""
-    table = [
-        "| cause | times | last command to zero, p50 ms | max ms | loss to zero, p50 ms | continued to drive |",
-        "|---|---|---|---|---|---|",
-    ]
+    rows = []
     for cause, once in CAUSES.items():
         total = Outcome()
         for _ in range(repeat):
@@ -253,7 +243,7 @@ def measure(demo: Demo, repeat: int) -> Section:
             total.last_command_to_zero += one.last_command_to_zero
             total.loss_to_zero += one.loss_to_zero
             total.drove_on += one.drove_on
-        table.append(row(cause, total))
+        rows.append(row(cause, total))
     wait_drivable(demo)
     return Section(
         title="From the loss of the driver to the stopped robot",
@@ -262,5 +252,6 @@ def measure(demo: Demo, repeat: int) -> Section:
             f"Aim: zero on `cmd_vel` {AIM_MS} ms after the last command, never later than {LIMIT_MS} ms, and no "
             "repetition in which the robot continued to drive."
         ),
-        table=table,
+        columns="cause | times | last command to zero, p50 ms | max ms | loss to zero, p50 ms | continued to drive",
+        rows=rows,
     )

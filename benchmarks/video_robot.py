@@ -1,18 +1,28 @@
-"""What runs on the robot in behind_video: an echoing WebSocket, and a camera that offers more than its uplink takes.
+"""What runs on the robot in behind_video, started in the robot's namespace; ends with its stdin.
 
-Started by behind_video inside the robot's namespace; ends with its stdin. The camera treats a viewer as
-web_video_server does: one picture is under way to the kernel, those that come meanwhile are dropped. Its socket is the
-kernel's default.
+`video_robot.py services`: an echoing WebSocket, and a camera that offers more than the uplink takes. It treats a viewer
+as web_video_server does: one frame is under way to the kernel, those that come meanwhile are dropped.
+`video_robot.py tunnels FOLDER HOST PORT ROS_PORT VIDEO_PORT`: the two SSH connections as the agent makes them, with the
+video proxy, to sshd at HOST and PORT, with the forwards' ports and a folder that has `key` and `known_hosts`.
 """
 
 from __future__ import annotations
 
 import asyncio
+import getpass
+import logging
 import os
+import socket
 import sys
 import time
+from pathlib import Path
 
 from aiohttp import web
+from robotether_agent.net.server_dialer import SshAddress
+from robotether_agent.tunnel.openssh import Forward, SshFiles
+from robotether_agent.tunnel.tunnel import Tunnel
+from robotether_agent.video.video_proxy import VideoProxy
+from robotether_common.session import Kind
 
 ROS_PORT, VIDEO_PORT = 9090, 8080
 FRAMES_HZ = 15
@@ -20,6 +30,8 @@ OFFERED_BIT_S = 7e6
 FRAME_BYTES = int(OFFERED_BIT_S / 8 / FRAMES_HZ)
 BOUNDARY = b"--boundarydonotcross\r\n"
 LENGTH = 24
+# Of the media connection, in place of what the agent would choose.
+CONGESTION_CONTROL = b"cubic"
 
 
 def frame() -> bytes:
@@ -31,7 +43,6 @@ def frame() -> bytes:
 
 
 async def echo(request: web.Request) -> web.WebSocketResponse:
-    """Send every message back."""
     socket = web.WebSocketResponse(compress=False)
     await socket.prepare(request)
     async for message in socket:
@@ -56,20 +67,50 @@ async def show(_: asyncio.StreamReader, viewer: asyncio.StreamWriter) -> None:
         viewer.close()
 
 
-async def main() -> None:
-    """Serve until stdin ends."""
+async def services() -> None:
     app = web.Application()
     app.router.add_get("/", echo)
     runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
     await runner.setup()
     await web.TCPSite(runner, "127.0.0.1", ROS_PORT).start()
     camera = await asyncio.start_server(show, "127.0.0.1", VIDEO_PORT)
-    sys.stdout.write("ready\n")
-    sys.stdout.flush()
-    await asyncio.to_thread(os.read, 0, 1)
+    await until_stdin_ends()
     camera.close()
     await runner.cleanup()
 
 
+async def until_stdin_ends() -> None:
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    await asyncio.to_thread(os.read, 0, 1)
+
+
+async def opened(folder: Path, target: SshAddress, kind: Kind) -> Tunnel:
+    """A connection of `kind` that is logged in."""
+    files = SshFiles((folder / "key",), folder / "known_hosts", folder / f"{kind}.sock")
+    tunnel = await Tunnel.open(target, files, kind)
+    # The session command's line.
+    await tunnel.lines_in.readline()
+    return tunnel
+
+
+async def tunnels(folder: str, host: str, port: str, ros_port: str, video_port: str) -> None:
+    target = SshAddress(host, int(port), getpass.getuser())
+    proxy = VideoProxy(f"http://127.0.0.1:{VIDEO_PORT}")
+    proxy_port = await proxy.start()
+    session = await opened(Path(folder), target, "session")
+    await session.add(Forward(int(ros_port), "127.0.0.1", ROS_PORT))
+    media = await opened(Path(folder), target, "media")
+    if media.socket is not None:
+        media.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_CONGESTION, CONGESTION_CONTROL)
+    proxy.use(media.socket)
+    await media.add(Forward(int(video_port), "127.0.0.1", proxy_port))
+    await until_stdin_ends()
+    await proxy.close()
+    await asyncio.gather(session.close(), media.close())
+
+
 if __name__ == "__main__":
-    asyncio.run(main())
+    logging.basicConfig(level=os.environ.get("LOG_LEVEL", "WARNING"))
+    what, *given = sys.argv[1:]
+    asyncio.run({"services": services, "tunnels": tunnels}[what](*given))

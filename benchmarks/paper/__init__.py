@@ -1,4 +1,4 @@
 """The paper's five experiments, and a comparison, on the real stack: `make experiments` runs them and writes the page.
 
-Imports go one way: step, profiles -> world -> one module an experiment -> page -> runner.
+Imports go one way: step, networks -> world -> robots -> one folder a family of experiments -> page -> experiments.
 """

@@ -34,7 +34,6 @@ class BusRobot:
 
 
 async def run(address: str, port: int) -> None:
-    """Serve until a signal comes."""
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):

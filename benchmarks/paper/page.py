@@ -1,33 +1,42 @@
-"""What stands on docs/experiments/index.md, from the kept outcomes; page.md.j2 is the page.
+"""Writes docs/experiments/ from the kept outcomes: the page, and its figures (SVG) and raw data (CSV) beside it.
 
-What has not run, has failed, could not be reported or falls short is on the page;
-nothing is left out for looking bad.
+page.md.j2 is the page. What has not run, has failed, could not be reported or falls short is on it; nothing is left
+out for looking bad. The same values give the same files, whenever and wherever they are written.
 """
 
 from __future__ import annotations
 
+import csv
 import statistics
 import traceback
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from sections import wrapped
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from sections import bullets, duration, number, plain, wrapped
 
-from paper.runner import sentence
-from paper.step import Comparison, Data, Outcome, Part, Plot, Report, Scale
-from paper.store import ResultStore
-from paper.words import duration, number, plain
+from paper.step import Comparison, Data, Outcome, Part, Plot, Report, ResultStore, Scale
 
 TEMPLATE = "page.md.j2"
-MOST_TITLES = 5
-AIMS = {
-    "lower": "lower is better",
-    "higher": "higher is better",
-    "equal": "it has to be equal",
+MOST_TITLES, LONGEST_FAILURE = 5, 300
+SIZE_INCHES = (8.0, 4.5)
+# White behind everything, for pages that are dark; ids that do not differ from one drawing to the next.
+STYLE = {
+    "svg.hashsalt": "robotether",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "font.size": 10,
 }
 
 
@@ -45,12 +54,10 @@ class Chapter:
 
     @property
     def failed(self) -> list[str]:
-        """The steps that failed."""
         return [name for name, one in self.outcomes.items() if one.values is None]
 
     @property
     def missing(self) -> list[str]:
-        """The steps that have not run."""
         return [name for name in self.steps if name not in self.outcomes]
 
     @property
@@ -65,21 +72,13 @@ class Chapter:
 
     @property
     def took_s(self) -> float:
-        """How long its steps took together."""
         return sum(one.took_s for one in self.outcomes.values())
 
     @property
     def shortfalls(self) -> list[str]:
-        """What falls short, in Markdown."""
-        failed = f"{len(self.failed)} of {len(self.outcomes)} steps failed."
-        compared = [
-            f"{plain(row.what)} is {plain(number(row.ours))} {plain(row.unit)}; {plain(row.against)} has "
-            f"{plain(number(row.reference))} {plain(row.unit)}, and {AIMS[row.better]}."
-            for row in self.report.comparisons
-            if row.is_short
-        ]
-        said = [plain(line) for line in [*self.problems, *self.report.shortfalls]]
-        return [*([failed] if self.failed else []), *compared, *said]
+        """What falls short besides the comparisons, in Markdown."""
+        failed = [f"{len(self.failed)} of {len(self.outcomes)} steps failed."] * bool(self.failed)
+        return [*failed, *map(plain, [*self.problems, *self.report.shortfalls])]
 
     @property
     def failures(self) -> list[str]:
@@ -93,30 +92,65 @@ class Chapter:
             for reason, titles in by_reason.items()
         ]
 
+    def files(self) -> Iterator[tuple[str, Callable[[Path], None]]]:
+        """The names of its figures and data, and what writes each."""
+        for plot in self.report.plots:
+            yield f"{plot.name}.svg", partial(_draw, plot)
+        for data in self.report.data:
+            yield f"{data.name}.csv", partial(_write_csv, data)
+
 
 def chapter(part: Part, scale: Scale, store: ResultStore) -> Chapter:
     """Read a part's outcomes and let it report; a report that raises is a problem and not the page's end."""
     steps = {step.name: step.title for step in part.steps(scale)}
     outcomes = store.outcomes(part, scale)
-    problems = []
-    report = Report(sections=())
+    problems, report = [], Report(sections=())
     if outcomes:
         try:
             report = part.report(scale, outcomes)
         except Exception as error:  # noqa: BLE001 (the border of a part)
-            problems.append(logged(store, "its report could not be made", error))
+            traceback.print_exc()
+            problems.append(f"its report could not be made: {sentence(error)}")
     return Chapter(part=part, steps=steps, outcomes=outcomes, report=report, problems=problems)
 
 
-def logged(store: ResultStore, what: str, error: Exception) -> str:
-    """Write what was raised to the log; a line for the page."""
-    with store.log.open("a") as log:
-        log.write(f"{what}\n{traceback.format_exc()}\n")
-    return f"{what}: {sentence(error)}"
+def sentence(error: BaseException) -> str:
+    """An exception in one line: its kind and what it says; of a group, those that it holds."""
+    if isinstance(error, BaseExceptionGroup):  # noqa: F821 (ruff checks for 3.10; this runs from 3.11 on)
+        return "; ".join(sentence(one) for one in error.exceptions)
+    said = " ".join(str(error).split())
+    if len(said) > LONGEST_FAILURE:
+        said = f"{said[:LONGEST_FAILURE]}..."
+    return f"{type(error).__name__}: {said}" if said else type(error).__name__
+
+
+def write_page(folder: Path, chapters: Sequence[Chapter], scale: Scale, store: ResultStore) -> Path:
+    """Write page, figures and data; files of an earlier page that this one has not are removed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = {
+        name for one in chapters for name, write in one.files() if _try(one, folder / name, write)
+    }
+    page = folder / "index.md"
+    page.write_text(markdown(chapters, scale, store, written))
+    for old in [*folder.glob("*.svg"), *folder.glob("*.csv")]:
+        if old.name not in written:
+            old.unlink()
+    return page
+
+
+def _try(one: Chapter, path: Path, write: Callable[[Path], None]) -> bool:
+    """Write a file; one that cannot be made is a problem of its chapter."""
+    try:
+        write(path)
+    except Exception as error:  # noqa: BLE001 (the border of a part's own drawing)
+        traceback.print_exc()
+        one.problems.append(f"{path.name} could not be made: {sentence(error)}")
+        return False
+    return True
 
 
 def markdown(
-    chapters: Sequence[Chapter], scale: Scale, store: ResultStore, written: Sequence[str]
+    chapters: Sequence[Chapter], scale: Scale, store: ResultStore, written: set[str]
 ) -> str:
     """The whole page; `written` are the files that stand beside it."""
     environment = Environment(
@@ -127,15 +161,8 @@ def markdown(
         keep_trailing_newline=True,
         autoescape=False,
     )
-    environment.filters |= {
-        "bullets": _bullets,
-        "csv_name": csv_name,
-        "duration": duration,
-        "number": number,
-        "plain": plain,
-        "svg_name": svg_name,
-        "wrapped": wrapped,
-    }
+    filters = (bullets, duration, number, plain, wrapped)
+    environment.filters |= {one.__name__: one for one in filters}
     outcomes = [step for one in chapters for step in one.outcomes.values()]
     return environment.get_template(TEMPLATE).render(
         chapters=chapters,
@@ -146,25 +173,22 @@ def markdown(
     )
 
 
-def svg_name(plot: Plot) -> str:
-    """`spiral-fixed.svg`."""
-    return f"{plot.name.replace('_', '-')}.svg"
+def _draw(plot: Plot, path: Path) -> None:
+    """Draw a figure, whose size it may change itself."""
+    with mpl.rc_context(STYLE):
+        drawing = Figure(figsize=SIZE_INCHES, layout="constrained")
+        plot.draw(drawing)
+        canvas = FigureCanvasSVG(drawing)
+        canvas.print_svg(path, metadata={"Date": None, "Creator": None})
 
 
-def csv_name(part: Part, data: Data) -> str:
-    """`spiral-positions.csv`: a part's files stand together."""
-    prefix = part.name.replace("_", "-")
-    name = data.name.replace("_", "-")
-    return f"{name}.csv" if name.startswith(f"{prefix}-") else f"{prefix}-{name}.csv"
-
-
-def _bullets(lines: Sequence[str]) -> str:
-    return "\n".join(wrapped(f"- {line}", "  ") for line in lines)
+def _write_csv(data: Data, path: Path) -> None:
+    with path.open("w", newline="") as file:
+        file.write(f"# {' '.join(data.about.split())}\n")
+        csv.writer(file, lineterminator="\n").writerows([data.header, *data.rows])
 
 
 def _circumstances(outcomes: Sequence[Outcome], sittings: Sequence[Mapping[str, Any]]) -> list[str]:
-    if not outcomes:
-        return []
     loads = [step.load for step in outcomes]
     commits = Counter(step.commit for step in outcomes)
     several = "; **steps come from several commits**" if len(commits) > 1 else ""

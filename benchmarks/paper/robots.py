@@ -1,15 +1,20 @@
-"""Whole robots: the ROS side as a process, and the real agent with its guard, both behind one uplink.
+"""Whole robots, the ROS side and the real agent with its guard behind one uplink, and their operators behind others.
 
     with WholeRobot(world, enrolled, uplink, "bus") as robot:
         robot.wait_online()
     with running([WholeRobot(world, one, uplink, "simulator") for one in world.enrol(names)]) as robots:
         wait_all_online(robots)
+    async with aiohttp.ClientSession(connector=connector(uplink)) as http:
+        async with Operator(http, world, uplink, "x-spiral-7-1") as operator:
+            await operator.send({"op": "publish", "topic": "/cmd_vel", "msg": {...}})
 
 Starting one returns at once, so that many start side by side; `running` ends them side by side, too.
 """
 
 from __future__ import annotations
 
+import asyncio
+import json
 import os
 import shutil
 import signal
@@ -21,15 +26,15 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Literal
 
+import aiohttp
 from demo import ROOT
+from local_network import insecure_tls
 from openssh_server import descendants, kill
 
-from paper.enrolled import Enrolled, environment
-from paper.uplinks import Uplink
-from paper.world import World
+from paper.networks import Uplink, connector_in
+from paper.world import Enrolled, World, environment
 
 Ros = Literal["bus", "simulator"]
 # Robots have processors of their own. Where hundreds of their processes would push the server's off the two cores that
@@ -80,7 +85,6 @@ class WholeRobot:
 
     @property
     def ros_url(self) -> str:
-        """Its own rosbridge, from inside the uplink."""
         return f"ws://{self.address}:{ROSBRIDGE_PORT}"
 
     @property
@@ -90,18 +94,15 @@ class WholeRobot:
 
     @property
     def agent_pid(self) -> int:
-        """The agent's process."""
         assert self._agent is not None
         return self._agent.pid
 
     @property
     def ros_pid(self) -> int:
-        """The process that stands for ROS."""
         assert self._ros is not None
         return self._ros.pid
 
     def __enter__(self) -> WholeRobot:
-        """Start both."""
         try:
             self.start_ros()
             self.start_agent()
@@ -110,17 +111,10 @@ class WholeRobot:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """End both, and all that they started."""
+    def __exit__(self, *_: object) -> None:
         self._end()
 
     def start_ros(self) -> None:
-        """Start the ROS side."""
         if self._ros_kind == "bus":
             words, given = ["paper.bus_robot", self.address, str(ROSBRIDGE_PORT)], {}
         else:
@@ -157,7 +151,6 @@ class WholeRobot:
         wait_all_online([self], seconds)
 
     def answers(self) -> bool:
-        """Whether its own rosbridge accepts connections."""
         with self.uplink.inside.entered():
             probe = socket.socket()
         with probe:
@@ -174,7 +167,6 @@ class WholeRobot:
         return ", ".join(gone)
 
     def logs(self) -> str:
-        """What both said last."""
         return "\n".join(
             f"--- {self.name}, {name}\n{tail(self._log(name))}" for name in ("ros", "agent")
         )
@@ -280,7 +272,61 @@ def clean_environment() -> dict[str, str]:
 
 
 def tail(log: Path) -> str:
-    """The end of a log."""
     if not log.exists():
         return "(nothing)"
     return "\n".join(log.read_text(errors="replace").splitlines()[-LOG_LINES:])
+
+
+def connector(uplink: Uplink) -> aiohttp.TCPConnector:
+    """Connections from inside the uplink, as many as are asked for; the stack's own certificate is not checked."""
+    return connector_in(uplink.inside, ssl=insecure_tls(), limit=0)
+
+
+class Operator:
+    """One WebSocket to a robot's rosbridge, as roslibjs opens it; there inside `async with` only."""
+
+    def __init__(
+        self,
+        http: aiohttp.ClientSession,
+        world: World,
+        uplink: Uplink,
+        robot: str,
+        mode: str = "drive",
+    ) -> None:
+        self._http = http
+        self._world = world
+        self._robot = robot
+        self._mode = mode
+        self._url = f"wss://{uplink.machine}:{world.https_port}/robots/{robot}/ros"
+        self.sent = 0
+        self.received = 0
+        # The connection itself, for what is not here.
+        self.socket: aiohttp.ClientWebSocketResponse
+
+    async def __aenter__(self) -> Operator:
+        ticket = await asyncio.to_thread(self._world.ticket, self._robot, self._mode)
+        self.socket = await self._http.ws_connect(
+            f"{self._url}?ticket={ticket}",
+            max_msg_size=0,
+            timeout=aiohttp.ClientWSTimeout(ws_close=2),
+        )
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.socket.close()
+
+    async def send(self, message: Mapping[str, object] | str) -> None:
+        """Send one rosbridge operation; a text goes as it is."""
+        text = message if isinstance(message, str) else json.dumps(message)
+        await self.socket.send_str(text)
+        self.sent += 1
+
+    async def receive(self, timeout_s: float | None = None) -> str:
+        """Return the next message as it came; raise ConnectionError when the connection has ended."""
+        message = await self.socket.receive(timeout_s)
+        if message.type is not aiohttp.WSMsgType.TEXT:
+            raise ConnectionError(
+                f"the connection to {self._robot} ended: {self.socket.close_code} {message.extra or message.data}"
+            )
+        self.received += 1
+        return str(message.data)

@@ -1,15 +1,19 @@
 """What an experiment is made of: steps that run once each, what became of them, and what the page makes of that.
 
-Everything here is data; `runner` runs steps and keeps outcomes, an experiment's `report` turns outcomes into a page's
-part and must be pure, so that a page can be written again from what was kept.
+`experiments.py` runs steps and keeps outcomes. An experiment's `report` turns outcomes into a chapter of the page and
+must be pure, so that the page can be written again from what was kept.
 """
 
 from __future__ import annotations
 
+import fcntl
+import json
 import math
 import statistics
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sections import Section
@@ -21,6 +25,8 @@ if TYPE_CHECKING:
 
 # What JSON can carry.
 Values = Mapping[str, Any]
+# A step by the names of its part and its own.
+Key = tuple[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +40,6 @@ class Scale:
 
     @property
     def name(self) -> str:
-        """`quick`, `full` or `default`."""
         if self.quick:
             return "quick"
         return "full" if self.full else "default"
@@ -48,8 +53,6 @@ class Step:
     name: str
     # For people: "50 robots, repetition 7 of 20".
     title: str
-    # For what is said of the time that is left.
-    expected_s: float
     # Returns what was measured; any exception is this step's failure.
     run: Callable[[World], Values]
 
@@ -112,14 +115,13 @@ class Plot:
 
     # Without its ending: "spiral-fixed" becomes spiral-fixed.svg.
     name: str
-    # What it shows, for those who cannot see it, and the caption.
     caption: str
     draw: Callable[[Drawing], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Data:
-    """A CSV file beside the page; `about` is its first line, behind a #."""
+    """A CSV file beside the page, named as Plot is; `about` is its first line, behind a #."""
 
     name: str
     about: str
@@ -135,7 +137,7 @@ class Report:
     comparisons: Sequence[Comparison] = ()
     plots: Sequence[Plot] = ()
     data: Sequence[Data] = ()
-    # What was seen that falls short of the paper, of a peer or of an aim, in sentences.
+    # What falls short of the paper, of a peer or of an aim, in sentences, beside the comparisons that do.
     shortfalls: Sequence[str] = ()
 
 
@@ -143,7 +145,7 @@ class Report:
 class Part:
     """One experiment."""
 
-    # For the results and --only: "high_rate".
+    # For the results and for ONLY: "high_rate".
     name: str
     title: str
     steps: Callable[[Scale], Sequence[Step]]
@@ -156,11 +158,72 @@ def succeeded(results: Results) -> dict[str, Values]:
     return {name: one.values for name, one in results.items() if one.values is not None}
 
 
-def failures(results: Results) -> list[str]:
-    """`NAME: WHY` of the steps that failed."""
-    return [f"{name}: {one.failure}" for name, one in results.items() if one.values is None]
-
-
 def spread(values: Sequence[float]) -> float:
     """The standard deviation of a sample; 0 of a single value."""
     return statistics.stdev(values) if len(values) > 1 else 0.0
+
+
+def now() -> str:
+    """RFC 3339 in UTC, to the second."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+class ResultStore:
+    """Outcomes and sittings of one scale, a line each in FOLDER/SCALE.jsonl; a sitting is a process that ran steps.
+
+    Nothing is ever lost: what is measured anew goes to a file with its date before.
+    """
+
+    def __init__(self, folder: Path, scale: Scale) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.path = folder / f"{scale.name}.jsonl"
+
+    def lock(self) -> None:
+        """Keep other processes from measuring until this one ends; BlockingIOError if one does."""
+        self._lock = self.path.with_suffix(".lock").open("a")
+        fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def add(self, key: Key, outcome: Outcome) -> None:
+        part, step = key
+        self._write({"part": part, "step": step, "outcome": asdict(outcome)})
+
+    def add_sitting(self, sitting: Mapping[str, Any]) -> None:
+        """Keep on what, and with which versions, is measured from now on; outcomes name it by its `began`."""
+        self._write({"sitting": dict(sitting)})
+
+    def keys(self) -> set[Key]:
+        return {(line["part"], line["step"]) for line in self._lines() if "part" in line}
+
+    def outcomes(self, part: Part, scale: Scale) -> dict[str, Outcome]:
+        """What is kept of a part's steps, in their order; those that have not run are left out."""
+        kept = {
+            line["step"]: line["outcome"] for line in self._lines() if line.get("part") == part.name
+        }
+        return {
+            step.name: Outcome(**kept[step.name]) for step in part.steps(scale) if step.name in kept
+        }
+
+    def sittings(self, outcomes: Iterable[Outcome]) -> list[Mapping[str, Any]]:
+        """What is known of the processes that measured these, the first first."""
+        wanted = {one.sitting for one in outcomes}
+        known = (line["sitting"] for line in self._lines() if "sitting" in line)
+        return [sitting for sitting in known if sitting["began"] in wanted]
+
+    def set_aside(self, keys: Collection[Key]) -> None:
+        """Begin anew without what is kept of these steps; the file as it was gets another name."""
+        if not self.keys() & set(keys):
+            return
+        lines = self._lines()
+        self.path.rename(self.path.with_stem(f"{self.path.stem}-{now()}"))
+        for line in lines:
+            if (line.get("part"), line.get("step")) not in keys:
+                self._write(line)
+
+    def _write(self, line: Mapping[str, Any]) -> None:
+        with self.path.open("a") as file:
+            file.write(f"{json.dumps(line)}\n")
+
+    def _lines(self) -> list[dict[str, Any]]:
+        if not self.path.exists():
+            return []
+        return [json.loads(line) for line in self.path.read_text().splitlines()]

@@ -3,24 +3,25 @@
     with World.own() as world, world.uplinks([SLOW_4G]) as [uplink]:
         [robot] = world.enrol(world.names("startup", 1))
 
-`World.own()` starts a stack for itself and removes it.
+`World.own()` starts a stack for itself and removes it. Robots join by the agent's own code against the server itself.
 """
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import os
 import shutil
 import signal
 import ssl
-import sys
 import tempfile
 import threading
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
 from pathlib import Path
@@ -30,12 +31,11 @@ import docker
 from docker.models.containers import Container
 from inside import run_inside
 from local_network import insecure_tls
+from robotether_agent import settings as agent_settings
+from robotether_agent.enrolment.enroller import Enroller
 from stack import Stack
 
-from paper import enrolled
-from paper.enrolled import Enrolled, local_mac
-from paper.profiles import Profile
-from paper.uplinks import Uplink, uplinks
+from paper.networks import Profile, Uplink, uplinks
 
 # The containers' own, whatever they are published as.
 HTTPS, SSH = "8443/tcp", "2222/tcp"
@@ -44,6 +44,8 @@ ANSWERS_WITHIN_S = 30
 ROWS_A_STATEMENT = 500
 TOKEN = ("--user", "admin", "--name", "experiments", "--days", "2")
 _numbers = count(1)
+# The server lets one robot in at a time; so many keys are made meanwhile.
+AT_ONCE = 4
 
 
 class RefusedByServerError(Exception):
@@ -85,12 +87,10 @@ class World:
 
     @cached_property
     def https_port(self) -> int:
-        """The published https port."""
         return self._published("nginx", HTTPS)
 
     @cached_property
     def ssh_port(self) -> int:
-        """The published port of the robots' SSH."""
         return self._published("sshd", SSH)
 
     @property
@@ -159,7 +159,7 @@ class World:
         if settings:
             for robot in made:
                 self.api("PATCH", f"/robots/{robot.name}", {"settings": settings})
-        enrolled.join_all(made, self.token)
+        join_all(made, self.token)
         return made
 
     def remove(self, robots: Sequence[Enrolled]) -> None:
@@ -174,7 +174,6 @@ class World:
 
     @cached_property
     def token(self) -> str:
-        """An API token of the admin."""
         return self.exec("web", "robotether", "token", "create", *TOKEN).split()[-1]
 
     @cached_property
@@ -210,8 +209,8 @@ def _on_terminate() -> Iterator[None]:
         yield
         return
 
-    def leave(number: int, _: object) -> None:
-        sys.exit(128 + number)
+    def leave(*_: object) -> None:
+        raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGTERM, leave)
     try:
@@ -225,3 +224,62 @@ def _folder() -> Iterator[Path]:
     """A folder with a short name, as agents make sockets below it."""
     with tempfile.TemporaryDirectory(prefix="rt-x-", ignore_cleanup_errors=True) as name:
         yield Path(name)
+
+
+@dataclass(frozen=True)
+class Enrolled:
+    """One robot as the server and its own disk know it."""
+
+    name: str
+    # In its World; gives it addresses of its own beside others in one network.
+    number: int
+    mac: str
+    # HOST:PORT of the server's https, the same from every uplink: a robot may start behind any of them.
+    server: str
+    tls_fingerprint: str
+    # With `state` in it; what runs writes its logs here.
+    folder: Path
+
+    @property
+    def state_dir(self) -> Path:
+        """Where the agent keeps its key, its enrolment and the host keys."""
+        return self.folder / "state"
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """The agent's settings that make it this robot, as agent.toml names them."""
+        return {
+            "server": self.server,
+            "tls_fingerprint": self.tls_fingerprint,
+            "mac": self.mac,
+            "allow_local_mac": "true",
+            "state_dir": str(self.state_dir),
+        }
+
+
+def environment(settings: Mapping[str, object]) -> dict[str, str]:
+    """An agent's settings as its environment gives them."""
+    return {f"ROBOTETHER_{name.upper()}": str(value) for name, value in settings.items()}
+
+
+def local_mac(pid: int, number: int) -> str:
+    """A locally administered MAC of robot `number` of this process; both count to 16 million and 65,536."""
+    digits = f"02{pid % (1 << 24):06x}{number % (1 << 16):04x}"
+    return ":".join(digits[at : at + 2] for at in range(0, len(digits), 2))
+
+
+def join_all(robots: Sequence[Enrolled], token: str) -> None:
+    """Let each make its key and join with the token, as an agent does at its first start."""
+    asyncio.run(_join_all(robots, token))
+
+
+async def _join_all(robots: Sequence[Enrolled], token: str) -> None:
+    slots = asyncio.Semaphore(AT_ONCE)
+
+    async def join(robot: Enrolled) -> None:
+        robot.folder.mkdir(mode=0o700)
+        given = environment({**robot.settings, "token": token})
+        async with slots:
+            await Enroller(agent_settings.load(None, given)).join()
+
+    await asyncio.gather(*map(join, robots))

@@ -12,8 +12,8 @@ import aiohttp
 import pytest
 from local_network import free_port
 from paper.bus_robot import BusRobot
-from paper.numbered import Histogram
-from paper.numbered_worker import End, Receiver, Sender
+from paper.numbered.messages import Histogram
+from paper.numbered.worker import End, Receiver, Sender
 
 ADDRESS = "127.0.0.1"
 ARRIVES_WITHIN_S = 10.0
@@ -52,7 +52,6 @@ class OnePair:
 
 @asynccontextmanager
 async def one_pair(port: int, count: int, rate_hz: float) -> AsyncIterator[OnePair]:
-    """Connected."""
     async with aiohttp.ClientSession() as http:
         pair = OnePair(http, port, count, rate_hz)
         ends = (pair.receiver.dialled, pair.sender.dialled)
@@ -71,7 +70,6 @@ def port() -> int:
 
 
 async def test_each_message_arrives_once(port: int) -> None:
-    """In order, and with a latency."""
     async with BusRobot(ADDRESS, port), one_pair(port, 100, 500) as pair:
         sent = await pair.send_all()
         arrived = await pair.received(100)
@@ -91,7 +89,6 @@ async def test_each_message_arrives_once(port: int) -> None:
 
 
 async def test_messages_are_sent_when_they_are_due(port: int) -> None:
-    """The last of 50 at 100 Hz is due after 0.49 s, and none is sent before."""
     async with BusRobot(ADDRESS, port), one_pair(port, 50, 100) as pair:
         started = time.monotonic()
         sent = await pair.send_all()
@@ -100,7 +97,6 @@ async def test_messages_are_sent_when_they_are_due(port: int) -> None:
 
 
 async def test_a_sender_that_is_held_up_hides_no_latency(port: int) -> None:
-    """What is due while its process stands still counts from when it was due."""
     async with BusRobot(ADDRESS, port), one_pair(port, 50, 100) as pair:
         sending = asyncio.create_task(pair.send_all())
         await asyncio.sleep(0.1)
@@ -112,7 +108,6 @@ async def test_a_sender_that_is_held_up_hides_no_latency(port: int) -> None:
 
 
 async def test_a_connection_that_ended_is_dialled_again_and_counted(port: int) -> None:
-    """What was due meanwhile is sent late; nothing that had been taken is sent again."""
     async with BusRobot(ADDRESS, port) as ros, one_pair(port, 400, 200) as pair:
         keeping = asyncio.create_task(pair.receiver.dialled.keep())
         sending = asyncio.create_task(pair.send_all())
@@ -133,7 +128,6 @@ async def test_a_connection_that_ended_is_dialled_again_and_counted(port: int) -
 async def test_a_connection_that_fails_before_the_start_is_dialled_again_and_counted(
     port: int,
 ) -> None:
-    """The robot's rosbridge comes when the first tries have failed."""
     async with aiohttp.ClientSession() as http:
         pair = OnePair(http, port, 10, 100)
         dialling = asyncio.create_task(pair.sender.dialled.dial_first())
@@ -159,8 +153,7 @@ async def failed(pair: OnePair) -> None:
 async def test_what_cannot_be_sent_in_time_is_told(
     port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """When the connection has ended for good."""
-    monkeypatch.setattr("paper.numbered_worker.MORE_S", 0.3)
+    monkeypatch.setattr("paper.numbered.worker.MORE_S", 0.3)
     async with one_ros(port) as ros, one_pair(port, 20, 100) as pair:
         await ros.__aexit__()
         sent = await pair.send_all()
@@ -170,7 +163,6 @@ async def test_what_cannot_be_sent_in_time_is_told(
 
 @asynccontextmanager
 async def one_ros(port: int) -> AsyncIterator[BusRobot]:
-    """A rosbridge that the test ends."""
     ros = BusRobot(ADDRESS, port)
     await ros.__aenter__()
     yield ros

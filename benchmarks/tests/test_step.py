@@ -1,14 +1,34 @@
-"""What parts share: quantiles, and comparisons with paper and peers."""
+"""Comparisons with paper and peers, and what is kept of steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from paper.step import Comparison, Outcome, failures, spread, succeeded
-from sections import quantile
+from paper.page import chapter, write_page
+from paper.step import Comparison, Outcome, Part, Report, ResultStore, Scale, Step, spread
+
+QUICK = Scale(quick=True)
+KEPT = Outcome(values={"x": 1}, began="2026-01-01T00:00:00Z")
+UNMET = Comparison(
+    what="success", against="paper", reference=100, ours=99.9, unit="%", better="equal"
+)
 
 
-def comparison(reference: float, ours: float, better: str) -> Comparison:
-    return Comparison(
-        what="p50", against="paper", reference=reference, ours=ours, unit="ms", better=better
+def part(name: str, *steps: str, unmet: bool = False) -> Part:
+    made = [Step(name=one, title=f"step {one}", run=lambda _world: {}) for one in steps]
+    return Part(
+        name=name,
+        title=f"A {name}",
+        steps=lambda _scale: made,
+        report=lambda _scale, _results: Report(sections=(), comparisons=[UNMET] * unmet),
     )
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> ResultStore:
+    return ResultStore(tmp_path, QUICK)
 
 
 @pytest.mark.parametrize(
@@ -28,32 +48,44 @@ def comparison(reference: float, ours: float, better: str) -> Comparison:
 def test_falls_short_where_ours_is_worse(
     reference: float, ours: float, better: str, short: bool
 ) -> None:
-    """As good as the reference is good enough."""
-    assert comparison(reference, ours, better).is_short is short
+    row = replace(UNMET, reference=reference, ours=ours, better=better)
+    assert row.is_short is short
 
 
 def test_ratio_is_ours_divided_by_the_reference() -> None:
-    """There is none to nothing."""
-    assert comparison(4, 1, "lower").ratio == 0.25
-    assert comparison(0, 1, "lower").ratio is None
-
-
-def test_outcomes_are_told_apart() -> None:
-    """A failed step is in no statistics, and is not forgotten."""
-    results = {"a": Outcome(values={"x": 1}), "b": Outcome(failure="TimeoutError")}
-    assert succeeded(results) == {"a": {"x": 1}}
-    assert failures(results) == ["b: TimeoutError"]
-
-
-def test_quantiles_lie_between_neighbours() -> None:
-    """Also of one value, and of values in no order."""
-    assert quantile([3, 1, 2], 0.5) == 2
-    assert quantile([0, 10], 0.99) == pytest.approx(9.9)
-    assert quantile([7], 0.5) == 7
-    assert quantile([1, 2, 3], 1.0) == 3
+    assert replace(UNMET, reference=4, ours=1).ratio == 0.25
+    assert replace(UNMET, reference=0, ours=1).ratio is None
 
 
 def test_spread_is_of_a_sample() -> None:
-    """Of one value it is zero."""
     assert spread([1, 3]) == pytest.approx(2**0.5)
     assert spread([5]) == 0.0
+
+
+def test_what_is_measured_anew_is_set_aside_and_the_rest_stays(store: ResultStore) -> None:
+    one, other = part("one", "a", "b"), part("other", "a")
+    for key in (("one", "a"), ("one", "b"), ("other", "a")):
+        store.add(key, KEPT)
+    before = store.path.read_text()
+    store.set_aside({("one", "a"), ("one", "b")})
+    assert store.outcomes(one, QUICK) == {}
+    assert store.outcomes(other, QUICK) == {"a": KEPT}
+    [aside] = store.path.parent.glob("quick-*.jsonl")
+    assert aside.read_text() == before
+
+
+def test_failed_missing_and_unmet_are_on_the_page_and_are_not_fine(
+    store: ResultStore, tmp_path: Path
+) -> None:
+    store.add(("one", "bad"), Outcome(failure="OSError: gone", began=KEPT.began))
+    store.add(("unmet", "a"), KEPT)
+    store.add(("good", "a"), KEPT)
+    parts = (part("one", "bad", "later"), part("unmet", "a", unmet=True), part("good", "a"))
+    chapters = [chapter(each, QUICK, store) for each in parts]
+    assert [each.is_fine for each in chapters] == [False, False, True]
+    page = write_page(tmp_path / "page", chapters, QUICK, store).read_text()
+    assert "1 failed: OSError: gone (step bad)" in page
+    assert "A one: 1 of 2 steps have not run." in page
+    assert (
+        "| A unmet | success | paper | 100 % | 99.9 % | 0.999 | equal | **falls short** |" in page
+    )

@@ -27,11 +27,10 @@ ELSEWHERE = {
     "tests/support/browser/browser_network.py": "a network namespace's own",
     "tests/support/networks/roaming.py": "a network namespace's own",
     "benchmarks/behind_video.py": "a network namespace's own",
-    "benchmarks/picture_age.py": "a network namespace's own",
-    "benchmarks/paper/operators.py": "a network namespace's own",
-    "benchmarks/paper/peer_transport.py": "a network namespace's own",
-    "benchmarks/paper/server_limit.py": "a network namespace's own",
-    "benchmarks/paper/uplinks.py": "a network namespace's own",
+    "benchmarks/video.py": "a network namespace's own",
+    "benchmarks/paper/networks.py": "a network namespace's own",
+    "benchmarks/paper/operators/operators.py": "a network namespace's own",
+    "benchmarks/paper/peers/transports.py": "a network namespace's own",
     "tests/images/test_nginx.py": "a container's own, and only read",
 }
 # Each network has these for itself, so a namespace's change is no change of the machine.

@@ -1,0 +1,94 @@
+"""A bare `ssh -R` as in the paper, to compare with: OpenSSH at both ends, nothing of ours in between."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from local_network import free_port
+from namespaces import Namespace
+from openssh_server import OpenSshServer, listens, wait_until
+
+LOCALHOST = "127.0.0.1"
+OPTIONS = (
+    "BatchMode=yes",
+    "StrictHostKeyChecking=no",
+    "UserKnownHostsFile=/dev/null",
+    "LogLevel=ERROR",
+    "ExitOnForwardFailure=yes",
+)
+
+
+def new_key(folder: Path) -> tuple[Path, str]:
+    """A key's file, and its public line."""
+    key = folder / "key"
+    command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)]
+    subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
+    return key, key.with_suffix(".pub").read_text().strip()
+
+
+def ssh_command(
+    sshd: OpenSshServer,
+    key: Path,
+    forwards: Mapping[int, str],
+    host: str,
+    *,
+    bind: str = LOCALHOST,
+    options: Sequence[str] = OPTIONS,
+) -> list[str]:
+    """One connection to sshd at `host`, whose ports at `bind` lead to an ADDRESS:PORT of the client's side each."""
+    words = ["ssh", "-F", "none", "-N", "-i", str(key), "-p", str(sshd.port)]
+    words += [word for option in options for word in ("-o", option)]
+    words += [word for port, to in forwards.items() for word in ("-R", f"{bind}:{port}:{to}")]
+    return [*words, f"{sshd.user}@{host}"]
+
+
+@contextmanager
+def bare_forward(
+    sshd: OpenSshServer,
+    robot_id: int,
+    forwards: Mapping[int, str],
+    *,
+    host: str = LOCALHOST,
+    inside: Namespace | None = None,
+    bind: str = LOCALHOST,
+) -> Iterator[None]:
+    """A connection as of `ssh_command`, with a key of its own, from this network or a namespace; all forwards stand."""
+    with tempfile.TemporaryDirectory(prefix="rt-bare-") as name:
+        key, public = new_key(Path(name))
+        sshd.authorize_too(public, tuple(forwards), robot_id)
+        command = ssh_command(sshd, key, forwards, host, bind=bind)
+        log = Path(name) / "ssh.log"
+        # Its last word, that the server has gone, is for nobody.
+        with (
+            log.open("wb") as words,
+            subprocess.Popen(
+                inside.command(*command) if inside else command,
+                stdin=subprocess.DEVNULL,
+                stderr=words,
+            ) as client,
+        ):
+            try:
+                wait_until(
+                    lambda: all(map(listens, forwards)),
+                    lambda: f"the bare forward stands; {log.read_text()}\nsshd: {sshd.log_text()}",
+                )
+                yield
+            finally:
+                client.terminate()
+
+
+@contextmanager
+def bare_tunnel(host: str, port: int) -> Iterator[int]:
+    """A port of 127.0.0.1 that leads through sshd and ssh, both on this machine, to HOST:PORT."""
+    # No session is opened, so that the relay behind sshd's session command is never asked.
+    sshd, own = OpenSshServer(relay_port=0), free_port()
+    try:
+        sshd.start()
+        with bare_forward(sshd, 1, {own: f"{host}:{port}"}):
+            yield own
+    finally:
+        sshd.close()

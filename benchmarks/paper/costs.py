@@ -1,0 +1,214 @@
+"""What a fleet costs: processor time and memory of the server's containers, of robots, of operators, of the rest.
+
+The kernel's control groups are read, of both kinds; the engine's own statistics come from them too, and are missing on
+some machines. Memory is what the kernel cannot give back without the programs: their own pages and what the kernel
+itself keeps for them. Pure but for what it reads below /proc and /sys.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from proc_stat import words_of_all
+
+if TYPE_CHECKING:
+    from docker.models.containers import Container
+
+GROUPS = Path("/sys/fs/cgroup")
+PROC = Path("/proc")
+TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+# Of /proc/PID/stat behind the name: the parent; utime, stime, cutime and cstime.
+PARENT, CPU_FIELDS = 1, slice(11, 15)
+# Of /proc/stat's first line: idle and iowait are time in which nothing ran.
+IDLE_FIELDS = (3, 4)
+# Guests' time stands in the first two fields already.
+MACHINE_FIELDS = 8
+
+
+@dataclass(frozen=True)
+class Use:
+    """What one container has used and holds; what the kernel does not tell is None."""
+
+    cpu_s: float
+    memory_bytes: int
+    memory_limit_bytes: int | None
+    # How often the memory's limit was met.
+    memory_failures: int
+    processes: int
+    processes_limit: int | None
+
+
+class Group:
+    """The control group of a container's processes."""
+
+    def __init__(self, pid: int, *, proc: Path = PROC, groups: Path = GROUPS) -> None:
+        self._groups = groups
+        self._paths = group_paths((proc / str(pid) / "cgroup").read_text())
+
+    def use(self) -> Use:
+        return self._use_1() if "memory" in self._paths else self._use_2()
+
+    def _use_1(self) -> Use:
+        memory, pids = self._folder("memory"), self._folder("pids")
+        programs = _table(memory / "memory.stat")["total_rss"]
+        kernel = int(_text(memory / "memory.kmem.usage_in_bytes") or 0)
+        return Use(
+            cpu_s=int((self._folder("cpuacct") / "cpuacct.usage").read_text()) / 1e9,
+            memory_bytes=programs + kernel,
+            memory_limit_bytes=_limit(_text(memory / "memory.limit_in_bytes")),
+            memory_failures=int(_text(memory / "memory.failcnt") or 0),
+            processes=int((pids / "pids.current").read_text()),
+            processes_limit=_limit(_text(pids / "pids.max")),
+        )
+
+    def _use_2(self) -> Use:
+        folder = self._groups / self._paths[""].lstrip("/")
+        memory = _table(folder / "memory.stat")
+        return Use(
+            cpu_s=_table(folder / "cpu.stat")["usage_usec"] / 1e6,
+            memory_bytes=memory["anon"] + memory.get("kernel", 0),
+            memory_limit_bytes=_limit(_text(folder / "memory.max")),
+            memory_failures=_table(folder / "memory.events").get("max", 0),
+            processes=int((folder / "pids.current").read_text()),
+            processes_limit=_limit(_text(folder / "pids.max")),
+        )
+
+    def _folder(self, controller: str) -> Path:
+        return self._groups / controller / self._paths[controller].lstrip("/")
+
+
+def group_paths(text: str) -> dict[str, str]:
+    """The path by controller of /proc/PID/cgroup; "" is that of the unified hierarchy."""
+    paths = {}
+    for line in text.splitlines():
+        _, controllers, path = line.split(":", 2)
+        paths.update(dict.fromkeys(controllers.split(","), path))
+    return paths
+
+
+def use_of(container: Container) -> Use:
+    """What a running container has used since it started."""
+    container.reload()
+    return Group(container.attrs["State"]["Pid"]).use()
+
+
+def trees_cpu_s(roots: Iterable[int]) -> list[float]:
+    """Processor time of each process with all that it started, also of those that have ended and were waited for."""
+    table = {
+        pid: (int(words[PARENT]), sum(map(int, words[CPU_FIELDS])))
+        for pid, words in words_of_all(PROC)
+    }
+    children: dict[int, list[int]] = {}
+    for pid, (parent, _) in table.items():
+        children.setdefault(parent, []).append(pid)
+
+    def ticks(pid: int) -> int:
+        return table.get(pid, (0, 0))[1] + sum(map(ticks, children.get(pid, ())))
+
+    return [ticks(root) / TICKS_PER_S for root in roots]
+
+
+def machine_cpu_s() -> float:
+    """Processor time that this machine has spent on anything, of all cores."""
+    fields = [int(word) for word in (PROC / "stat").read_text().split("\n", 1)[0].split()[1:]]
+    busy = (ticks for at, ticks in enumerate(fields[:MACHINE_FIELDS]) if at not in IDLE_FIELDS)
+    return sum(busy) / TICKS_PER_S
+
+
+@dataclass(frozen=True)
+class Reading:
+    """All at one moment."""
+
+    at_s: float
+    services: Mapping[str, Use]
+    robots_cpu_s: float
+    operators_cpu_s: float
+    machine_cpu_s: float
+
+    @classmethod
+    def now(cls, containers: Mapping[str, Container], workers: Sequence[int]) -> Reading:
+        """Read; `workers` are the processes that the robots are made of, this one plays the operators."""
+        own = resource.getrusage(resource.RUSAGE_SELF)
+        return cls(
+            at_s=time.monotonic(),
+            services={name: use_of(container) for name, container in containers.items()},
+            robots_cpu_s=sum(trees_cpu_s(workers)),
+            operators_cpu_s=own.ru_utime + own.ru_stime,
+            machine_cpu_s=machine_cpu_s(),
+        )
+
+
+def cpu_between(first: Reading, last: Reading) -> dict[str, float]:
+    """Seconds of processor time by who used them; `rest` is what this machine did beside, the engine's for instance.
+
+    A container that was restarted meanwhile counts from its new start on.
+    """
+    services = {
+        name: round(since(first.services[name].cpu_s, use.cpu_s), 3)
+        for name, use in last.services.items()
+    }
+    robots = last.robots_cpu_s - first.robots_cpu_s
+    operators = last.operators_cpu_s - first.operators_cpu_s
+    machine = last.machine_cpu_s - first.machine_cpu_s
+    rest = machine - sum(services.values()) - robots - operators
+    return {
+        **services,
+        "robots": round(robots, 3),
+        "operators": round(operators, 3),
+        "rest": round(rest, 3),
+    }
+
+
+def since(first: float, last: float) -> float:
+    """How much a counter has grown; one that is lower than before began anew."""
+    return last - first if last >= first else last
+
+
+def memory_between(first: Reading, last: Reading) -> dict[str, int]:
+    return {
+        name: use.memory_bytes - first.services[name].memory_bytes
+        for name, use in last.services.items()
+    }
+
+
+def limits_met(first: Reading, last: Reading) -> list[str]:
+    """Which of the containers' limits were met meanwhile, in words."""
+    return [
+        words
+        for name, use in last.services.items()
+        for words in _met(name, first.services[name], use)
+    ]
+
+
+def _met(name: str, first: Use, last: Use) -> Iterable[str]:
+    if last.memory_failures > first.memory_failures:
+        yield f"{name} met its memory limit of {last.memory_limit_bytes} bytes"
+    if last.processes_limit is not None and last.processes >= last.processes_limit:
+        yield f"{name} met its limit of {last.processes_limit} processes"
+
+
+def _table(path: Path) -> dict[str, int]:
+    try:
+        lines = path.read_text().splitlines()
+    except FileNotFoundError:
+        return {}
+    return {name: int(value) for name, value in (line.split() for line in lines)}
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text().strip()
+    except FileNotFoundError:
+        return ""
+
+
+def _limit(text: str) -> int | None:
+    """A limit as the kernel writes it; so large a number as the first kind has for none is none."""
+    none = text in ("", "max") or int(text) >= 2**62
+    return None if none else int(text)

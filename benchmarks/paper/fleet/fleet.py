@@ -1,0 +1,439 @@
+"""Many robots that start, are ended, and come back together: the machinery of `startup` and of mixed networks.
+
+    values = with_fleet(world, 50, lambda fleet: fleet.start("repetition 7"))
+
+A light robot is the real agent with its guard and its own OpenSSH clients, in a worker process with others (worker.py),
+behind the address of the worker's uplink. A repetition's clock starts with the order to start, so that no interpreter's
+start is in it. Beside them whole robots, whose agent, guard and rosbridge are processes of their own, show what light
+ones leave out. Robots are enrolled once in a world; the fleet ends with the `with` block.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
+from contextlib import (
+    AbstractContextManager,
+    AsyncExitStack,
+    ExitStack,
+    asynccontextmanager,
+    suppress,
+)
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any, Literal, Protocol, TypeVar
+from weakref import WeakKeyDictionary
+
+import aiohttp
+from local_network import insecure_tls
+
+from paper.costs import Reading, cpu_between, limits_met, memory_between
+from paper.fleet.operators import Arrivals, FleetEvents, Operators
+from paper.fleet.report import FAILED_AFTER_S
+from paper.fleet.worker import LINE_BYTES, TOPIC, TYPE, allow_files
+from paper.networks import PLAIN, Uplink
+from paper.robots import ASIDE, FOLDERS, WholeRobot, connector
+from paper.world import Enrolled, World
+
+SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
+MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
+# Larger fleets are watched for longer than a robot may take, to see when the last one comes.
+WATCHED_A_ROBOT_S = 0.5
+OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
+# Also for a relay that holds two connections of each robot, and for this process.
+FILES_OF_OPERATORS = 4096
+POLL_EVERY_S, SETTLES_IN_POLLS = 0.5, 20
+LOG_LINES = 8
+# In place of an order that was done: the worker is no more.
+GONE = "gone"
+T = TypeVar("T")
+# What a world's stack has enrolled is kept for the next fleet in it.
+_enrolled: WeakKeyDictionary[World, list[Enrolled]] = WeakKeyDictionary()
+ROSBRIDGE_WITHIN_S, TRY_AGAIN_S = 30.0, 0.1
+T = TypeVar("T")
+
+
+def robots_of(world: World, count: int) -> list[Enrolled]:
+    """The world's first `count` robots of fleets; those that are missing join now."""
+    known = _enrolled.setdefault(world, [])
+    if len(known) < count:
+        known += world.enrol(world.names("fleet", count - len(known)))
+    return known[:count]
+
+
+def placed(
+    robots: Sequence[Enrolled], uplinks: Sequence[Uplink]
+) -> list[tuple[Uplink, list[Enrolled]]]:
+    """As many robots behind each uplink as it has, all nearly alike."""
+    each, more = divmod(len(robots), len(uplinks))
+    left = iter(robots)
+    return [(one, list(islice(left, each + (at < more)))) for at, one in enumerate(uplinks)]
+
+
+def plain_uplinks(world: World, count: int) -> AbstractContextManager[list[Uplink]]:
+    """One for each worker: at least two workers, none with more than 50 robots."""
+    workers = max(min(LEAST_WORKERS, count), -(-count // MOST_IN_A_WORKER))
+    return world.uplinks([PLAIN] * workers)
+
+
+def watched_s(count: int) -> float:
+    """How long it is waited for a fleet's last message."""
+    return max(FAILED_AFTER_S, count * WATCHED_A_ROBOT_S)
+
+
+class WorkerFailedError(Exception):
+    """A process of light robots did not do what it was told; says what it logged."""
+
+
+OnMessage = Callable[[dict[str, Any]], None]
+
+
+class Side(Protocol):
+    """Some robots of a fleet. `pids` are the processes that they are made of now, `heard` is told what they heard."""
+
+    on_message: OnMessage
+
+    @property
+    def pids(self) -> Sequence[int]:
+        """The processes now; what these have started counts too."""
+
+    async def do(self, order: Literal["start", "end"], within_s: float) -> None:
+        """Start or end all its robots."""
+
+    def log_tail(self) -> str:
+        """What its robots' agents said last."""
+
+
+class Worker:
+    """One process of light robots; a Side."""
+
+    def __init__(self, process: asyncio.subprocess.Process, log: IO[bytes]) -> None:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self.pids = [process.pid]
+        self.on_message: OnMessage = lambda _: None
+        self._process, self._in, self._out, self._log = process, process.stdin, process.stdout, log
+        self._done: asyncio.Queue[str] = asyncio.Queue()
+        self._listening = asyncio.ensure_future(self._listen())
+
+    @classmethod
+    async def start(cls, uplink: Uplink, robots: Sequence[Enrolled], log: IO[bytes]) -> Worker:
+        environ = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, FOLDERS))}
+        process = await asyncio.create_subprocess_exec(
+            *uplink.inside.command(*ASIDE, sys.executable, "-m", "paper.fleet.worker"),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            limit=LINE_BYTES,
+            env=environ,
+            # A Ctrl-C is for the experiment, which then ends its robots in order.
+            start_new_session=True,
+        )
+        worker = cls(process, log)
+        worker._say({robot.name: robot.settings for robot in robots})
+        return worker
+
+    async def do(self, order: str, within_s: float) -> None:
+        """Give an order and wait until it is done."""
+        self._say(order)
+        await self.has_done(order, within_s)
+
+    async def has_done(self, order: str, within_s: float) -> None:
+        """Wait until it tells that the order is done."""
+        done = None
+        with suppress(TimeoutError):
+            async with asyncio.timeout(within_s):
+                done = await self._done.get()
+        if done != order:
+            why = (
+                f"it ended when told to {order}" if done == GONE else f"it did not {order} in time"
+            )
+            raise WorkerFailedError(f"a worker failed, {why}:\n{self.log_tail()}")
+
+    async def end(self) -> None:
+        self._in.close()
+        try:
+            async with asyncio.timeout(ENDS_WITHIN_S):
+                await self._process.wait()
+        except TimeoutError:
+            self._process.kill()
+            await self._process.wait()
+            raise WorkerFailedError(f"a worker did not end:\n{self.log_tail()}") from None
+        finally:
+            await self._listening
+
+    def log_tail(self) -> str:
+        lines = Path(self._log.name).read_text(errors="replace").splitlines()
+        return "\n".join(lines[-LOG_LINES:])
+
+    def _say(self, what: object) -> None:
+        self._in.write(json.dumps(what).encode() + b"\n")
+
+    async def _listen(self) -> None:
+        while line := await self._out.readline():
+            message = json.loads(line)
+            if "done" in message:
+                self._done.put_nowait(message["done"])
+            else:
+                self.on_message(message)
+        # Nobody waits for a worker that has ended.
+        self._done.put_nowait(GONE)
+
+
+class Fleet:
+    """A fleet whose workers stand; its robots run between `start` and `end`."""
+
+    def __init__(
+        self,
+        world: World,
+        robots: Sequence[Enrolled],
+        sides: Sequence[Side],
+        http: aiohttp.ClientSession,
+    ) -> None:
+        site = f"https://{world.address}"
+        self._world, self._sides = world, sides
+        self._names = [robot.name for robot in robots]
+        self.fleet_events = FleetEvents(http, site)
+        self._operators = Operators(http, site, self.fleet_events)
+        self._failures: list[str] = []
+
+    async def start(self, run: str) -> dict[str, Any]:
+        """Start all robots at once, and return what was measured until each has its message."""
+
+        async def order() -> None:
+            await asyncio.gather(*(one.do("start", OPENS_WITHIN_S) for one in self._sides))
+
+        return await self.run(run, order)
+
+    async def run(self, run: str, order: Callable[[], Awaitable[None]]) -> dict[str, Any]:
+        """Measure from the moment before `order` is awaited until each robot has got a message sent after it."""
+        first = self._reading()
+        self._failures.clear()
+        arrivals = Arrivals(self._names, run, time.monotonic_ns())
+        for side in self._sides:
+            side.on_message = lambda message: self._on_message(arrivals, message)
+        await order()
+        await self._operators.deliver_all(self._names, arrivals, watched_s(len(self._names)))
+        # The robots have their second connections too when it has settled.
+        last, settled = self._reading(), await self._settled()
+        values = {
+            **arrivals.values(),
+            "took_s": round(last.at_s - first.at_s, 3),
+            "cpu_s": cpu_between(first, last),
+            "memory_bytes": memory_between(first, settled),
+            "limits": limits_met(first, settled),
+        }
+        return {**values, "failures": self._failures_of(values)}
+
+    async def idle(self, seconds: float) -> dict[str, Any]:
+        """What the fleet costs while nobody uses it: processor time over so many seconds."""
+        first = await self._settled()
+        await asyncio.sleep(seconds)
+        last = self._reading()
+        return {
+            "idle_s": round(last.at_s - first.at_s, 3),
+            "idle_cpu_s": cpu_between(first, last),
+        }
+
+    async def end(self) -> float:
+        """End all robots, and return the seconds until the server knew of all."""
+        began = time.monotonic()
+        await asyncio.gather(*(one.do("end", ENDS_WITHIN_S) for one in self._sides))
+        async with asyncio.timeout(ENDS_WITHIN_S):
+            await self.fleet_events.until(self._names, online=False)
+        return round(time.monotonic() - began, 3)
+
+    def _on_message(self, arrivals: Arrivals, message: Mapping[str, Any]) -> None:
+        if "got" in message:
+            arrivals.got(message["robot"], message["got"], message["at_ns"])
+        else:
+            self._failures.append(f"{message['robot']}: {message['failed']}")
+
+    def _failures_of(self, values: Mapping[str, Any]) -> list[str]:
+        """What explains robots without a message, if there are any."""
+        missing = sum(seconds is None for seconds in values["message_s"])
+        logs = [side.log_tail() for side in self._sides] if missing else []
+        return [*self._failures, *filter(None, logs)]
+
+    async def _settled(self) -> Reading:
+        """Read when sshd has as many processes as a moment before, or after a while."""
+        reading = self._reading()
+        for _ in range(SETTLES_IN_POLLS):
+            before = reading.services["sshd"].processes
+            await asyncio.sleep(POLL_EVERY_S)
+            reading = self._reading()
+            if reading.services["sshd"].processes == before:
+                break
+        return reading
+
+    def _reading(self) -> Reading:
+        containers = {name: self._world.container(name) for name in SERVICES}
+        return Reading.now(containers, [pid for side in self._sides for pid in side.pids])
+
+
+def with_fleet(world: World, count: int, use: Callable[[Fleet], Awaitable[T]]) -> T:
+    """What `use` returns of a fleet of `count` light robots, none of which has started yet."""
+    robots = robots_of(world, count)
+    allow_files(FILES_OF_OPERATORS)
+    with (
+        plain_uplinks(world, count) as uplinks,
+        tempfile.TemporaryDirectory(prefix="rt-fleet-") as logs,
+    ):
+
+        async def run() -> T:
+            async with (
+                workers(placed(robots, uplinks), Path(logs)) as sides,
+                following(world, robots, sides) as fleet,
+            ):
+                return await use(fleet)
+
+        return asyncio.run(run())
+
+
+@asynccontextmanager
+async def following(
+    world: World,
+    robots: Sequence[Enrolled],
+    sides: Sequence[Side],
+    operators: Uplink | None = None,
+) -> AsyncIterator[Fleet]:
+    """The fleet that these robots are, with operators, behind an uplink or here, who follow the server's events."""
+    headers = {"Authorization": f"Bearer {world.token}"}
+    here = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0)
+    made = here if operators is None else connector(operators)
+    async with aiohttp.ClientSession(connector=made, headers=headers) as http:
+        fleet = Fleet(world, robots, sides, http)
+        fleet_events = asyncio.ensure_future(fleet.fleet_events.follow())
+        try:
+            yield fleet
+        finally:
+            fleet_events.cancel()
+            await asyncio.gather(fleet_events, return_exceptions=True)
+
+
+@asynccontextmanager
+async def workers(
+    places: Iterable[tuple[Uplink, Sequence[Enrolled]]], logs: Path
+) -> AsyncIterator[list[Worker]]:
+    """A worker for each place; all robots have their rosbridge, and no agent yet."""
+    made = []
+    async with AsyncExitStack() as stack:
+        for uplink, robots in places:
+            log = stack.enter_context((logs / f"{robots[0].name}.log").open("ab"))
+            made.append(await Worker.start(uplink, robots, log))
+            stack.push_async_callback(made[-1].end)
+        for worker in made:
+            await worker.has_done("open", OPENS_WITHIN_S)
+        yield made
+
+
+class WholeRobots:
+    """Robots behind their uplinks; a Side of a fleet."""
+
+    def __init__(self, robots: Sequence[WholeRobot]) -> None:
+        self.on_message: OnMessage = lambda _: None
+        self._robots = robots
+        self._are_started = False
+
+    @property
+    def pids(self) -> Sequence[int]:
+        rosbridges = [robot.ros_pid for robot in self._robots]
+        agents = [robot.agent_pid for robot in self._robots] if self._are_started else []
+        return rosbridges + agents
+
+    async def do(self, order: str, within_s: float) -> None:
+        """Start or end all agents; each end is bounded already."""
+        del within_s
+        if order == "start":
+            for robot in self._robots:
+                robot.start_agent()
+            self._are_started = True
+        else:
+            for robot in self._robots:
+                robot.ask_agent_to_end()
+            await asyncio.to_thread(self._end)
+
+    def log_tail(self) -> str:
+        return "\n".join(robot.logs() for robot in self._robots if robot.ended())
+
+    @asynccontextmanager
+    async def listening(self) -> AsyncIterator[None]:
+        """Subscribe at each robot's own rosbridge, and tell what comes."""
+        async with AsyncExitStack() as stack:
+            sockets = [await self._subscribed(stack, robot) for robot in self._robots]
+            tasks = [
+                asyncio.ensure_future(self._listen(robot.name, socket))
+                for robot, socket in zip(self._robots, sockets, strict=True)
+            ]
+            try:
+                yield
+            finally:
+                for task in tasks:
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _subscribed(
+        self, stack: AsyncExitStack, robot: WholeRobot
+    ) -> aiohttp.ClientWebSocketResponse:
+        http = aiohttp.ClientSession(connector=connector(robot.uplink))
+        await stack.enter_async_context(http)
+        socket = await stack.enter_async_context(await _rosbridge(http, robot))
+        await socket.send_json({"op": "subscribe", "topic": TOPIC, "type": TYPE})
+        return socket
+
+    async def _listen(self, robot: str, socket: aiohttp.ClientWebSocketResponse) -> None:
+        async for frame in socket:
+            at_ns = time.monotonic_ns()
+            message: Mapping[str, Any] = json.loads(frame.data)
+            if message.get("op") == "publish":
+                self.on_message({"robot": robot, "got": message["msg"]["data"], "at_ns": at_ns})
+        self.on_message(
+            {"robot": robot, "failed": "its rosbridge closed the subscriber's connection"}
+        )
+
+    def _end(self) -> None:
+        for robot in self._robots:
+            robot.end_agent()
+
+
+async def _rosbridge(
+    http: aiohttp.ClientSession, robot: WholeRobot
+) -> aiohttp.ClientWebSocketResponse:
+    """Connect to a rosbridge that may be just starting."""
+    end = time.monotonic() + ROSBRIDGE_WITHIN_S
+    while True:
+        try:
+            return await http.ws_connect(robot.ros_url)
+        except (aiohttp.ClientError, OSError) as error:
+            if robot.ended() or time.monotonic() > end:
+                raise RuntimeError(
+                    f"{robot.name} has no rosbridge: {error}\n{robot.logs()}"
+                ) from error
+        await asyncio.sleep(TRY_AGAIN_S)
+
+
+def with_whole_fleet(world: World, count: int, use: Callable[[Fleet], Awaitable[T]]) -> T:
+    """What `use` returns of a fleet of `count` whole robots, whose agents have not started yet."""
+    enrolled = robots_of(world, count)
+    with plain_uplinks(world, count) as uplinks, ExitStack() as ending:
+        robots = [
+            WholeRobot(world, one, uplink, "bus", aside=True)
+            for uplink, some in placed(enrolled, uplinks)
+            for one in some
+        ]
+        for robot in robots:
+            ending.push(robot)
+            robot.start_ros()
+
+        async def run() -> T:
+            side = WholeRobots(robots)
+            async with side.listening(), following(world, enrolled, [side]) as fleet:
+                return await use(fleet)
+
+        return asyncio.run(run())

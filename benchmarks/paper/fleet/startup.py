@@ -1,0 +1,118 @@
+"""The first experiment: N robots start at once, each gets one message through the whole path, and all come back.
+
+The paper starts 50 robots 1000 times, and each gets one std_msgs/String. Here the operator's side is a ticket and a
+drive connection through nginx, TLS, relay, tunnel and guard to a subscriber on the robot's ROS side, all in the time
+that is measured. Beyond the paper, the server's containers are killed, as by a loss of power, and started again: the
+clock starts before that, and stops for a robot when it has got a message that an operator sent afterwards.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from paper.fleet.fleet import SERVICES, Fleet, with_fleet, with_whole_fleet
+from paper.fleet.report import IN_WORDS, report
+from paper.step import Part, Scale, Step, Values
+from paper.world import World
+
+PAPER_COUNT, PAPER_REPETITIONS = 50, 1000
+DEFAULT_REPETITIONS = 20
+QUICK_COUNT, QUICK_REPETITIONS = 10, 2
+# Once each, to see where this machine ends.
+MORE_COUNTS = (200, 500, 1000)
+# Of the first repetition of each size: what the fleet costs when nobody uses it.
+IDLE_S, QUICK_IDLE_S = 10.0, 2.0
+# What is restarted, by the steps' names.
+RESTARTS: Mapping[str, Sequence[str]] = {"tunnels": ("sshd", "relay"), "server": SERVICES}
+KILLED_AT_ONCE_S = 0
+RETURN_COUNTS, QUICK_RETURN_COUNTS = (50, 200), (10,)
+
+
+def steps(scale: Scale) -> Sequence[Step]:
+    counts = QUICK_RETURN_COUNTS if scale.quick else RETURN_COUNTS
+    returns = [_return_step(count, what) for count in counts for what in RESTARTS]
+    if scale.quick:
+        return [*_repeated(QUICK_COUNT, QUICK_REPETITIONS, QUICK_IDLE_S), *returns]
+    repetitions = PAPER_REPETITIONS if scale.full else DEFAULT_REPETITIONS
+    return [
+        *_repeated(PAPER_COUNT, repetitions),
+        Step(
+            name=f"whole-{PAPER_COUNT}",
+            title=f"{PAPER_COUNT} whole robots",
+            run=lambda world: with_whole_fleet(world, PAPER_COUNT, _once("whole", IDLE_S)),
+        ),
+        *(step for count in MORE_COUNTS for step in _repeated(count, 1)),
+        *returns,
+    ]
+
+
+def _repeated(count: int, repetitions: int, idle_s: float = IDLE_S) -> list[Step]:
+    return [
+        _step(count, number, repetitions, idle_s if number == 1 else 0.0)
+        for number in range(1, repetitions + 1)
+    ]
+
+
+def _step(count: int, number: int, repetitions: int, idle_s: float) -> Step:
+    return Step(
+        name=f"start-{count}-{number}",
+        title=f"{count} robots, repetition {number} of {repetitions}",
+        run=lambda world: with_fleet(world, count, _once(f"start-{number}", idle_s)),
+    )
+
+
+def _once(run: str, idle_s: float) -> Callable[[Fleet], Awaitable[dict[str, Any]]]:
+    async def use(fleet: Fleet) -> dict[str, Any]:
+        values = await fleet.start(run)
+        if idle_s:
+            values |= await fleet.idle(idle_s)
+        return {**values, "end_s": await fleet.end()}
+
+    return use
+
+
+def _return_step(count: int, what: str) -> Step:
+    return Step(
+        name=f"reconnect-{count}-{what}",
+        title=f"{count} robots come back after a restart of {IN_WORDS[what]}",
+        run=lambda world: _return(world, count, what),
+    )
+
+
+def _return(world: World, count: int, what: str) -> Values:
+    async def use(fleet: Fleet) -> dict[str, Any]:
+        before = await fleet.start(f"before-{what}")
+        missing = sum(seconds is None for seconds in before["message_s"])
+        if missing:
+            raise RuntimeError(
+                f"{missing} of {count} robots have not even started: {before['failures']}"
+            )
+        values = await fleet.run(f"after-{what}", restart)
+        return {**values, "count": count, "what": what, "end_s": await fleet.end()}
+
+    async def restart() -> None:
+        await asyncio.to_thread(restart_services, world, RESTARTS[what])
+
+    return with_fleet(world, count, use)
+
+
+def restart_services(world: World, services: Sequence[str]) -> None:
+    """Kill the containers and start them again, all at once, as a machine that boots does."""
+    with ThreadPoolExecutor(len(services)) as threads:
+        restarted = [
+            threads.submit(world.container(service).restart, timeout=KILLED_AT_ONCE_S)
+            for service in services
+        ]
+    for one in restarted:
+        one.result()
+
+
+PART = Part(
+    name="startup",
+    title="Many robots start at once",
+    steps=steps,
+    report=lambda scale, results: report([step.name for step in steps(scale)], results),
+)

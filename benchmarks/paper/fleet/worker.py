@@ -1,0 +1,249 @@
+"""The agent as a whole with its guard in the same process: what hundreds of robots on one machine are made of.
+
+The guard's own code runs, between the same two interfaces as in its process: the agent's lines and rosbridge. Only what
+a process of its own is for is missing: a robot whose agent hangs is not stopped here. Used by the fleet's workers.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import os
+import random
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NoReturn
+
+from robotether_agent import settings as agent_settings
+from robotether_agent.daemon import Agent
+from robotether_agent.fields import JsonObject, line_of, parse_object
+from robotether_agent.guard.agent_messages import GuardReporter
+from robotether_agent.guard.child_process import EXIT_S, TICK, TICK_S, GuardHandle
+from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
+from robotether_agent.guard.rosbridge import new_http
+from robotether_agent.guard.supervisor import GuardSupervisor
+from robotether_agent.problems import GuardDown
+from robotether_agent.settings import Settings
+from robotether_agent.systemd import Notifier
+from robotether_agent.tasks import first_of
+from sim_robot.graph import Node, TopicMessage
+
+from paper.bus_robot import BusRobot
+from paper.world import environment
+
+TOPIC, TYPE = "/startup", "std_msgs/String"
+LOCALHOST = "127.0.0.1"
+# Sockets, pipes and listeners of one robot, with room.
+FILES_A_ROBOT = 80
+LINE_BYTES = 1024 * 1024
+# It is no setting of a file of this machine that the robots go by.
+NO_FILE = Path("/dev/null")
+log = logging.getLogger(__name__)
+
+
+class _Pipe(asyncio.WriteTransport):
+    """The guard's standard output, as a queue of lines."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: asyncio.Queue[bytes] = asyncio.Queue()
+
+    def is_closing(self) -> bool:
+        return False
+
+    def get_write_buffer_size(self) -> int:
+        return 0
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        self.lines.put_nowait(bytes(data))
+
+
+class GuardHere:
+    """A running guard, as GuardProcess is one."""
+
+    pid = os.getpid()
+
+    def __init__(self, state_dir: Path, run_dir: Path) -> None:
+        self._messages = asyncio.StreamReader(limit=MAX_LINE_BYTES)
+        self._pipe = _Pipe()
+        self._life = asyncio.ensure_future(self._run(state_dir, run_dir))
+
+    def send(self, message: Mapping[str, object]) -> None:
+        self._messages.feed_data(line_of(message))
+
+    async def serve(self, on_line: Callable[[JsonObject], None]) -> NoReturn:
+        """Tick, and hand on each line of the guard; raise GuardDown when it has ended."""
+        await first_of(self._until_end(), self._listen(on_line), self._tick())
+        raise GuardDown("the guard ended")
+
+    async def end(self) -> None:
+        """Let the guard stop the robot and end."""
+        self.send({"type": "exit"})
+        await asyncio.wait({self._life}, timeout=EXIT_S)
+        await self.kill()
+
+    async def kill(self) -> None:
+        self._life.cancel()
+        await asyncio.gather(self._life, return_exceptions=True)
+
+    async def _run(self, state_dir: Path, run_dir: Path) -> None:
+        async with new_http() as http:
+            await Guard(http, state_dir, run_dir, GuardReporter(self._pipe)).run(self._messages)
+
+    async def _until_end(self) -> None:
+        await asyncio.wait({self._life})
+        with suppress(asyncio.CancelledError):
+            self._life.result()
+
+    async def _listen(self, on_line: Callable[[JsonObject], None]) -> None:
+        while True:
+            on_line(parse_object(await self._pipe.lines.get(), "the line"))
+
+    async def _tick(self) -> None:
+        while True:
+            self.send(TICK)
+            await asyncio.sleep(TICK_S)
+
+
+class _SupervisorHere(GuardSupervisor):
+    """Keeps a guard in this process, and none as a hot spare: Python need not start for it."""
+
+    def __init__(self, settings: Settings, **others: object) -> None:
+        super().__init__(settings.rosbridge_url, (), **others)  # type: ignore[arg-type] # the supervisor's own
+        self._directories = settings.state_dir, settings.run_dir
+
+    async def _next_guard(self) -> GuardHandle:
+        return GuardHandle(GuardHere(*self._directories))  # type: ignore[arg-type] # has all that it uses
+
+    async def _keep_spare(self) -> NoReturn:
+        await asyncio.Event().wait()
+        raise AssertionError
+
+
+class LightAgent(Agent):
+    """The agent, all of it; its guard is no process of its own."""
+
+    def _supervisor(self) -> GuardSupervisor:
+        return _SupervisorHere(self._settings, on_change=self._show_guard)
+
+
+class LightRobot:
+    """One robot; its agent runs between `start` and `end`."""
+
+    def __init__(self, name: str, given: Mapping[str, str]) -> None:
+        self.name = name
+        self._given = given
+        self._ros = BusRobot(LOCALHOST, 0)
+        self._ros.graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self._on_message)
+        self._agent: asyncio.Task[None] | None = None
+
+    async def open(self) -> None:
+        await self._ros.__aenter__()
+
+    async def close(self) -> None:
+        await self.end()
+        await self._ros.__aexit__()
+
+    def start(self) -> None:
+        self._agent = asyncio.create_task(self._run())
+
+    async def end(self) -> None:
+        if self._agent is not None:
+            self._agent.cancel()
+            await asyncio.gather(self._agent, return_exceptions=True)
+            self._agent = None
+
+    async def _run(self) -> None:
+        try:
+            await LightAgent(self._settings, Notifier(None), random.SystemRandom()).run()
+        except Exception as error:
+            # The border of a robot: the others go on.
+            log.exception("the agent of %s ended", self.name)
+            report(failed=repr(error), robot=self.name)
+
+    def _on_message(self, message: TopicMessage) -> None:
+        at_ns = time.monotonic_ns()
+        report(got=message.values["data"], robot=self.name, at_ns=at_ns)
+
+    @property
+    def _settings(self) -> Settings:
+        port = self._ros.rosbridge.port
+        given = {
+            **self._given,
+            "rosbridge_url": f"ws://{LOCALHOST}:{port}",
+            # No camera: what is asked for is one message.
+            "video_source": "rosbridge",
+            "shell_address": "none",
+        }
+        return agent_settings.load(NO_FILE, environment(given))
+
+
+def report(**fields: object) -> None:
+    """Write a line to whoever started this process."""
+    sys.stdout.write(json.dumps(fields) + "\n")
+    sys.stdout.flush()
+
+
+async def obey(order: str, robots: Sequence[LightRobot]) -> None:
+    """Do one order, and tell when it is done."""
+    if order == "start":
+        for robot in robots:
+            robot.start()
+    elif order == "end":
+        await asyncio.gather(*(robot.end() for robot in robots))
+    else:
+        raise ValueError(f"there is no order {order}")
+    report(done=order)
+
+
+async def _standard_input() -> asyncio.StreamReader:
+    lines = asyncio.StreamReader(limit=LINE_BYTES)
+    protocol = asyncio.StreamReaderProtocol(lines)
+    await asyncio.get_running_loop().connect_read_pipe(lambda: protocol, sys.stdin)
+    return lines
+
+
+async def work(run_dirs: Path) -> None:
+    if sys.version_info < (3, 12):
+        # The usual watcher of this Python has a thread for each child.
+        watcher = asyncio.PidfdChildWatcher()
+        watcher.attach_loop(asyncio.get_running_loop())
+        asyncio.set_child_watcher(watcher)
+    lines = await _standard_input()
+    wanted: dict[str, Any] = json.loads(await lines.readline())
+    robots = [
+        LightRobot(name, {**settings, "run_dir": str(run_dirs / str(number))})
+        for number, (name, settings) in enumerate(wanted.items())
+    ]
+    allow_files(len(robots) * FILES_A_ROBOT)
+    await asyncio.gather(*(robot.open() for robot in robots))
+    try:
+        report(done="open")
+        while line := await lines.readline():
+            await obey(json.loads(line), robots)
+    finally:
+        await asyncio.gather(*(robot.close() for robot in robots))
+
+
+def allow_files(count: int) -> None:
+    """Let this process have so many files open, if it may not yet."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft < count:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (count, max(count, hard)))
+
+
+def main() -> None:
+    """Work in folders that end with this process; their paths must be short, as they hold sockets."""
+    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
+    with tempfile.TemporaryDirectory(prefix="rt-", dir="/tmp") as folder:
+        asyncio.run(work(Path(folder)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,178 @@
+"""Numbered messages: which of them were lost, duplicated or reordered, and how late they came.
+
+Used by the experiments 2 and 3. Each message carries the number of its pair, its own, and the moment in which it was
+due, by the one clock of this machine (`time.monotonic_ns`). Latency counts from that moment and not from the one in
+which it was sent, so that a sender that is held up hides nothing. Pure: no network, no clock of its own.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import accumulate
+from typing import Any
+
+from numpy import quantile, repeat
+
+TOPIC, TYPE = "/numbered", "std_msgs/String"
+# The whole publish operation, as in the other experiments.
+FRAME_BYTES = 200
+# So many of the missing are named.
+NAMED_AT_MOST = 5
+NS_A_MS = 1_000_000
+
+
+class Histogram:
+    """How often which time was seen; a time is kept to 0.01 ms, from 100 ms on to four digits."""
+
+    FINEST_MS = 0.01
+    _DIGITS = 10_000
+
+    def __init__(self, counts: Mapping[int, int] | None = None) -> None:
+        # By hundredths of a ms.
+        self._counts = Counter(counts or {})
+
+    @classmethod
+    def of(cls, kept: Mapping[str, int]) -> Histogram:
+        """Read what `as_json` made."""
+        return cls({round(float(ms) / cls.FINEST_MS): count for ms, count in kept.items()})
+
+    @classmethod
+    def merged(cls, parts: Iterable[Histogram]) -> Histogram:
+        counts: Counter[int] = Counter()
+        for part in parts:
+            counts.update(part._counts)
+        return cls(counts)
+
+    def add(self, ms: float) -> None:
+        """Note one time in ms, which is not negative."""
+        self._counts[self._bin(ms)] += 1
+
+    def as_json(self) -> dict[str, int]:
+        """How often, by ms as text, the lowest first."""
+        return {f"{ms:.2f}": count for ms, count in self.rows()}
+
+    def rows(self) -> Iterator[tuple[float, int]]:
+        """Each ms and how often, the lowest first."""
+        for one in sorted(self._counts):
+            yield one * self.FINEST_MS, self._counts[one]
+
+    @property
+    def total(self) -> int:
+        return self._counts.total()
+
+    def quantile_ms(self, part: float) -> float | None:
+        """The time that `part` (0 to 1) of them stay below or reach; None where none is."""
+        if not self.total:
+            return None
+        times_ms, counts = zip(*self.rows(), strict=True)
+        return float(quantile(repeat(times_ms, counts), part))
+
+    def exceeded_by(self) -> list[tuple[float, float]]:
+        """Each ms and the share (0 to 1) of times that are longer, for a plot; the last share is 0."""
+        rows = list(self.rows())
+        passed = accumulate(count for _, count in rows)
+        return [(ms, 1 - so_far / self.total) for (ms, _), so_far in zip(rows, passed, strict=True)]
+
+    def _bin(self, ms: float) -> int:
+        hundredths, step = round(ms / self.FINEST_MS), 1
+        while hundredths >= self._DIGITS * step:
+            step *= 10
+        return round(hundredths / step) * step
+
+
+def publish(pair: int, number: int, due_ns: int) -> str:
+    """The operation that publishes a message, FRAME_BYTES long."""
+    empty = json.dumps({"op": "publish", "topic": TOPIC, "msg": {"data": ""}})
+    text = f"{pair} {number} {due_ns}"
+    return empty.replace('""', f'"{text:<{FRAME_BYTES - len(empty)}}"')
+
+
+@dataclass
+class Account:
+    """What came of the `count` messages of one pair."""
+
+    pair: int
+    count: int
+    received: int = 0
+    duplicated: int = 0
+    # Those with a number below one that came before.
+    reordered: int = 0
+    # Of another pair, or no message of ours.
+    foreign: int = 0
+    latency: Histogram = field(default_factory=Histogram)
+    _highest: int = -1
+
+    def __post_init__(self) -> None:
+        self._seen = bytearray(self.count)
+
+    @property
+    def complete(self) -> bool:
+        return self.received == self.count
+
+    def note(self, data: str, now_ns: int) -> None:
+        """Take a message's text, which came at `now_ns`."""
+        pair, number, due_ns = _parse(data)
+        if pair != self.pair or not 0 <= number < self.count:
+            self.foreign += 1
+        elif self._seen[number]:
+            self.duplicated += 1
+        else:
+            self._seen[number] = 1
+            self.received += 1
+            self.reordered += number < self._highest
+            self._highest = max(self._highest, number)
+            self.latency.add((now_ns - due_ns) / NS_A_MS)
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it, with the first numbers that are missing."""
+        missing = [number for number, seen in enumerate(self._seen) if not seen]
+        return {
+            "pair": self.pair,
+            "received": self.received,
+            "duplicated": self.duplicated,
+            "reordered": self.reordered,
+            "foreign": self.foreign,
+            "missing": missing[:NAMED_AT_MOST],
+            "latency": self.latency.as_json(),
+        }
+
+
+def joined(
+    sent: Iterable[Mapping[str, Any]], arrived: Iterable[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """One run's figures, of what each sender and each receiver told; a message that was not sent is not lost."""
+    senders, receivers = list(sent), list(arrived)
+    totals = {name: sum(one[name] for one in senders) for name in ("sent", "unsent")}
+    for name in ("received", "duplicated", "reordered", "foreign"):
+        totals[name] = sum(one[name] for one in receivers)
+    return {
+        **totals,
+        "lost": totals["sent"] - totals["received"],
+        # Connections that ended in mid-run at either end, and why.
+        "redials": sum(one["redials"] for one in (*senders, *receivers)),
+        "endings": sorted({why for one in (*senders, *receivers) for why in one["endings"]}),
+        # Those that failed before the start.
+        "failed_dials": sum(one["failed_dials"] for one in (*senders, *receivers)),
+        "dial_failures": sorted(
+            {why for one in (*senders, *receivers) for why in one["dial_failures"]}
+        ),
+        "missing": {str(one["pair"]): one["missing"] for one in receivers if one["missing"]},
+        "latency": _merged(receivers, "latency"),
+        "lateness": _merged(senders, "lateness"),
+    }
+
+
+def _merged(parts: Iterable[Mapping[str, Any]], name: str) -> dict[str, int]:
+    return Histogram.merged(Histogram.of(part[name]) for part in parts).as_json()
+
+
+def _parse(data: str) -> tuple[int, int, int]:
+    """Pair, number and the due moment; those of nobody for a text that is none of ours."""
+    try:
+        pair, number, due_ns = map(int, data.split())
+    except ValueError:
+        return -1, -1, 0
+    return pair, number, due_ns

@@ -1,0 +1,323 @@
+"""A process that sends or receives numbered messages on many connections: the load generator of experiments 2 and 3.
+
+Started by run.py, which speaks with it in JSON lines: a list of ends on stdin, "ready" back when all are
+connected; senders then wait for {"begin_ns"}, receivers for {"sent"} after which ten seconds of silence end them;
+the last line back is what each end saw, with this process's own CPU time. A connection that ends is dialled again and
+counted, before the start as in mid-run: what it had taken and never came is lost, and is not sent again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import selectors
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AsyncExitStack, suppress
+from dataclasses import dataclass
+from typing import Any
+
+import aiohttp
+from local_network import insecure_tls
+from namespaces import Namespace
+
+from paper.networks import connector_in
+from paper.numbered.messages import NS_A_MS, TOPIC, TYPE, Account, Histogram, publish
+
+SILENCE_S = 10.0
+DIAL_WITHIN_S, AGAIN_S = 30.0, 0.2
+# A sender that the way there holds up for so many times the planned time, and this more, sends the rest no longer.
+TIMEOUT_FACTOR, MORE_S = 3.0, 20.0
+NS_A_S = 1_000_000_000
+READY = {"op": "call_service", "id": "ready", "service": "/rosapi/topics"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class End:
+    """One end of a pair, as JSON carries it: a rosbridge connection on which it sends or receives."""
+
+    pair: int
+    count: int
+    rate_hz: float
+    sends: bool
+    # Where its sockets are made.
+    namespace: str
+    # Of rosbridge; for an operator without the ticket, which comes from `tickets`, an address of the API.
+    url: str
+    tickets: str = ""
+    token: str = ""
+    robot: str = ""
+
+
+class Dialled:
+    """A rosbridge connection of an end that is dialled again when it has ended."""
+
+    def __init__(
+        self, end: End, http: aiohttp.ClientSession, on_message: Callable[[str], None]
+    ) -> None:
+        self._end = end
+        self._http = http
+        self._on_message = on_message
+        self._socket: aiohttp.ClientWebSocketResponse
+        self._reading: asyncio.Task[None]
+        # Why connections ended, and how often; and why there was none before.
+        self.endings: Counter[str] = Counter()
+        self.failures: Counter[str] = Counter()
+
+    async def dial(self) -> None:
+        """Connect, and wait until the robot's rosbridge has taken what this end is for."""
+        self._socket = await self._http.ws_connect(
+            self._end.url + await self._ticket(), ssl=insecure_tls(), compress=0, max_msg_size=0
+        )
+        await self._socket.send_json(
+            {"op": "advertise" if self._end.sends else "subscribe", "topic": TOPIC, "type": TYPE}
+        )
+        # Operations are taken in order, so the answer to this one tells that the one before is in force.
+        await self._socket.send_json(READY)
+        ready = asyncio.Event()
+        self._reading = asyncio.create_task(self._read(self._socket, ready))
+        waiting = asyncio.ensure_future(ready.wait())
+        done, _ = await asyncio.wait(
+            (waiting, self._reading),
+            timeout=DIAL_WITHIN_S,
+            return_when=asyncio.FIRST_COMPLETED,
+        )
+        waiting.cancel()
+        if not ready.is_set():
+            await self.close()
+            raise ConnectionError(
+                self._why() if done else f"no answer of rosbridge in {DIAL_WITHIN_S:g} s"
+            )
+
+    async def dial_first(self) -> None:
+        """Connect, again and again for some time; ConnectionError with the pair when that fails."""
+        until_s = time.monotonic() + DIAL_WITHIN_S
+        while True:
+            try:
+                return await self.dial()
+            except (aiohttp.ClientError, ConnectionError, TimeoutError) as error:
+                self.failures[str(error)] += 1
+                if time.monotonic() > until_s:
+                    raise ConnectionError(f"pair {self._end.pair}: {error}") from error
+            await asyncio.sleep(AGAIN_S)
+
+    async def dial_again(self, until_ns: float = math.inf) -> None:
+        """Note why the connection ended, and try to connect until then."""
+        await self.close()
+        self.endings[self._why()] += 1
+        while time.monotonic_ns() < until_ns:
+            with suppress(aiohttp.ClientError, ConnectionError, TimeoutError):
+                await self.dial()
+                return
+            await asyncio.sleep(AGAIN_S)
+
+    def note_end(self) -> None:
+        """Note why the connection has ended, if it has."""
+        if self._reading.done():
+            self.endings[self._why()] += 1
+
+    async def send(self, text: str) -> None:
+        """Hand one message to the connection; ConnectionError if it has ended."""
+        await self._socket.send_str(text)
+
+    async def keep(self) -> None:
+        """Stay connected until cancelled; for an end that only hears."""
+        while True:
+            await asyncio.wait((self._reading,))
+            await self.dial_again()
+
+    async def close(self) -> None:
+        self._reading.cancel()
+        await asyncio.gather(self._reading, return_exceptions=True)
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._socket.close(), 2)
+
+    def as_json(self) -> dict[str, Any]:
+        """How often there was no connection, in mid-run and before, and why."""
+        return {
+            "redials": self.endings.total(),
+            "endings": list(self.endings),
+            "failed_dials": self.failures.total(),
+            "dial_failures": list(self.failures),
+        }
+
+    def _why(self) -> str:
+        return f"close code {self._socket.close_code}"
+
+    async def _ticket(self) -> str:
+        if not self._end.tickets:
+            return ""
+        wanted = {"robot": self._end.robot, "mode": "drive" if self._end.sends else "observe"}
+        bearer = {"Authorization": f"Bearer {self._end.token}"}
+        async with self._http.post(
+            self._end.tickets, json=wanted, headers=bearer, ssl=insecure_tls()
+        ) as answer:
+            answer.raise_for_status()
+            return str((await answer.json())["ticket"])
+
+    async def _read(self, client: aiohttp.ClientWebSocketResponse, ready: asyncio.Event) -> None:
+        """Hear what comes; reading also answers pings."""
+        async for message in client:
+            if message.type is not aiohttp.WSMsgType.TEXT:
+                continue
+            said = json.loads(message.data)
+            if said.get("op") == "publish" and said.get("topic") == TOPIC:
+                self._on_message(said["msg"]["data"])
+            elif said.get("op") == "service_response":
+                ready.set()
+
+
+class Sender:
+    """Publishes each message when it is due, or as soon after as the connection takes it."""
+
+    def __init__(self, end: End, http: aiohttp.ClientSession) -> None:
+        self._end = end
+        self.dialled = Dialled(end, http, lambda _: None)
+        self._sent = 0
+        self._lateness = Histogram()
+
+    async def run(self, begin_ns: int) -> None:
+        """Send them all, from `begin_ns` on."""
+        end, period_ns = self._end, NS_A_S / self._end.rate_hz
+        give_up_ns = begin_ns + end.count * period_ns * TIMEOUT_FACTOR + MORE_S * NS_A_S
+        for number in range(end.count):
+            due_ns = begin_ns + int(number * period_ns)
+            await _sleep_until(due_ns)
+            if not await self._send(number, due_ns, give_up_ns):
+                return
+
+    async def _send(self, number: int, due_ns: int, give_up_ns: float) -> bool:
+        """Hand it to a connection that takes it; whether one did so in time."""
+        while (now_ns := time.monotonic_ns()) < give_up_ns:
+            with suppress(ConnectionError):
+                await self.dialled.send(publish(self._end.pair, number, due_ns))
+                self._sent += 1
+                self._lateness.add((now_ns - due_ns) / NS_A_MS)
+                return True
+            await self.dialled.dial_again(give_up_ns)
+        return False
+
+    def result(self) -> dict[str, Any]:
+        """What became of it, also after the last message."""
+        self.dialled.note_end()
+        return {
+            "pair": self._end.pair,
+            "sent": self._sent,
+            "unsent": self._end.count - self._sent,
+            **self.dialled.as_json(),
+            "lateness": self._lateness.as_json(),
+        }
+
+
+class Receiver:
+    """Counts what comes."""
+
+    def __init__(self, end: End, http: aiohttp.ClientSession) -> None:
+        self.dialled = Dialled(end, http, self._note)
+        self.account = Account(end.pair, end.count)
+        self.received_ns = 0
+
+    def _note(self, data: str) -> None:
+        self.received_ns = time.monotonic_ns()
+        self.account.note(data, self.received_ns)
+
+    def result(self) -> dict[str, Any]:
+        return {**self.account.as_json(), **self.dialled.as_json()}
+
+
+async def _sleep_until(due_ns: int) -> None:
+    left_ns = due_ns - time.monotonic_ns()
+    if left_ns > 0:
+        await asyncio.sleep(left_ns / NS_A_S)
+
+
+async def _wait_for_last(receivers: Sequence[Receiver], sent: asyncio.Future[Any]) -> None:
+    """Wait until each message has come, or after all were sent for SILENCE_S without any."""
+    since_ns = 0
+    while not all(one.account.complete for one in receivers):
+        await asyncio.sleep(0.05)
+        if not sent.done():
+            continue
+        since_ns = since_ns or time.monotonic_ns()
+        last_ns = max(since_ns, *(one.received_ns for one in receivers))
+        if time.monotonic_ns() - last_ns > SILENCE_S * NS_A_S:
+            return
+
+
+def _session(namespace: str) -> aiohttp.ClientSession:
+    """A client whose sockets are made in a namespace."""
+    return aiohttp.ClientSession(
+        connector=connector_in(Namespace(namespace, ""), limit=0),
+        timeout=aiohttp.ClientTimeout(total=None, sock_connect=DIAL_WITHIN_S),
+    )
+
+
+async def _read_order() -> Mapping[str, Any]:
+    line = await asyncio.to_thread(sys.stdin.readline)
+    if not line:
+        raise EOFError("whoever started this load generator is gone")
+    answer: Mapping[str, Any] = json.loads(line)
+    return answer
+
+
+def _report(values: Mapping[str, object]) -> None:
+    sys.stdout.write(json.dumps(values) + "\n")
+    sys.stdout.flush()
+
+
+async def work() -> None:
+    ends = [End(**values) for values in (await _read_order())["ends"]]
+    async with AsyncExitStack() as stack:
+        used = {end.namespace for end in ends}
+        clients = {one: await stack.enter_async_context(_session(one)) for one in used}
+        kind = Sender if ends[0].sends else Receiver
+        made = [kind(end, clients[end.namespace]) for end in ends]
+        await asyncio.gather(*(one.dialled.dial_first() for one in made))
+        for one in made:
+            stack.push_async_callback(one.dialled.close)
+        _report({"ready": True})
+        started, cpu_s = time.monotonic(), time.process_time()
+        if ends[0].sends:
+            await _send_all(made, ends[0].rate_hz)
+        else:
+            await _receive_all(made)
+        values = [one.result() for one in made]
+        _report(
+            {
+                "ends": values,
+                "cpu_s": time.process_time() - cpu_s,
+                "took_s": time.monotonic() - started,
+            }
+        )
+
+
+async def _send_all(senders: Sequence[Sender], rate_hz: float) -> None:
+    """Send all, and stay connected until the receivers have seen what they will: an end could cut off what waits."""
+    begin_ns = (await _read_order())["begin_ns"]
+    # Pairs are not in step, as operators are not.
+    offset_ns = NS_A_S / rate_hz / len(senders)
+    begins = [begin_ns + int(position * offset_ns) for position in range(len(senders))]
+    await asyncio.gather(*(one.run(at) for one, at in zip(senders, begins, strict=True)))
+    _report({"sent": True, "sending_s": (time.monotonic_ns() - begin_ns) / NS_A_S})
+    await _read_order()
+
+
+async def _receive_all(receivers: Sequence[Receiver]) -> None:
+    """Count what comes until all has come, or nothing more does."""
+    sent = asyncio.ensure_future(_read_order())
+    keeping = [asyncio.create_task(one.dialled.keep()) for one in receivers]
+    await _wait_for_last(receivers, sent)
+    for task in keeping:
+        task.cancel()
+    await asyncio.gather(*keeping, return_exceptions=True)
+
+
+if __name__ == "__main__":
+    # epoll's pauses are whole ms, so that each message would be up to one late; select's are finer.
+    with asyncio.Runner(
+        loop_factory=lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())
+    ) as runner:
+        runner.run(work())

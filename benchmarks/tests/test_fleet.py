@@ -1,0 +1,138 @@
+"""Which robot got its message, what counts as wrong, and how runs are put together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from paper.fleet.operators import Arrivals
+from paper.fleet.report import Group, groups
+from paper.step import Outcome
+
+SECOND_NS = 1_000_000_000
+PLANNED = ["start-2-1", "start-2-2", "whole-2", "reconnect-2-server"]
+
+
+@pytest.fixture
+def arrivals() -> Arrivals:
+    """Two robots, from second 10 on."""
+    return Arrivals(["one", "two"], "start-7", 10 * SECOND_NS)
+
+
+def test_a_robot_gets_the_text_that_was_sent_to_it(arrivals):
+    first, second = arrivals.text("one"), arrivals.text("one")
+    arrivals.got("one", first, 12 * SECOND_NS)
+    arrivals.got("one", second, 13 * SECOND_NS)
+    values = arrivals.values()
+    assert values["message_s"] == [2.0, None]
+    assert (values["published"], values["received"], values["wrong"]) == (2, 2, 0)
+    assert arrivals.has_arrived("one")
+    assert not arrivals.has_arrived("two")
+
+
+@pytest.mark.parametrize(
+    ("robot", "text"),
+    [
+        ("two", "one start-7 1"),
+        ("one", "one start-6 1"),
+        ("one", "one start-7 2"),
+        ("one", "one start-7"),
+        ("one", ""),
+        ("three", "three start-7 1"),
+    ],
+)
+def test_anything_else_is_wrong(arrivals, robot, text):
+    arrivals.text("one")
+    arrivals.got(robot, text, 12 * SECOND_NS)
+    values = arrivals.values()
+    assert (values["wrong"], values["received"]) == (1, 0)
+    assert values["wrong_texts"] == [f"{robot} got {text!r}"]
+
+
+def test_online_and_the_servers_first_word_count_once(arrivals):
+    for second in (11, 15):
+        arrivals.is_online("two", second * SECOND_NS)
+        arrivals.server_answers(second * SECOND_NS)
+    arrivals.is_online("sim1", 11 * SECOND_NS)
+    values = arrivals.values()
+    assert values["online_s"] == [None, 1.0]
+    assert values["server_s"] == 1.0
+
+
+"""How runs are put together, failed and missing ones included."""
+
+
+def run(*message_s: float | None, **others: Any) -> Outcome:
+    """A run in which robots got their messages then; None: never."""
+    got = sum(seconds is not None for seconds in message_s)
+    usual = {
+        "message_s": list(message_s),
+        "online_s": list(message_s),
+        "published": len(message_s),
+        "received": got,
+        "wrong": 0,
+        "waits": {},
+        "limits": [],
+        "cpu_s": {"sshd": 4.0, "relay": 2.0},
+        "memory_bytes": {"sshd": 2000},
+        "server_s": 1.0,
+        "took_s": 3.0,
+        "failures": [],
+    }
+    return Outcome(values={**usual, **others})
+
+
+def one(*outcomes: Outcome, planned: int = 2) -> Group:
+    return Group("start", 2, "", planned, outcomes)
+
+
+def test_steps_are_told_by_their_names():
+    found = groups(PLANNED, {"start-2-2": run(1.0, 2.0)})
+    told = [
+        (group.kind, group.count, group.what, group.planned, len(group.outcomes)) for group in found
+    ]
+    assert told == [
+        ("start", 2, "", 2, 1),
+        ("whole", 2, "", 1, 0),
+        ("reconnect", 2, "server", 1, 0),
+    ]
+
+
+def test_a_late_robot_has_failed_and_is_told_apart_from_one_that_never_came():
+    group = one(run(1.0, 60.0), run(60.1, None))
+    assert (group.wanted, group.in_time, group.late) == (4, 2, 1)
+    assert group.success == 50.0
+    assert group.message_s == [1.0, 60.0, 60.1]
+
+
+def test_a_run_that_failed_as_a_whole_counts_all_its_robots():
+    group = one(run(1.0, 1.0), Outcome(failure="a worker ended"))
+    assert (group.wanted, group.in_time, group.success) == (4, 2, 50.0)
+
+
+def test_costs_are_of_robots_that_came():
+    group = one(run(1.0, None), run(1.0, 2.0))
+    assert group.per_robot("cpu_s", ["sshd", "relay"]) == 4.0
+    assert group.per_robot("memory_bytes", ["sshd", "unknown"]) == 4000 / 3
+
+
+def test_what_went_wrong_is_added_up():
+    group = one(
+        run(1.0, 2.0, wrong=1, received=3, waits={"closed with 4503": 2}, limits=["b"]),
+        run(1.0, 2.0, wrong=2, waits={"closed with 4503": 1}, limits=["a", "b"]),
+    )
+    assert (group.wrong, group.doubled) == (3, 1)
+    assert group.waits == {"closed with 4503": 3}
+    assert group.limits == ["a", "b"]
+
+
+def test_how_busy_the_machine_was():
+    assert one(run(1.0, 2.0), run(1.0, 2.0)).busy_cores == 2.0
+    assert one().busy_cores is None
+
+
+def test_what_the_idle_fleet_costs_is_of_the_runs_that_looked():
+    measured = run(1.0, 2.0, idle_s=10.0, idle_cpu_s={"sshd": 1.0, "relay": 0.5, "robots": 3.0})
+    group = one(measured, run(1.0, 2.0))
+    assert group.idle_load(("sshd", "relay", "nginx")) == 0.15
+    assert one(run(1.0, 2.0)).idle_load(("sshd",)) is None

@@ -1,0 +1,77 @@
+"""The server's slow line carries what it says, for both ends together, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+from namespaces import Namespace
+from paper.networks import LineCounts, server_line
+
+# Alone: the address is the whole machine's, and two of these tests at once would both add it.
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.skipif(os.geteuid() != 0, reason="an emulated line needs root"),
+]
+
+MACHINE = "198.51.100.1"
+SENT_BYTES = 300_000
+
+
+@pytest.fixture(autouse=True)
+def machine() -> Iterator[None]:
+    """An address of this machine that nothing else uses, of those for documentation."""
+    ends = ["ip", "address", "add", f"{MACHINE}/32", "dev", "lo"]
+    subprocess.run(ends, check=True)
+    yield
+    subprocess.run(["del" if word == "add" else word for word in ends], check=True)
+
+
+def upload(listener: socket.socket, inside: Namespace) -> None:
+    """Send SENT_BYTES from there, until they have all come."""
+    with inside.entered():
+        client = socket.socket()
+    with client:
+        client.settimeout(20)
+        client.connect(listener.getsockname())
+        server, _ = listener.accept()
+        with server:
+            sender = threading.Thread(target=client.sendall, args=(bytes(SENT_BYTES),))
+            sender.start()
+            left = SENT_BYTES
+            while left:
+                left -= len(server.recv(1 << 16))
+            sender.join()
+
+
+def test_both_ends_share_the_line() -> None:
+    with server_line(4, MACHINE) as line, socket.create_server((MACHINE, 0)) as one:
+        with socket.create_server((MACHINE, 0)) as other:
+            started = time.monotonic()
+            ends = ((one, line.operators.inside), (other, line.robots.inside))
+            threads = [threading.Thread(target=upload, args=pair) for pair in ends]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join(30)
+            took_s = time.monotonic() - started
+        counts = line.counts()
+    assert 2 * SENT_BYTES < counts.to_server_bytes < 2.4 * SENT_BYTES
+    assert counts.from_server_bytes < SENT_BYTES / 5
+    needed_s = 2 * SENT_BYTES * 8 / 4e6
+    assert 0.9 * needed_s < took_s < 2 * needed_s + 1
+
+
+def test_counts_are_told_from_a_moment_on() -> None:
+    before, after = LineCounts(1, 2, 3, 4), LineCounts(11, 22, 33, 44)
+    assert after.since(before) == {
+        "to_server_bytes": 10,
+        "from_server_bytes": 20,
+        "to_server_dropped": 30,
+        "from_server_dropped": 40,
+    }

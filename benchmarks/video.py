@@ -1,0 +1,371 @@
+"""How old a frame is at the viewer, and what 1, 5 and 20 viewers of one camera cost.
+
+The age is by the timestamp that the simulated camera has drawn into the frame, on loopback over the whole demo, and
+over an emulated link like the worst of the paper's (link.py) with the real agent, OpenSSH and relay; each beside plain
+MJPEG through a bare `ssh -R`. No frame may be left out: one whose timestamp cannot be read ends the run. The cost is
+the robot's uplink and the relay's processor time, with viewers straight at the relay: nginx and TLS are not in it.
+Used by `bench`; needs `make demo`, and root for the link.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import aiohttp
+from bare_tunnel import bare_forward, bare_tunnel
+from behind_video import DOWN, UP, UP_MBIT_S
+from demo import ROOT, Demo
+from link import Link, why_not_here
+from local_network import free_port, insecure_tls
+from namespaces import Namespace
+from numpy import quantile
+from openssh_server import OpenSshServer
+from recovery import Site, Subject
+from relay_server import SESSION_KEY, MemoryDatabase, running_relay, until
+from robotether_server.relay.main import Timing
+from sections import Section
+from video_viewers import Frame, OnFrame, view_frames, view_stream
+
+SIM_ROBOT = ROOT / "images" / "sim_robot"
+ROBOT_VIDEO_PORT = 8080
+ROBOT, CAMERA = "sim1", "/camera/image_raw"
+SECONDS = 12.0
+SETTLE_S = 5.0
+STARTS_WITHIN_S = 30.0
+AIM_LOOPBACK_MS, AIM_LINK_MS = 80, 250
+# web_video_server's own default, which makes more than the link takes, and less, which fits.
+PLAIN_QUALITIES = (95, 80)
+COUNTS = (1, 5, 20)
+VIEWERS_SECONDS, VIEWERS_SETTLE_S = 10.0, 3.0
+RELAY_PORT = 8080
+FPS = 15
+# One quality, so that no run has smaller pictures than another; it makes pictures of some 30 KB.
+STREAM_REQUEST = {"quality_min": 75, "quality_max": 75, "fps": FPS, "latency_ms": 5000}
+AIM_PERCENT = 5
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was seen on one route."""
+
+    where: str
+    transport: str
+    viewed_frames: list[Frame]
+    lasted_s: float
+
+    @property
+    def cells(self) -> tuple[object, ...]:
+        ages = [frame.age_ms for frame in self.viewed_frames]
+        size = sum(len(frame.jpeg) for frame in self.viewed_frames)
+        return (
+            self.where,
+            self.transport,
+            len(ages),
+            *(f"{quantile(ages, part):.0f}" for part in (0.5, 0.95, 1)),
+            f"{len(ages) / self.lasted_s:.1f}",
+            f"{size / len(ages) / 1000:.0f}",
+            f"{size * 8 / self.lasted_s / 1e6:.2f}",
+        )
+
+
+# Looks until it is cancelled.
+View = Callable[[aiohttp.ClientSession, OnFrame], Awaitable[None]]
+
+
+async def viewed(where: str, transport: str, view: View, seconds: float) -> Row:
+    """Look for so long, after a while in which whatever fills up may fill up."""
+    seen: list[Frame] = []
+    async with aiohttp.ClientSession() as http:
+        looking = asyncio.ensure_future(view(http, seen.append))
+        try:
+            await until(
+                lambda: seen or looking.done(), f"a picture: {where}, {transport}", STARTS_WITHIN_S
+            )
+            await asyncio.wait([looking], timeout=SETTLE_S)
+            seen.clear()
+            await asyncio.wait([looking], timeout=seconds)
+            if looking.done():
+                looking.result()
+            if len(seen) < 2:
+                raise RuntimeError(f"cannot measure {transport}, {where}: {len(seen)} frames came")
+            return Row(where, transport, list(seen), seconds)
+        finally:
+            looking.cancel()
+            await asyncio.gather(looking, return_exceptions=True)
+
+
+async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
+    """The demo's robot as a viewer outside sees it."""
+    where, tls = "loopback", {"ssl": insecure_tls()}
+    base = f"{demo.url}/robots/{ROBOT}/video"
+
+    async def frames(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
+        ticket = await asyncio.to_thread(demo.ticket, ROBOT, "observe")
+        await view_frames(http, f"{base}/frames?topic={CAMERA}&ticket={ticket}", on_frame, **tls)
+
+    async def stream(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
+        bearer = {"Authorization": f"Bearer {demo.token}"}
+        await view_stream(http, f"{base}/stream?topic={CAMERA}", on_frame, headers=bearer, **tls)
+
+    rows = [
+        await viewed(where, "Robotether, frames protocol", frames, seconds),
+        await viewed(where, "Robotether, multipart stream", stream, seconds),
+    ]
+    with bare_tunnel(demo.address_of(ROBOT), 8080) as port:
+        view = plain(port, PLAIN_QUALITIES[0])
+        rows.append(await viewed(where, plain_name(PLAIN_QUALITIES[0]), view, seconds))
+    return rows
+
+
+def plain(port: int, quality: int) -> View:
+
+    async def view(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
+        url = f"http://127.0.0.1:{port}/stream?topic={CAMERA}&quality={quality}"
+        await view_stream(http, url, on_frame)
+
+    return view
+
+
+def plain_name(quality: int) -> str:
+    return f"plain MJPEG, quality {quality}, bare ssh -R"
+
+
+@dataclass(frozen=True)
+class Uplink:
+    """The robot's network as recovery's agents know theirs."""
+
+    server: str
+    robot: Namespace
+
+
+async def over_link(link: Link, seconds: float) -> list[Row]:
+    """A robot behind the link; this thread must be in the server's namespace."""
+    where = f"38 ms, {UP_MBIT_S} Mbit/s up"
+    async with linked_robot(link) as (site, subject):
+        relay, robot = site.relay, subject.robot
+
+        def url(what: str) -> str:
+            ticket = relay.ticket(robot, "observe")
+            return f"{relay.url}/robots/{robot.name}/video/{what}?topic={CAMERA}&ticket={ticket}"
+
+        async def frames(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
+            await view_frames(http, url("frames"), on_frame)
+
+        async def stream(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
+            await view_stream(http, url("stream"), on_frame)
+
+        await until_seen(frames)
+        rows = [
+            await viewed(where, "Robotether, frames protocol", frames, seconds),
+            await viewed(where, "Robotether, multipart stream", stream, seconds),
+        ]
+        for quality in PLAIN_QUALITIES:
+            port = free_port()
+            forward = {port: f"127.0.0.1:{ROBOT_VIDEO_PORT}"}
+            with bare_forward(site.sshd, 2, forward, host=site.sshd.address, inside=link.robot):
+                rows.append(await viewed(where, plain_name(quality), plain(port, quality), seconds))
+    return rows
+
+
+async def until_seen(view: View) -> None:
+    """Look again and again until a first picture comes: the robot may still be on its way."""
+    seen: list[Frame] = []
+    deadline = asyncio.get_running_loop().time() + STARTS_WITHIN_S
+    while not seen:
+        if asyncio.get_running_loop().time() > deadline:
+            raise RuntimeError(f"cannot measure: no frame in {STARTS_WITHIN_S:g} s")
+        async with aiohttp.ClientSession() as http:
+            looking = asyncio.ensure_future(view(http, seen.append))
+            with suppress(AssertionError):
+                await until(lambda looking=looking: seen or looking.done(), "a picture", 2.0)
+            looking.cancel()
+            await asyncio.gather(looking, return_exceptions=True)
+
+
+@asynccontextmanager
+async def linked_robot(link: Link) -> AsyncIterator[tuple[Site, Subject]]:
+    """Real relay and sshd at the server's end of the link, real agent and the simulator at the robot's."""
+    async with AsyncExitStack() as stack:
+        records = MemoryDatabase()
+        robot = records.add_robot(1, ROBOT, u1="drive")
+        relay = await stack.enter_async_context(running_relay(records, Timing()))
+        sshd = OpenSshServer(
+            relay.relay.session_port, address=link.server.address, session_key=SESSION_KEY
+        )
+        stack.callback(sshd.close)
+        await asyncio.to_thread(sshd.start)
+        http = await stack.enter_async_context(aiohttp.ClientSession())
+        stack.enter_context(simulator(link.robot))
+        site = Site(relay, records, sshd, http)
+        folder = Path(tempfile.mkdtemp(prefix="rt-"))
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        subject = Subject(site, Uplink(link.server.address, link.robot), robot, folder)
+        stack.callback(subject.close)
+        await subject.enrol()
+        subject.start_agent()
+        yield site, subject
+
+
+@contextmanager
+def simulator(robot: Namespace) -> Iterator[None]:
+    command = robot.command(sys.executable, "-m", "sim_robot")
+    given = {"PYTHONPATH": str(SIM_ROBOT), "SIM_NAME": ROBOT, "SIM_BIND_ADDRESS": "127.0.0.1"}
+    with subprocess.Popen(
+        command, env={**os.environ, **given, "SIM_LOG_LEVEL": "error"}
+    ) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
+
+
+def measure_age(demo: Demo, seconds: float = SECONDS) -> Section:
+    if why := why_not_here():
+        raise RuntimeError(f"cannot measure the age of frames over a link: {why}")
+    rows = asyncio.run(on_loopback(demo, seconds))
+    with Link(up=UP, down=DOWN) as link:
+        link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
+        with link.server.entered():
+            rows += asyncio.run(over_link(link, seconds))
+    return Section(
+        title="Age of a frame at the viewer",
+        text=(
+            "The age is from the timestamp that the simulated camera draws into its 640x480 frame until a viewer has "
+            f"the whole frame. Each row took {seconds:g} s, from {SETTLE_S:g} s after the first frame. Drawing and "
+            "encoding are included, the pause between frames is not. Loopback is the whole demo, with nginx and TLS. "
+            "Over the link the viewer is beside the relay, without these two, and the robot's TCP is cubic. Plain "
+            "MJPEG of quality 95 (web_video_server's default) is more than the link carries, so its age grows with "
+            "time.\n\n"
+            f"Aim: p95 under {AIM_LOOPBACK_MS} ms on loopback and under {AIM_LINK_MS} ms over the link."
+        ),
+        columns="where | route | frames | p50 ms | p95 ms | max ms | frames/s | KB a frame | Mbit/s",
+        rows=[row.cells for row in rows],
+    )
+
+
+@dataclass(frozen=True)
+class Run:
+    """What so many viewers cost."""
+
+    viewers: int
+    frames: int
+    frame_bytes: int
+    uplink_bytes: int
+    relay_cpu_s: float
+    lasted_s: float
+
+    @property
+    def uplink_kb_s(self) -> float:
+        return self.uplink_bytes / self.lasted_s / 1000
+
+    @property
+    def cpu_per_100(self) -> float:
+        """The relay's share of a core, in percent, for each 100 pictures that it delivers in a second."""
+        return self.relay_cpu_s / self.frames * 100 * 100
+
+
+class Usage:
+    """What the kernel has counted for two containers."""
+
+    def __init__(self, demo: Demo) -> None:
+        processes = demo.container("relay").top()["Processes"]
+        self._relay_pids = [int(process[1]) for process in processes]
+        self._robot_pid = demo.container(ROBOT).attrs["State"]["Pid"]
+
+    def relay_cpu_s(self) -> float:
+        """Processor time of the relay's processes since their start."""
+        tasks = [task for pid in self._relay_pids for task in Path(f"/proc/{pid}/task").iterdir()]
+        return sum(int((task / "schedstat").read_text().split()[0]) for task in tasks) / 1e9
+
+    def uplink_bytes(self) -> int:
+        """What has left the robot by its network."""
+        lines = Path(f"/proc/{self._robot_pid}/net/dev").read_text().splitlines()
+        [counts] = [
+            line.split(":")[1].split() for line in lines if line.strip().startswith("eth0:")
+        ]
+        return int(counts[8])
+
+
+@asynccontextmanager
+async def watched(demo: Demo, viewers: int) -> AsyncIterator[list[list[Frame]]]:
+    """So many viewers, each with its own pictures; all have one when this begins."""
+    address = f"http://{demo.address_of('relay')}:{RELAY_PORT}/robots/{ROBOT}/video/frames"
+    seen: list[list[Frame]] = [[] for _ in range(viewers)]
+    async with AsyncExitStack() as stack:
+        http = await stack.enter_async_context(aiohttp.ClientSession())
+        tasks = []
+        for own in seen:
+            ticket = await asyncio.to_thread(demo.ticket, ROBOT, "observe")
+            url = f"{address}?topic={CAMERA}&ticket={ticket}"
+            tasks.append(asyncio.ensure_future(view_frames(http, url, own.append, STREAM_REQUEST)))
+        try:
+            await until(
+                lambda: all(seen) or any(task.done() for task in tasks),
+                f"a frame for each of {viewers}",
+                STARTS_WITHIN_S,
+            )
+            yield seen
+            for task in tasks:
+                if task.done():
+                    task.result()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def run(demo: Demo, viewers: int, seconds: float) -> Run:
+    usage = Usage(demo)
+    async with watched(demo, viewers) as seen:
+        await asyncio.sleep(VIEWERS_SETTLE_S)
+        for own in seen:
+            own.clear()
+        cpu_s, uplink = usage.relay_cpu_s(), usage.uplink_bytes()
+        started = time.monotonic()
+        await asyncio.sleep(seconds)
+        frames = [frame for own in seen for frame in own]
+        lasted_s, uplink = time.monotonic() - started, usage.uplink_bytes() - uplink
+        cpu_s = usage.relay_cpu_s() - cpu_s
+    size = sum(len(frame.jpeg) for frame in frames)
+    return Run(viewers, len(frames), size, uplink, cpu_s, lasted_s)
+
+
+def row(one: Run, alone: Run) -> tuple[object, ...]:
+    return (
+        one.viewers,
+        f"{one.frames / one.viewers / one.lasted_s:.1f}",
+        f"{one.frame_bytes / one.frames / 1000:.1f}",
+        f"{one.uplink_kb_s:.0f}",
+        f"{(one.uplink_kb_s / alone.uplink_kb_s - 1) * 100:+.1f} %",
+        f"{one.relay_cpu_s / one.lasted_s * 100:.1f}",
+        f"{one.cpu_per_100:.1f}",
+        f"{100 * 100 / one.cpu_per_100 / FPS:.0f}",
+    )
+
+
+def measure_viewers(demo: Demo, seconds: float = VIEWERS_SECONDS) -> Section:
+    runs = [asyncio.run(run(demo, viewers, seconds)) for viewers in COUNTS]
+    return Section(
+        title="What viewers cost the robot's uplink and the relay",
+        text=(
+            f"One camera of 640x480 at {FPS} frames a second and quality 75, {seconds:g} s a row. All that leaves the "
+            "robot counts, and all of the relay's processor time, when idle too. Viewers connect to the relay itself, "
+            "without nginx and TLS.\n\n"
+            f"Aim: the uplink stays the same within {AIM_PERCENT} %."
+        ),
+        columns=(
+            "viewers | frames/s each | KB a frame | robot's uplink KB/s | change from one viewer | relay, % of a core "
+            "| relay, % of a core for 100 frames/s | viewers a core at 15 fps"
+        ),
+        rows=[row(one, runs[0]) for one in runs],
+    )

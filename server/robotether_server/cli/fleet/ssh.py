@@ -1,0 +1,411 @@
+"""Connects to robots, over one connection to each jump host, and explains failures.
+
+What OpenSSH itself would do is asked with `ssh -G`: so `Include`, `Match`, defaults and the order of files are its own,
+and what works with `ssh NAME` works here. The person's keys come in OpenSSH's order (the agent's that the
+configuration names, its others, files), because a server hangs up after a few keys that it does not know. Every
+connection, a jump host's too, passes HostKeyCheck: an unknown key may be taken on a person's word (`--accept-new`), a
+changed or revoked one never. Must never use fabric's own gateways, which trust any key.
+"""
+
+import base64
+import logging
+import socket
+import subprocess
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import fabric
+import paramiko
+from cryptography.exceptions import UnsupportedAlgorithm
+from paramiko.auth_strategy import AuthStrategy, InMemoryPrivateKey
+
+from robotether_server.cli.fleet import known_hosts
+from robotether_server.cli.fleet.known_hosts import Known, KnownKey
+from robotether_server.cli.fleet.problems import (
+    ConfigUnusable,
+    FleetProblem,
+    HostKeyChanged,
+    HostKeyUnknown,
+    LoginRefused,
+    Unreachable,
+)
+
+SSH_PORT = 22
+CONNECT_TIMEOUT_S = 10.0
+ANSWER_WITHIN_S = 10
+
+
+# By the type of key that known_hosts has: what the server may prove it with.
+ALGORITHMS = {
+    "ssh-ed25519": ("ssh-ed25519",),
+    "ecdsa-sha2-nistp256": ("ecdsa-sha2-nistp256",),
+    "ecdsa-sha2-nistp384": ("ecdsa-sha2-nistp384",),
+    "ecdsa-sha2-nistp521": ("ecdsa-sha2-nistp521",),
+    "ssh-rsa": ("rsa-sha2-512", "rsa-sha2-256"),
+}
+WEAK = ("ssh-rsa", "ssh-dss")
+LOGIN_TIMEOUT_S = 30
+KEEPALIVE_S = 10
+# RFC 4254, 5.1
+PROHIBITED = 1
+CONNECT_FAILED = 2
+
+
+@dataclass(frozen=True)
+class Target:
+    """One host to log in to. `known_as`: its name in the known_hosts files; `jump`: through which host."""
+
+    name: str
+    host: str
+    port: int
+    user: str
+    known_as: str
+    known_hosts: tuple[Path, ...]
+    identity_files: tuple[Path, ...]
+    identities_only: bool
+    connect_timeout_s: float
+    jump: "Target | None" = None
+
+
+def resolve(name: str, config: Path | None) -> Target:
+    """Return how to reach a robot; raise ConfigUnusable."""
+    said = ask(name, config)
+    jump = None
+    for hop in said.get("proxyjump", ["none"])[0].split(","):
+        if hop != "none":
+            jump = _target(f"the jump host {hop}", ask(f"ssh://{hop}", config), jump)
+    return _target(name, said, jump)
+
+
+def ask(destination: str, config: Path | None) -> dict[str, list[str]]:
+    """Return OpenSSH's settings for a destination: each keyword's values, one a line of `ssh -G`."""
+    chosen = [] if config is None else ["-F", str(config)]
+    # -T and no standard input: it only prints, and must neither ask nor speak of terminals.
+    command = ["ssh", *chosen, "-T", "-G", "--", destination]
+    try:
+        done = subprocess.run(  # noqa: S603 - no shell, and the name comes after `--`
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=ANSWER_WITHIN_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise ConfigUnusable(
+            f"cannot ask ssh how to reach {destination}: {error}; install OpenSSH's client"
+        ) from error
+    if done.returncode != 0:
+        raise ConfigUnusable(f"cannot reach {destination}: ssh says: {done.stderr.strip()}")
+    said: dict[str, list[str]] = defaultdict(list)
+    for line in done.stdout.splitlines():
+        keyword, _, value = line.partition(" ")
+        said[keyword].append(value)
+    return dict(said)
+
+
+def _target(name: str, said: dict[str, list[str]], jump: Target | None) -> Target:
+    def first(keyword: str, otherwise: str = "") -> str:
+        return said.get(keyword, [otherwise])[0]
+
+    if first("proxycommand", "none") != "none":
+        raise ConfigUnusable(
+            f"cannot reach {name}: its entry has a ProxyCommand; fleet supports ProxyJump only"
+        )
+    host, port = first("hostname"), int(first("port", str(SSH_PORT)))
+    timeout = first("connecttimeout", "none")
+    return Target(
+        name=name,
+        host=host,
+        port=port,
+        user=first("user"),
+        known_as=first("hostkeyalias") or _address(host, port),
+        known_hosts=_paths(first("userknownhostsfile"), first("globalknownhostsfile")),
+        identity_files=_paths(*said.get("identityfile", [])),
+        identities_only=first("identitiesonly") == "yes",
+        connect_timeout_s=CONNECT_TIMEOUT_S if timeout == "none" else float(timeout),
+        jump=jump,
+    )
+
+
+def _address(host: str, port: int) -> str:
+    """Return a host's name as known_hosts files have it."""
+    return host.lower() if port == SSH_PORT else f"[{host.lower()}]:{port}"
+
+
+def _paths(*values: str) -> tuple[Path, ...]:
+    words = [
+        word for value in values for word in value.split() if word not in ("none", "/dev/null")
+    ]
+    return tuple(Path(word).expanduser() for word in words)
+
+
+_writing = Lock()
+
+
+class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # paramiko has no types
+    """The check of one host."""
+
+    def __init__(self, target: Target, *, accept_new: bool) -> None:
+        self._target = target
+        self._accept_new = accept_new
+        self._known = known_hosts.find(target.known_hosts, target.known_as)
+
+    def unwanted_algorithms(self) -> list[str]:
+        """Return what the host must not prove itself with: of several keys it shall show the one that is known."""
+        known = {key.type for key in self._known.trusted} & set(ALGORITHMS)
+        wanted = known or set(ALGORITHMS)
+        unwanted = [name for kind in ALGORITHMS if kind not in wanted for name in ALGORITHMS[kind]]
+        return [*WEAK, *unwanted]
+
+    def missing_host_key(self, _client: Any, _hostname: str, key: Any) -> None:
+        """Accept the host key, or raise HostKeyChanged or HostKeyUnknown."""
+        shown = KnownKey(key.get_name(), base64.b64encode(key.asbytes()).decode())
+        target = self._target
+        if judge(self._known, shown, target):
+            return
+        if not self._accept_new:
+            raise HostKeyUnknown(
+                f"cannot trust {target.name}: its host key {key.fingerprint} is not known as "
+                f"{target.known_as}; compare it at a first `ssh`, or accept it with --accept-new"
+            )
+        if not target.known_hosts:
+            raise ConfigUnusable(f"cannot save the key of {target.name}: no UserKnownHostsFile")
+        with _writing:
+            known_hosts.add(target.known_hosts[0], target.known_as, shown)
+
+
+def judge(known: Known, shown: KnownKey, target: Target) -> bool:
+    """Return whether the key is known (False: the host is new); raise HostKeyChanged when it is another one."""
+    if shown in known.revoked:
+        raise HostKeyChanged(f"cannot trust {target.name}: its host key is marked as revoked")
+    if shown in known.trusted:
+        return True
+    if known.trusted:
+        raise changed(target)
+    return False
+
+
+def changed(target: Target) -> HostKeyChanged:
+    """Return the sentence for a host with another key than it had."""
+    return HostKeyChanged(
+        f"cannot trust {target.name}: it shows another host key than the one known as "
+        f"{target.known_as}; if it was set up anew, forget the old one: "
+        f"ssh-keygen -R '{target.known_as}'; if not, somebody may be intercepting the connection"
+    )
+
+
+log = logging.getLogger(__name__)
+
+
+class Identities(AuthStrategy):  # type: ignore[misc] # paramiko has no types
+    """What one login tries. `locked`: files that need a passphrase."""
+
+    def __init__(self, target: Target) -> None:
+        super().__init__(ssh_config=None)
+        self._target = target
+        self.tried = 0
+        self.locked: list[Path] = []
+        # An agent's connection carries one request at a time, so each login has its own.
+        self._agent = paramiko.Agent()
+
+    def get_sources(self) -> Iterator[Any]:
+        """Yield each key once."""
+        held = list(self._agent.get_keys())
+        named = {blob for path in self._target.identity_files for blob in _public_half(path)}
+        chosen = [key for key in held if key.asbytes() in named]
+        others = [] if self._target.identities_only else [key for key in held if key not in chosen]
+        seen: set[bytes] = set()
+        for key in (*chosen, *others, *self._from_files()):
+            if key.asbytes() not in seen:
+                seen.add(key.asbytes())
+                self.tried += 1
+                yield InMemoryPrivateKey(self._target.user, key)
+
+    def close(self) -> None:
+        """Leave ssh-agent."""
+        self._agent.close()
+
+    def _from_files(self) -> Iterator[Any]:
+        for path in filter(Path.is_file, self._target.identity_files):
+            if (key := self._from_file(path)) is not None:
+                yield key
+
+    def _from_file(self, path: Path) -> Any | None:
+        try:
+            return paramiko.PKey.from_path(path)
+        except TypeError:  # cryptography's word for a key with a passphrase
+            self.locked.append(path)
+        except (OSError, ValueError, UnsupportedAlgorithm, paramiko.SSHException) as error:
+            log.warning("cannot use key %s: %s", path, error)
+        return None
+
+
+def _public_half(path: Path) -> Iterator[bytes]:
+    """Yield the public key beside a private one, by which ssh-agent knows it."""
+    try:
+        line = Path(f"{path}.pub").read_text(encoding="utf-8")
+        yield paramiko.PublicBlob.from_string(line).key_blob
+    except (OSError, ValueError):
+        return
+
+
+@dataclass
+class Jump:
+    """One jump host: opened by the first robot that needs it, while the others wait."""
+
+    lock: Lock
+    connection: fabric.Connection | None = None
+    problem: FleetProblem | None = None
+
+
+class SshConnections:
+    """All connections of one run. Safe to use from many threads."""
+
+    def __init__(self, *, accept_new: bool) -> None:
+        self._accept_new = accept_new
+        self._lock = Lock()
+        self._jumps: dict[Target, Jump] = {}
+        self._open: list[fabric.Connection] = []
+        self._closed = False
+
+    def open(self, target: Target) -> fabric.Connection:
+        """Return a connection that is logged in; raise a FleetProblem."""
+        gateway = self._jump(target.jump) if target.jump else None
+        return self._log_in(target, gateway)
+
+    def close(self, connection: fabric.Connection) -> None:
+        """End one connection."""
+        with self._lock:
+            if connection in self._open:
+                self._open.remove(connection)
+        _close(connection)
+
+    def close_all(self) -> None:
+        """End everything, and open nothing any more."""
+        with self._lock:
+            self._closed = True
+            connections, self._open = self._open, []
+        # The robots' before those that carry them.
+        for connection in reversed(connections):
+            _close(connection)
+
+    def _jump(self, target: Target) -> fabric.Connection:
+        with self._lock:
+            jump = self._jumps.setdefault(target, Jump(Lock()))
+        with jump.lock:
+            # What one robot has found out about its jump host holds for the others of this run.
+            if jump.problem:
+                raise jump.problem
+            if jump.connection is None or not jump.connection.is_connected:
+                try:
+                    jump.connection = self.open(target)
+                except FleetProblem as problem:
+                    jump.problem = problem
+                    raise
+            return jump.connection
+
+    def _log_in(self, target: Target, gateway: fabric.Connection | None) -> fabric.Connection:
+        check = HostKeyCheck(target, accept_new=self._accept_new)
+        identities = Identities(target)
+        connection = _connection(target, gateway, check, identities)
+        try:
+            connection.open()
+            connection.transport.set_keepalive(KEEPALIVE_S)
+        except FleetProblem:
+            connection.client.close()
+            raise
+        except (OSError, EOFError, paramiko.SSHException) as error:
+            connection.client.close()
+            raise explain(error, target, identities) from error
+        finally:
+            identities.close()
+        with self._lock:
+            if not self._closed:
+                self._open.append(connection)
+                return connection
+        _close(connection)
+        raise Unreachable(f"cannot reach {target.name}: the run is over")
+
+
+def _close(connection: fabric.Connection) -> None:
+    """Disconnect, if the other end still reads."""
+    with suppress(OSError, EOFError, paramiko.SSHException):
+        connection.close()
+
+
+def _connection(
+    target: Target, gateway: fabric.Connection | None, check: HostKeyCheck, identities: Identities
+) -> fabric.Connection:
+    """Make a connection that asks neither files nor the environment about anything."""
+    connection = fabric.Connection(
+        target.host,
+        user=target.user,
+        port=target.port,
+        config=fabric.Config(lazy=True, ssh_config=paramiko.SSHConfig()),
+        gateway=gateway or False,
+        forward_agent=False,
+        connect_timeout=max(1, round(target.connect_timeout_s)),
+        connect_kwargs={
+            "auth_strategy": identities,
+            "disabled_algorithms": {"keys": check.unwanted_algorithms()},
+            "banner_timeout": target.connect_timeout_s,
+            "auth_timeout": LOGIN_TIMEOUT_S,
+            "channel_timeout": target.connect_timeout_s,
+        },
+    )
+    connection.client.set_missing_host_key_policy(check)
+    return connection
+
+
+def explain(error: Exception, target: Target, identities: Identities) -> FleetProblem:
+    """Return what kept a login from its end, as a sentence."""
+    if isinstance(error, paramiko.AuthenticationException):
+        return _login_refused(target, identities)
+    if isinstance(error, paramiko.ssh_exception.IncompatiblePeer) and "host key" in str(error):
+        return changed(target)
+    if isinstance(error, paramiko.ChannelException) and error.code == PROHIBITED:
+        return LoginRefused(
+            f"cannot reach {target.name}: the server does not let you reach its shell; "
+            "you need a grant to manage it, and its shell must be on"
+        )
+    return Unreachable(f"cannot reach {target.name}: {_describe_error(error, target)}")
+
+
+def _describe_error(error: Exception, target: Target) -> str:
+    match error:
+        case paramiko.ChannelException(code=code) if code == CONNECT_FAILED:
+            why = "it is offline: the server has no tunnel to it"
+        case socket.gaierror():
+            why = f"there is no host {target.host}"
+        case TimeoutError():
+            why = f"no answer within {target.connect_timeout_s:g} s"
+        case paramiko.ssh_exception.NoValidConnectionsError():
+            why = f"nothing answers at {_where(target)}"
+        case EOFError():
+            why = "it closed the connection during the login"
+        case paramiko.SSHException() if "banner" in str(error):
+            why = f"no SSH server answers at {_where(target)}"
+        case _:
+            why = str(error)
+    return why
+
+
+def _where(target: Target) -> str:
+    return f"port {target.port} of {target.jump.host if target.jump else target.host}"
+
+
+def _login_refused(target: Target, identities: Identities) -> LoginRefused:
+    if identities.locked:
+        files = " ".join(str(path) for path in identities.locked)
+        advice = f"unlock your key first: ssh-add {files}"
+    elif not identities.tried:
+        advice = "you have no SSH key here: ssh-keygen -t ed25519"
+    else:
+        advice = f"it accepts none of your {identities.tried} keys; does ssh {target.name} work?"
+    return LoginRefused(f"cannot log in to {target.name} as {target.user}: {advice}")

@@ -1,0 +1,376 @@
+"""Connections through a real jump host, and what is said when there is none."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import paramiko
+import pytest
+from openssh_server import wait_until
+from robotether_server.cli.fleet import ssh
+from robotether_server.cli.fleet.problems import (
+    ConfigUnusable,
+    FleetProblem,
+    HostKeyChanged,
+    HostKeyUnknown,
+    LoginRefused,
+    Unreachable,
+)
+from robotether_server.cli.fleet.ssh import HostKeyCheck, Identities, SshConnections, Target
+from shell_hosts import ShellNetwork, make_key
+
+ENTRY = """
+Host sim1
+    HostName 127.0.0.1
+    Port 24000
+    HostKeyAlias robotether-sim1
+    ProxyJump jump@gate.example:2222
+Host *
+    User ann
+    IdentityFile ~/keys/one
+    IdentitiesOnly yes
+    UserKnownHostsFile ~/known
+    GlobalKnownHostsFile none
+"""
+
+
+@pytest.fixture
+def connections() -> Iterator[SshConnections]:
+    made = SshConnections(accept_new=False)
+    yield made
+    made.close_all()
+
+
+def target_of(network: ShellNetwork, name: str = "sim1") -> Target:
+    return ssh.resolve(name, network.config)
+
+
+def refused(network: ShellNetwork, connections: SshConnections) -> FleetProblem:
+    with pytest.raises(FleetProblem) as caught:
+        connections.open(target_of(network))
+    assert "\n" not in caught.value.detail
+    return caught.value
+
+
+def test_robots_share_one_login_at_the_jump_host(
+    network: ShellNetwork, connections: SshConnections
+) -> None:
+    """Even when they come at once."""
+    targets = [target_of(network, name) for name in ("sim1", "sim2") * 3]
+    with ThreadPoolExecutor(6) as pool:
+        opened = list(pool.map(connections.open, targets))
+    assert all(connection.is_connected for connection in opened)
+    assert network.jump.log().count("Accepted publickey") == 1
+    connections.close_all()
+    assert not any(connection.is_connected for connection in opened)
+
+
+def test_offline_robot(network: ShellNetwork, connections: SshConnections) -> None:
+    """The jump host finds nothing at its port."""
+    network.robots["sim1"].stop()
+    problem = refused(network, connections)
+    assert isinstance(problem, Unreachable)
+    assert problem.detail == "cannot reach sim1: it is offline: the server has no tunnel to it"
+
+
+def test_robot_that_the_server_does_not_open(
+    network: ShellNetwork, connections: SshConnections
+) -> None:
+    """For want of a grant, or with its shell off."""
+    network.let_through("sim2")
+    problem = refused(network, connections)
+    assert isinstance(problem, LoginRefused)
+    assert "a grant to manage it" in problem.detail
+
+
+def test_keys_that_the_robot_does_not_take(
+    network: ShellNetwork, connections: SshConnections
+) -> None:
+    """The sentence names the user."""
+    network.robots["sim1"].authorized.write_text("")
+    problem = refused(network, connections)
+    assert isinstance(problem, LoginRefused)
+    assert f"sim1 as {network.user}: it accepts none of your 1 keys" in problem.detail
+
+
+def test_locked_key(network: ShellNetwork, connections: SshConnections) -> None:
+    """The sentence has the command that unlocks it."""
+    make_key(network.folder / "locked", "a passphrase")
+    network.config.write_text(
+        network.config.read_text().replace(f"{network.folder}/id\n", f"{network.folder}/locked\n")
+    )
+    assert f"ssh-add {network.folder}/locked" in refused(network, connections).detail
+
+
+def test_no_key_at_all(network: ShellNetwork, connections: SshConnections) -> None:
+    """The sentence has the command that makes one."""
+    network.config.write_text(network.config.read_text().replace("/id\n", "/none\n"))
+    assert "ssh-keygen" in refused(network, connections).detail
+
+
+def test_jump_host_that_is_away_is_asked_once(
+    network: ShellNetwork, connections: SshConnections
+) -> None:
+    """Every robot's row says the same."""
+    network.jump.stop()
+    first, second = refused(network, connections), refused(network, connections)
+    assert first is second
+    assert "the jump host" in first.detail
+    assert f"nothing answers at port {network.jump.port}" in first.detail
+
+
+@pytest.mark.parametrize("accept_new", [False, True])
+@pytest.mark.parametrize("which", ["jump", "robot"])
+def test_changed_host_key_ends_the_connection(
+    network: ShellNetwork, which: str, accept_new: bool
+) -> None:
+    """The robot's, and the jump host's just so, whatever else is allowed; no key of the person is shown to it."""
+    host = network.jump if which == "jump" else network.robots["sim1"]
+    host.new_host_key()
+    connections = SshConnections(accept_new=accept_new)
+    assert isinstance(refused(network, connections), HostKeyChanged)
+    connections.close_all()
+    assert "Accepted publickey" not in host.log()
+    assert "Postponed publickey" not in host.log()
+
+
+@pytest.mark.parametrize("which", ["jump", "robot"])
+def test_unknown_host_key(network: ShellNetwork, connections: SshConnections, which: str) -> None:
+    """Is refused, or taken once and for all with --accept-new."""
+    name = network.jump_address if which == "jump" else "robotether-sim1"
+    lines = network.known_hosts.read_text().splitlines(keepends=True)
+    network.known_hosts.write_text("".join(one for one in lines if not one.startswith(name)))
+    assert isinstance(refused(network, connections), HostKeyUnknown)
+    willing = SshConnections(accept_new=True)
+    assert willing.open(target_of(network)).is_connected
+    willing.close_all()
+    assert network.known_hosts.read_text().count(name + " ") == 1
+
+
+def test_another_known_type_of_key_is_a_changed_one(
+    network: ShellNetwork, connections: SshConnections
+) -> None:
+    """A server that cannot show the key that is known is not taken for the same."""
+    text = network.known_hosts.read_text()
+    known = f"robotether-sim1 {network.robots['sim1'].host_key}"
+    network.known_hosts.write_text(text.replace(known, "robotether-sim1 ssh-rsa AAAA"))
+    assert isinstance(refused(network, connections), HostKeyChanged)
+
+
+def test_nothing_opens_after_the_end(network: ShellNetwork, connections: SshConnections) -> None:
+    """A thread that is late leaves no connection behind."""
+    connections.close_all()
+    assert "the run is over" in refused(network, connections).detail
+
+
+def test_unknown_host_name(network: ShellNetwork, connections: SshConnections) -> None:
+    """Is told as such."""
+    config = network.config.read_text().replace("@127.0.0.1:", "@gate.invalid:")
+    network.config.write_text(config)
+    assert "there is no host gate.invalid" in refused(network, connections).detail
+
+
+@pytest.fixture
+def agent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """An ssh-agent of the test's own, with no key yet."""
+    socket = tmp_path / "agent"
+    process = subprocess.Popen(["ssh-agent", "-D", "-a", str(socket)], stdout=subprocess.DEVNULL)
+    try:
+        wait_until(socket.exists, lambda: "ssh-agent listens")
+        monkeypatch.setenv("SSH_AUTH_SOCK", str(socket))
+        yield
+    finally:
+        process.terminate()
+        process.wait(10)
+
+
+def add_to_agent(path: Path) -> None:
+    """Add a key, then leave only its public half."""
+    subprocess.run(["ssh-add", "-q", str(path)], check=True, env=os.environ)
+    path.unlink()
+
+
+def offered(target: Target) -> list[str]:
+    identities = Identities(target)
+    try:
+        sources = list(identities.get_sources())
+        assert identities.tried == len(sources)
+        assert all(source.username == target.user for source in sources)
+        return [f"{source.pkey.get_name()} {source.pkey.get_base64()}" for source in sources]
+    finally:
+        identities.close()
+
+
+@pytest.mark.usefixtures("agent")
+def test_agents_keys_come_in_the_order_of_the_configuration(target: Target, tmp_path: Path) -> None:
+    """The named one, then the agent's others, then files; so a server that allows three tries sees the best first."""
+    lines = {name: make_key(tmp_path / name) for name in ("other", "named", "file")}
+    add_to_agent(tmp_path / "other")
+    add_to_agent(tmp_path / "named")
+    files = (tmp_path / "file", tmp_path / "named", tmp_path / "missing")
+    target = replace(target, identity_files=files, identities_only=False)
+    assert offered(target) == [lines["named"], lines["other"], lines["file"]]
+    assert offered(replace(target, identities_only=True)) == [lines["named"], lines["file"]]
+
+
+@pytest.mark.usefixtures("agent")
+def test_key_in_agent_and_file_is_offered_once(target: Target, tmp_path: Path) -> None:
+    """By its public half."""
+    line = make_key(tmp_path / "key")
+    private = (tmp_path / "key").read_text()
+    add_to_agent(tmp_path / "key")
+    (tmp_path / "key").write_text(private)
+    assert offered(replace(target, identity_files=(tmp_path / "key",))) == [line]
+
+
+@pytest.mark.usefixtures("agent")
+def test_locked_and_broken_files_are_passed_over(
+    target: Target, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A key with a passphrase is remembered, for the sentence that tells of ssh-add."""
+    make_key(tmp_path / "locked", "a passphrase")
+    (tmp_path / "broken").write_text("rubbish")
+    identities = Identities(
+        replace(target, identity_files=(tmp_path / "locked", tmp_path / "broken"))
+    )
+    assert list(identities.get_sources()) == []
+    identities.close()
+    assert identities.locked == [tmp_path / "locked"]
+    assert f"cannot use key {tmp_path}/broken" in caplog.text
+
+
+@pytest.fixture
+def key(tmp_path: Path) -> paramiko.PKey:
+    make_key(tmp_path / "host")
+    return paramiko.PKey.from_path(tmp_path / "host")
+
+
+def write(target: Target, *lines: str) -> None:
+    target.known_hosts[0].write_text("".join(f"{line}\n" for line in lines))
+
+
+def line(key: paramiko.PKey, name: str = "robotether-sim1") -> str:
+    return f"{name} {key.get_name()} {key.get_base64()}"
+
+
+def check(target: Target, key: paramiko.PKey, *, accept_new: bool = False) -> None:
+    HostKeyCheck(target, accept_new=accept_new).missing_host_key(None, "[127.0.0.1]:24000", key)
+
+
+def test_known_key_passes(target: Target, key: paramiko.PKey) -> None:
+    """Under the alias, and never under the address, which all robots share."""
+    write(target, line(key))
+    check(target, key)
+    write(target, line(key, "[127.0.0.1]:24000"))
+    with pytest.raises(HostKeyUnknown):
+        check(target, key)
+
+
+def test_unknown_key_is_refused_with_its_fingerprint(target: Target, key: paramiko.PKey) -> None:
+    """And nothing is noted."""
+    with pytest.raises(
+        HostKeyUnknown, match=r"sim1: its host key SHA256:\S+ .* robotether-sim1.*--accept-new"
+    ):
+        check(target, key)
+    assert not target.known_hosts[0].exists()
+
+
+def test_unknown_key_can_be_taken_and_is_known_then(target: Target, key: paramiko.PKey) -> None:
+    """With --accept-new, once."""
+    check(target, key, accept_new=True)
+    check(target, key)
+    assert target.known_hosts[0].read_text() == line(key) + "\n"
+
+
+@pytest.mark.parametrize("accept_new", [False, True])
+def test_changed_key_is_never_taken(
+    target: Target, key: paramiko.PKey, tmp_path: Path, accept_new: bool
+) -> None:
+    """The sentence says how to forget the old one; the file stays as it is."""
+    other = make_key(tmp_path / "other")
+    write(target, f"robotether-sim1 {other}")
+    before = target.known_hosts[0].read_text()
+    with pytest.raises(HostKeyChanged, match="ssh-keygen -R 'robotether-sim1'"):
+        check(target, key, accept_new=accept_new)
+    assert target.known_hosts[0].read_text() == before
+
+
+@pytest.mark.parametrize("accept_new", [False, True])
+def test_revoked_key_is_never_taken(target: Target, key: paramiko.PKey, accept_new: bool) -> None:
+    """Even where it is known as well."""
+    write(target, line(key), f"@revoked {line(key, '*')}")
+    with pytest.raises(HostKeyChanged, match="revoked"):
+        check(target, key, accept_new=accept_new)
+
+
+def test_host_shall_show_the_key_that_is_known(target: Target, key: paramiko.PKey) -> None:
+    """Of several keys of a host only those types are asked for; of a new host any good one."""
+    unwanted = HostKeyCheck(target, accept_new=False).unwanted_algorithms()
+    assert unwanted == ["ssh-rsa", "ssh-dss"]
+    write(target, "robotether-sim1 ssh-rsa AAAA")
+    unwanted = HostKeyCheck(target, accept_new=False).unwanted_algorithms()
+    assert "ssh-ed25519" in unwanted
+    assert "rsa-sha2-512" not in unwanted
+
+
+def test_new_key_needs_a_file(target: Target, key: paramiko.PKey) -> None:
+    """A key that cannot be noted is not trusted."""
+    with pytest.raises(ConfigUnusable, match="no UserKnownHostsFile"):
+        check(replace(target, known_hosts=()), key, accept_new=True)
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "config"
+    path.write_text(ENTRY)
+    return path
+
+
+def test_robot_and_its_jump_host(config: Path) -> None:
+    """Each has its own user, port, and name in known_hosts: an alias, or the address with its port."""
+    target = ssh.resolve("sim1", config)
+    assert (target.host, target.port, target.user) == ("127.0.0.1", 24000, "ann")
+    assert target.known_as == "robotether-sim1"
+    assert target.known_hosts == (Path("~/known").expanduser(),)
+    assert target.identity_files == (Path("~/keys/one").expanduser(),)
+    assert (target.identities_only, target.connect_timeout_s) == (True, 10)
+    assert target.jump is not None
+    assert (target.jump.host, target.jump.port, target.jump.user) == ("gate.example", 2222, "jump")
+    assert target.jump.known_as == "[gate.example]:2222"
+    assert target.jump.jump is None
+
+
+def test_several_jump_hosts_stand_in_line(config: Path) -> None:
+    """The last one is the robot's own."""
+    config.write_text("Host sim1\n    ProxyJump a.example,b.example:22\n    ConnectTimeout 3\n")
+    target = ssh.resolve("sim1", config)
+    assert target.jump is not None
+    assert target.jump.jump is not None
+    assert (target.jump.known_as, target.jump.jump.known_as) == ("b.example", "a.example")
+    assert target.connect_timeout_s == 3
+
+
+def test_proxy_command_is_refused(config: Path) -> None:
+    """A sentence says what to write instead."""
+    config.write_text("Host sim1\n    ProxyCommand nc %h %p\n")
+    with pytest.raises(ConfigUnusable, match=r"sim1: its entry has a ProxyCommand.*ProxyJump"):
+        ssh.resolve("sim1", config)
+
+
+def test_mistake_in_the_file_is_told_in_the_words_of_ssh(config: Path) -> None:
+    """With its line."""
+    config.write_text("Host sim1\n    Prot 22\n")
+    with pytest.raises(ConfigUnusable, match=r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"):
+        ssh.resolve("sim1", config)
+
+
+def test_no_ssh_here(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sentence says what to install."""
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(ConfigUnusable, match="install OpenSSH's client"):
+        ssh.resolve("sim1", config)
