@@ -37,6 +37,11 @@ ALIAS = "robotether-server"
 KNOWN_HOSTS = "known_hosts"
 KEY_TYPE = re.compile(r"ssh-ed25519|ssh-rsa|ecdsa-sha2-nistp(256|384|521)")
 
+HOST_KEY_ADVICE = (
+    "SOMEBODY MAY BE POSING AS THE SERVER, so the agent stops; ask the server's administrator, and only "
+    "if its keys were changed on purpose: remove {known_hosts} and start the agent again"
+)
+
 log = logging.getLogger(__name__)
 
 
@@ -295,13 +300,5 @@ def check_host_keys(path: Path, before: Collection[HostKey], now: Collection[Hos
     known = ", ".join(sorted(key.fingerprint for key in before))
     raise ServerKeyChanged(
         f"cannot trust the server: its SSH host keys are now {shown}, and at the first join were {known}",
-        advice=host_key_advice(path),
-    )
-
-
-def host_key_advice(path: Path) -> str:
-    """Return what a person can do about a changed host key."""
-    return (
-        "SOMEBODY MAY BE POSING AS THE SERVER, so the agent stops; ask the server's administrator, and only "
-        f"if its keys were changed on purpose: remove {path} and start the agent again"
+        advice=HOST_KEY_ADVICE.format(known_hosts=path),
     )

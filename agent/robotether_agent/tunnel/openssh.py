@@ -13,7 +13,7 @@ import shlex
 import socket
 import sys
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 
 from robotether_common.session import Kind
 
-from robotether_agent.enrolment.keys import ALIAS, host_key_advice
+from robotether_agent.enrolment.keys import ALIAS, HOST_KEY_ADVICE
 from robotether_agent.fields import printable
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
@@ -49,7 +49,8 @@ HELPER = Path(__file__).with_name("fd_passing_helper.py")
 HOST_KEY = re.compile(
     r"REMOTE HOST IDENTIFICATION HAS CHANGED|Host key verification failed|host key is known for"
 )
-SESSION_COMMAND = re.compile(r"^robotether: ")
+SESSION_COMMAND_PREFIX = "robotether: "
+SESSION_COMMAND = re.compile(f"^{SESSION_COMMAND_PREFIX}")
 KEY_FILE = re.compile(
     r"UNPROTECTED PRIVATE KEY|Load key .*: (?!.*incorrect passphrase)|bad permissions"
 )
@@ -197,10 +198,12 @@ def why_not_connected(
     stderr: Sequence[str], status: int, target: SshAddress, files: SshFiles
 ) -> AgentProblem:
     """Return why a client ended before the server sent a configuration."""
-    for pattern, make in _BEFORE_CONFIG:
+    for pattern, kind, why, advice in _BEFORE_CONFIG:
         line = _first(stderr, pattern)
         if line is not None:
-            return make(line, target, files)
+            words = {"target": target, "line": line.removeprefix(SESSION_COMMAND_PREFIX)}
+            words |= {"key": files.keys[0] if files.keys else "", "known_hosts": files.known_hosts}
+            return kind(why.format(**words), advice=advice and advice.format(**words))
     said = _last(stderr)
     if status != SSH_FAILED:
         why = said or f"status {status}, and no message"
@@ -227,48 +230,34 @@ def why_no_forward(stderr: Sequence[str], forward: Forward, action: str) -> Agen
     return ForwardFailed(f"cannot {action} the forward {forward.spec}: {said}")
 
 
-def _session_refused(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
-    return SessionRefused(f"cannot open the session at {target}: {SESSION_COMMAND.sub('', line)}")
-
-
-def _host_key_changed(line: str, target: SshAddress, files: SshFiles) -> AgentProblem:
-    return ServerKeyChanged(
-        f"cannot trust {target}: its host key is not one of those pinned at the first join ({line})",
-        advice=host_key_advice(files.known_hosts),
-    )
-
-
-def _key_unusable(line: str, _: SshAddress, files: SshFiles) -> AgentProblem:
-    return KeyUnusable(
-        f"cannot use the key {files.keys[0]}: {line}",
-        advice=f"let only the agent's user read it: chmod 600 {files.keys[0]}",
-    )
-
-
-def _key_refused(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
-    return KeyRefused(f"cannot log in at {target}: the server refuses this robot's key ({line})")
-
-
-def _incompatible(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
-    return SshIncompatible(f"cannot talk to {target}: {line}")
-
-
-def _unreachable(line: str, target: SshAddress, _: SshFiles) -> AgentProblem:
-    return ServerUnreachable(
-        f"cannot reach SSH at {target}: {line}",
-        advice="check this robot's network, and that the server's firewall allows this port",
-    )
-
-
-_Make = Callable[[str, SshAddress, SshFiles], AgentProblem]
 # The order counts: a refused host key or key file also ends in lines that later patterns match.
-_BEFORE_CONFIG: tuple[tuple[re.Pattern[str], _Make], ...] = (
-    (SESSION_COMMAND, _session_refused),
-    (HOST_KEY, _host_key_changed),
-    (KEY_FILE, _key_unusable),
-    (KEY_REFUSED, _key_refused),
-    (INCOMPATIBLE, _incompatible),
-    (UNREACHABLE, _unreachable),
+_BEFORE_CONFIG: tuple[tuple[re.Pattern[str], type[AgentProblem], str, str | None], ...] = (
+    (SESSION_COMMAND, SessionRefused, "cannot open the session at {target}: {line}", None),
+    (
+        HOST_KEY,
+        ServerKeyChanged,
+        "cannot trust {target}: its host key is not one of those pinned at the first join ({line})",
+        HOST_KEY_ADVICE,
+    ),
+    (
+        KEY_FILE,
+        KeyUnusable,
+        "cannot use the key {key}: {line}",
+        "let only the agent's user read it: chmod 600 {key}",
+    ),
+    (
+        KEY_REFUSED,
+        KeyRefused,
+        "cannot log in at {target}: the server refuses this robot's key ({line})",
+        None,
+    ),
+    (INCOMPATIBLE, SshIncompatible, "cannot talk to {target}: {line}", None),
+    (
+        UNREACHABLE,
+        ServerUnreachable,
+        "cannot reach SSH at {target}: {line}",
+        "check this robot's network, and that the server's firewall allows this port",
+    ),
 )
 
 

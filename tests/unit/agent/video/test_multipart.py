@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from robotether_agent.video import multipart
-from robotether_agent.video.multipart import MultipartBrokenError, MultipartParser, boundary_of
+from robotether_agent.video import sources
+from robotether_agent.video.sources import (
+    MultipartBrokenError,
+    MultipartParser,
+    Part,
+    boundary_of,
+)
 
 BODIES = [b"\xff\xd8one\r\n\xff\xd9", b"\xff\xd8two\n\n\xff\xd9"]
 SERVER = b"--b\r\n" + b"".join(
@@ -19,7 +24,7 @@ NO_LENGTH = (
 BARE_LF = b"".join(b"\n--b\nContent-Length: %d\n\n%s" % (len(body), body) for body in BODIES)
 
 
-def in_pieces(stream: bytes, length: int) -> list[multipart.Part]:
+def in_pieces(stream: bytes, length: int) -> list[Part]:
     parts = MultipartParser(b"--b")
     pieces = (stream[at : at + length] for at in range(0, len(stream), length))
     return [part for piece in pieces for part in parts.feed(piece)]
@@ -59,7 +64,7 @@ def test_what_is_no_stream_is_named(content_type):
 
 def test_nothing_grows_without_bound(monkeypatch):
     """A huge frame, one that never ends, headers that never end, and empty lines alone are refused."""
-    monkeypatch.setattr(multipart, "MAX_FRAME_BYTES", 1000)
+    monkeypatch.setattr(sources, "MAX_FRAME_BYTES", 1000)
     for stream in (
         b"--b\r\nContent-Length: 1001\r\n\r\n",
         b"--b\r\nA: b\r\n\r\n" + bytes(2000),
