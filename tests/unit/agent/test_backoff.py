@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from itertools import islice
 from random import Random
@@ -115,22 +114,6 @@ async def test_tries_again_until_nothing_helps():
     with pytest.raises(ServerKeyChanged, match="three"):
         await keep_going("session", attempt, Backoff(NoPause()), told.append)
     assert told == problems[:2]
-
-
-async def test_can_be_cancelled_in_its_pause():
-    reached = asyncio.Event()
-
-    async def attempt(_: Uptime) -> None:
-        raise LinkLost("x")
-
-    def log_problem(_: AgentProblem) -> None:
-        reached.set()
-
-    task = asyncio.ensure_future(keep_going("session", attempt, Backoff(Random(1)), log_problem))
-    await asyncio.wait_for(reached.wait(), 5)
-    task.cancel()
-    done, _ = await asyncio.wait({task}, timeout=0.3)
-    assert done
 
 
 def test_repeats_are_thinned_out(caplog):

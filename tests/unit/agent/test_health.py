@@ -68,15 +68,6 @@ async def test_goes_down_and_comes_back(watch, services):
     await until(health, lambda report: report.ros == report.video == "ok")
 
 
-async def test_an_http_server_is_no_rosbridge(watch, services):
-    """Something that listens but speaks no WebSocket is down, and the detail says so."""
-    health = watch(services.ws_url, f"http://127.0.0.1:{free_port()}")
-    services.refuse_sockets = True
-    report = await until(health, lambda report: report.ros == report.video == "down")
-    assert "HTTP status 200, not with a WebSocket" in report.ros_detail
-    assert "Connection refused" in report.video_detail
-
-
 async def test_a_frozen_service_times_out(watch):
     """A service that accepts and never answers is down after the time-out."""
     with socket.create_server(("127.0.0.1", 0)) as silent:

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
-import aiohttp
 import pytest
 from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
-from fake_rosbridge import FakeRosbridge
-from local_network import free_port
-from robotether_agent import rosbridge as rosbridge_module
 from robotether_agent.rosbridge import LOOK_UP_ID, connected, is_answer, same_type, topics_in
-from stopwatch import Stopwatch
 
 BYTES_MAX = 100_000
 
@@ -28,16 +23,6 @@ async def test_topics_with_types_as_ros_1_spells_them():
             "/scan": "sensor_msgs/LaserScan",
         }
     assert same_type("a/msg/B") == same_type("a/B") == "a/B"
-
-
-async def test_a_robot_without_rosapi_answers_nothing(monkeypatch):
-    monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 0.1)
-    async with (
-        TopicRosbridge(None) as robot,
-        connected(robot.url, max_message_bytes=BYTES_MAX) as rosbridge,
-    ):
-        with pytest.raises(asyncio.TimeoutError):
-            await rosbridge.topics()
 
 
 async def test_messages_of_a_subscription():
@@ -69,29 +54,6 @@ async def test_too_large_a_message_ends_the_connection():
         await robot.publish("/a", {"data": "x" * BYTES_MAX})
         with pytest.raises(ConnectionError):
             await asyncio.wait_for(rosbridge.message(), 5)
-
-
-async def test_a_rosbridge_that_hangs_holds_nobody_up():
-    """Whoever is cancelled is gone at once: the guard's stop may wait for it."""
-    async with FakeRosbridge("slow_reader") as robot:
-
-        async def hold() -> None:
-            url = f"ws://127.0.0.1:{robot.port}"
-            async with connected(url, max_message_bytes=BYTES_MAX) as rosbridge:
-                await rosbridge.topics()
-
-        holding = asyncio.ensure_future(hold())
-        await eventually(lambda: len(robot.got) == 1, lambda: str(robot.got))
-        with Stopwatch() as stopwatch:
-            holding.cancel()
-            await asyncio.gather(holding, return_exceptions=True)
-        assert stopwatch.s < 0.05
-
-
-async def test_no_rosbridge_is_an_error():
-    with pytest.raises(aiohttp.ClientConnectorError):
-        async with connected(f"ws://127.0.0.1:{free_port()}", max_message_bytes=BYTES_MAX):
-            pass
 
 
 def test_broken_answers_have_no_topics():

@@ -262,6 +262,51 @@ def test_refuses_unknown_missing_and_contradicting(tmp_path, text, environ, why)
         load(written(tmp_path, text), environ)
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "shown_value"),
+    [
+        ("http_proxy", "http://ann:s3cret@proxy:3128", "http://(hidden)@proxy:3128"),
+        (
+            "cameras",
+            "rear=http://ann:s3cret@10.0.0.7/video front=http://b",
+            "rear=http://(hidden)@10.0.0.7/video, front=http://b",
+        ),
+    ],
+)
+def test_a_password_in_a_url_is_hidden(key, value, shown_value):
+    """Where the other end is may be seen; who asks it and with what may not, not even in an error."""
+    environ = {"ROBOTETHER_SERVER": "a", f"ROBOTETHER_{key.upper()}": value}
+    settings = load(None, environ)
+    assert value in {settings.http_proxy, " ".join(settings.cameras)}
+    assert "s3cret" not in "\n".join(shown(settings)) + repr(settings)
+    assert f"{key} = {shown_value}" in shown(settings)
+    with pytest.raises(SettingsInvalid) as error:
+        load(None, {**environ, f"ROBOTETHER_{key.upper()}": f"bad {value} bad"})
+    assert "s3cret" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "url", "shown_url"),
+    [
+        ("rosbridge_url", "ws://ann:s3cret@127.0.0.1:9090", "ws://(hidden)@127.0.0.1:9090"),
+        ("video_url", "http://ann:s3cret@127.0.0.1:8080", "http://(hidden)@127.0.0.1:8080"),
+        ("server", "https://ann:s3cret@a.example", "https://(hidden)@a.example"),
+    ],
+)
+def test_a_refused_urls_password_is_hidden(key, url, shown_url):
+    """Where no password is allowed, the refusal of one does not print it."""
+    with pytest.raises(SettingsInvalid) as error:
+        load(None, {"ROBOTETHER_SERVER": "a.example", f"ROBOTETHER_{key.upper()}": url})
+    assert "s3cret" not in str(error.value)
+    assert shown_url in str(error.value)
+
+
+def test_the_cameras_by_name():
+    urls = {"rear": "http://a/v?x=1", "front": "http://b"}
+    cameras = tuple(f"{name}={url}" for name, url in urls.items())
+    assert Settings(server="a", cameras=cameras).camera_urls == urls
+
+
 def test_an_installer_asks_before_it_knows_the_server(tmp_path):
     """Some commands need no server; what else is set is checked all the same."""
     assert load(None, {}, needs_server=False).server == ""
@@ -288,48 +333,6 @@ def test_secrets_are_hidden(tmp_path):
     assert "s3cret" not in "\n".join(shown(settings)) + repr(settings)
     with pytest.raises(SettingsInvalid) as error:
         load(written(tmp_path, 'server = "a.example"\ntoken = ["s3cret"]'), {})
-    assert "s3cret" not in str(error.value)
-
-
-def test_a_cameras_password_is_hidden():
-    """As a proxy's; what each camera is called may be seen."""
-    urls = "rear=http://ann:s3cret@10.0.0.7/video front=http://b"
-    environ = {"ROBOTETHER_SERVER": "a", "ROBOTETHER_CAMERAS": urls}
-    settings = load(None, environ)
-    assert "s3cret" not in "\n".join(shown(settings)) + repr(settings)
-    assert "cameras = rear=http://(hidden)@10.0.0.7/video, front=http://b" in shown(settings)
-    assert settings.camera_urls == dict(one.split("=") for one in urls.split())
-    with pytest.raises(SettingsInvalid) as error:
-        load(None, {**environ, "ROBOTETHER_CAMERAS": urls + " bad"})
-    assert "s3cret" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("key", "url", "shown_url"),
-    [
-        ("rosbridge_url", "ws://ann:s3cret@127.0.0.1:9090", "ws://(hidden)@127.0.0.1:9090"),
-        ("video_url", "http://ann:s3cret@127.0.0.1:8080", "http://(hidden)@127.0.0.1:8080"),
-        ("server", "https://ann:s3cret@a.example", "https://(hidden)@a.example"),
-    ],
-)
-def test_a_refused_urls_password_is_hidden(key, url, shown_url):
-    """Where no password is allowed, the refusal of one does not print it."""
-    with pytest.raises(SettingsInvalid) as error:
-        load(None, {"ROBOTETHER_SERVER": "a.example", f"ROBOTETHER_{key.upper()}": url})
-    assert "s3cret" not in str(error.value)
-    assert shown_url in str(error.value)
-
-
-def test_a_proxys_password_is_hidden():
-    """Where the proxy is may be seen, who asks it and with what may not, not even in an error."""
-    environ = {"ROBOTETHER_SERVER": "a", "ROBOTETHER_HTTP_PROXY": "http://ann:s3cret@proxy:3128"}
-    settings = load(None, environ)
-    assert settings.http_proxy == environ["ROBOTETHER_HTTP_PROXY"]
-    assert "s3cret" not in "\n".join(shown(settings)) + repr(settings)
-    assert "http_proxy = http://(hidden)@proxy:3128" in shown(settings)
-    assert "http_proxy = (not set)" in shown(load(None, {"ROBOTETHER_SERVER": "a"}))
-    with pytest.raises(SettingsInvalid) as error:
-        load(None, {**environ, "ROBOTETHER_HTTP_PROXY": "ann:s3cret@proxy:3128"})
     assert "s3cret" not in str(error.value)
 
 

@@ -8,7 +8,6 @@ import os
 import shutil
 import subprocess
 from collections.abc import AsyncIterator
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -57,13 +56,6 @@ def test_current_is_a_link_that_can_be_moved_with_its_folder(layout):
     assert (layout.base / "current" / COMMAND).read_text() == "of 1\n"
 
 
-def test_a_unit_file_is_installed_when_it_differs(layout):
-    assert layout.unit.read_text() == "of 1\n"
-    assert layout.use(version(layout, "2"))
-    assert layout.unit.read_text() == "of 2\n"
-    assert not layout.use(version(layout, "2"))
-
-
 def test_without_a_version_in_use_there_is_nothing_to_switch_from(tmp_path):
     """The first installation makes the link itself."""
     with pytest.raises(UpgradeFailed, match="current leads to no version"):
@@ -84,17 +76,6 @@ def test_a_place_that_cannot_be_changed_is_told(layout):
     with pytest.raises(StateUnusable, match="run this with sudo"):
         layout.use(version(layout, "2"))
     assert layout.in_use() == version(layout, "1")
-
-
-def test_others_are_removed(layout):
-    layout.keep_only(version(layout, "2"))
-    assert [path.name for path in (layout.base / "versions").iterdir()] == ["2"]
-
-
-def test_the_report_is_for_programs(layout):
-    report = UpgradeReport("done", "1", "2", "2 is in use", 1.0, 2.0)
-    layout.write(report)
-    assert json.loads((layout.base / "last-switch.json").read_text()) == asdict(report)
 
 
 def test_the_next_boot_starts_the_old_version(tmp_path):

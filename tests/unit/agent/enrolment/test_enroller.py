@@ -71,13 +71,6 @@ async def enrol(settings: Settings) -> Enroller:
     return enroller
 
 
-async def test_a_key_is_made_once_in_a_private_directory(settings):
-    """The first start makes the directory, which nobody else may read, and the key that stays."""
-    key = await Enroller(settings).key()
-    assert settings.state_dir.stat().st_mode & 0o777 == 0o700
-    assert await Enroller(settings).key() == key
-
-
 async def test_a_fresh_robot_joins_and_a_reboot_does_not(cloud, settings):
     """What the join answered is kept with the host keys, so that the next start asks nobody."""
     enroller = Enroller(settings)
@@ -85,6 +78,7 @@ async def test_a_fresh_robot_joins_and_a_reboot_does_not(cloud, settings):
     enrolment = await enroller.enrolment()
     assert (enrolment.robot, enrolment.mac) == ("sim1", "00:1b:44:11:3a:b7")
     assert enrolment.ssh.ports == (cloud.ssh.port,)
+    assert settings.state_dir.stat().st_mode & 0o777 == 0o700
     assert cloud.joins[0]["public_key"] == key.public
     assert cloud.ssh.host_keys[0].split()[1] in enroller.known_hosts.read_text()
     assert await Enroller(settings).enrolment() == enrolment

@@ -7,7 +7,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from fake_cloud import vouches
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.keys import (
     ensure_key,
@@ -100,18 +99,6 @@ async def test_a_key_that_is_not_there_is_not_made_by_looking(place):
     assert await ensure_key(place) == await present_key(place)
 
 
-async def test_the_next_key_takes_the_place_of_the_other(place):
-    """Afterwards there is one key again, the new one, and doing it twice is no harm."""
-    old = await ensure_key(place)
-    coming = await ensure_next_key(place)
-    assert coming.public != old.public
-    assert await next_key(place) == coming
-    promote(place)
-    promote(place)
-    assert (await ensure_key(place)).public == coming.public
-    assert sorted(path.name for path in place.iterdir()) == ["id_ed25519", "id_ed25519.pub"]
-
-
 @pytest.mark.parametrize("steps", range(4))
 async def test_a_change_that_is_cut_short_leaves_whole_keys(place, monkeypatch, steps):
     """Whichever step of it is the last before the power goes, no key is lost and none has another's half."""
@@ -147,14 +134,6 @@ class PowerCutError(Exception):
     """The robot lost its power."""
 
 
-async def test_a_key_that_the_server_does_not_want_is_forgotten(place):
-    old = await ensure_key(place)
-    await ensure_next_key(place)
-    keys.discard_next(place)
-    assert await next_key(place) is None
-    assert await ensure_key(place) == old
-
-
 async def test_a_broken_next_key_does_not_touch_the_key_in_use(place):
     """What is broken was never sent to a server; the robot goes on with the key that it has."""
     (place / "id_ed25519.next").write_text("rubbish")
@@ -162,13 +141,3 @@ async def test_a_broken_next_key_does_not_touch_the_key_in_use(place):
     assert await next_key(place) is None
     with pytest.raises(KeyUnusable, match=r"id_ed25519\.next"):
         await ensure_next_key(place)
-
-
-async def test_a_signature_is_what_ssh_keygen_verifies(place):
-    """The server can check with OpenSSH that the old key vouches for the new one."""
-    key = await ensure_key(place)
-    signature = await keys.sign(key, "00:1b:44:11:3a:b7 ssh-ed25519 AAAA\n")
-    said = {"mac": "00:1b:44:11:3a:b7", "public_key": "ssh-ed25519 AAAA"}
-    assert vouches(key.public, {**said, "previous_key": {"signature": signature}})
-    other = {**said, "public_key": "ssh-ed25519 BBBB"}
-    assert not vouches(key.public, {**other, "previous_key": {"signature": signature}})

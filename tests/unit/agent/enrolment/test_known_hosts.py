@@ -6,6 +6,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
+from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.enrolment.keys import (
     ALIAS,
     HostKey,
@@ -21,6 +23,11 @@ ED = HostKey("ssh-ed25519", "RUQx")
 ED_OTHER = HostKey("ssh-ed25519", "RUQy")
 RSA = HostKey("ssh-rsa", "UlNB")
 PATH = Path("/state/known_hosts")
+ACCESS = SshAccess("tunnel", None, (2222, 443))
+ENROLMENT = Enrolment("a.example", "sim1", "00:1b:44:11:3a:b7", ACCESS)
+BLOB = "AAAAC3NzaC1lZDI1NTE5AAAAIJXwzyV7Yl1cYqPGRkvnkSnMuRlWZ2EiJkXYh2JYQ0bF"
+PINNED = HostKey("ssh-ed25519", BLOB)
+OTHER = HostKey("ssh-ed25519", BLOB[:-2] + "aA")
 
 
 def test_openssh_finds_the_pinned_key(place):
@@ -68,3 +75,32 @@ def test_rubbish_is_no_host_key(text):
     """What is no public key of a known type is refused by name."""
     with pytest.raises(FieldError, match="host_keys"):
         parse_host_key(text)
+
+
+def test_other_host_keys_of_the_same_server_are_refused(place):
+    """A second join changes neither pin nor enrolment when the host keys differ."""
+    store = EnrolmentStore(place)
+    store.keep(ENROLMENT, [PINNED])
+    with pytest.raises(ServerKeyChanged):
+        store.keep(Enrolment("a.example", "renamed", ENROLMENT.mac, ACCESS), [OTHER])
+    assert store.load("a.example") == ENROLMENT
+
+
+def test_a_broken_enrolment_keeps_the_pin(place):
+    """Losing the enrolment means to join again, not to trust anew."""
+    store = EnrolmentStore(place)
+    store.keep(ENROLMENT, [PINNED])
+    (place / "enrolment.json").write_text("{")
+    assert store.load("a.example") is None
+    with pytest.raises(ServerKeyChanged):
+        store.keep(ENROLMENT, [OTHER])
+
+
+def test_removing_known_hosts_joins_anew(place):
+    """What the advice of host_key_changed says works."""
+    store = EnrolmentStore(place)
+    store.keep(ENROLMENT, [PINNED])
+    store.known_hosts.unlink()
+    assert store.load("a.example") is None
+    store.keep(ENROLMENT, [OTHER])
+    assert store.load("a.example") == ENROLMENT

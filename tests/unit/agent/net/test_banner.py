@@ -7,7 +7,7 @@ from robotether_agent.net import server_dialer
 from robotether_agent.net.server_dialer import Banner
 from robotether_agent.net.tcp import Resolver, connect
 from robotether_agent.problems import NoAnswer, ServerBusy, ServerUnreachable
-from ssh_ports import BANNER, SshPort
+from ssh_ports import SshPort
 
 
 @pytest.fixture(autouse=True)
@@ -20,16 +20,6 @@ def in_haste(monkeypatch):
 async def check(door: SshPort, checker: Banner) -> bool:
     with await connect("127.0.0.1", door.port, Resolver(), "the door") as connection:
         return await checker.check(connection, door.port, "the door")
-
-
-async def test_one_that_speaks_leaves_the_connection_unused():
-    """Not a word is said to it, and its own is still there."""
-    async with SshPort() as door, SshPort() as other:
-        with await connect("127.0.0.1", door.port, Resolver(), "the door") as connection:
-            assert await Banner().check(connection, door.port, "the door")
-            assert connection.recv(100) == BANNER
-        assert await check(other, Banner())
-        assert door.heard == other.heard == b""
 
 
 async def test_a_shy_one_is_spoken_to_and_remembered():

@@ -20,10 +20,9 @@ from robotether_agent.net.tcp import (
     peek,
     prepare,
     prepare_for_video,
-    resolve,
 )
 from robotether_agent.problems import NoAnswer, ServerUnreachable
-from ssh_ports import BANNER, SshPort
+from ssh_ports import SshPort
 
 FOUR = [(socket.AF_INET, (f"192.0.2.{number}", 22)) for number in (1, 2)]
 SIX = [(socket.AF_INET6, (f"2001:db8::{number}", 22, 0, 0)) for number in (1, 2, 3)]
@@ -109,12 +108,6 @@ def test_families_take_turns():
     assert interleaved(FOUR) == FOUR
 
 
-def test_addresses_need_no_name_service():
-    """What is an address already comes back, in either family."""
-    assert resolve("127.0.0.1", 22) == [(socket.AF_INET, ("127.0.0.1", 22))]
-    assert resolve("::1", 22)[0][0] == socket.AF_INET6
-
-
 async def test_it_is_asked_each_time(names):
     known = Resolver(names)
     assert await known.addresses("h", 22) == FOUR
@@ -154,12 +147,6 @@ async def test_questions_that_hang_do_not_pile_up(names, monkeypatch):
         for _ in range(3 * tcp.THREADS):
             await known.addresses("h", 22)
         assert names.asked == 1 + tcp.THREADS
-
-
-async def test_an_unknown_name(names):
-    names.answer = socket.gaierror(-2, "Name or service not known")
-    with pytest.raises(OSError, match=r"cannot find the address of h: .*not known"):
-        await Resolver(names).addresses("h", 22)
 
 
 async def test_a_name_service_that_never_answered(names, monkeypatch):
@@ -214,14 +201,6 @@ async def test_no_route_to_the_address():
         await connect("h", 22, at("255.255.255.255"), "it")
 
 
-async def test_a_look_takes_nothing(pair):
-    """What was seen is still there for whoever gets the connection."""
-    ours, theirs = pair
-    theirs.send(BANNER)
-    assert await peek(ours, lambda seen: len(seen) >= 4, 64) == BANNER
-    assert ours.recv(64) == BANNER
-
-
 async def test_a_look_waits_for_enough(pair):
     """Half of what is wanted is not taken for the whole, and costs no processor time."""
     ours, theirs = pair
@@ -231,15 +210,6 @@ async def test_a_look_waits_for_enough(pair):
         await asyncio.wait_for(asyncio.shield(looking), 0.1)
     theirs.send(b"H-")
     assert await asyncio.wait_for(looking, 5) == b"SSH-"
-
-
-async def test_a_look_at_what_was_closed(pair):
-    """The end before enough came is an error."""
-    ours, theirs = pair
-    theirs.send(b"SS")
-    theirs.close()
-    with pytest.raises(ConnectionError):
-        await asyncio.wait_for(peek(ours, lambda seen: len(seen) >= 4, 64), 5)
 
 
 async def test_a_look_is_bounded(pair):

@@ -183,15 +183,6 @@ async def drop_mid_line(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -
     await writer.drain()
 
 
-async def test_is_up_only_when_its_port_is_open(cloud, robot):
-    """Nobody is told that the robot is connected before its port leads to it."""
-    up = Up()
-    robot.connect(robot.trust(cloud.ssh), up)
-    await is_up(up)
-    assert up.ports == [cloud.ports[0]]
-    assert up.ports_were_open
-
-
 async def test_a_new_name_leaves_the_forward_alone(cloud, robot, caplog):
     """A robot that is renamed learns its name, and its port is not opened anew."""
     caplog.set_level("INFO")
@@ -324,14 +315,6 @@ async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatc
     await eventually(lambda: len(link.of_type("check")) == 2, lambda: f"{link.received}")
     # Between the two lay most of the pause, in which the session pings every 0.2 s.
     assert len(link.of_type("ping")) - pings >= 2
-
-
-async def test_media_tells_nothing(cloud, robot):
-    """The video connection carries heartbeats only."""
-    robot.connect(robot.trust(cloud.ssh), Up())
-    link = await cloud.link("media")
-    await eventually(lambda: len(link.of_type("ping")) > 2, lambda: f"pings in {link.received}")
-    assert {message["type"] for message in link.received} == {"ping", "pong"}
 
 
 async def test_the_longest_run_directory_takes_its_control_socket(cloud, robot, place):

@@ -24,15 +24,11 @@ from robotether_agent.tunnel.openssh import (
 
 FILES = SshFiles((Path("/s/id_ed25519"),), Path("/s/known_hosts"), Path("/r/session.ctl"))
 TARGET = SshAddress("robots.example.com", 2222, "tunnel")
-SSH_FILES = SshFiles(
-    (Path("/state/id_ed25519"),), Path("/state/known_hosts"), Path("/run/session.ctl")
-)
 CHANGED = "@    WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED!     @"
 
 
-def in_force(target: SshAddress) -> dict[str, str]:
+def in_force(command: list[str]) -> dict[str, str]:
     """Ask ssh what our command line means."""
-    command = connect_command(target, FILES, "session")
     asked = [command[0], "-G", *command[1:]]
     text = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
     return dict(line.partition(" ")[::2] for line in text.splitlines())
@@ -40,7 +36,7 @@ def in_force(target: SshAddress) -> dict[str, str]:
 
 def test_ssh_understands_the_options_as_meant():
     """The pin, the key and the time-outs are in force, and nothing asks or adds a key."""
-    options = in_force(SshAddress("robots.example.com", 2222, "tunnel"))
+    options = in_force(connect_command(TARGET, FILES, "session"))
     assert options["hostname"] == "robots.example.com"
     assert options["port"] == "2222"
     assert options["user"] == "tunnel"
@@ -73,18 +69,14 @@ def test_two_keys_are_shown_in_their_order():
 )
 def test_control_goes_before_a_file_copy(kind, class_of_service):
     """The network hears of it, as far as it listens."""
-    command = connect_command(SshAddress("h", 22, "tunnel"), FILES, kind)
-    asked = [command[0], "-G", *command[1:]]
-    text = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
-    assert re.search(rf"^ipqos ({class_of_service}) ", text, re.MULTILINE)
+    options = in_force(connect_command(TARGET, FILES, kind))
+    assert re.match(rf"({class_of_service}) ", options["ipqos"])
 
 
 def test_the_host_key_is_checked_without_a_key():
     """The doctor logs in nowhere, and meets the same pin as the agent."""
     command = host_key_command(SshAddress("h", 2222, "tunnel"), Path("/s/known_hosts"))
-    asked = [command[0], "-G", *command[1:]]
-    text = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
-    options = dict(line.partition(" ")[::2] for line in text.splitlines())
+    options = in_force(command)
     assert options["preferredauthentications"] == "none"
     assert options["userknownhostsfile"] == "/s/known_hosts"
     assert options["stricthostkeychecking"] in {"true", "yes"}
@@ -93,7 +85,8 @@ def test_the_host_key_is_checked_without_a_key():
 
 def test_an_ipv6_host_is_taken():
     """An address with colons needs no brackets here."""
-    assert in_force(SshAddress("2001:db8::1", 443, "tunnel"))["hostname"] == "2001:db8::1"
+    command = connect_command(SshAddress("2001:db8::1", 443, "tunnel"), FILES, "session")
+    assert in_force(command)["hostname"] == "2001:db8::1"
 
 
 def test_the_host_can_be_no_option():
@@ -181,14 +174,14 @@ def test_the_client_inherits_nothing_that_changes_it(monkeypatch):
 )
 def test_a_client_that_never_connected(words, status, code):
     """Each reason why ssh ends before a configuration is one problem with its own code."""
-    assert why_not_connected(words, status, TARGET, SSH_FILES).code == code
+    assert why_not_connected(words, status, TARGET, FILES).code == code
 
 
 def test_host_key_problem_says_what_to_do():
     """The loudest problem names the server, the file to remove, and to ask first."""
-    text = str(why_not_connected([CHANGED], 255, TARGET, SSH_FILES))
+    text = str(why_not_connected([CHANGED], 255, TARGET, FILES))
     assert "robots.example.com port 2222" in text
-    assert "/state/known_hosts" in text
+    assert "/s/known_hosts" in text
     assert "ask the server's administrator" in text
 
 

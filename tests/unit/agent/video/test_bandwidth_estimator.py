@@ -349,8 +349,3 @@ def test_a_dead_path_keeps_the_window_bounded() -> None:
     path.rate = UPLINK
     path.run(2)
     assert path.run(5) > 0.9
-
-
-def test_begins_with_what_tcp_begins_with() -> None:
-    """Ten segments, before anything is known."""
-    assert Path(UPLINK, 0.038).estimator.window == 10 * SEGMENT

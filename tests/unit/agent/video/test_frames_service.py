@@ -212,12 +212,6 @@ async def test_the_status_tells_of_a_source_that_ends_and_comes_back(world):
     assert receiver.closed is None
 
 
-async def test_a_stalled_source_is_waited_for(world):
-    world.camera.mode = "silent"
-    receiver = await world.receive()
-    await eventually(lambda: receiver.states() == ["waiting"], receiver.told)
-
-
 async def test_a_slow_receiver_gets_another_quality_without_a_gap(world):
     """Late frames bring the quality down; the new stream is open before the old one ends, none comes twice."""
     receiver = await world.receive(gives_credit=False, latency_ms=50)

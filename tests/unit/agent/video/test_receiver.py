@@ -14,7 +14,6 @@ from aiohttp import WSMsgType
 from fake_cameras import fake_jpeg, number_of
 from fake_cloud import eventually
 from frame_header import SIZE, unpacked
-from robotether_agent.fields import FieldError
 from robotether_agent.video import receiver as receiver_module
 from robotether_agent.video.receiver import FrameRateCounter, FrameRateLimiter, Receiver
 from robotether_agent.video.shared_sources import SharedSources
@@ -232,12 +231,3 @@ async def test_the_status_comes_at_changes_and_seldom(world, monkeypatch):
     world.now_s += 1
     await eventually(lambda: len(world.socket.texts) == 2, lambda: str(world.socket.texts))
     assert world.socket.texts[1]["state"] == "live"
-
-
-async def test_a_text_that_breaks_the_protocol_ends_it(world):
-    world.socket.ask("want")
-    await world.until_open()
-    world.socket.ask("credit", frames="many")
-    with pytest.raises(FieldError, match="frames"):
-        await asyncio.wait_for(world.task, 5)
-    await eventually(lambda: not world.open, lambda: str(world.open))

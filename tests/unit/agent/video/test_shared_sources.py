@@ -127,10 +127,3 @@ async def test_a_defect_is_no_end(shared_sources, source, monkeypatch, caplog):
     await eventually(lambda: source.opened > 1, lambda: f"opened {source.opened} times")
     assert shared.condition().state == "down"
     assert "KeyError" in caplog.text
-
-
-async def test_closing_closes_all(shared_sources, source):
-    shared_sources.follow(WISH, "a", lambda _: None)
-    await until_open(source)
-    await shared_sources.close()
-    assert source.takes == {}
