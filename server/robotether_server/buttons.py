@@ -16,7 +16,7 @@ from msgspec import Meta, Struct
 
 from robotether_server import schemas
 from robotether_server.problems import FieldInvalid
-from robotether_server.setting_values import RosName
+from robotether_server.schemas import RosName
 
 Kind = Literal["publish", "call"]
 

@@ -13,7 +13,7 @@ from msgspec import Meta, Struct, structs
 
 from robotether_server import schemas
 from robotether_server.problems import FieldInvalid
-from robotether_server.setting_values import RosName
+from robotether_server.schemas import RosName
 
 Kind = Literal["differential", "holonomic", "ackermann"]
 Turn = Literal[0, 90, 180, 270]

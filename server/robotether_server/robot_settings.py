@@ -18,11 +18,11 @@ from robotether_common.guard import DEFAULT_MS, DEFAULT_TOPICS, TIMES_MS
 from robotether_common.ros import Globs
 
 from robotether_server import buttons as button_settings
-from robotether_server import page_settings, schemas, setting_values
+from robotether_server import page_settings, schemas
 from robotether_server.buttons import Button, GivenButtons
 from robotether_server.page_settings import PageSettings
 from robotether_server.problems import FieldInvalid
-from robotether_server.setting_values import GLOBS_SCHEMA, GivenGlobs
+from robotether_server.schemas import GLOBS_SCHEMA, GivenGlobs
 
 Level = Literal["observe", "drive", "manage"]
 
@@ -33,7 +33,7 @@ NOTHING = Globs()
 
 
 def _drive_topics(given: object, path: str) -> Globs:
-    globs = setting_values.globs(given, path)
+    globs = schemas.read_globs(given, path)
     if not globs.patterns:
         # Without one, every command would pass the guard unseen.
         raise FieldInvalid(f"cannot use {path}: it must name at least one topic")

@@ -74,7 +74,7 @@ def imports_of(file: Path) -> set[str]:
 @pytest.mark.parametrize(
     ("package", "extras", "modules"),
     [
-        ("server", (), ("robotether_server.cli.main", "robotether_server.cli.fleet.commands")),
+        ("server", (), ("robotether_server.cli.main", "robotether_server.cli.fleet")),
         ("server", ("web",), ("robotether_server.web.app",)),
         ("server", ("relay",), ("robotether_server.relay.main",)),
         ("agent", (), ("robotether_agent.cli", "robotether_agent.daemon")),

@@ -1,5 +1,6 @@
 """/api/v1/audit: the audit log; for admins."""
 
+from functools import partial
 from typing import Annotated
 
 from flask import Response
@@ -7,9 +8,8 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api import exports
 from robotether_server.api.auth import Caller
-from robotether_server.api.context import context
 from robotether_server.api.exports import USUAL_LIMIT, ListQuery
-from robotether_server.api.operations import operation, plain
+from robotether_server.api.operations import operation
 from robotether_server.db import audit
 from robotether_server.db.audit import AuditEvent, AuditSearch
 from robotether_server.schemas import Label
@@ -54,11 +54,5 @@ def download(
     limit: int | None = None,
 ) -> Response:
     """Stream all events that match; the caller has checked that the user is an admin."""
-    database = context().database
-
-    def fetch(last: int | None, wanted: int) -> list[AuditEvent]:
-        with database.transaction() as tx:
-            return audit.find(tx, search, before=before if last is None else last, limit=wanted)
-
-    found = (plain(one) for one in exports.everything(fetch, limit))
-    return exports.answer(found, COLUMNS, kind, "robotether-audit")
+    find = partial(audit.find, search=search)
+    return exports.download(find, COLUMNS, kind, "robotether-audit", before=before, limit=limit)

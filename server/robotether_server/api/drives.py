@@ -1,6 +1,7 @@
 """/api/v1/drives: records of who drove which robot; the user's own, of robots that the user manages, all for admins."""
 
 from dataclasses import fields as members_of
+from functools import partial
 from typing import Annotated
 
 from flask import Response
@@ -8,9 +9,8 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api import exports
 from robotether_server.api.auth import Caller
-from robotether_server.api.context import context
 from robotether_server.api.exports import MAX_ID, USUAL_LIMIT, ListQuery
-from robotether_server.api.operations import operation, plain, respond
+from robotether_server.api.operations import operation, respond
 from robotether_server.db import drives
 from robotether_server.db.drives import Drive, DriveSearch
 from robotether_server.db.users import User
@@ -85,12 +85,5 @@ def download(
     limit: int | None = None,
 ) -> Response:
     """Stream all drives that match and that this user may see."""
-    database = context().database
-
-    def fetch(last: int | None, wanted: int) -> list[Drive]:
-        start = before if last is None else last
-        with database.transaction() as tx:
-            return drives.find(tx, viewer, search, before=start, limit=wanted)
-
-    found = (plain(one) for one in exports.everything(fetch, limit))
-    return exports.answer(found, COLUMNS, kind, "robotether-drives")
+    find = partial(drives.find, viewer=viewer, search=search)
+    return exports.download(find, COLUMNS, kind, "robotether-drives", before=before, limit=limit)

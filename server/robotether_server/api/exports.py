@@ -13,6 +13,8 @@ from typing import Annotated, Literal, Protocol, TypeVar
 from flask import Response
 from msgspec import UNSET, Meta, Struct, UnsetType
 
+from robotether_server.api.context import context
+from robotether_server.api.operations import plain
 from robotether_server.schemas import GivenTimestamp, Label
 
 Format = Literal["csv", "jsonl"]
@@ -78,6 +80,25 @@ def everything(fetch: Callable[[int | None, int], list[R]], limit: int | None) -
             return
         before = found[-1].id
         left = None if left is None else left - len(found)
+
+
+def download(
+    find: Callable[..., list[R]],
+    columns: Sequence[str],
+    kind: Format,
+    filename: str,
+    *,
+    before: int | None,
+    limit: int | None,
+) -> Response:
+    """Stream what `find(tx, before=..., limit=...)` finds, each piece in a transaction of its own."""
+    database = context().database
+
+    def fetch(last: int | None, wanted: int) -> list[R]:
+        with database.transaction() as tx:
+            return find(tx, before=before if last is None else last, limit=wanted)
+
+    return answer((plain(one) for one in everything(fetch, limit)), columns, kind, filename)
 
 
 def answer(

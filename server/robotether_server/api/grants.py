@@ -102,7 +102,7 @@ class SiteList(Struct):
 @operation("GET", "/grants", "admin")
 def list_grants(caller: Caller) -> GrantList:
     """List grants; admins need none."""
-    return GrantList([_shown(one) for one in grant_service.list_all(caller.tx)])
+    return GrantList([_shown(one) for one in grants.list_all(caller.tx)])
 
 
 @operation("POST", "/grants", "admin", problems=(404,))
@@ -133,7 +133,9 @@ def give_grant(caller: Caller, user: str, robot: str, body: GivenLevel) -> Shown
 @operation("DELETE", "/grants/<user>/<robot>", "admin", name="takeGrant", problems=(409,))
 def revoke_grant(caller: Caller, user: str, robot: str) -> None:
     """Delete the user's grant for the robot."""
-    grant_service.revoke(caller.tx, caller.source, user, robot)
+    grant_service.revoke_from(
+        caller.tx, caller.source, Grantee("user", user), Scope("robot", robot)
+    )
 
 
 def _give(

@@ -6,11 +6,11 @@ from msgspec import Struct
 from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
+from robotether_server.db import users
 from robotether_server.db.users import SshKey
 from robotether_server.install_line import site_of
 from robotether_server.schemas import Label, PublicKeyLine
 from robotether_server.services import ssh_keys
-from robotether_server.services import ssh_keys as ssh_key_service
 
 
 class NewSshKey(Struct, forbid_unknown_fields=True):
@@ -29,20 +29,20 @@ class SshKeyList(Struct):
 @operation("GET", "/me/ssh-keys", "user")
 def list_ssh_keys(caller: Caller) -> SshKeyList:
     """List the user's SSH keys, for shells on robots."""
-    return SshKeyList(ssh_key_service.list_of(caller.tx, caller.user))
+    return SshKeyList(users.list_ssh_keys(caller.tx, caller.user))
 
 
 @operation("POST", "/me/ssh-keys", "user", problems=(409,))
 def add_ssh_key(caller: Caller, body: NewSshKey) -> Created[SshKey]:
     """Add an SSH key."""
-    added = ssh_key_service.add(caller.tx, caller.source, caller.user, body.name, body.public_key)
+    added = ssh_keys.add(caller.tx, caller.source, caller.user, body.name, body.public_key)
     return added, 201
 
 
 @operation("DELETE", "/me/ssh-keys/<int:key_id>", "user")
 def delete_ssh_key(caller: Caller, key_id: int) -> None:
     """Delete an SSH key, and end the connections that it opened."""
-    ssh_key_service.delete(caller.tx, caller.source, caller.user, key_id)
+    ssh_keys.delete(caller.tx, caller.source, caller.user, key_id)
 
 
 @operation("GET", "/ssh-config", "user", texts=("text/plain",))

@@ -11,7 +11,7 @@ from robotether_server.api import auth
 from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import robots, users
+from robotether_server.db import credentials, robots, users
 from robotether_server.db.credentials import Token
 from robotether_server.db.robots import JoinToken
 from robotether_server.db.users import User
@@ -71,8 +71,8 @@ class JoinTokenList(Struct):
 def list_tokens(caller: Caller) -> TokenList:
     """List the user's API tokens, without their texts; for admins everybody's."""
     if caller.user.is_admin:
-        return TokenList(token_service.list_all(caller.tx))
-    return TokenList(token_service.list_of(caller.tx, caller.user))
+        return TokenList(credentials.list_tokens(caller.tx))
+    return TokenList(credentials.list_tokens_of(caller.tx, caller.user))
 
 
 @operation("POST", "/tokens", "user", problems=(404, 409))
@@ -82,14 +82,14 @@ def create_token(caller: Caller, body: NewToken) -> Created[CreatedToken]:
     owner = _owner(caller, body.user or caller.user.name)
     text = token_service.create(caller.tx, caller.source, owner, body.name, expires_at)
     # A name is unique among the user's tokens.
-    [made] = [one for one in token_service.list_of(caller.tx, owner) if one.name == body.name]
+    [made] = [one for one in credentials.list_tokens_of(caller.tx, owner) if one.name == body.name]
     return CreatedToken(**vars(made), token=text), 201
 
 
 @operation("DELETE", "/tokens/<int:token_id>", "user")
 def delete_token(caller: Caller, token_id: int) -> None:
     """Delete an API token of the user; an admin may delete any."""
-    token = token_service.get(caller.tx, token_id)
+    token = credentials.get_token(caller.tx, token_id)
     if token.user != caller.user.name and not caller.user.is_admin:
         raise RecordMissing(f"cannot find token {token_id}: there is none of that number")
     token_service.delete(caller.tx, caller.source, token_id)
@@ -105,7 +105,7 @@ def _owner(caller: Caller, name: str) -> User:
 @operation("GET", "/join-tokens", "admin")
 def list_join_tokens(caller: Caller) -> JoinTokenList:
     """List join tokens, without their texts."""
-    return JoinTokenList(token_service.list_join_tokens(caller.tx))
+    return JoinTokenList(robots.list_join_tokens(caller.tx))
 
 
 @operation("POST", "/join-tokens", "admin", problems=(409,))

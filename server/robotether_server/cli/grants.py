@@ -13,7 +13,7 @@ from robotether_server.cli.common import (
     print_table,
     timestamp,
 )
-from robotether_server.db.grants import LEVELS, Grant, Level
+from robotether_server.db.grants import LEVELS, Grant, Level, list_all
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
 
@@ -82,7 +82,7 @@ def give(
 def list_grants(as_json: bool) -> None:
     """List the grants, by user or group and robot or site."""
     with open_database().transaction() as tx:
-        found = grants.list_all(tx)
+        found = list_all(tx)
     if as_json:
         print_json([vars(one) | {"all": one.is_for_all} for one in found])
         return

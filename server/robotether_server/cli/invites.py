@@ -16,6 +16,7 @@ from robotether_server.cli.common import (
     print_table,
     timestamp,
 )
+from robotether_server.db import robots
 from robotether_server.install_line import (
     HTTPS_PORT,
     SiteAddress,
@@ -81,7 +82,7 @@ def join_token() -> None:
 def list_tokens(as_json: bool) -> None:
     """List the join tokens, without their texts, the newest first."""
     with open_database().transaction() as tx:
-        found = tokens.list_join_tokens(tx)
+        found = robots.list_join_tokens(tx)
     if as_json:
         print_json([vars(one) for one in found])
         return
@@ -103,7 +104,7 @@ def list_tokens(as_json: bool) -> None:
 def delete(name: str) -> None:
     """Delete a join token; robots that it admitted stay."""
     with open_database().transaction() as tx:
-        token_id = next((one.id for one in tokens.list_join_tokens(tx) if one.name == name), None)
+        token_id = next((one.id for one in robots.list_join_tokens(tx) if one.name == name), None)
         if token_id is None:
             raise NotDone(f"cannot delete join token {name}: there is none of that name")
         tokens.delete_join_token(tx, SOURCE, token_id)

@@ -37,7 +37,7 @@ APPLICATION = "robotether_server.web.app:make_app()"
 
 
 # Where the commands are whose libraries take as long to load as all the rest: loaded only for them.
-LOADED_LATE = {"fleet": "robotether_server.cli.fleet.commands"}
+LOADED_LATE = {"fleet": "robotether_server.cli.fleet"}
 
 
 class Commands(click.Group):

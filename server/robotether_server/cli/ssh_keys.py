@@ -45,7 +45,7 @@ def add(user_name: str, name: str | None, file: TextIO) -> None:
 def list_keys(user_name: str, as_json: bool) -> None:
     """List a user's SSH keys."""
     with open_database().transaction() as tx:
-        found = ssh_keys.list_of(tx, users.get(tx, user_name))
+        found = users.list_ssh_keys(tx, users.get(tx, user_name))
     if as_json:
         print_json([vars(one) for one in found])
         return
@@ -60,7 +60,7 @@ def delete(user_name: str, name: str) -> None:
     """Delete a user's SSH key; what it opened ends."""
     with open_database().transaction() as tx:
         user = users.get(tx, user_name)
-        found = next((one for one in ssh_keys.list_of(tx, user) if one.name == name), None)
+        found = next((one for one in users.list_ssh_keys(tx, user) if one.name == name), None)
         if found is None:
             raise NotDone(f"cannot delete SSH key {name}: user {user_name} has none of that name")
         ssh_keys.delete(tx, SOURCE, user, found.id)

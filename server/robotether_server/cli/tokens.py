@@ -12,7 +12,7 @@ from robotether_server.cli.common import (
     print_json,
     print_table,
 )
-from robotether_server.db import users
+from robotether_server.db import credentials, users
 from robotether_server.services import tokens
 
 MAX_DAYS = 3650
@@ -43,7 +43,7 @@ def create(user_name: str, name: str, days: int | None) -> None:
 def list_tokens(as_json: bool) -> None:
     """List the tokens, without their texts."""
     with open_database().transaction() as tx:
-        found = tokens.list_all(tx)
+        found = credentials.list_tokens(tx)
     if as_json:
         print_json([vars(one) for one in found])
         return
@@ -65,7 +65,7 @@ def list_tokens(as_json: bool) -> None:
 def delete(user_name: str, name: str) -> None:
     """Delete a token; what it opened ends."""
     with open_database().transaction() as tx:
-        held = tokens.list_of(tx, users.get(tx, user_name))
+        held = credentials.list_tokens_of(tx, users.get(tx, user_name))
         found = next((one for one in held if one.name == name), None)
         if found is None:
             raise NotDone(f"cannot delete token {name}: user {user_name} has no such token")

@@ -10,9 +10,9 @@ import secrets
 from dataclasses import dataclass
 
 from robotether_server.db import users
-from robotether_server.db.database import Transaction
+from robotether_server.db.database import Transaction, unique
 from robotether_server.db.users import User
-from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.problems import RecordMissing
 from robotether_server.schemas import Label, Timestamp, UserName
 
 RANDOM_BYTES = 32
@@ -113,16 +113,13 @@ class Token:
 def create_token(tx: Transaction, user: User, name: str, expires_at: dt.datetime | None) -> str:
     """Make a token; return its text, which cannot be had again. Raises RecordExists."""
     text = new_secret(API_PREFIX)
-    try:
+    with unique(
+        f"cannot create token {name}: user {user.name} has one of that name; delete it or choose another name"
+    ):
         tx.insert(
             "INSERT INTO api_tokens (user_id, name, token_hash, expires_at) VALUES (%s, %s, %s, %s)",
             (user.id, name, digest(text), expires_at),
         )
-    except RecordExists as error:
-        raise RecordExists(
-            f"cannot create token {name}: user {user.name} has one of that name; "
-            "delete it or choose another name"
-        ) from error
     return text
 
 

@@ -149,6 +149,15 @@ class Database:
 
 
 @contextmanager
+def unique(sentence: str) -> Iterator[None]:
+    """Give a RecordExists of the block this sentence for people."""
+    try:
+        yield
+    except RecordExists as error:
+        raise RecordExists(sentence, error.key) from error
+
+
+@contextmanager
 def _translated() -> Iterator[None]:
     try:
         yield

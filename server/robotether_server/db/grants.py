@@ -7,8 +7,8 @@ import datetime as dt
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_server.db.database import Row, Transaction
-from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.db.database import Transaction, unique
+from robotether_server.problems import RecordMissing
 from robotether_server.schemas import PlainName, RobotName, UserName
 
 Level = Literal["observe", "drive", "manage"]
@@ -119,7 +119,7 @@ def get(tx: Transaction, grant_id: int) -> Grant:
     row = tx.row(SELECT + "WHERE g.id = %s", (grant_id,))
     if row is None:
         raise RecordMissing(f"cannot find grant {grant_id}: there is none; see: grant list")
-    return _grant(row)
+    return Grant(**row)
 
 
 def find(tx: Transaction, pair: Pair) -> Grant | None:
@@ -129,7 +129,7 @@ def find(tx: Transaction, pair: Pair) -> Grant | None:
         "AND g.site_id <=> %s AND g.all_robots = %s",
         (pair.user_id, pair.group_id, pair.robot_id, pair.site_id, pair.all_robots),
     )
-    return _grant(row) if row else None
+    return Grant(**row) if row else None
 
 
 def list_all(tx: Transaction) -> list[Grant]:
@@ -138,19 +138,13 @@ def list_all(tx: Transaction) -> list[Grant]:
         SELECT
         + "ORDER BY u.name IS NULL, u.name, m.name, r.name IS NULL, r.name, s.name IS NULL, s.name"
     )
-    return [_grant(row) for row in rows]
-
-
-def _grant(row: Row) -> Grant:
-    return Grant(**row)
+    return [Grant(**row) for row in rows]
 
 
 def add_group(tx: Transaction, name: str) -> int:
     """Add a group without members; return its id. Raises RecordExists or RecordRefused."""
-    try:
+    with unique(f"cannot add group {name}: the name is taken"):
         return tx.insert("INSERT INTO user_groups (name) VALUES (%s)", (name,))
-    except RecordExists as error:
-        raise RecordExists(f"cannot add group {name}: the name is taken") from error
 
 
 def get_group(tx: Transaction, name: str) -> Group:
@@ -207,10 +201,8 @@ def remove_member(tx: Transaction, group_id: int, user_id: int) -> bool:
 
 def add_site(tx: Transaction, name: str) -> int:
     """Add a site without robots; return its id. Raises RecordExists or RecordRefused."""
-    try:
+    with unique(f"cannot add site {name}: the name is taken"):
         return tx.insert("INSERT INTO sites (name) VALUES (%s)", (name,))
-    except RecordExists as error:
-        raise RecordExists(f"cannot add site {name}: the name is taken") from error
 
 
 def get_site(tx: Transaction, name: str) -> Site:

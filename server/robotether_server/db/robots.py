@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from robotether_server.db import credentials
-from robotether_server.db.database import Row, Transaction
+from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordExists, RecordMissing, StoreUnavailable
 from robotether_server.schemas import Label, Timestamp
@@ -286,12 +286,8 @@ def forget_key(tx: Transaction, robot_id: int) -> None:
 
 def rename(tx: Transaction, robot_id: int, name: str) -> None:
     """Give the robot another name. Raises RecordExists or RecordRefused."""
-    try:
+    with unique(f"cannot use the name {name}: another robot has it"):
         tx.change("UPDATE robots SET name = %s WHERE id = %s", (name, robot_id))
-    except RecordExists as error:
-        raise RecordExists(
-            f"cannot use the name {name}: another robot has it", error.key
-        ) from error
 
 
 def announce(tx: Transaction, robot_id: int) -> None:
@@ -301,22 +297,16 @@ def announce(tx: Transaction, robot_id: int) -> None:
 
 def set_mac(tx: Transaction, robot_id: int, mac: str) -> None:
     """Give the robot another MAC. Raises RecordExists or RecordRefused."""
-    try:
+    with unique(f"cannot use the MAC {mac}: another robot has it"):
         tx.change("UPDATE robots SET mac = %s WHERE id = %s", (mac, robot_id))
-    except RecordExists as error:
-        raise RecordExists(f"cannot use the MAC {mac}: another robot has it", error.key) from error
 
 
 def set_ports(tx: Transaction, robot_id: int, ros: int | None, video: int | None) -> None:
     """Move the robot to these ports; to another free pair with None for both. Raises RecordRefused."""
-    try:
+    with unique(f"cannot use the ports {ros} and {video}: another robot has one of them"):
         tx.change(
             "UPDATE robots SET ros_port = %s, video_port = %s WHERE id = %s", (ros, video, robot_id)
         )
-    except RecordExists as error:
-        raise RecordExists(
-            f"cannot use the ports {ros} and {video}: another robot has one of them", error.key
-        ) from error
 
 
 def set_shell(tx: Transaction, robot_id: int, *, on: bool) -> None:
@@ -454,16 +444,14 @@ def create_join_token(
 ) -> str:
     """Make a token; return its text, which cannot be had again. Raises RecordExists."""
     text = credentials.new_secret(JOIN_PREFIX)
-    try:
+    with unique(
+        f"cannot create join token {name}: there is one of that name; delete it or choose another name"
+    ):
         tx.insert(
             "INSERT INTO join_tokens (name, token_hash, uses, expires_at, created_by) "
             "VALUES (%s, %s, %s, %s, %s)",
             (name, credentials.digest(text), uses, expires_at, by),
         )
-    except RecordExists as error:
-        raise RecordExists(
-            f"cannot create join token {name}: there is one of that name; delete it or choose another name"
-        ) from error
     return text
 
 

@@ -6,7 +6,7 @@ Written by services, read by web. sshd's account `jump` reads the keys of who ma
 from dataclasses import dataclass, field
 from typing import Literal
 
-from robotether_server.db.database import Row, Transaction
+from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordExists, RecordMissing
 from robotether_server.schemas import Fingerprint, Label, Timestamp
@@ -47,13 +47,7 @@ class SshKey:
 
 def from_row(row: Row) -> User:
     """Make a user of a row of SELECT."""
-    return User(
-        id=row["id"],
-        name=row["name"],
-        role=row["role"],
-        disabled=bool(row["disabled"]),
-        password_hash=row["password_hash"],
-    )
+    return User(**row | {"disabled": bool(row["disabled"])})
 
 
 def find(tx: Transaction, name: str) -> User | None:
@@ -72,13 +66,11 @@ def get(tx: Transaction, name: str) -> User:
 
 def add(tx: Transaction, name: str, password_hash: str, role: Role) -> int:
     """Add a user; return the id. Raises RecordExists or RecordRefused."""
-    try:
+    with unique(f"cannot add user {name}: the name is taken"):
         return tx.insert(
             "INSERT INTO users (name, password_hash, role) VALUES (%s, %s, %s)",
             (name, password_hash, role),
         )
-    except RecordExists as error:
-        raise RecordExists(f"cannot add user {name}: the name is taken") from error
 
 
 def set_password(tx: Transaction, user_id: int, password_hash: str) -> None:

@@ -74,21 +74,6 @@ def revoke_from(tx: Transaction, source: Source, grantee: Grantee, scope: Scope)
     return revoke_by_id(tx, source, found.id)
 
 
-def grant(tx: Transaction, source: Source, user: str, robot: str, level: Level) -> None:
-    """Give a user this level for a robot, without an end, replacing an earlier grant; raise RecordMissing."""
-    give(tx, source, Grantee("user", user), Scope("robot", robot), level)
-
-
-def revoke(tx: Transaction, source: Source, user: str, robot: str) -> None:
-    """Take a user's own grant for a robot away; raise RecordMissing when there is none."""
-    revoke_from(tx, source, Grantee("user", user), Scope("robot", robot))
-
-
-def list_all(tx: Transaction) -> list[Grant]:
-    """Return every grant, ended ones too; admins need none."""
-    return grants.list_all(tx)
-
-
 def _pair(tx: Transaction, grantee: Grantee, scope: Scope) -> Pair:
     is_user = grantee.kind == "user"
     return Pair(

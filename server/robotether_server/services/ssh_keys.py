@@ -40,11 +40,6 @@ def add(tx: Transaction, source: Source, user: User, name: str | None, line: str
     return added
 
 
-def list_of(tx: Transaction, user: User) -> list[SshKey]:
-    """Return the user's keys, by name."""
-    return users.list_ssh_keys(tx, user)
-
-
 def delete(tx: Transaction, source: Source, user: User, key_id: int) -> SshKey:
     """Delete a key of this user and return it; what it opened ends. Raises RecordMissing."""
     key = users.get_ssh_key(tx, user, key_id)

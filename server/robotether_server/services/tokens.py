@@ -42,27 +42,12 @@ def create(
     return text
 
 
-def get(tx: Transaction, token_id: int) -> Token:
-    """Return one token, so that the caller can check its owner; raise RecordMissing."""
-    return credentials.get_token(tx, token_id)
-
-
 def delete(tx: Transaction, source: Source, token_id: int) -> Token:
     """Delete a token and return it; what it opened ends. Raises RecordMissing."""
     token = credentials.get_token(tx, token_id)
     credentials.delete_token(tx, token_id)
     audit.record(tx, source, "token_deleted", user=token.user, token=token.name)
     return token
-
-
-def list_all(tx: Transaction) -> list[Token]:
-    """Return every token, by user and name."""
-    return credentials.list_tokens(tx)
-
-
-def list_of(tx: Transaction, user: User) -> list[Token]:
-    """Return the user's tokens, by name."""
-    return credentials.list_tokens_of(tx, user)
 
 
 def create_join_token(
@@ -87,11 +72,6 @@ def create_join_token(
         expires_at=expires_at.isoformat(timespec="seconds"),
     )
     return text
-
-
-def list_join_tokens(tx: Transaction) -> list[JoinToken]:
-    """Return every join token, the newest first."""
-    return robots.list_join_tokens(tx)
 
 
 def delete_join_token(tx: Transaction, source: Source, token_id: int) -> JoinToken:

@@ -18,9 +18,9 @@ from local_network import free_port
 from openssh_server import SSHD, descendants, kill, listens, wait_until
 
 
-def make_key(path: Path, passphrase: str = "") -> str:
+def make_key(path: Path, passphrase: str = "", kind: str = "ed25519") -> str:
     """Make a key pair; return the public line."""
-    command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", passphrase, "-C", "", "-f", str(path)]
+    command = ["ssh-keygen", "-q", "-t", kind, "-N", passphrase, "-C", "", "-f", str(path)]
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
     return path.with_suffix(".pub").read_text().strip()
 

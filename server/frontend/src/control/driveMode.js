@@ -153,7 +153,8 @@ export class DriveMode {
 
   // The question is over from this side: withdrawn, or not taken by the server.
   forget(note = /** @type {DriveMode["note"]} */ (null)) {
-    this.endQuestion(note);
+    this.asked = null;
+    this.note = note;
     this.onChange();
   }
 

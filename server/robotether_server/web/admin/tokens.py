@@ -5,7 +5,7 @@ import datetime as dt
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction
+from robotether_server.db import Transaction, credentials, robots
 from robotether_server.db.audit import Source
 from robotether_server.install_line import install_line
 from robotether_server.problems import Problem
@@ -24,14 +24,14 @@ MAX_HOURS = 8760
 def show() -> str:
     """Show every API token."""
     with context().database.transaction() as tx:
-        found = tokens.list_all(tx)
+        found = credentials.list_tokens(tx)
     return render_template("admin/tokens.html", tokens=found, now=dt.datetime.now(dt.UTC))
 
 
 def show_join_tokens(problem: Problem | None = None) -> str:
     """Show every join token."""
     with context().database.transaction() as tx:
-        found = tokens.list_join_tokens(tx)
+        found = robots.list_join_tokens(tx)
     return render_template(
         "admin/join_tokens.html",
         tokens=found,
@@ -62,14 +62,14 @@ def create_join_token(tx: Transaction, source: Source) -> Saved:
 
 def _found(token_id: int) -> Words:
     with context().database.transaction() as tx:
-        found = tokens.list_all(tx)
+        found = credentials.list_tokens(tx)
     missing = "cannot find that API token: it was already deleted"
     return {"token": confirmation.pick(found, token_id, missing)}
 
 
 def _found_join_token(token_id: int) -> Words:
     with context().database.transaction() as tx:
-        found = tokens.list_join_tokens(tx)
+        found = robots.list_join_tokens(tx)
     token = confirmation.pick(
         found, token_id, "cannot find that join token: it was already deleted"
     )

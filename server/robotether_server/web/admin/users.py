@@ -7,14 +7,13 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import passwords
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, seen_robots, users
+from robotether_server.db import Transaction, credentials, seen_robots, users
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.users import ROLES
 from robotether_server.problems import Problem
 from robotether_server.schemas import MAX_NAME_LENGTH
-from robotether_server.services import tokens
 from robotether_server.services import users as user_service
 from robotether_server.web import confirmation, forms
 from robotether_server.web.admin import grants
@@ -61,7 +60,7 @@ def show(name: str, problem: Problem | None = None) -> str:
             subject=user,
             grants=grants.of_user(tx, user),
             groups=[one.name for one in db_grants.list_groups(tx) if name in one.members],
-            tokens=tokens.list_of(tx, user),
+            tokens=credentials.list_tokens_of(tx, user),
             choices=grants.scopes(tx),
             levels=LEVELS,
             problem=problem,

@@ -11,6 +11,7 @@ from robotether_server.api import auth
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
+from robotether_server.db.users import list_ssh_keys
 from robotether_server.identity import MAX_KEY_LENGTH
 from robotether_server.install_line import site_of
 from robotether_server.problems import FieldInvalid, Problem
@@ -33,7 +34,7 @@ def show(problem: Problem | None = None, part: str = "") -> str:
     user = current_user.get()
     with context().database.transaction() as tx:
         entries = ssh_keys.shell_entries(tx, user)
-        keys, own_tokens = ssh_keys.list_of(tx, user), tokens.list_of(tx, user)
+        keys, own_tokens = list_ssh_keys(tx, user), credentials.list_tokens_of(tx, user)
     host = site_of(context().site_certificates.settings, request.host).host
     return render_template(
         "profile.html",
@@ -103,7 +104,7 @@ def _log_out_everywhere(tx: Transaction, source: Source) -> None:
 
 def _found_key(key_id: int) -> Words:
     with context().database.transaction() as tx:
-        found = ssh_keys.list_of(tx, current_user.get())
+        found = list_ssh_keys(tx, current_user.get())
     missing = "cannot find that SSH key: it was already deleted, or is not yours"
     return {"key": confirmation.pick(found, key_id, missing)}
 
@@ -115,7 +116,7 @@ def _delete_key(tx: Transaction, source: Source, key_id: int) -> None:
 def _found_token(token_id: int) -> Words:
     """Return a token of this user, and nobody else's."""
     with context().database.transaction() as tx:
-        found = tokens.list_of(tx, current_user.get())
+        found = credentials.list_tokens_of(tx, current_user.get())
     missing = "cannot find that API token: it was already deleted, or is not yours"
     return {"token": confirmation.pick(found, token_id, missing)}
 

@@ -1,16 +1,19 @@
-"""The command `robotether` in this process, against the real database."""
+"""The command `robotether` in this process, against the real database, and robots' sshds for `robotether fleet`."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from io import StringIO
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 from mariadb_server import MariaDb
 from robotether_server.cli import main
+from robotether_server.cli.fleet_ssh import Target
 from robotether_server.db import Database
+from shell_hosts import ShellNetwork
 
 
 class Done(NamedTuple):
@@ -58,3 +61,44 @@ def run(
         return Done(int(ended.value.code or 0), printed.out, printed.err)
 
     return run_command
+
+
+@pytest.fixture
+def network(tmp_path: Path) -> Iterator[ShellNetwork]:
+    """A jump host, and the robots sim1 and sim2 behind it."""
+    made = ShellNetwork(tmp_path)
+    try:
+        made.start("sim1", "sim2")
+        yield made
+    finally:
+        made.stop()
+
+
+@pytest.fixture
+def run_fleet(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run `robotether fleet ...`."""
+
+    def run(*arguments: object) -> Done:
+        monkeypatch.setattr(sys, "argv", ["robotether", "fleet", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return Done(int(ended.value.code or 0), printed.out, printed.err)
+
+    return run
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Target:
+    """A robot that nobody connects to."""
+    return Target(
+        name="sim1",
+        host="127.0.0.1",
+        port=24000,
+        user="ann",
+        known_as="robotether-sim1",
+        known_hosts=(tmp_path / "known_hosts",),
+        identity_files=(),
+        identities_only=True,
+        connect_timeout_s=5,
+    )

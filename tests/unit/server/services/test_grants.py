@@ -5,24 +5,26 @@ from __future__ import annotations
 import pytest
 from joins import Site
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import Grant
+from robotether_server.db.grants import Grant, list_all
 from robotether_server.problems import FieldInvalid, RecordMissing
 from robotether_server.services import grants
+from robotether_server.services.grants import Grantee, Scope
 
 ADMIN = Source("root")
+ANN, SIM1 = Grantee("user", "ann"), Scope("robot", "sim1")
 
 
 def test_grant_is_given_changed_and_taken(site: Site) -> None:
     """One a user and robot; each change is in the log."""
     with site.database.transaction() as tx:
-        grants.grant(tx, ADMIN, "ann", "sim1", "observe")
-        grants.grant(tx, ADMIN, "ann", "sim1", "manage")
-        (given,) = grants.list_all(tx)
+        assert grants.give(tx, ADMIN, ANN, SIM1, "observe")[1]
+        given, is_new = grants.give(tx, ADMIN, ANN, SIM1, "manage")
+        assert not is_new
         assert given == Grant(given.id, "manage", user="ann", robot="sim1")
-        grants.revoke(tx, ADMIN, "ann", "sim1")
-        assert grants.list_all(tx) == []
+        assert grants.revoke_from(tx, ADMIN, ANN, SIM1) == given
+        assert list_all(tx) == []
         with pytest.raises(RecordMissing, match="user ann has no grant for robot sim1"):
-            grants.revoke(tx, ADMIN, "ann", "sim1")
+            grants.revoke_from(tx, ADMIN, ANN, SIM1)
     assert (len(site.events("grant_given")), len(site.events("grant_taken"))) == (2, 1)
 
 
@@ -30,7 +32,7 @@ def test_grant_is_given_changed_and_taken(site: Site) -> None:
 def test_unknown_user_or_robot_is_said_so(site: Site, user: str, robot: str) -> None:
     """The sentence names which."""
     with site.database.transaction() as tx, pytest.raises(RecordMissing, match="ghost"):
-        grants.grant(tx, ADMIN, user, robot, "drive")
+        grants.give(tx, ADMIN, Grantee("user", user), Scope("robot", robot), "drive")
 
 
 def test_each_change_of_a_group_is_in_the_log_once(site: Site) -> None:

@@ -38,7 +38,7 @@ def test_key_is_named_by_its_comment_unless_a_name_is_given(
         ):
             key = ssh_keys.add(tx, ANN, ann, name, line)
             assert (key.name, key.public_key) == (expected, bare)
-            assert ssh_keys.list_of(tx, ann) == [key]
+            assert users.list_ssh_keys(tx, ann) == [key]
             with pytest.raises(RecordExists):
                 ssh_keys.add(tx, ANN, ann, "again", line)
             assert ssh_keys.delete(tx, ANN, ann, key.id) == key

@@ -8,6 +8,7 @@ import pytest
 from admin_visitor import send
 from robotether_server.db import Database, robots, users
 from robotether_server.db.audit import Source
+from robotether_server.db.grants import list_all
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web.admin import grants as grant_pages
@@ -32,7 +33,7 @@ def _crew_and_lab(admin: Browser, database: Database) -> None:
 def all_grants(database: Database) -> set[tuple[str, str, str]]:
     """Every grant: who, what, level."""
     with database.transaction() as tx:
-        found = grants.list_all(tx)
+        found = list_all(tx)
     return {(one.holder_words, one.scope_words, one.level) for one in found}
 
 
@@ -40,9 +41,7 @@ def number_of(database: Database, who: str, what: str) -> int:
     """The number of a grant."""
     with database.transaction() as tx:
         found = [
-            one.id
-            for one in grants.list_all(tx)
-            if (one.holder_words, one.scope_words) == (who, what)
+            one.id for one in list_all(tx) if (one.holder_words, one.scope_words) == (who, what)
         ]
     return found[0]
 
@@ -127,7 +126,7 @@ def test_a_grant_ends_with_its_day(admin: Browser, database: Database) -> None:
     day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=3)).date()
     send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": str(day)}))
     with database.transaction() as tx:
-        ends = {one.scope_words: one.ends_at for one in grants.list_all(tx)}
+        ends = {one.scope_words: one.ends_at for one in list_all(tx)}
     assert ends["robot sim2"] == dt.datetime.combine(day, dt.time(23, 59, 59), dt.UTC)
     assert f'value="{day}"' in admin.ask("GET", "/admin/users/ann").text
 

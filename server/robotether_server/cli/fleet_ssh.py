@@ -1,45 +1,48 @@
-"""Connects to robots, over one connection to each jump host, and explains failures.
+"""Finds robots in OpenSSH's configuration and connects to them, over one connection to each jump host.
 
-What OpenSSH itself would do is asked with `ssh -G`: so `Include`, `Match`, defaults and the order of files are its own,
-and what works with `ssh NAME` works here. The person's keys come in OpenSSH's order (the agent's that the
-configuration names, its others, files), because a server hangs up after a few keys that it does not know. Every
-connection, a jump host's too, passes HostKeyCheck: an unknown key may be taken on a person's word (`--accept-new`), a
-changed or revoked one never. Must never use fabric's own gateways, which trust any key.
+What OpenSSH itself would do is asked with `ssh -G` and `ssh-keygen -F`: so `Include`, `Match`, defaults, the order of
+files and the patterns of known_hosts are its own, and what works with `ssh NAME` works here. The person's keys come in
+OpenSSH's order (the agent's that the configuration names, its others, files), because a server hangs up after a few
+keys that it does not know. Every connection, a jump host's too, passes HostKeyCheck: an unknown key may be taken on a
+person's word (`--accept-new`), a changed or revoked one never. Must never use fabric's own gateways, which trust any
+key, nor send anything to a host whose key it has not checked, or to one that is no robot.
 """
 
 import base64
+import glob
 import logging
+import shlex
 import socket
 import subprocess
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 
 import fabric
 import paramiko
 from cryptography.exceptions import UnsupportedAlgorithm
 from paramiko.auth_strategy import AuthStrategy, InMemoryPrivateKey
 
-from robotether_server.cli.fleet import known_hosts
-from robotether_server.cli.fleet.known_hosts import Known, KnownKey
-from robotether_server.cli.fleet.problems import (
-    ConfigUnusable,
-    FleetProblem,
-    HostKeyChanged,
-    HostKeyUnknown,
-    LoginRefused,
-    Unreachable,
-)
+from robotether_server.problems import Problem
 
+USER_CONFIG = Path("~/.ssh/config")
+ALIAS = "robotether-"
+MAX_INCLUDE_DEPTH = 16  # OpenSSH's own bound
 SSH_PORT = 22
 CONNECT_TIMEOUT_S = 10.0
 ANSWER_WITHIN_S = 10
-
-
+LOGIN_TIMEOUT_S = 30
+KEEPALIVE_S = 10
+# What ssh-keygen says of a name that is in no line.
+NOT_FOUND = 1
+# RFC 4254, 5.1
+PROHIBITED = 1
+CONNECT_FAILED = 2
 # By the type of key that known_hosts has: what the server may prove it with.
 ALGORITHMS = {
     "ssh-ed25519": ("ssh-ed25519",),
@@ -49,11 +52,12 @@ ALGORITHMS = {
     "ssh-rsa": ("rsa-sha2-512", "rsa-sha2-256"),
 }
 WEAK = ("ssh-rsa", "ssh-dss")
-LOGIN_TIMEOUT_S = 30
-KEEPALIVE_S = 10
-# RFC 4254, 5.1
-PROHIBITED = 1
-CONNECT_FAILED = 2
+
+log = logging.getLogger(__name__)
+
+
+class FleetProblem(Problem):
+    """Why a command does not reach a robot, for the person who sent it."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +76,74 @@ class Target:
     jump: "Target | None" = None
 
 
+def choose(config: Path | None, patterns: Iterable[str]) -> list[str]:
+    """Return the robots that a pattern names, by name; raise FleetProblem for a pattern without any."""
+    path = (config or USER_CONFIG).expanduser()
+    known = sorted(robots_in(path))
+    chosen: set[str] = set()
+    for pattern in patterns:
+        found = [name for name in known if fnmatchcase(name, pattern)]
+        if not found:
+            names = ", ".join(known) or "no robot at all"
+            raise FleetProblem(
+                f"cannot find robots for {pattern}: {path} has {names}; update it with: robotether ssh-config"
+            )
+        chosen.update(found)
+    return sorted(chosen)
+
+
+def robots_in(path: Path) -> set[str]:
+    """Return the names of all robots of a configuration and of what it includes."""
+    names: list[str] = []
+    robots: set[str] = set()
+    for keyword, arguments in directives(path):
+        if keyword in ("host", "match"):
+            # A pattern names no robot.
+            names = [name for name in arguments if keyword == "host" and not set(name) & set("*?!")]
+        elif keyword == "hostkeyalias" and arguments and arguments[0].startswith(ALIAS):
+            robots.update(names)
+    return robots
+
+
+def directives(path: Path, depth: int = 0) -> Iterator[tuple[str, list[str]]]:
+    """Yield each keyword in lower case with its arguments; an included file is read at its Include."""
+    if depth > MAX_INCLUDE_DEPTH:
+        raise FleetProblem(f"cannot read {path}: it is included over {MAX_INCLUDE_DEPTH} deep")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise FleetProblem(
+            f"cannot read {path}: {error}; write it with: robotether ssh-config, or name another with --ssh-config"
+        ) from error
+    for line in text.splitlines():
+        keyword, arguments = words(line)
+        if keyword == "include":
+            for included in (part for pattern in arguments for part in matches(pattern)):
+                yield from directives(included, depth + 1)
+        elif keyword:
+            yield keyword, arguments
+
+
+def words(line: str) -> tuple[str, list[str]]:
+    """Split `Keyword argument "another one"` or `Keyword=argument`; an empty line gives an empty keyword."""
+    try:
+        parts = shlex.split(line, comments=True)
+    except ValueError:
+        return "", []
+    if not parts:
+        return "", []
+    keyword, equals, rest = parts[0].partition("=")
+    return keyword.lower(), [rest, *parts[1:]] if equals and rest else parts[1:]
+
+
+def matches(pattern: str) -> list[Path]:
+    """Return the files that an `Include` means; names without a folder are below ~/.ssh."""
+    full = Path("~/.ssh").expanduser() / Path(pattern).expanduser()
+    return [Path(name) for name in sorted(glob.glob(str(full)))]  # noqa: PTH207 - the pattern may be absolute
+
+
 def resolve(name: str, config: Path | None) -> Target:
-    """Return how to reach a robot; raise ConfigUnusable."""
+    """Return how to reach a robot; raise FleetProblem."""
     said = ask(name, config)
     jump = None
     for hop in said.get("proxyjump", ["none"])[0].split(","):
@@ -85,23 +155,10 @@ def resolve(name: str, config: Path | None) -> Target:
 def ask(destination: str, config: Path | None) -> dict[str, list[str]]:
     """Return OpenSSH's settings for a destination: each keyword's values, one a line of `ssh -G`."""
     chosen = [] if config is None else ["-F", str(config)]
-    # -T and no standard input: it only prints, and must neither ask nor speak of terminals.
-    command = ["ssh", *chosen, "-T", "-G", "--", destination]
-    try:
-        done = subprocess.run(  # noqa: S603 - no shell, and the name comes after `--`
-            command,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=ANSWER_WITHIN_S,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise ConfigUnusable(
-            f"cannot ask ssh how to reach {destination}: {error}; install OpenSSH's client"
-        ) from error
+    # -T: it only prints, and must neither ask nor speak of terminals.
+    done = _openssh("ssh", *chosen, "-T", "-G", "--", destination)
     if done.returncode != 0:
-        raise ConfigUnusable(f"cannot reach {destination}: ssh says: {done.stderr.strip()}")
+        raise FleetProblem(f"cannot reach {destination}: ssh says: {done.stderr.strip()}")
     said: dict[str, list[str]] = defaultdict(list)
     for line in done.stdout.splitlines():
         keyword, _, value = line.partition(" ")
@@ -109,12 +166,28 @@ def ask(destination: str, config: Path | None) -> dict[str, list[str]]:
     return dict(said)
 
 
+def _openssh(*command: str) -> subprocess.CompletedProcess[str]:
+    """Run one of OpenSSH's programs, without standard input."""
+    try:
+        return subprocess.run(  # noqa: S603 - no shell, and names are values of options or come after `--`
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=ANSWER_WITHIN_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise FleetProblem(f"cannot ask {command[0]}: {error}; install OpenSSH's client") from error
+
+
 def _target(name: str, said: dict[str, list[str]], jump: Target | None) -> Target:
     def first(keyword: str, otherwise: str = "") -> str:
         return said.get(keyword, [otherwise])[0]
 
     if first("proxycommand", "none") != "none":
-        raise ConfigUnusable(
+        raise FleetProblem(
             f"cannot reach {name}: its entry has a ProxyCommand; fleet supports ProxyJump only"
         )
     host, port = first("hostname"), int(first("port", str(SSH_PORT)))
@@ -145,6 +218,48 @@ def _paths(*values: str) -> tuple[Path, ...]:
     return tuple(Path(word).expanduser() for word in words)
 
 
+class KnownKey(NamedTuple):
+    """A host's public key: `ssh-ed25519` and its base64."""
+
+    type: str
+    encoded: str
+
+
+def find_known(files: Iterable[Path], name: str) -> tuple[set[KnownKey], set[KnownKey]]:
+    """Return the keys that files have for a name, and those that they revoke; a missing file has none."""
+    trusted, revoked = set[KnownKey](), set[KnownKey]()
+    for line in (line for path in files for line in _known_lines(path, name)):
+        match line.split():
+            case ["@revoked", _, kind, encoded, *_]:
+                revoked.add(KnownKey(kind, encoded))
+            # A @cert-authority's line is neither: certificates are not looked at here.
+            case [hosts, kind, encoded, *_] if not hosts.startswith(("@", "#")):
+                trusted.add(KnownKey(kind, encoded))
+    return trusted, revoked
+
+
+def _known_lines(path: Path, name: str) -> list[str]:
+    if not path.exists():
+        return []
+    done = _openssh("ssh-keygen", "-F", name, "-f", str(path))
+    if done.returncode not in (0, NOT_FOUND):
+        raise FleetProblem(f"cannot read the known host keys in {path}: {done.stderr.strip()}")
+    return done.stdout.splitlines()
+
+
+def add_known(path: Path, name: str, key: KnownKey) -> None:
+    """Add a key to a file, which is made when it is missing."""
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path.touch(mode=0o600)
+        whole = path.read_bytes()
+        broken = bool(whole) and not whole.endswith(b"\n")
+        with path.open("a", encoding="utf-8") as file:
+            file.write("\n" * broken + f"{name} {key.type} {key.encoded}\n")
+    except OSError as error:
+        raise FleetProblem(f"cannot save the key of {name} in {path}: {error}") from error
+
+
 _writing = Lock()
 
 
@@ -154,53 +269,43 @@ class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # param
     def __init__(self, target: Target, *, accept_new: bool) -> None:
         self._target = target
         self._accept_new = accept_new
-        self._known = known_hosts.find(target.known_hosts, target.known_as)
+        self._trusted, self._revoked = find_known(target.known_hosts, target.known_as)
 
     def unwanted_algorithms(self) -> list[str]:
         """Return what the host must not prove itself with: of several keys it shall show the one that is known."""
-        known = {key.type for key in self._known.trusted} & set(ALGORITHMS)
+        known = {key.type for key in self._trusted} & set(ALGORITHMS)
         wanted = known or set(ALGORITHMS)
         unwanted = [name for kind in ALGORITHMS if kind not in wanted for name in ALGORITHMS[kind]]
         return [*WEAK, *unwanted]
 
     def missing_host_key(self, _client: Any, _hostname: str, key: Any) -> None:
-        """Accept the host key, or raise HostKeyChanged or HostKeyUnknown."""
+        """Accept the host key, or raise FleetProblem."""
         shown = KnownKey(key.get_name(), base64.b64encode(key.asbytes()).decode())
         target = self._target
-        if judge(self._known, shown, target):
+        if shown in self._revoked:
+            raise FleetProblem(f"cannot trust {target.name}: its host key is marked as revoked")
+        if shown in self._trusted:
             return
+        if self._trusted:
+            raise changed(target)
         if not self._accept_new:
-            raise HostKeyUnknown(
+            raise FleetProblem(
                 f"cannot trust {target.name}: its host key {key.fingerprint} is not known as "
                 f"{target.known_as}; compare it at a first `ssh`, or accept it with --accept-new"
             )
         if not target.known_hosts:
-            raise ConfigUnusable(f"cannot save the key of {target.name}: no UserKnownHostsFile")
+            raise FleetProblem(f"cannot save the key of {target.name}: no UserKnownHostsFile")
         with _writing:
-            known_hosts.add(target.known_hosts[0], target.known_as, shown)
+            add_known(target.known_hosts[0], target.known_as, shown)
 
 
-def judge(known: Known, shown: KnownKey, target: Target) -> bool:
-    """Return whether the key is known (False: the host is new); raise HostKeyChanged when it is another one."""
-    if shown in known.revoked:
-        raise HostKeyChanged(f"cannot trust {target.name}: its host key is marked as revoked")
-    if shown in known.trusted:
-        return True
-    if known.trusted:
-        raise changed(target)
-    return False
-
-
-def changed(target: Target) -> HostKeyChanged:
+def changed(target: Target) -> FleetProblem:
     """Return the sentence for a host with another key than it had."""
-    return HostKeyChanged(
+    return FleetProblem(
         f"cannot trust {target.name}: it shows another host key than the one known as "
         f"{target.known_as}; if it was set up anew, forget the old one: "
         f"ssh-keygen -R '{target.known_as}'; if not, somebody may be intercepting the connection"
     )
-
-
-log = logging.getLogger(__name__)
 
 
 class Identities(AuthStrategy):  # type: ignore[misc] # paramiko has no types
@@ -330,7 +435,7 @@ class SshConnections:
                 self._open.append(connection)
                 return connection
         _close(connection)
-        raise Unreachable(f"cannot reach {target.name}: the run is over")
+        raise FleetProblem(f"cannot reach {target.name}: the run is over")
 
 
 def _close(connection: fabric.Connection) -> None:
@@ -370,11 +475,11 @@ def explain(error: Exception, target: Target, identities: Identities) -> FleetPr
     if isinstance(error, paramiko.ssh_exception.IncompatiblePeer) and "host key" in str(error):
         return changed(target)
     if isinstance(error, paramiko.ChannelException) and error.code == PROHIBITED:
-        return LoginRefused(
+        return FleetProblem(
             f"cannot reach {target.name}: the server does not let you reach its shell; "
             "you need a grant to manage it, and its shell must be on"
         )
-    return Unreachable(f"cannot reach {target.name}: {_describe_error(error, target)}")
+    return FleetProblem(f"cannot reach {target.name}: {_describe_error(error, target)}")
 
 
 def _describe_error(error: Exception, target: Target) -> str:
@@ -400,7 +505,7 @@ def _where(target: Target) -> str:
     return f"port {target.port} of {target.jump.host if target.jump else target.host}"
 
 
-def _login_refused(target: Target, identities: Identities) -> LoginRefused:
+def _login_refused(target: Target, identities: Identities) -> FleetProblem:
     if identities.locked:
         files = " ".join(str(path) for path in identities.locked)
         advice = f"unlock your key first: ssh-add {files}"
@@ -408,4 +513,4 @@ def _login_refused(target: Target, identities: Identities) -> LoginRefused:
         advice = "you have no SSH key here: ssh-keygen -t ed25519"
     else:
         advice = f"it accepts none of your {identities.tried} keys; does ssh {target.name} work?"
-    return LoginRefused(f"cannot log in to {target.name} as {target.user}: {advice}")
+    return FleetProblem(f"cannot log in to {target.name} as {target.user}: {advice}")

@@ -1,4 +1,4 @@
-"""Connections through a real jump host, and what is said when there is none."""
+"""Robots in OpenSSH's configuration, connections through a real jump host, and what is said when there is none."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from pathlib import Path
 import paramiko
 import pytest
 from openssh_server import wait_until
-from robotether_server.cli.fleet import ssh
-from robotether_server.cli.fleet.problems import (
-    ConfigUnusable,
+from robotether_server.cli import fleet_ssh
+from robotether_server.cli.fleet_ssh import (
     FleetProblem,
-    HostKeyChanged,
-    HostKeyUnknown,
-    LoginRefused,
-    Unreachable,
+    HostKeyCheck,
+    Identities,
+    KnownKey,
+    SshConnections,
+    Target,
 )
-from robotether_server.cli.fleet.ssh import HostKeyCheck, Identities, SshConnections, Target
 from shell_hosts import ShellNetwork, make_key
 
 ENTRY = """
@@ -37,6 +36,25 @@ Host *
     UserKnownHostsFile ~/known
     GlobalKnownHostsFile none
 """
+# What tells a host with another key from one that nobody has compared yet.
+CHANGED, UNKNOWN = "shows another host key than the one known", "is not known as"
+ROBOTS = """
+Host sim1
+    HostName 127.0.0.1
+    HostKeyAlias robotether-sim1
+Host sim2
+    HostKeyAlias=robotether-sim2
+"""
+OTHERS = """
+# Host commented
+Host bank
+    HostKeyAlias my-bank
+Host *.lab !gate
+    HostKeyAlias robotether-x
+Match host sim3
+    HostKeyAlias robotether-sim3
+Host "an unfinished quote
+"""
 
 
 @pytest.fixture
@@ -47,7 +65,7 @@ def connections() -> Iterator[SshConnections]:
 
 
 def target_of(network: ShellNetwork, name: str = "sim1") -> Target:
-    return ssh.resolve(name, network.config)
+    return fleet_ssh.resolve(name, network.config)
 
 
 def refused(network: ShellNetwork, connections: SshConnections) -> FleetProblem:
@@ -74,7 +92,6 @@ def test_offline_robot(network: ShellNetwork, connections: SshConnections) -> No
     """The jump host finds nothing at its port."""
     network.robots["sim1"].stop()
     problem = refused(network, connections)
-    assert isinstance(problem, Unreachable)
     assert problem.detail == "cannot reach sim1: it is offline: the server has no tunnel to it"
 
 
@@ -84,7 +101,6 @@ def test_robot_that_the_server_does_not_open(
     """For want of a grant, or with its shell off."""
     network.let_through("sim2")
     problem = refused(network, connections)
-    assert isinstance(problem, LoginRefused)
     assert "a grant to manage it" in problem.detail
 
 
@@ -94,7 +110,6 @@ def test_keys_that_the_robot_does_not_take(
     """The sentence names the user."""
     network.robots["sim1"].authorized.write_text("")
     problem = refused(network, connections)
-    assert isinstance(problem, LoginRefused)
     assert f"sim1 as {network.user}: it accepts none of your 1 keys" in problem.detail
 
 
@@ -133,7 +148,7 @@ def test_changed_host_key_ends_the_connection(
     host = network.jump if which == "jump" else network.robots["sim1"]
     host.new_host_key()
     connections = SshConnections(accept_new=accept_new)
-    assert isinstance(refused(network, connections), HostKeyChanged)
+    assert CHANGED in refused(network, connections).detail
     connections.close_all()
     assert "Accepted publickey" not in host.log()
     assert "Postponed publickey" not in host.log()
@@ -145,7 +160,7 @@ def test_unknown_host_key(network: ShellNetwork, connections: SshConnections, wh
     name = network.jump_address if which == "jump" else "robotether-sim1"
     lines = network.known_hosts.read_text().splitlines(keepends=True)
     network.known_hosts.write_text("".join(one for one in lines if not one.startswith(name)))
-    assert isinstance(refused(network, connections), HostKeyUnknown)
+    assert UNKNOWN in refused(network, connections).detail
     willing = SshConnections(accept_new=True)
     assert willing.open(target_of(network)).is_connected
     willing.close_all()
@@ -158,8 +173,9 @@ def test_another_known_type_of_key_is_a_changed_one(
     """A server that cannot show the key that is known is not taken for the same."""
     text = network.known_hosts.read_text()
     known = f"robotether-sim1 {network.robots['sim1'].host_key}"
-    network.known_hosts.write_text(text.replace(known, "robotether-sim1 ssh-rsa AAAA"))
-    assert isinstance(refused(network, connections), HostKeyChanged)
+    other = make_key(network.folder / "other", kind="ecdsa")
+    network.known_hosts.write_text(text.replace(known, f"robotether-sim1 {other}"))
+    assert CHANGED in refused(network, connections).detail
 
 
 def test_nothing_opens_after_the_end(network: ShellNetwork, connections: SshConnections) -> None:
@@ -258,6 +274,10 @@ def line(key: paramiko.PKey, name: str = "robotether-sim1") -> str:
     return f"{name} {key.get_name()} {key.get_base64()}"
 
 
+def known_key(key: paramiko.PKey) -> KnownKey:
+    return KnownKey(key.get_name(), key.get_base64())
+
+
 def check(target: Target, key: paramiko.PKey, *, accept_new: bool = False) -> None:
     HostKeyCheck(target, accept_new=accept_new).missing_host_key(None, "[127.0.0.1]:24000", key)
 
@@ -267,14 +287,14 @@ def test_known_key_passes(target: Target, key: paramiko.PKey) -> None:
     write(target, line(key))
     check(target, key)
     write(target, line(key, "[127.0.0.1]:24000"))
-    with pytest.raises(HostKeyUnknown):
+    with pytest.raises(FleetProblem, match=UNKNOWN):
         check(target, key)
 
 
 def test_unknown_key_is_refused_with_its_fingerprint(target: Target, key: paramiko.PKey) -> None:
     """And nothing is noted."""
     with pytest.raises(
-        HostKeyUnknown, match=r"sim1: its host key SHA256:\S+ .* robotether-sim1.*--accept-new"
+        FleetProblem, match=r"sim1: its host key SHA256:\S+ .* robotether-sim1.*--accept-new"
     ):
         check(target, key)
     assert not target.known_hosts[0].exists()
@@ -295,7 +315,7 @@ def test_changed_key_is_never_taken(
     other = make_key(tmp_path / "other")
     write(target, f"robotether-sim1 {other}")
     before = target.known_hosts[0].read_text()
-    with pytest.raises(HostKeyChanged, match="ssh-keygen -R 'robotether-sim1'"):
+    with pytest.raises(FleetProblem, match="ssh-keygen -R 'robotether-sim1'"):
         check(target, key, accept_new=accept_new)
     assert target.known_hosts[0].read_text() == before
 
@@ -304,23 +324,23 @@ def test_changed_key_is_never_taken(
 def test_revoked_key_is_never_taken(target: Target, key: paramiko.PKey, accept_new: bool) -> None:
     """Even where it is known as well."""
     write(target, line(key), f"@revoked {line(key, '*')}")
-    with pytest.raises(HostKeyChanged, match="revoked"):
+    with pytest.raises(FleetProblem, match="revoked"):
         check(target, key, accept_new=accept_new)
 
 
-def test_host_shall_show_the_key_that_is_known(target: Target, key: paramiko.PKey) -> None:
+def test_host_shall_show_the_key_that_is_known(target: Target, tmp_path: Path) -> None:
     """Of several keys of a host only those types are asked for; of a new host any good one."""
     unwanted = HostKeyCheck(target, accept_new=False).unwanted_algorithms()
     assert unwanted == ["ssh-rsa", "ssh-dss"]
-    write(target, "robotether-sim1 ssh-rsa AAAA")
+    write(target, f"robotether-sim1 {make_key(tmp_path / 'other', kind='ecdsa')}")
     unwanted = HostKeyCheck(target, accept_new=False).unwanted_algorithms()
-    assert "ssh-ed25519" in unwanted
-    assert "rsa-sha2-512" not in unwanted
+    assert {"ssh-ed25519", "rsa-sha2-512"} <= set(unwanted)
+    assert "ecdsa-sha2-nistp256" not in unwanted
 
 
 def test_new_key_needs_a_file(target: Target, key: paramiko.PKey) -> None:
     """A key that cannot be noted is not trusted."""
-    with pytest.raises(ConfigUnusable, match="no UserKnownHostsFile"):
+    with pytest.raises(FleetProblem, match="no UserKnownHostsFile"):
         check(replace(target, known_hosts=()), key, accept_new=True)
 
 
@@ -333,7 +353,7 @@ def config(tmp_path: Path) -> Path:
 
 def test_robot_and_its_jump_host(config: Path) -> None:
     """Each has its own user, port, and name in known_hosts: an alias, or the address with its port."""
-    target = ssh.resolve("sim1", config)
+    target = fleet_ssh.resolve("sim1", config)
     assert (target.host, target.port, target.user) == ("127.0.0.1", 24000, "ann")
     assert target.known_as == "robotether-sim1"
     assert target.known_hosts == (Path("~/known").expanduser(),)
@@ -348,7 +368,7 @@ def test_robot_and_its_jump_host(config: Path) -> None:
 def test_several_jump_hosts_stand_in_line(config: Path) -> None:
     """The last one is the robot's own."""
     config.write_text("Host sim1\n    ProxyJump a.example,b.example:22\n    ConnectTimeout 3\n")
-    target = ssh.resolve("sim1", config)
+    target = fleet_ssh.resolve("sim1", config)
     assert target.jump is not None
     assert target.jump.jump is not None
     assert (target.jump.known_as, target.jump.jump.known_as) == ("b.example", "a.example")
@@ -358,19 +378,126 @@ def test_several_jump_hosts_stand_in_line(config: Path) -> None:
 def test_proxy_command_is_refused(config: Path) -> None:
     """A sentence says what to write instead."""
     config.write_text("Host sim1\n    ProxyCommand nc %h %p\n")
-    with pytest.raises(ConfigUnusable, match=r"sim1: its entry has a ProxyCommand.*ProxyJump"):
-        ssh.resolve("sim1", config)
+    with pytest.raises(FleetProblem, match=r"sim1: its entry has a ProxyCommand.*ProxyJump"):
+        fleet_ssh.resolve("sim1", config)
 
 
 def test_mistake_in_the_file_is_told_in_the_words_of_ssh(config: Path) -> None:
     """With its line."""
     config.write_text("Host sim1\n    Prot 22\n")
-    with pytest.raises(ConfigUnusable, match=r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"):
-        ssh.resolve("sim1", config)
+    with pytest.raises(FleetProblem, match=r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"):
+        fleet_ssh.resolve("sim1", config)
 
 
 def test_no_ssh_here(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A sentence says what to install."""
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(ConfigUnusable, match="install OpenSSH's client"):
-        ssh.resolve("sim1", config)
+    with pytest.raises(FleetProblem, match="install OpenSSH's client"):
+        fleet_ssh.resolve("sim1", config)
+
+
+@pytest.mark.parametrize(
+    ("lines", "is_trusted", "is_revoked"),
+    [
+        ("# sim1 x y\n\nsim1 half\n@revoked\n\xff sim1\nsim1 {key} a comment\n", True, False),
+        ("lab.example,sim? {key}\n", True, False),
+        ("*,!sim1 {key}\n", False, False),
+        ("[sim1]:2222 {key}\n", False, False),
+        ("@revoked * {key}\n@cert-authority * {key}\n", False, True),
+    ],
+    ids=["rubbish", "pattern", "negation", "port", "markers"],
+)
+def test_known_hosts_are_read_as_openssh_reads_them(
+    tmp_path: Path, key: paramiko.PKey, lines: str, is_trusted: bool, is_revoked: bool
+) -> None:
+    """A revoked key is known as such; an authority's is no host's. A missing file has none."""
+    path = tmp_path / "known_hosts"
+    path.write_text(lines.format(key=line(key, "").strip()), encoding="latin-1")
+    found = fleet_ssh.find_known([path, tmp_path / "missing"], "sim1")
+    assert found == (
+        {known_key(key)} if is_trusted else set(),
+        {known_key(key)} if is_revoked else set(),
+    )
+
+
+def test_added_key_is_known_also_when_names_are_hashed(tmp_path: Path, key: paramiko.PKey) -> None:
+    """It is on a line of its own, in a file that only its owner reads."""
+    path = tmp_path / "new" / "known_hosts"
+    fleet_ssh.add_known(path, "robotether-sim1", known_key(key))
+    assert path.stat().st_mode & 0o777 == 0o600
+    path.write_text(path.read_text().rstrip("\n"))
+    fleet_ssh.add_known(path, "[gate.example]:2222", known_key(key))
+    for _ in ("plain", "hashed"):
+        for name in ("robotether-sim1", "[gate.example]:2222"):
+            assert fleet_ssh.find_known([path], name) == ({known_key(key)}, set())
+        subprocess.run(["ssh-keygen", "-H", "-f", str(path)], check=True, capture_output=True)
+    assert path.read_text().startswith("|1|")
+
+
+def test_file_that_cannot_be_used_is_told(
+    tmp_path: Path, key: paramiko.PKey, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that the person may not read, say, which ssh-keygen then tells, or a folder in its place."""
+    with pytest.raises(FleetProblem, match="cannot save the key of sim1"):
+        fleet_ssh.add_known(tmp_path, "sim1", known_key(key))
+    program = tmp_path / "ssh-keygen"
+    program.write_text("#!/bin/sh\necho 'Permission denied' >&2; exit 255\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(FleetProblem, match=r"known host keys in .*: Permission denied"):
+        fleet_ssh.find_known([tmp_path], "sim1")
+
+
+@pytest.fixture
+def listed(tmp_path: Path) -> Path:
+    path = tmp_path / "listed"
+    path.write_text(ROBOTS + OTHERS)
+    return path
+
+
+def test_only_what_the_server_printed_is_a_robot(listed: Path) -> None:
+    """A person's other hosts, patterns and broken lines are none."""
+    assert fleet_ssh.robots_in(listed) == {"sim1", "sim2"}
+
+
+@pytest.mark.parametrize(
+    ("patterns", "names"),
+    [(["*"], ["sim1", "sim2"]), (["sim2", "sim[12]"], ["sim1", "sim2"]), (["*2"], ["sim2"])],
+)
+def test_patterns_choose_robots_once(listed: Path, patterns: list[str], names: list[str]) -> None:
+    """In the order of their names."""
+    assert fleet_ssh.choose(listed, patterns) == names
+
+
+def test_pattern_without_a_robot_is_a_mistake(listed: Path) -> None:
+    """Even beside another that has some; the sentence lists what there is."""
+    with pytest.raises(
+        FleetProblem, match=r"for bank: .* has sim1, sim2; .* robotether ssh-config"
+    ):
+        fleet_ssh.choose(listed, ["sim1", "bank"])
+
+
+def test_included_files_are_read(
+    listed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By absolute name, or below ~/.ssh, with wildcards."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    home = tmp_path / ".ssh"
+    home.mkdir()
+    (home / "fleet.conf").write_text(ROBOTS.replace("sim2", "turtle"))
+    (home / "config").write_text(f"Include fleet.* {listed}\n")
+    assert fleet_ssh.choose(None, ["*"]) == ["sim1", "sim2", "turtle"]
+
+
+def test_file_that_includes_itself_is_refused(tmp_path: Path) -> None:
+    """As OpenSSH does, and not for ever."""
+    path = tmp_path / "config"
+    path.write_text(f"Include {path}\n")
+    with pytest.raises(FleetProblem, match="over 16 deep"):
+        fleet_ssh.robots_in(path)
+
+
+def test_missing_file_is_told_with_the_way_to_get_it(tmp_path: Path) -> None:
+    """In one sentence."""
+    with pytest.raises(FleetProblem, match=r"cannot read .*missing.* robotether ssh-config"):
+        fleet_ssh.choose(tmp_path / "missing", ["*"])

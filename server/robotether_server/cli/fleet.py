@@ -1,125 +1,185 @@
 """robotether fleet run and list: one command on many robots, so many at a time, and its result on each.
 
-Robots are the entries of OpenSSH's configuration that `robotether ssh-config` printed. They are known by their
-`HostKeyAlias robotether-NAME`, so a pattern such as `*` reaches no other host of the person.
+Started by a person on a machine of their own; needs OpenSSH's client, whose configuration it reads, and no database.
+Robots are the entries that `robotether ssh-config` printed. They are known by their `HostKeyAlias robotether-NAME`, so
+a pattern such as `*` reaches no other host of the person.
+
+sshd leaves a command running when its client disconnects. So a small watcher beside the command reads standard input
+and ends the process group when it closes, including what sudo started. Output is passed on in whole lines, each with
+its robot's name. Control characters are escaped: a robot must not control the operator's terminal.
 """
 
-import glob
 import logging
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
 from time import monotonic
-from typing import Generic, TypeVar
+from typing import IO, Generic, Protocol, TextIO, TypeVar
 
 import click
+import fabric
+import paramiko
+from fabric.runners import Remote
+from invoke.exceptions import CommandTimedOut, ThreadException
 
+from robotether_server.cli import fleet_ssh
 from robotether_server.cli.common import JSON, print_json, print_table
-from robotether_server.cli.fleet import remote, ssh
-from robotether_server.cli.fleet.problems import ConfigUnusable, FleetProblem, RobotsUnknown
-from robotether_server.cli.fleet.remote import Captured, Lines, Sink
-from robotether_server.cli.fleet.ssh import SshConnections
-
-USER_CONFIG = Path("~/.ssh/config")
-ALIAS = "robotether-"
-MAX_INCLUDE_DEPTH = 16  # OpenSSH's own bound
-
+from robotether_server.cli.fleet_ssh import FleetProblem, SshConnections
 
 T = TypeVar("T")
+MAX_LINE_LENGTH = 16 * 1024
+MAX_CAPTURED_LENGTH = 1024 * 1024
+MAX_PARALLEL = 200
+POLL_S = 0.05
 CLOSED_WITHIN_S = 3.0
 INTERRUPTED = 130  # a shell's exit status for a command that Ctrl-C ended
-MAX_PARALLEL = 200
-ON = click.option(
-    "--on",
-    "patterns",
-    multiple=True,
-    required=True,
-    metavar="GLOB",
-    help="Names of robots, such as 'sim*'; may be given more than once.",
+ENDED_WITHOUT_STATUS = -1
+# One line, because some login shells take no line break between quotes. $1 is the command.
+LIFELINE = (
+    "exec 3<&0 </dev/null; "
+    "{ while read -r _ <&3; do :; done; kill -TERM 0; } >/dev/null 2>&1 & "
+    '"${SHELL:-/bin/sh}" -c "$1" 3<&-; status=$?; kill "$!" 2>/dev/null; exit "$status"'
 )
-SSH_CONFIG = click.option(
-    "--ssh-config",
-    "config",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Where `robotether ssh-config` was written.  [default: ~/.ssh/config and what it includes]",
-)
+_SHOWN = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) != "\t"}
+
+log = logging.getLogger(__name__)
 
 
-def choose(config: Path | None, patterns: Iterable[str]) -> list[str]:
-    """Return the robots that a pattern names, by name; raise RobotsUnknown for a pattern without any."""
-    path = (config or USER_CONFIG).expanduser()
-    known = sorted(robots_in(path))
-    chosen: set[str] = set()
-    for pattern in patterns:
-        found = [name for name in known if fnmatchcase(name, pattern)]
-        if not found:
-            names = ", ".join(known) or "no robot at all"
-            raise RobotsUnknown(
-                f"cannot find robots for {pattern}: {path} has {names}; update it with: robotether ssh-config"
-            )
-        chosen.update(found)
-    return sorted(chosen)
+class Sink(Protocol):
+    """Where one output of one robot goes."""
+
+    def write(self, text: str) -> None:
+        """Process the next piece."""
+
+    def close(self) -> None:
+        """Take notice that there is no more."""
 
 
-def robots_in(path: Path) -> set[str]:
-    """Return the names of all robots of a configuration and of what it includes."""
-    names: list[str] = []
-    robots: set[str] = set()
-    for keyword, arguments in directives(path):
-        if keyword in ("host", "match"):
-            names = [name for name in arguments if keyword == "host" and is_plain(name)]
-        elif keyword == "hostkeyalias" and arguments and arguments[0].startswith(ALIAS):
-            robots.update(names)
-    return robots
+class Lines:
+    """One robot's standard output or error, which comes in pieces."""
+
+    def __init__(self, prefix: str, to: TextIO, lock: Lock) -> None:
+        self._prefix = prefix
+        self._to = to
+        self._lock = lock
+        self._rest = ""
+
+    def write(self, text: str) -> None:
+        """Pass on the lines that are whole now; one without an end is cut at MAX_LINE_LENGTH."""
+        *lines, rest = (self._rest + text).split("\n")
+        while len(rest) > MAX_LINE_LENGTH:
+            lines.append(rest[:MAX_LINE_LENGTH])
+            rest = rest[MAX_LINE_LENGTH:]
+        self._rest = rest
+        self._pass_on(lines)
+
+    def close(self) -> None:
+        """Pass on a last line without an end."""
+        rest, self._rest = self._rest, ""
+        if rest:
+            self._pass_on([rest])
+
+    def _pass_on(self, lines: list[str]) -> None:
+        with self._lock:
+            for line in lines:
+                self._to.write(f"{self._prefix}{line.removesuffix(chr(13)).translate(_SHOWN)}\n")
+            self._to.flush()
 
 
-def is_plain(name: str) -> bool:
-    """Tell whether a `Host` is a name and not a pattern."""
-    return not set(name) & set("*?!")
+class Captured:
+    """The first MAX_CAPTURED_LENGTH characters of an output, for --json."""
+
+    def __init__(self) -> None:
+        self.text = ""
+        self.cut = False
+
+    def write(self, text: str) -> None:
+        """Keep what has room."""
+        room = MAX_CAPTURED_LENGTH - len(self.text)
+        self.text += text[:room]
+        self.cut = self.cut or len(text) > room
+
+    def close(self) -> None:
+        """There is nothing more to come."""
 
 
-def directives(path: Path, depth: int = 0) -> Iterator[tuple[str, list[str]]]:
-    """Yield each keyword in lower case with its arguments; an included file is read at its Include."""
-    if depth > MAX_INCLUDE_DEPTH:
-        raise ConfigUnusable(f"cannot read {path}: it is included over {MAX_INCLUDE_DEPTH} deep")
+def on_lifeline(command: str, *, sudo: bool = False, password: bool = False) -> str:
+    """Return what to send to the robot's login shell."""
+    asking = ["-S", "-p", ""] if password else ["-n"]
+    before = ["sudo", *asking, "--"] if sudo else []
+    return shlex.join([*before, "sh", "-c", LIFELINE, "robotether", command])
+
+
+class Runner(Remote):  # type: ignore[misc] # fabric has no types
+    """fabric's runner, which keeps standard input open and no copy of what it has passed on."""
+
+    input_sleep = POLL_S
+
+    def __init__(self, connection: fabric.Connection, password: str | None) -> None:
+        super().__init__(connection, inline_env=True)
+        self._password = password
+        self._is_out_of_time = False
+
+    def kill(self) -> None:
+        """Close the channel, because the time is over: the only reason for which the timer of invoke calls this."""
+        self._is_out_of_time = True
+        super().kill()
+
+    @property
+    def timed_out(self) -> bool:
+        """Tell whether the timer ended the command; invoke asks whether its thread has ended, which may be too soon."""
+        return self._is_out_of_time
+
+    def send_start_message(self, command: str) -> None:
+        """Start the command; the first line is for sudo, or else for the watcher, which takes no notice."""
+        super().send_start_message(command)
+        if self._password is not None:
+            self.channel.sendall(f"{self._password}\n".encode())
+
+    def handle_stdout(self, buffer_: list[str], hide: bool, output: IO[str]) -> None:
+        """Pass standard output on."""
+        for text in self.read_proc_output(self.read_proc_stdout):
+            output.write(text)
+
+    def handle_stderr(self, buffer_: list[str], hide: bool, output: IO[str]) -> None:
+        """Pass standard error on."""
+        for text in self.read_proc_output(self.read_proc_stderr):
+            output.write(text)
+
+
+def run_on(
+    connection: fabric.Connection,
+    command: str,
+    *,
+    out: Sink,
+    err: Sink,
+    timeout_s: float,
+    password: str | None = None,
+) -> int:
+    """Run what `on_lifeline` returned; return its exit status, or raise FleetProblem."""
+    runner = Runner(connection, password)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigUnusable(
-            f"cannot read {path}: {error}; write it with: robotether ssh-config, or name another with --ssh-config"
-        ) from error
-    for line in text.splitlines():
-        keyword, arguments = words(line)
-        if keyword == "include":
-            for included in (part for pattern in arguments for part in matches(pattern)):
-                yield from directives(included, depth + 1)
-        elif keyword:
-            yield keyword, arguments
-
-
-def words(line: str) -> tuple[str, list[str]]:
-    """Split `Keyword argument "another one"` or `Keyword=argument`; an empty line gives an empty keyword."""
-    try:
-        parts = shlex.split(line, comments=True)
-    except ValueError:
-        return "", []
-    if not parts:
-        return "", []
-    keyword, equals, rest = parts[0].partition("=")
-    return keyword.lower(), [rest, *parts[1:]] if equals and rest else parts[1:]
-
-
-def matches(pattern: str) -> list[Path]:
-    """Return the files that an `Include` means; names without a folder are below ~/.ssh."""
-    full = Path("~/.ssh").expanduser() / Path(pattern).expanduser()
-    return [Path(name) for name in sorted(glob.glob(str(full)))]  # noqa: PTH207 - the pattern may be absolute
+        result = runner.run(
+            command,
+            out_stream=out,
+            err_stream=err,
+            in_stream=False,
+            timeout=timeout_s,
+            encoding="utf-8",
+            warn=True,
+        )
+    except CommandTimedOut as error:
+        raise FleetProblem(f"timed out after {timeout_s:g} s") from error
+    except (ThreadException, OSError, EOFError, paramiko.SSHException) as error:
+        raise FleetProblem(f"the connection broke: {error}") from error
+    if result.exited == ENDED_WITHOUT_STATUS:
+        raise FleetProblem("the connection broke before the command ended")
+    return int(result.exited)
 
 
 @dataclass(frozen=True)
@@ -159,18 +219,6 @@ def as_dict(outcome: Outcome) -> dict[str, object]:
         "stderr": err.text,
         "cut": out.cut or err.cut,
     }
-
-
-def as_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, str, str]]:
-    """Return the table's rows, failures last: they are next to the prompt."""
-    ordered = sorted(outcomes, key=lambda outcome: (not outcome.ok, outcome.robot))
-    return [(one.robot, f"{one.seconds:.1f}", one.result) for one in ordered]
-
-
-def verdict(outcomes: Sequence[Outcome]) -> str:
-    """Return the last line: how many succeeded."""
-    good = sum(outcome.ok for outcome in outcomes)
-    return f"{good} of {len(outcomes)} robots: ok"
 
 
 class WorkerPool(Generic[T]):
@@ -218,9 +266,6 @@ class WorkerPool(Generic[T]):
             return self._waiting.get_nowait()
         except Empty:
             return None
-
-
-log = logging.getLogger(__name__)
 
 
 Sinks = Callable[[str], tuple[Sink, Sink]]
@@ -282,10 +327,10 @@ class FleetRun:
 
     def _run_on(self, robot: str, out: Sink, err: Sink) -> int:
         command = self._command
-        target = ssh.resolve(robot, command.config)
+        target = fleet_ssh.resolve(robot, command.config)
         connection = self._connections.open(target)
         try:
-            return remote.run(
+            return run_on(
                 connection,
                 command.line,
                 out=out,
@@ -314,6 +359,23 @@ def captured(_robot: str) -> tuple[Sink, Sink]:
     return Captured(), Captured()
 
 
+ON = click.option(
+    "--on",
+    "patterns",
+    multiple=True,
+    required=True,
+    metavar="GLOB",
+    help="Names of robots, such as 'sim*'; may be given more than once.",
+)
+SSH_CONFIG = click.option(
+    "--ssh-config",
+    "config",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Where `robotether ssh-config` was written.  [default: ~/.ssh/config and what it includes]",
+)
+
+
 @click.group()
 def fleet() -> None:
     """Run commands on many robots at once.
@@ -331,8 +393,8 @@ def fleet() -> None:
 @JSON
 def list_robots(patterns: tuple[str, ...], config: Path | None, as_json: bool) -> None:
     """List the robots that a pattern names, and how they are reached; connects to none."""
-    chosen = choose(config, patterns)
-    targets = [ssh.resolve(name, config) for name in chosen]
+    chosen = fleet_ssh.choose(config, patterns)
+    targets = [fleet_ssh.resolve(name, config) for name in chosen]
     rows = [
         (one.name, one.user, str(one.port), f"{one.jump.host}:{one.jump.port}" if one.jump else "-")
         for one in targets
@@ -391,13 +453,13 @@ def run(
 
     For example: robotether fleet run 'systemctl restart ros' --on 'sim*' --on turtle --sudo
     """
-    chosen = choose(config, patterns)
+    chosen = fleet_ssh.choose(config, patterns)
     password = (
         click.prompt("sudo password", hide_input=True, err=True) if ask_sudo_password else None
     )
     sudo = sudo or ask_sudo_password
     remote_command = Command(
-        line=remote.on_lifeline(command, sudo=sudo, password=password is not None),
+        line=on_lifeline(command, sudo=sudo, password=password is not None),
         timeout_s=timeout_s,
         config=config,
         password=password,
@@ -416,8 +478,11 @@ def run(
     sys.exit(0 if all(one.ok for one in found) else 1)
 
 
-def print_summary(found: list[Outcome]) -> None:
-    """Print the table where it is in nobody's way who reads the robots' output."""
+def print_summary(outcomes: Sequence[Outcome]) -> None:
+    """Print a table where it disturbs no output of the robots, failures last: they are next to the prompt."""
+    ordered = sorted(outcomes, key=lambda outcome: (not outcome.ok, outcome.robot))
+    rows = [(one.robot, f"{one.seconds:.1f}", one.result) for one in ordered]
+    good = sum(outcome.ok for outcome in outcomes)
     click.echo(err=True)
-    print_table(("ROBOT", "SECONDS", "RESULT"), as_rows(found), err=True)
-    click.echo(verdict(found), err=True)
+    print_table(("ROBOT", "SECONDS", "RESULT"), rows, err=True)
+    click.echo(f"{good} of {len(outcomes)} robots: ok", err=True)

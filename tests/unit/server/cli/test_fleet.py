@@ -1,0 +1,441 @@
+"""robotether fleet, as it is typed, on real sshds: output, status, time-outs, and the end with the connection."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from io import StringIO
+from pathlib import Path
+from threading import Barrier, Event, Lock, Thread, main_thread
+from typing import Any
+
+import fabric
+import pytest
+from openssh_server import is_alive, wait_until
+from robotether_server.cli import fleet, fleet_ssh
+from robotether_server.cli.fleet import (
+    MAX_CAPTURED_LENGTH,
+    MAX_LINE_LENGTH,
+    Captured,
+    Command,
+    FleetRun,
+    Lines,
+    Outcome,
+    WorkerPool,
+    captured,
+)
+from robotether_server.cli.fleet_ssh import FleetProblem, SshConnections
+from shell_hosts import ShellNetwork
+
+Run = Callable[..., Any]
+Do = Callable[..., tuple[int, str, str]]
+
+NAMES = [f"sim{number}" for number in range(9)]
+OUTCOMES = [
+    Outcome("sim3", None, 10.04, "cannot reach sim3: no answer within 10 s"),
+    Outcome("sim2", 0, 0.26),
+    Outcome("sim1", 3, 1),
+]
+
+
+def test_list_tells_how_robots_are_reached(run_fleet: Run, network: ShellNetwork) -> None:
+    """For people and for programs, without a connection."""
+    network.stop()
+    done = run_fleet("list", "--on", "sim*", "--ssh-config", network.config)
+    heads, row, _ = done.out.splitlines()
+    jump = f"127.0.0.1:{network.jump.port}"
+    assert heads.split() == ["ROBOT", "USER", "PORT", "THROUGH"]
+    assert row.split() == ["sim1", network.user, str(network.robots["sim1"].port), jump]
+    done = run_fleet("list", "--on", "sim2", "--ssh-config", network.config, "--json")
+    assert [one["robot"] for one in json.loads(done.out)] == ["sim2"]
+
+
+def test_run_prints_lines_and_a_table(run_fleet: Run, network: ShellNetwork) -> None:
+    """Lines on standard output, the table on standard error; exit status 0 when all succeeded."""
+    done = run_fleet("run", "echo hi", "--on", "sim1", "--on", "*", "--ssh-config", network.config)
+    assert (done.status, sorted(done.out.splitlines())) == (0, ["sim1 | hi", "sim2 | hi"])
+    rows = [line.split()[0::2] for line in done.err.splitlines()[2:4]]
+    assert rows == [["sim1", "ok"], ["sim2", "ok"]]
+    assert done.err.endswith("2 of 2 robots: ok\n")
+
+
+def test_one_failure_is_the_whole_commands(run_fleet: Run, network: ShellNetwork) -> None:
+    """An offline robot is a row with a sentence, not a traceback."""
+    network.robots["sim2"].stop()
+    done = run_fleet("run", "true", "--on", "*", "--ssh-config", network.config)
+    assert done.status == 1
+    assert "cannot reach sim2: it is offline" in done.err
+    assert done.err.endswith("1 of 2 robots: ok\n")
+    assert "Traceback" not in done.err
+
+
+def test_run_prints_json(run_fleet: Run, network: ShellNetwork) -> None:
+    """And nothing else; the outputs are part of it."""
+    arguments = ("echo hi; exit 4", "--on", "sim1", "--json", "--ssh-config", network.config)
+    done = run_fleet("run", *arguments)
+    assert (done.status, done.err) == (1, "")
+    [one] = json.loads(done.out)
+    assert 0 < one.pop("seconds") < 20
+    assert one == {
+        "robot": "sim1",
+        "ok": False,
+        "status": 4,
+        "problem": None,
+        "stdout": "hi\n",
+        "stderr": "",
+        "cut": False,
+    }
+
+
+def test_pattern_without_a_robot(run_fleet: Run, network: ShellNetwork) -> None:
+    """One sentence, and nothing runs."""
+    done = run_fleet("run", "true", "--on", "elsewhere", "--ssh-config", network.config)
+    assert (done.status, done.out, done.err.count("\n")) == (1, "", 1)
+    assert "cannot find robots for elsewhere" in done.err
+
+
+def test_sudo_password_is_asked_once(
+    run_fleet: Run, network: ShellNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For all robots, and is shown nowhere."""
+    asked: list[str] = []
+
+    def prompt(text: str, **how: bool) -> str:
+        assert how["hide_input"]
+        asked.append(text)
+        return "secret"
+
+    monkeypatch.setattr(fleet.click, "prompt", prompt)
+    arguments = ("true", "--on", "*", "--ask-sudo-password", "--ssh-config", network.config)
+    done = run_fleet("run", *arguments)
+    assert asked == ["sudo password"]
+    assert "secret" not in done.out + done.err
+
+
+def test_ctrl_c_is_told_as_a_shell_tells_it(
+    run_fleet: Run, network: ShellNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a row for each robot, and status 130."""
+
+    class Interrupted(fleet.FleetRun):
+        def run(self) -> list[fleet.Outcome]:
+            self.interrupted = True
+            return [fleet.Outcome("sim1", None, 0, "interrupted")]
+
+    monkeypatch.setattr(fleet, "FleetRun", Interrupted)
+    done = run_fleet("run", "true", "--on", "sim1", "--ssh-config", network.config)
+    assert done.status == 130
+    assert "interrupted" in done.err
+
+
+def make(network: ShellNetwork, command: str, *robots: str, timeout_s: float = 20) -> FleetRun:
+    line = fleet.on_lifeline(command)
+    return FleetRun(Command(line, timeout_s, network.config), robots, 2, captured)
+
+
+def test_defect_is_one_robots_outcome(
+    network: ShellNetwork, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """With its traceback in the log; the run comes to its end."""
+    real = fleet_ssh.resolve
+
+    def resolve(name: str, config: object) -> object:
+        if name == "sim1":
+            raise ZeroDivisionError
+        return real(name, network.config)
+
+    monkeypatch.setattr(fleet_ssh, "resolve", resolve)
+    outcomes = {one.robot: one for one in make(network, "true", "sim1", "sim2").run()}
+    assert outcomes["sim1"].problem == "failed: ZeroDivisionError()"
+    assert outcomes["sim2"].ok
+    assert "Traceback" in caplog.text
+
+
+def test_ctrl_c_ends_the_command_everywhere(network: ShellNetwork) -> None:
+    """On the robots too, and those that had not begun do not begin."""
+    pids = network.folder / "pids"
+    command = f"sleep 60 & echo $! >> {pids}; wait"
+    running = make(network, command, "sim1", "sim2", "sim3")
+
+    def written() -> list[int]:
+        return [int(word) for word in pids.read_text().split()] if pids.exists() else []
+
+    def press() -> None:
+        wait_until(lambda: len(written()) == 2, lambda: "both robots run it")
+        # As from a terminal: a signal ends the wait of the main thread.
+        signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
+
+    presser = Thread(target=press)
+    # Whoever starts the tests in the background hands an ignored Ctrl-C down to them.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        presser.start()
+        outcomes = running.run()
+        presser.join()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert running.interrupted
+    assert sorted((one.robot, one.status) for one in outcomes) == [
+        ("sim1", None),
+        ("sim2", None),
+        ("sim3", None),
+    ]
+    assert {one.problem for one in outcomes} == {"interrupted"}
+    wait_until(lambda: not any(map(is_alive, written())), lambda: "the commands have ended")
+
+
+def test_lines_on_the_terminal_have_their_robots_name(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """In line, on the stream that they came from."""
+    sinks = fleet.to_terminal(["sim1", "turtle"])
+    out, err = sinks("sim1")
+    out.write("hi\n")
+    err.write("oops\n")
+    assert capsys.readouterr() == ("sim1   | hi\n", "sim1   | oops\n")
+
+
+def test_every_name_is_done_once() -> None:
+    """With fewer threads than names, and with more."""
+    for parallel in (1, 4, 20):
+        assert sorted(WorkerPool(str.upper, NAMES, parallel).results()) == [
+            n.upper() for n in NAMES
+        ]
+    assert list(WorkerPool(str.upper, [], 4).results()) == []
+
+
+def test_as_many_at_a_time_as_asked() -> None:
+    """Three meet at the barrier, and never four."""
+    barrier, lock = Barrier(3, timeout=10), Lock()
+    at_work: list[int] = []
+    most = [0]
+
+    def work(name: str) -> str:
+        with lock:
+            at_work.append(1)
+            most[0] = max(most[0], len(at_work))
+        barrier.wait()
+        with lock:
+            at_work.pop()
+        return name
+
+    assert len(list(WorkerPool(work, NAMES, 3).results())) == 9
+    assert most[0] == 3
+
+
+def test_stop_begins_nothing_new() -> None:
+    """It returns what those at work bring in time, and waits for no other."""
+    going, ending = Event(), Event()
+    begun: list[str] = []
+
+    def work(name: str) -> str:
+        begun.append(name)
+        going.set()
+        ending.wait(10)
+        return name
+
+    pool = WorkerPool(work, NAMES, 1)
+    results = pool.results()
+    for thread in pool._threads:
+        thread.start()
+    assert going.wait(10)
+    assert pool.stop(0.01) == []
+    ending.set()
+    assert pool.stop(10) == ["sim0"]
+    assert begun == ["sim0"]
+    results.close()
+
+
+def test_table_has_failures_at_its_end(capsys: pytest.CaptureFixture[str]) -> None:
+    """Next to the prompt, where a person looks; on standard error."""
+    fleet.print_summary(OUTCOMES)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert [" ".join(line.split()) for line in err.splitlines()] == [
+        "",
+        "ROBOT SECONDS RESULT",
+        "sim2 0.3 ok",
+        "sim1 1.0 exit status 3",
+        "sim3 10.0 cannot reach sim3: no answer within 10 s",
+        "1 of 3 robots: ok",
+    ]
+
+
+@pytest.fixture
+def connection(network: ShellNetwork) -> Iterator[fabric.Connection]:
+    connections = SshConnections(accept_new=False)
+    yield connections.open(fleet_ssh.resolve("sim1", network.config))
+    connections.close_all()
+
+
+@pytest.fixture
+def do(connection: fabric.Connection) -> Do:
+    def run(command: str, *, timeout_s: float = 20, **how: str) -> tuple[int, str, str]:
+        out, err = Captured(), Captured()
+        sent = fleet.on_lifeline(command)
+        status = fleet.run_on(connection, sent, out=out, err=err, timeout_s=timeout_s, **how)
+        return status, out.text, err.text
+
+    return run
+
+
+@pytest.fixture
+def fake_sudo(network: ShellNetwork) -> Path:
+    """A `sudo` that notes its arguments and, where it is told to, reads a password as the real one does."""
+    folder = network.folder / "bin"
+    folder.mkdir()
+    sudo = folder / "sudo"
+    sudo.write_text(
+        '#!/bin/sh\necho "sudo $1" >&2\n[ "$1" != -S ] || { read -r pw; echo "got $pw" >&2; shift 2; }\n'
+        'shift 2\nexec "$@"\n'
+    )
+    sudo.chmod(0o755)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("command", "status", "out", "err"),
+    [
+        ("echo hi", 0, "hi\n", ""),
+        ("echo oops >&2; exit 7", 7, "", "oops\n"),
+        ("kill -9 $$", 137, "", None),
+        ("""printf '%s\n' "it's" '$HOME' \\"x\\" ü""", 0, 'it\'s\n$HOME\n"x"\nü\n', ""),
+        ("cat; echo ended", 0, "ended\n", ""),
+        ("true\nfalse", 1, "", ""),
+        ("printf '\\377'", 0, "\N{REPLACEMENT CHARACTER}", ""),
+    ],
+)
+def test_command_runs_as_it_was_typed(
+    do: Do, command: str, status: int, out: str, err: str | None
+) -> None:
+    """Quotes, line breaks and all; its standard input is empty; a signal is 128 and its number."""
+    got = do(command)
+    assert got[:2] == (status, out)
+    assert err is None or got[2] == err
+
+
+def test_much_output_comes_whole(do: Do) -> None:
+    """More than any buffer on the way."""
+    assert do("head -c 1000000 /dev/zero | tr '\\0' x")[:2] == (0, "x" * 1000000)
+
+
+def pid_written(path: Path) -> int:
+    wait_until(lambda: path.exists() and path.read_text().endswith("\n"), lambda: "a command runs")
+    return int(path.read_text())
+
+
+def test_time_out_ends_the_command_on_the_robot(do: Do, tmp_path: Path) -> None:
+    """With what it had started."""
+    path = tmp_path / "pid"
+    with pytest.raises(FleetProblem, match=r"timed out after 0\.5 s"):
+        do(f"sleep 60 & echo $! > {path}; wait", timeout_s=0.5)
+    pid = pid_written(path)
+    wait_until(lambda: not is_alive(pid), lambda: "the command has ended")
+
+
+def test_time_out_is_named_though_its_thread_still_runs(
+    do: Do, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lost link would be another problem, with other things to do."""
+    released = threading.Event()
+    kill = fleet.Runner.kill
+
+    def slow_kill(runner: fleet.Runner) -> None:
+        kill(runner)
+        released.wait(20)
+
+    monkeypatch.setattr(fleet.Runner, "kill", slow_kill)
+    try:
+        with pytest.raises(FleetProblem, match=r"timed out after 0\.5 s"):
+            do("sleep 60", timeout_s=0.5)
+    finally:
+        released.set()
+
+
+def test_lost_link_is_no_exit_status(do: Do, network: ShellNetwork, tmp_path: Path) -> None:
+    """And no success."""
+    stop = f"kill -9 $(ps -o ppid= -p $PPID) & sleep 20 & echo > {tmp_path}/pid; wait"
+    with pytest.raises(FleetProblem, match="the connection broke"):
+        do(stop)
+
+
+def test_background_process_may_outlive_the_command(do: Do, tmp_path: Path) -> None:
+    """As with ssh: what was sent to the background with its outputs elsewhere."""
+    path = tmp_path / "pid"
+    assert do(f"sleep 60 >/dev/null 2>&1 & echo $! > {path}")[0] == 0
+    pid = pid_written(path)
+    assert is_alive(pid)
+    do(f"kill {pid}")
+
+
+def test_sudo_never_asks_without_a_password() -> None:
+    """-n makes it fail at once where it would ask."""
+    sent = fleet.on_lifeline("echo $0; id -u", sudo=True)
+    assert sent.startswith("sudo -n -- sh -c ")
+
+
+def test_sudo_gets_its_password_and_the_command_does_not(
+    connection: fabric.Connection, fake_sudo: Path
+) -> None:
+    """The password is the first line of standard input, of which the command sees nothing, asked for or not."""
+    for option, said in (("-S", "sudo -S\ngot secret\n"), ("-n", "sudo -n\n")):
+        out, err = Captured(), Captured()
+        command = fleet.on_lifeline("cat; exit 5", sudo=True, password=option == "-S")
+        status = fleet.run_on(
+            connection,
+            f"PATH={fake_sudo}:$PATH {command}",
+            out=out,
+            err=err,
+            timeout_s=20,
+            password="secret",
+        )
+        assert (status, out.text, err.text) == (5, "", said)
+
+
+def printed(*pieces: str) -> str:
+    to = StringIO()
+    lines = Lines("sim1 | ", to, Lock())
+    for piece in pieces:
+        lines.write(piece)
+    lines.close()
+    lines.close()
+    return to.getvalue()
+
+
+def test_lines_are_passed_on_whole() -> None:
+    """However they were cut on the way; a last one gets its end."""
+    assert printed("a", "b\nc\n", "\nd") == "sim1 | ab\nsim1 | c\nsim1 | \nsim1 | d\n"
+
+
+def test_two_robots_lines_never_mix() -> None:
+    """One that is not whole yet waits."""
+    to, lock = StringIO(), Lock()
+    one, two = Lines("1 ", to, lock), Lines("2 ", to, lock)
+    one.write("a")
+    two.write("b\n")
+    one.write("c\n")
+    assert to.getvalue() == "2 b\n1 ac\n"
+
+
+def test_robot_does_not_steer_the_terminal() -> None:
+    """Control characters are shown; tabs, line ends of Windows and all letters pass."""
+    text = "\x1b[2Ja\tb\rc\x9b\x07ü\r\n"
+    assert printed(text) == "sim1 | \\x1b[2Ja\tb\\x0dc\\x9b\\x07ü\n"
+
+
+def test_line_without_an_end_is_cut() -> None:
+    """Nothing is kept without bound."""
+    got = printed("x" * (2 * MAX_LINE_LENGTH + 1)).splitlines()
+    assert [len(line) for line in got] == [MAX_LINE_LENGTH + 7, MAX_LINE_LENGTH + 7, 8]
+
+
+def test_kept_output_has_a_bound() -> None:
+    """And says that it was cut."""
+    captured = Captured()
+    captured.write("x" * MAX_CAPTURED_LENGTH)
+    assert not captured.cut
+    captured.write("y")
+    captured.close()
+    assert (len(captured.text), captured.cut) == (MAX_CAPTURED_LENGTH, True)
