@@ -1,6 +1,6 @@
 """How many operations one core of the relay checks, and what the dearest message costs.
 
-The relay's own Gate, in this process and without a network, is given the same message again and again: a
+The relay's own MessageValidator, in this process and without a network, is given the same message again and again: a
 command, a subscription, a publish of 10 KB; then the largest that a robot's default limits let pass. Used by
 `bench`. It measures nothing but the check.
 """

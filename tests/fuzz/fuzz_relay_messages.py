@@ -1,7 +1,7 @@
 """Fuzzes what the relay reads from clients: whatever bytes come, they are refused or written anew.
 
 Run as `python tests/fuzz/fuzz_relay_messages.py -max_total_time=60`; `test_fuzz.py` does so for some
-seconds. Nothing but RefusedError may leave the gate; what passes must be one JSON object of an
+seconds. Nothing but MessageRefusedError may be raised; what passes must be one JSON object of an
 operation in the list, with a full name that the policy allows, and must pass again as it is.
 """
 
@@ -93,7 +93,7 @@ def check(validator: MessageValidator, data: bytes) -> ValidatedMessage | None:
 
 
 def fuzz_one(data: bytes) -> None:
-    """Give one message to a gate; the first byte chooses the level."""
+    """Check one message; the first byte chooses the level."""
     policy = POLICIES[data[0] % len(POLICIES)] if data else POLICIES[0]
     validator = MessageValidator(policy, DRIVE_TOPICS, Limits())
     checked = check(validator, data[1:])

@@ -121,7 +121,7 @@ class Relay:
         await self.fleet.poll()
         self._tasks = [
             asyncio.create_task(self.fleet.run(), name="fleet"),
-            asyncio.create_task(self.event_writer.run(), name="journal"),
+            asyncio.create_task(self.event_writer.run(), name="event_writer"),
             asyncio.create_task(self._write_drives(), name="drives"),
         ]
         listen = self._listen

@@ -1,4 +1,4 @@
-"""A gate of the relay's policy for tests, and examples of what each level may send through it."""
+"""A message validator for tests, and examples of what each level may send through it."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Clock:
 def validator(
     level: Level = "observe", settings: object = None, clock: Clock | None = None
 ) -> MessageValidator:
-    """The gate of a connection of this level to a robot with these settings."""
+    """The validator of a connection of this level to a robot with these settings."""
     known = parse(settings or {})
     policy = known.policy
     return MessageValidator(
@@ -88,7 +88,7 @@ def validator(
 
 
 def check(message: object, at: MessageValidator) -> ValidatedMessage:
-    """What the gate makes of the message."""
+    """What the validator makes of the message."""
     data = message if isinstance(message, bytes) else json.dumps(message).encode()
     return at.check(data)
 

@@ -23,7 +23,7 @@ class NotAuthorizedError(Exception):
 
 
 def authorize(snapshot: Snapshot, preface: Preface) -> RelayRobot:
-    """Return the robot's row; RefusedError when this connection may not be."""
+    """Return the robot's row; NotAuthorizedError when this connection may not be."""
     robot = snapshot.robots.get(preface.robot_id)
     if robot is None:
         raise NotAuthorizedError("robot_unknown", "this robot is no longer in the database")
@@ -40,7 +40,7 @@ def authorize(snapshot: Snapshot, preface: Preface) -> RelayRobot:
 
 
 def needs_config(before: RelayRobot, after: RelayRobot) -> bool:
-    """Tell whether a live link needs another configuration; RefusedError when it needs a new login."""
+    """Tell whether a live link needs another configuration; NotAuthorizedError when it needs a new login."""
     if _lost_port(before, after):
         raise _ports_changed(after)
     return _config_of(before) != _config_of(after)

@@ -51,7 +51,7 @@ class RobotDialer:
         self._message_limit = message_limit
 
     def check_online(self, robot: RelayRobot) -> None:
-        """Raise EndedError when the robot has no tunnel."""
+        """Raise ConnectionClosedError when the robot has no tunnel."""
         presence = self._registry.presence(robot.id)
         if not presence.online:
             raise ConnectionClosedError(
@@ -59,7 +59,7 @@ class RobotDialer:
             )
 
     async def open(self, robot: RelayRobot, fence: int | None) -> RobotSocket:
-        """Open a WebSocket to the robot, to drive with this number or to observe; EndedError when there is none."""
+        """Open a WebSocket to the robot, to drive with this number or to observe; raise ConnectionClosedError."""
         self.check_online(robot)
         loop = asyncio.get_running_loop()
         deadline, headers = loop.time() + FORWARD_WITHIN_S, self._headers(robot, fence)

@@ -136,7 +136,7 @@ class RobotLink:
         self._close(code)
 
     def reconfigure(self, robot: RelayRobot) -> None:
-        """Take the robot's new row: tell what is new; RefusedError when that needs a new SSH login."""
+        """Take the robot's new row: tell what is new; NotAuthorizedError when that needs a new SSH login."""
         if self._ended or robot == self._robot:
             return
         before, self._robot = self._robot, robot

@@ -131,7 +131,7 @@ class MessageValidator:
         }
 
     def check(self, data: bytes) -> ValidatedMessage:
-        """Return what may go on in place of the message; raise RefusedError when nothing may."""
+        """Return what may go on in place of the message; raise MessageRefusedError when nothing may."""
         try:
             return self._check(data)
         except _RefusalError as refusal:

@@ -193,7 +193,7 @@ class FeedLink:
         self._feed.due.clear()
 
     async def _dial(self, within_s: float) -> RobotSocket:
-        """Open the connection; EndedError when the robot has none to offer."""
+        """Open the connection; ConnectionClosedError when the robot has none to offer."""
         robot, loop = self._feed.robot, asyncio.get_running_loop()
         deadline = loop.time() + within_s
         while True:

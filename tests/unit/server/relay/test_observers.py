@@ -27,7 +27,7 @@ ONLINE = Presence(online=True, since=CONNECTED, address="198.51.100.7")
 
 
 class Notes(EventWriter):
-    """A journal that keeps each entry as it was when it was added."""
+    """A writer that keeps each entry as it was when it was added."""
 
     def __init__(self, memory_database: MemoryDatabase) -> None:
         super().__init__(memory_database)
@@ -40,7 +40,7 @@ class Notes(EventWriter):
 
 @pytest.fixture
 def event_writer(memory_database: MemoryDatabase) -> Notes:
-    """A journal that nobody writes down."""
+    """A writer that never runs."""
     return Notes(memory_database)
 
 
@@ -52,7 +52,7 @@ def metrics() -> Metrics:
 
 @pytest.fixture
 def observer(memory_database, event_writer, metrics, caplog) -> RelayObserver:
-    """Reports to this journal, these metrics and the test's log."""
+    """Reports to this writer, these metrics and the test's log."""
     caplog.set_level(logging.INFO)
     return RelayObserver(
         event_writer, metrics, lambda: Snapshot(memory_database.robots, memory_database.grants)

@@ -12,7 +12,6 @@ from relay_server import until, utc
 from robotether_server.db.control import DriveEntry, LeaseEnd, NewLease
 from robotether_server.db.fleet import AuditEntry, RelayUser
 from robotether_server.problems import (
-    NobodyAsks,
     RecordMissing,
     RecordRefused,
     StoreUnavailable,
@@ -151,16 +150,6 @@ async def test_the_driver_hands_over_to_who_asks(relay, guarded, sim1, http, mem
     assert kinds[:3] == ["drive_started", "lease_asked", "lease_handed_over"]
 
 
-async def test_the_control_passes_on_without_an_answer(relay, guarded, sim1, http, monkeypatch):
-    """After the time is over the driver is closed, and who asked has it."""
-    monkeypatch.setattr(leases, "PASSES_AFTER_S", 0.3)
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        await driven(relay, sim1)
-        relay.relay.control.leasing.ask(sim1, asker(BEN))
-        assert (await closing(socket))[0] == 4010
-    assert control(relay, sim1)["reserved"]["user"] == "ben"
-
-
 async def test_commands_put_off_that_the_control_passes_on(relay, guarded, sim1, http):
     """Only messages on a drive topic show that the driver is there."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
@@ -217,39 +206,30 @@ async def test_without_a_database_who_drives_is_not_superseded(
         assert guarded.session.leases[-1] == {"type": "lease", "fence": 1, "held": True}
 
 
-@pytest.mark.parametrize("problem", [RecordMissing, RecordRefused])
-async def test_who_is_removed_while_the_number_is_on_its_way_has_no_rights(
-    *, relay, guarded, sim1, http, memory_database, monkeypatch, problem
-):
-    """4001, though the relay has not yet read that robot or user are gone: the database answered."""
+class SlowFences:
+    """Has the database number drives once the test lets it."""
 
-    async def gone(lease):
-        raise problem(f"no robot {lease.robot_id}")
+    def __init__(self, memory_database) -> None:
+        self.asked, self.go_on = asyncio.Event(), asyncio.Event()
+        self._next_fence = memory_database.next_fence
 
-    monkeypatch.setattr(memory_database, "next_fence", gone)
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        assert (await closing(socket))[0] == 4001
-    assert control(relay, sim1)["driver"] is None
+    async def next_fence(self, lease: NewLease) -> int:
+        self.asked.set()
+        await self.go_on.wait()
+        return await self._next_fence(lease)
 
 
 async def test_a_stop_while_the_number_is_on_its_way_wins(
     *, relay, guarded, sim1, http, memory_database, monkeypatch
 ):
     """Nobody drives a robot that was stopped before the database answered."""
-    numbered, go_on = asyncio.Event(), asyncio.Event()
-    next_fence = memory_database.next_fence
-
-    async def slow(lease):
-        numbered.set()
-        await go_on.wait()
-        return await next_fence(lease)
-
-    monkeypatch.setattr(memory_database, "next_fence", slow)
+    slow = SlowFences(memory_database)
+    monkeypatch.setattr(memory_database, "next_fence", slow.next_fence)
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        await numbered.wait()
+        await slow.asked.wait()
         relay.relay.control.stops.stop(sim1, "ben")
         assert (await closing(socket))[0] == 4003
-        go_on.set()
+        slow.go_on.set()
     assert relay.relay.control.driver(sim1.id) is None
     assert guarded.clients_ever == 0
 
@@ -258,22 +238,15 @@ async def test_a_newer_connection_hears_of_a_stop_too(
     *, relay, guarded, sim1, http, memory_database, monkeypatch
 ):
     """The one that drives and the one that waits for its number both end with the stop."""
-    numbered, go_on = asyncio.Event(), asyncio.Event()
-    next_fence = memory_database.next_fence
-
-    async def slow(lease):
-        numbered.set()
-        await go_on.wait()
-        return await next_fence(lease)
-
+    slow = SlowFences(memory_database)
     async with http.ws_connect(relay.ros_url(sim1)) as older:
         await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
-        monkeypatch.setattr(memory_database, "next_fence", slow)
+        monkeypatch.setattr(memory_database, "next_fence", slow.next_fence)
         async with http.ws_connect(relay.ros_url(sim1)) as newer:
-            await numbered.wait()
+            await slow.asked.wait()
             relay.relay.control.stops.stop(sim1, "ben")
             assert (await closing(older))[0] == 4003
-            go_on.set()
+            slow.go_on.set()
             assert (await closing(newer))[0] == 4003
     assert relay.relay.control.driver(sim1.id) is None
     assert guarded.clients_ever == 1
@@ -291,16 +264,6 @@ async def test_a_lost_link_ends_the_lease(relay, guarded, sim1, http, memory_dat
     )
 
 
-async def test_a_relay_goes_on_from_the_numbers_that_were_given(
-    relay, guarded, sim1, http, memory_database
-):
-    """A number that a relay before this one gave is not given again."""
-    relay.relay.control.leasing.remember({sim1.id: 41})
-    async with http.ws_connect(relay.ros_url(sim1)):
-        await driven(relay, sim1)
-        assert control(relay, sim1)["driver"]["fence"] == 42
-
-
 async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, http, memory_database):
     """A question ends with the grant of who asked."""
     async with http.ws_connect(relay.ros_url(sim1)):
@@ -308,15 +271,6 @@ async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, http, memo
         relay.relay.control.leasing.ask(sim1, asker(BEN))
         del memory_database.grants[BEN.id, sim1.id]
         await until(lambda: control(relay, sim1)["waiting"] is None, "nobody waits")
-
-
-async def test_a_page_that_waits_for_an_offline_robot_uses_no_number(
-    relay, sim1, http, memory_database
-):
-    """4503 comes before the lease."""
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        assert (await closing(socket))[0] == 4503
-    assert memory_database.fences == {}
 
 
 class Bare:
@@ -414,16 +368,11 @@ async def test_what_is_written_says_who_where_and_when(bare, sim1, memory_databa
 
 async def test_of_two_claims_the_older_hears_of_the_newer(bare, sim1, memory_database, monkeypatch):
     """While both wait for a number; the newer drives in the end."""
-    next_fence, go_on = memory_database.next_fence, asyncio.Event()
-
-    async def slow(lease):
-        await go_on.wait()
-        return await next_fence(lease)
-
-    monkeypatch.setattr(memory_database, "next_fence", slow)
+    slow = SlowFences(memory_database)
+    monkeypatch.setattr(memory_database, "next_fence", slow.next_fence)
     older, newer = (asyncio.create_task(bare.drives(ANN)) for _ in range(2))
     await until(lambda: bare.ends, "the older hears of it")
-    go_on.set()
+    slow.go_on.set()
     drives = await newer
     with pytest.raises(ConnectionClosedError) as lost:
         await older
@@ -452,15 +401,6 @@ async def test_who_gets_no_number_hears_why(
     with pytest.raises(ConnectionClosedError) as lost:
         await bare.drives(ANN)
     assert lost.value.close_reason == close_reason("sim1")
-
-
-async def test_the_control_is_handed_only_to_who_the_driver_saw_asking(bare, sim1):
-    """Another one may ask by the time that the answer comes."""
-    await bare.drives(ANN)
-    bare.leasing.ask(sim1, asker(BEN))
-    with pytest.raises(NobodyAsks):
-        bare.leasing.hand_over(sim1, asker(ANN), "carl")
-    assert bare.leasing.of(sim1.id).driver is not None
 
 
 async def test_who_takes_the_question_back_gets_nothing(bare, sim1):

@@ -39,7 +39,7 @@ def session(robot_id: int = 7) -> SessionEntry:
 
 @pytest_asyncio.fixture
 async def event_writer(memory_database: MemoryDatabase) -> AsyncIterator[EventWriter]:
-    """A journal that writes, and holds at most 5 entries."""
+    """A writer that runs, and holds at most 5 entries."""
     async for event_writer in _running(memory_database):
         yield event_writer
 

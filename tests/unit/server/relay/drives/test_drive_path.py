@@ -208,11 +208,15 @@ def log(refused) -> DriveLog:
     return DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused)
 
 
+def path_to(socket: FullSocket, log: DriveLog, sizes: list[int], *, max_age_s: float) -> DrivePath:
+    lease = DriveLease(fence=1, max_age_s=max_age_s, clock=None, log=log, on_command=lambda: None)
+    return DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
+
+
 async def test_only_the_newest_command_of_a_topic_waits(log, sizes):
     """Behind a full socket the older ones are dropped; when there is room, the newest goes."""
     socket = FullSocket()
-    lease = DriveLease(fence=1, max_age_s=0.5, clock=None, log=log, on_command=lambda: None)
-    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
+    path = path_to(socket, log, sizes, max_age_s=0.5)
     running = asyncio.create_task(path.run())
     for speed in (0.1, 0.2, 0.3):
         await path.submit(command(speed))
@@ -231,8 +235,7 @@ async def test_only_the_newest_command_of_a_topic_waits(log, sizes):
 async def test_a_command_that_waited_too_long_does_not_go(log, sizes):
     """Room that comes too late is no use."""
     socket = FullSocket()
-    lease = DriveLease(fence=1, max_age_s=0.1, clock=None, log=log, on_command=lambda: None)
-    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
+    path = path_to(socket, log, sizes, max_age_s=0.1)
     running = asyncio.create_task(path.run())
     await path.submit(command(0.1))
     await asyncio.sleep(0.15)
@@ -246,8 +249,7 @@ async def test_a_command_that_waited_too_long_does_not_go(log, sizes):
 async def test_many_topics_do_not_make_a_queue(log, sizes):
     """Of a client that drives more topics than anybody has, few commands wait."""
     socket = FullSocket()
-    lease = DriveLease(fence=1, max_age_s=5, clock=None, log=log, on_command=lambda: None)
-    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
+    path = path_to(socket, log, sizes, max_age_s=5)
     for number in range(50):
         await path.submit(command(0.1, f"/r{number}/cmd_vel"))
     assert len(path._waiting) == 8

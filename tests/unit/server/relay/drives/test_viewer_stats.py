@@ -1,6 +1,6 @@
 """The counts of frames that users got."""
 
-from robotether_server.relay.drives.viewer_stats import NOTHING, ViewerCounts, ViewerStats
+from robotether_server.relay.drives.viewer_stats import ViewerCounts, ViewerStats
 
 
 class _Clock:
@@ -11,17 +11,6 @@ class _Clock:
 
     def __call__(self) -> float:
         return self.now
-
-
-def test_counts_each_users_frames_of_each_robot_by_themselves() -> None:
-    """What one user got of one robot counts for nobody else and for no other robot."""
-    viewer_stats = ViewerStats()
-    viewer_stats.count(7, 3, 1000)
-    viewer_stats.count(7, 3, 500)
-    viewer_stats.count(7, 4, 200)
-    assert viewer_stats.of(7, 3) == ViewerCounts(frames=2, bytes=1500)
-    assert viewer_stats.of(7, 4) == ViewerCounts(frames=1, bytes=200)
-    assert viewer_stats.of(8, 3) == NOTHING
 
 
 def test_tells_what_came_since_an_earlier_count() -> None:

@@ -10,7 +10,7 @@ from relay_server import MemoryDatabase, utc
 from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.events import fleet_events as module
-from robotether_server.relay.events.fleet_events import FleetEvents, Subscriber
+from robotether_server.relay.events.fleet_events import FleetEvents
 from robotether_server.relay.robots.sessions import Change, Presence
 
 NOW = utc(2026, 1, 1, 12, 3)
@@ -44,18 +44,13 @@ def robots() -> Robots:
 
 @pytest.fixture
 def fleet_events(memory_database: MemoryDatabase, robots: Robots) -> FleetEvents:
-    """A board over the newest rows and rights."""
+    """Events over the newest rows and rights."""
     return FleetEvents(
         lambda: Snapshot(dict(memory_database.robots), dict(memory_database.grants)),
         robots,
         Connections(),
         NoControl(),
     )
-
-
-def told(subscriber: Subscriber) -> list[tuple[str, str]]:
-    """Take what waits; return kinds and names."""
-    return [(kind, robot["name"]) for kind, robot in subscriber.pop_events()]
 
 
 async def test_a_client_that_does_not_read_is_told_the_newest_state_only(
@@ -88,27 +83,6 @@ async def test_a_subscriber_remembers_only_robots_of_its_user(fleet_events, memo
         fleet_events.changed(8)
         await subscriber.wait(0.01)
         assert subscriber._pending == set()
-
-
-async def test_rights_that_change_show_and_remove(fleet_events, memory_database, sim1):
-    """All robots that were or are now visible are looked at again."""
-    with fleet_events.subscribed(9) as subscriber:
-        assert subscriber.first_event() == ("fleet", [])
-        memory_database.grants[9, 7] = "observe"
-        fleet_events.all_changed()
-        assert told(subscriber) == [("robot", "sim1")]
-        del memory_database.grants[9, 7]
-        fleet_events.all_changed()
-        assert told(subscriber) == [("removed", "sim1")]
-
-
-async def test_a_new_name_is_another_robot(fleet_events, memory_database, sim1):
-    """Clients go by names: the old one is removed before the new one is told."""
-    with fleet_events.subscribed(1) as subscriber:
-        subscriber.first_event()
-        memory_database.robots = {7: replace(sim1, name="turtle")}
-        fleet_events.all_changed()
-        assert told(subscriber) == [("removed", "sim1"), ("robot", "turtle")]
 
 
 async def test_round_trips_are_told_seldom(fleet_events, robots, sim1, monkeypatch):
@@ -145,15 +119,6 @@ async def test_a_change_wakes_who_waits(fleet_events, sim1):
             happens()
             await asyncio.wait_for(waiting, 1)
         assert subscriber.ended
-
-
-async def test_a_subscriber_that_is_left_is_forgotten(fleet_events, sim1):
-    """After the block the board marks nothing any more."""
-    with fleet_events.subscribed(1) as subscriber:
-        subscriber.first_event()
-        assert fleet_events.subscriber_count() == 1
-    fleet_events.changed(7)
-    assert (fleet_events.subscriber_count(), subscriber._pending) == (0, set())
 
 
 def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots, sim1):

@@ -12,7 +12,6 @@ from fake_robot import FakeRobot
 from relay_server import SESSION_KEY, until
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.auth.connections import Caps
-from robotether_server.relay.events.handler import render
 
 
 class Events:
@@ -206,11 +205,6 @@ async def test_a_database_that_is_away_ends_no_stream(relay, robot, memory_datab
         await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
         robot.session.send(type="health", ros="down", video="ok", detail="", ros_exposed=False)
         await events.robot_with(ros="down")
-
-
-def test_events_are_written_as_the_standard_says():
-    """An event is its name, one line of data, and an empty line."""
-    assert render([("removed", {"name": "sim1"})]) == (b'event: removed\ndata: {"name":"sim1"}\n\n')
 
 
 async def test_a_user_follows_so_many_times_at_once(

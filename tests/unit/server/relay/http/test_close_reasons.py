@@ -51,22 +51,3 @@ def test_offline_since_another_day_has_the_day():
     since, now = utc(2026, 1, 1, 12, 3), utc(2026, 1, 2, 1, 0)
     expected = "robot sim1 has been offline since 2026-01-01 12:03 UTC"
     assert offline_sentence("sim1", since, now) == expected
-
-
-def test_who_has_the_control_is_named():
-    """The sentences of the contract."""
-    timestamp = utc(2026, 1, 1, 12, 3, 59)
-    assert [
-        (close_reason.code, close_reason.reason)
-        for close_reason in (
-            close_reasons.robot_stopped("sim1", "ben", timestamp),
-            close_reasons.lease_held("sim1", "ann", timestamp),
-            close_reasons.lease_held("sim1", "ann", None),
-            close_reasons.lease_lost("sim1", "ben"),
-        )
-    ] == [
-        (4003, "ben stopped sim1 at 12:03 UTC; a driver must release it"),
-        (4009, "ann has been driving sim1 since 12:03 UTC; ask for control, or wait"),
-        (4009, "control of sim1 is reserved for ann; wait a moment"),
-        (4010, "ben controls sim1 now"),
-    ]

@@ -40,12 +40,6 @@ def test_a_limiter_fills_again_with_time():
     assert taken(limiter, 60.0, 100) == 5
 
 
-def test_a_steady_use_below_the_rate_is_never_refused():
-    """Who keeps to the average has no need of the reserve."""
-    limiter = RateLimiter(0.0, per_s=10, at_once=2)
-    assert all(limiter.allow(step / 9) for step in range(1000))
-
-
 def test_trying_in_vain_costs_nothing():
     """Refusals do not delay the next success."""
     limiter = RateLimiter(0.0, per_s=1, at_once=1)
@@ -188,10 +182,3 @@ def test_the_fastest_ping_counts():
 def test_pauses_double_up_to_the_longest():
     """Half a second first, five at most, for ever."""
     assert list(islice(delays(), 7)) == [0.5, 1.0, 2.0, 4.0, 5.0, 5.0, 5.0]
-
-
-def test_each_outage_begins_with_a_short_pause():
-    """Two generators know nothing of each other."""
-    worn = delays(first_s=0.1, max_s=1.0, factor=3.0)
-    assert list(islice(worn, 4))[-1] == 1.0
-    assert next(delays(first_s=0.1, max_s=1.0, factor=3.0)) == 0.1

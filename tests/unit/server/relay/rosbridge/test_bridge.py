@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import struct
 import time
 from dataclasses import replace
@@ -141,7 +140,7 @@ async def test_a_robots_message_over_the_limit_ends_with_1009(relay, robot, sim1
         assert await closing(socket) == (1009, "robot sim1 sent a message over 10 MB")
 
 
-@pytest.mark.parametrize("rubbish", ["{", "", "[1]", '"publish"', "[" * 100_000, "{'op': 1}"])
+@pytest.mark.parametrize("rubbish", ["{", "[" * 100_000])
 async def test_broken_json_is_answered_and_the_robot_not_bothered(
     relay, robot, sim1, http, rubbish
 ):
@@ -151,56 +150,10 @@ async def test_broken_json_is_answered_and_the_robot_not_bothered(
         status = await socket.receive_json(timeout=5)
         assert (status["op"], status["level"]) == ("status", "error")
         assert status["msg"].startswith("cannot read message: not JSON")
+        assert relay.relay.traffic.refused == {"json": 1}
         await socket.send_str(PUBLISH)
         assert await socket.receive_str(timeout=5) == PUBLISH
     assert robot.received == [PUBLISH]
-
-
-async def test_bytes_that_are_no_websocket_end_the_connection(relay, robot, sim1, http):
-    """A frame with reserved bits closes with 1002."""
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        transport = socket.get_extra_info("socket")
-        assert transport is not None
-        socket._writer.transport.write(b"\xff\xff\xff\xff")
-        code, reason = await closing(socket)
-        assert (code, reason) == (1002, "you broke the WebSocket protocol")
-
-
-async def test_an_observer_subscribes_and_looks_up_but_publishes_nothing(relay, robot, sim1, http):
-    """What an observer may not send is answered with its id, and goes no further."""
-    allowed = [
-        {"op": "subscribe", "topic": "/pose"},
-        {"op": "call_service", "service": "/rosapi/topics", "id": "s1"},
-    ]
-    refused = [
-        {"op": "publish", "topic": "/cmd_vel", "id": "p1"},
-        {"op": "call_service", "service": "/stop_motor", "id": "p2"},
-        {"op": "advertise", "topic": "/cmd_vel", "id": "p3"},
-    ]
-    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
-        for message in refused:
-            await socket.send_json(message)
-            status = await socket.receive_json(timeout=5)
-            assert (status["op"], status["level"]) == ("status", "error")
-            assert status["id"] == message["id"]
-        await socket.send_bytes(b"\x16\x00\x00\x00bson")
-        assert "not JSON" in (await socket.receive_json(timeout=5))["msg"]
-        for message in allowed:
-            await socket.send_json(message)
-            assert await socket.receive_json(timeout=5) == message
-    assert [json.loads(text) for text in robot.received] == allowed
-    assert relay.relay.traffic.refused.total() == len(refused) + 1
-
-
-async def test_an_observers_message_is_written_anew(relay, robot, sim1, http):
-    """The robot gets the checked fields alone, and none of the bytes that the observer wrote."""
-    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
-        await socket.send_str(
-            '{"op": "subscribe",  "topic": "/\\u0070ose", "message_intervall": 9,'
-            ' "x": {"op": "publish", "topic": "/cmd_vel"}, "n": 1}'
-        )
-        await socket.receive_str(timeout=5)
-    assert robot.received == ['{"op":"subscribe","topic":"/pose"}']
 
 
 async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(
@@ -217,18 +170,6 @@ async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(
         await asyncio.sleep(0.1)
         await robot.session.close()
         assert (await closing(socket))[0] == 4505
-
-
-async def test_a_rosbridge_that_goes_away_is_down(relay, robot, sim1, http):
-    """Rosbridge closes while the tunnel lives: 4504."""
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        await until(lambda: robot.clients, "the operator has reached rosbridge")
-        for client in list(robot.clients):
-            await client.close()
-        assert await closing(socket) == (
-            4504,
-            "rosbridge on robot sim1 does not answer: it closed the connection",
-        )
 
 
 async def test_a_robot_that_breaks_off_mid_message(relay, sim1, http):
@@ -260,21 +201,6 @@ async def _send_until_closed(socket: aiohttp.ClientWebSocketResponse, message: s
             await socket.send_str(message)
     except ConnectionError:
         return
-
-
-async def test_a_silent_client_is_let_go(relay, robot, sim1, http):
-    """No pong and no message for the limit closes with 4408."""
-    async with http.ws_connect(relay.ros_url(sim1), autoping=False) as socket:
-        assert await closing_without_pong(socket) == 4408
-    await until(lambda: not robot.clients, "the robot's side is closed too")
-
-
-async def closing_without_pong(socket: aiohttp.ClientWebSocketResponse) -> int | None:
-    async with asyncio.timeout(8):
-        while (message := await socket.receive()).type is WSMsgType.PING:
-            pass
-    assert message.type is WSMsgType.CLOSE
-    return message.data
 
 
 async def test_a_client_that_answers_pings_stays(relay, robot, sim1, http):
@@ -369,23 +295,6 @@ async def test_relay_shows_the_key_of_the_clock_syncs(relay, guarded, sim1, http
             pass
         assert told["key"] == "of the second"
     assert guarded.received == []
-
-
-async def test_who_clock_syncs_sees_the_control_at_once_and_at_each_change(
-    relay, guarded, sim1, http
-):
-    """An observer sees who drives, and that the robot is stopped."""
-    async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
-        await bob.clock_sync()
-        await until(lambda: bob.controls, "the first comes at once")
-        assert bob.controls[0]["driver"] is None
-        async with http.ws_connect(relay.ros_url(sim1)):
-            await until(lambda: bob.controls[-1]["driver"], "a driver came")
-            relay.relay.control.stops.stop(sim1, "carl")
-            await until(
-                lambda: (bob.controls[-1]["stopped"] or {}).get("confirmed"), "it is stopped"
-            )
-            assert bob.controls[-1]["stopped"]["by"] == "carl"
 
 
 async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, http):

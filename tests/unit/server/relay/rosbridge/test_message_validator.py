@@ -307,7 +307,7 @@ def floods(at: MessageValidator, data: bytes) -> bool:
 
 
 def seconds_until_closed(data: bytes, per_s: int, *, within_s: int = 30) -> float | None:
-    """Send so many messages a second through an observer's gate of 200 a second; None: it is never closed."""
+    """Send so many messages a second through an observer's validator of 200 a second; None: it is never closed."""
     clock = Clock()
     at = validator(clock=clock, settings={"policy": {"limits": {"message_kb": 1}}})
     for count in range(per_s * within_s):

@@ -155,43 +155,9 @@ async def test_a_connection_that_breaks_is_opened_again(camera, watch):
     await camera.wait_for("credit", taken=1)
 
 
-async def test_a_robot_without_the_service_says_so(robot, watch):
-    """The close code of an older agent, with the word that clients look for."""
-    viewer = await watch()
-    code, reason = await closing(viewer.socket)
-    assert code == 4506
-    assert reason.startswith("frames_unknown: ")
-
-
-@pytest.mark.parametrize(("mode", "word"), [("any_page", "frames_unknown"), ("full", "HTTP 503")])
-async def test_what_the_robot_answers_instead_is_told(camera, watch, mode, word, monkeypatch):
-    """A page in place of an upgrade is no service; a refusal is not the same as none."""
-    monkeypatch.setattr("robotether_server.relay.video.feed_link.FIRST_WITHIN_S", 0.1)
-    camera.mode = mode
-    code, reason = await closing((await watch()).socket)
-    assert code == 4506
-    assert word in reason
-
-
 async def test_a_robot_without_a_video_port(robot, watch, monkeypatch):
     """A tunnel to nothing is 4506."""
     monkeypatch.setattr("robotether_server.relay.video.feed_link.FIRST_WITHIN_S", 0.1)
     await robot._close_ports()
     code, reason = await closing((await watch()).socket)
     assert (code, "frames_unknown" in reason) == (4506, False)
-
-
-async def test_an_offline_robot_has_no_frames(relay, sim1, watch):
-    """Its viewers are told at once."""
-    code, reason = await closing((await watch()).socket)
-    assert code == 4503
-    assert "sim1 is offline" in reason
-
-
-async def test_a_lost_link_ends_its_viewers(camera, robot, relay, watch):
-    """And its feed, so that a robot that is back begins anew."""
-    viewer = await watch()
-    await camera.wait_for("credit")
-    await robot.session.close()
-    assert (await closing(viewer.socket))[0] == 4505
-    assert relay.relay.feeds.count() == 0

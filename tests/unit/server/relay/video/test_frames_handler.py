@@ -11,7 +11,6 @@ import pytest
 from relay_clients import closing
 from relay_server import until
 from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.auth.connections import Caps
 
 ANN, BOB = RelayUser(1, "ann"), RelayUser(2, "bob")
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
@@ -201,14 +200,6 @@ async def test_the_status_comes_at_once_and_at_each_change(camera, watch):
         await each.text("status", state="live", fps=15)
 
 
-async def test_an_ended_right_ends_the_connection(camera, watch, memory_database, sim1):
-    """Taking the grant away closes with 4001."""
-    viewer = await watch()
-    await camera.wait_for("credit")
-    del memory_database.grants[1, sim1.id]
-    assert (await closing(viewer.socket))[0] == 4001
-
-
 async def test_an_ended_login_ends_the_connection(camera, watch, memory_database, relay):
     """So does the end of the login that asked for the ticket."""
     viewer = await watch()
@@ -216,26 +207,6 @@ async def test_an_ended_login_ends_the_connection(camera, watch, memory_database
     await relay.relay.fleet.poll()
     memory_database.credentials.clear()
     assert (await closing(viewer.socket))[0] == 4001
-
-
-async def test_a_stopping_relay_says_so(camera, watch, relay):
-    """1001 and not a lost link."""
-    viewer = await watch()
-    await camera.wait_for("credit")
-    stopping = asyncio.create_task(relay.relay.stop())
-    assert (await closing(viewer.socket))[0] == 1001
-    await stopping
-
-
-async def test_too_many_viewers_are_refused(camera, watch, relay):
-    """The connection over the cap gets 4429; its end makes room again."""
-    relay.relay.connections.caps = Caps(per_user=1)
-    first = await watch()
-    await camera.wait_for("credit")
-    assert (await closing((await watch()).socket))[0] == 4429
-    await first.socket.close()
-    await until(lambda: relay.relay.connections.count("video") == 0, "there is room")
-    await (await watch()).credit()
 
 
 async def test_a_silent_viewer_is_let_go(camera, watch):
@@ -266,33 +237,6 @@ async def test_a_viewer_that_takes_nothing_is_bounded_and_let_go(camera, watch, 
     await until(lambda: relay.relay.connections.count("video") == 1, "it is let go")
     answering.cancel()
     stuck.socket._response.connection.transport.resume_reading()
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "no json",
-        '{"op": "want", "fps": 0}',
-        '{"op": "credit", "frames": -1}',
-        '{"op": "beat"}',
-        "x" * 5000,
-    ],
-)
-async def test_what_breaks_the_protocol_ends_it(camera, watch, text):
-    """1002 with what was wrong."""
-    viewer = await watch()
-    await viewer.socket.send_str(text)
-    code, reason = await closing(viewer.socket)
-    assert code == 1002
-    assert reason.startswith("you broke the frames protocol")
-
-
-async def test_credit_before_a_request_ends_it(camera, relay, sim1, http):
-    """A request comes first."""
-    url = frames_url(relay, sim1, f"topic=/a&ticket={relay.ticket(sim1)}")
-    async with http.ws_connect(url) as socket:
-        await socket.send_json({"op": "credit"})
-        assert (await closing(socket))[0] == 1002
 
 
 async def test_a_flood_of_texts_ends_it(camera, watch):

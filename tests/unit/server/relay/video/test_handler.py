@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
 
 import aiohttp
 import pytest
 from fake_robot import HOST, JPEG, FakeRobot
-from relay_server import FAST, SESSION_KEY, RelayServer, running_relay, until
+from relay_server import SESSION_KEY, RelayServer, until
 from robotether_server.db.fleet import RelayRobot, RelayUser
-from robotether_server.relay.auth import credentials
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.video.handler import path_for_robot
 from yarl import URL
@@ -266,21 +264,6 @@ async def test_login_video_without_a_database_says_so(
     url = video_url(relay, sim1, f"snapshot?ticket={relay.ticket(sim1)}")
     async with http.get(url) as answer:
         assert answer.status == 200
-
-
-async def test_many_pictures_ask_the_database_once(
-    *, sim1, http, login, memory_database, monkeypatch
-):
-    """A login is looked up once for the requests of a few seconds, besides each poll while one is answered."""
-    monkeypatch.setattr(credentials, "KEEP_S", 60.0)
-    robot = FakeRobot(sim1.id, SESSION_KEY)
-    async with running_relay(memory_database, replace(FAST, poll_every_s=60.0)) as relay:
-        await robot.start(relay.relay.session_port)
-        for _ in range(20):
-            async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
-                assert answer.status == 200
-        assert memory_database.lookups == 1
-        await robot.stop()
 
 
 @pytest.mark.parametrize(
