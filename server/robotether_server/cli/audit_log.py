@@ -4,13 +4,7 @@ import json
 
 import click
 
-from robotether_server.cli.common import (
-    JSON,
-    open_database,
-    print_json,
-    print_table,
-    timestamp,
-)
+from robotether_server.cli.common import JSON, open_database, print_records, timestamp
 from robotether_server.db import audit
 from robotether_server.db.audit import AuditEvent
 
@@ -36,10 +30,8 @@ def audit_log(
     """Show the audit log, the newest events last."""
     with open_database().transaction() as tx:
         found = audit.find(tx, audit.AuditSearch(robot, actor, kind), limit=limit)[::-1]
-    if as_json:
-        print_json([vars(one) for one in found])
-        return
-    print_table(("AT", "WHO", "FROM", "WHAT", "ROBOT", "DETAILS"), [_as_row(one) for one in found])
+    heads = ("AT", "WHO", "FROM", "WHAT", "ROBOT", "DETAILS")
+    print_records(found, heads, _as_row, as_json=as_json)
 
 
 def _as_row(one: AuditEvent) -> tuple[str, ...]:

@@ -4,14 +4,14 @@ import datetime as dt
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from time import monotonic, sleep
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
 
 from robotether_server import settings
-from robotether_server.db import Database
+from robotether_server.db import Database, Transaction
 from robotether_server.db.audit import Source
 from robotether_server.problems import Problem
 
@@ -21,6 +21,7 @@ SOURCE = Source("cli")
 POLL_S = 0.5
 
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+YES = click.option("--yes", is_flag=True, help="Remove it without asking.")
 
 
 class NotDone(Problem):
@@ -40,6 +41,27 @@ def agree(action: str, question: str, without_terminal: str) -> None:
         raise NotDone(f"cannot {action}: there is no terminal to ask on; {without_terminal}")
     if not click.confirm(question):
         raise NotDone(f"did not {action}: the answer was no")
+
+
+def remove_after_question(
+    kind: str,
+    name: str,
+    question: str,
+    *,
+    get: Callable[[Transaction, str], object],
+    remove: Callable[[Transaction, Source, str], object],
+    yes: bool,
+) -> None:
+    """Ask whether to remove what `get` finds, unless `yes`, and remove it; the question may name what was `found`."""
+    database = open_database()
+    with database.transaction() as tx:
+        found = get(tx, name)
+    if not yes:
+        asked = question.format(found=found)
+        agree(f"remove {kind} {name}", asked, f"say --yes to remove the {kind}")
+    with database.transaction() as tx:
+        remove(tx, SOURCE, name)
+    click.echo(f"removed {kind} {name}")
 
 
 def harmless(text: str) -> str:
@@ -68,6 +90,21 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, err: boo
     for row in (heads, *rows):
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         click.echo("  ".join(cells).rstrip(), err=err)
+
+
+def print_records(
+    records: Iterable[T],
+    heads: Sequence[str],
+    as_row: Callable[[T], Sequence[str]],
+    *,
+    as_json: bool,
+    as_dict: Callable[[T], Mapping[str, Any]] = vars,
+) -> None:
+    """Print a list: a table for people, or JSON for programs."""
+    if as_json:
+        print_json([as_dict(one) for one in records])
+    else:
+        print_table(heads, [as_row(one) for one in records])
 
 
 def print_json(value: object) -> None:

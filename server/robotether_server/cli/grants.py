@@ -5,14 +5,7 @@ from collections.abc import Callable, Sequence
 import click
 
 from robotether_server import times
-from robotether_server.cli.common import (
-    JSON,
-    SOURCE,
-    open_database,
-    print_json,
-    print_table,
-    timestamp,
-)
+from robotether_server.cli.common import JSON, SOURCE, open_database, print_records, timestamp
 from robotether_server.db.grants import LEVELS, Grant, Level, list_all
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
@@ -83,10 +76,13 @@ def list_grants(as_json: bool) -> None:
     """List the grants, by user or group and robot or site."""
     with open_database().transaction() as tx:
         found = list_all(tx)
-    if as_json:
-        print_json([vars(one) | {"all": one.is_for_all} for one in found])
-        return
-    print_table(("WHO", "WHAT", "LEVEL", "UNTIL"), [_as_row(one) for one in found])
+    print_records(
+        found,
+        ("WHO", "WHAT", "LEVEL", "UNTIL"),
+        _as_row,
+        as_json=as_json,
+        as_dict=lambda one: vars(one) | {"all": one.is_for_all},
+    )
 
 
 @click.command()

@@ -5,10 +5,10 @@ import click
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
-    agree,
+    YES,
     open_database,
-    print_json,
-    print_table,
+    print_records,
+    remove_after_question,
 )
 from robotether_server.db import grants
 from robotether_server.services import grants as grant_service
@@ -34,10 +34,13 @@ def list_groups(as_json: bool) -> None:
     """List the groups with their members."""
     with open_database().transaction() as tx:
         found = grants.list_groups(tx)
-    if as_json:
-        print_json([{"name": one.name, "members": list(one.members)} for one in found])
-        return
-    print_table(("NAME", "MEMBERS"), [(one.name, " ".join(one.members) or "-") for one in found])
+    print_records(
+        found,
+        ("NAME", "MEMBERS"),
+        lambda one: (one.name, " ".join(one.members) or "-"),
+        as_json=as_json,
+        as_dict=lambda one: {"name": one.name, "members": one.members},
+    )
 
 
 @group.command()
@@ -62,18 +65,14 @@ def leave(name: str, user: str) -> None:
 
 @group.command()
 @click.argument("name")
-@click.option("--yes", is_flag=True, help="Remove the group without asking.")
+@YES
 def remove(name: str, yes: bool) -> None:
     """Remove a group with its grants. Its members stay users."""
-    database = open_database()
-    with database.transaction() as tx:
-        grants.get_group(tx, name)
-    if not yes:
-        agree(
-            f"remove group {name}",
-            f"Remove group {name}, with its grants?",
-            "say --yes to remove the group",
-        )
-    with database.transaction() as tx:
-        grant_service.remove_group(tx, SOURCE, name)
-    click.echo(f"removed group {name}")
+    remove_after_question(
+        "group",
+        name,
+        f"Remove group {name}, with its grants?",
+        get=grants.get_group,
+        remove=grant_service.remove_group,
+        yes=yes,
+    )

@@ -14,8 +14,7 @@ from robotether_server.cli.common import (
     agree,
     open_database,
     print_fields,
-    print_json,
-    print_table,
+    print_records,
     timestamp,
     wait_for,
 )
@@ -28,19 +27,13 @@ from robotether_server.services.pending import PendingKey
 COMPARE = "compare it with the one that robotether-agent status shows on the robot"
 
 
-HEADS = ("ID", "ROBOT", "MAC", "HOST NAME", "ADDRESS", "REJECTED", "BY", "KEY")
-
-
 @click.command("pending")
 @JSON
 def list_pending(as_json: bool) -> None:
     """List the keys that wait for an admin, the oldest first."""
     with open_database().transaction() as tx:
         found = pending.waiting(tx)
-    if as_json:
-        print_json([vars(one) for one in found])
-        return
-    print_table(robot_texts.WAITING_HEADS, [robot_texts.as_waiting_row(one) for one in found])
+    print_records(found, robot_texts.WAITING_HEADS, robot_texts.as_waiting_row, as_json=as_json)
 
 
 @click.command()
@@ -180,11 +173,10 @@ def list_rejected(as_json: bool) -> None:
     """List rejected keys, newest first."""
     with open_database().transaction() as tx:
         found = pending.rejected(tx)
-    if as_json:
-        print_json([vars(one) for one in found])
-        return
-    rows = [
-        (
+    print_records(
+        found,
+        ("ID", "ROBOT", "MAC", "HOST NAME", "ADDRESS", "REJECTED", "BY", "KEY"),
+        lambda one: (
             str(one.id),
             one.robot,
             one.mac,
@@ -193,10 +185,9 @@ def list_rejected(as_json: bool) -> None:
             timestamp(one.rejected_at, ""),
             one.rejected_by,
             one.fingerprint,
-        )
-        for one in found
-    ]
-    print_table(HEADS, rows)
+        ),
+        as_json=as_json,
+    )
 
 
 @rejected.command()

@@ -11,15 +11,16 @@ from robotether_server.cli import robot_texts
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
+    YES,
     NotDone,
     agree,
     open_database,
     print_fields,
     print_json,
+    print_records,
     print_table,
     wait_for,
 )
-from robotether_server.cli.invites import invite
 from robotether_server.cli.robot_keys import (
     approve,
     list_pending,
@@ -28,6 +29,7 @@ from robotether_server.cli.robot_keys import (
     rotate_key,
 )
 from robotether_server.cli.robot_settings import set_settings, show_settings
+from robotether_server.cli.tokens import invite
 from robotether_server.db import Database, seen_robots
 from robotether_server.db import robots as db_robots
 from robotether_server.services import pending, robots
@@ -143,10 +145,13 @@ def list_robots(as_json: bool) -> None:
     """List the robots."""
     with open_database().transaction() as tx:
         found = seen_robots.list_all(tx)
-    if as_json:
-        print_json([robot_texts.as_dict(seen) for seen in found])
-        return
-    print_table(robot_texts.HEADS, [robot_texts.as_row(seen) for seen in found])
+    print_records(
+        found,
+        robot_texts.HEADS,
+        robot_texts.as_row,
+        as_json=as_json,
+        as_dict=robot_texts.as_dict,
+    )
 
 
 @robot.command()
@@ -179,7 +184,7 @@ def show(name: str, as_json: bool) -> None:
 
 @robot.command()
 @click.argument("name")
-@click.option("--yes", is_flag=True, help="Remove it without asking.")
+@YES
 def remove(name: str, yes: bool) -> None:
     """Remove a robot with its grants and its history.
 

@@ -5,10 +5,10 @@ import click
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
-    agree,
+    YES,
     open_database,
-    print_json,
-    print_table,
+    print_records,
+    remove_after_question,
 )
 from robotether_server.db import grants
 from robotether_server.services import grants as grant_service
@@ -34,10 +34,13 @@ def list_sites(as_json: bool) -> None:
     """List the sites with their robots."""
     with open_database().transaction() as tx:
         found = grants.list_sites(tx)
-    if as_json:
-        print_json([{"name": one.name, "robots": list(one.robots)} for one in found])
-        return
-    print_table(("NAME", "ROBOTS"), [(one.name, " ".join(one.robots) or "-") for one in found])
+    print_records(
+        found,
+        ("NAME", "ROBOTS"),
+        lambda one: (one.name, " ".join(one.robots) or "-"),
+        as_json=as_json,
+        as_dict=lambda one: {"name": one.name, "robots": one.robots},
+    )
 
 
 @site.command()
@@ -52,18 +55,14 @@ def place(robot: str, name: str | None) -> None:
 
 @site.command()
 @click.argument("name")
-@click.option("--yes", is_flag=True, help="Remove the site without asking.")
+@YES
 def remove(name: str, yes: bool) -> None:
     """Remove a site with its grants. Its robots stay, at no site."""
-    database = open_database()
-    with database.transaction() as tx:
-        grants.get_site(tx, name)
-    if not yes:
-        agree(
-            f"remove site {name}",
-            f"Remove site {name}, with its grants?",
-            "say --yes to remove the site",
-        )
-    with database.transaction() as tx:
-        grant_service.remove_site(tx, SOURCE, name)
-    click.echo(f"removed site {name}")
+    remove_after_question(
+        "site",
+        name,
+        f"Remove site {name}, with its grants?",
+        get=grants.get_site,
+        remove=grant_service.remove_site,
+        yes=yes,
+    )

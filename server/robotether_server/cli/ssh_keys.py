@@ -6,14 +6,7 @@ from typing import TextIO
 import click
 
 from robotether_server import settings
-from robotether_server.cli.common import (
-    JSON,
-    SOURCE,
-    NotDone,
-    open_database,
-    print_json,
-    print_table,
-)
+from robotether_server.cli.common import JSON, SOURCE, NotDone, open_database, print_records
 from robotether_server.db import users
 from robotether_server.services import ssh_keys
 
@@ -46,11 +39,12 @@ def list_keys(user_name: str, as_json: bool) -> None:
     """List a user's SSH keys."""
     with open_database().transaction() as tx:
         found = users.list_ssh_keys(tx, users.get(tx, user_name))
-    if as_json:
-        print_json([vars(one) for one in found])
-        return
-    rows = [(one.name, f"{one.created_at:%Y-%m-%d}", one.fingerprint) for one in found]
-    print_table(("NAME", "ADDED", "KEY"), rows)
+    print_records(
+        found,
+        ("NAME", "ADDED", "KEY"),
+        lambda one: (one.name, f"{one.created_at:%Y-%m-%d}", one.fingerprint),
+        as_json=as_json,
+    )
 
 
 @ssh_key.command()

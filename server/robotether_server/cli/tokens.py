@@ -1,21 +1,32 @@
-"""robotether token ...: what programs log in with."""
+"""robotether token ...: what programs log in with; join-token ... and robot invite: what admits robots by itself."""
 
 import datetime as dt
+import os
+from dataclasses import replace
 
 import click
 
+from robotether_server import settings
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
     NotDone,
     open_database,
-    print_json,
-    print_table,
+    print_records,
+    timestamp,
 )
-from robotether_server.db import credentials, users
+from robotether_server.db import credentials, robots, users
+from robotether_server.install_line import (
+    HTTPS_PORT,
+    SiteAddress,
+    SiteCertificates,
+    install_line,
+    parse_site_address,
+)
 from robotether_server.services import tokens
 
 MAX_DAYS = 3650
+MAX_HOURS = 8760
 
 USER = click.option("--user", "user_name", required=True, help="Whose rights the token has.")
 NAME = click.option("--name", required=True, help="What it is for; unique for this user.")
@@ -44,19 +55,17 @@ def list_tokens(as_json: bool) -> None:
     """List the tokens, without their texts."""
     with open_database().transaction() as tx:
         found = credentials.list_tokens(tx)
-    if as_json:
-        print_json([vars(one) for one in found])
-        return
-    rows = [
-        (
+    print_records(
+        found,
+        ("USER", "NAME", "CREATED", "ENDS"),
+        lambda one: (
             one.user,
             one.name,
             f"{one.created_at:%Y-%m-%d}",
             f"{one.expires_at:%Y-%m-%d %H:%M}" if one.expires_at else "never",
-        )
-        for one in found
-    ]
-    print_table(("USER", "NAME", "CREATED", "ENDS"), rows)
+        ),
+        as_json=as_json,
+    )
 
 
 @token.command()
@@ -71,3 +80,98 @@ def delete(user_name: str, name: str) -> None:
             raise NotDone(f"cannot delete token {name}: user {user_name} has no such token")
         tokens.delete(tx, SOURCE, found.id)
     click.echo(f"deleted token {name} of user {user_name}")
+
+
+@click.command()
+@click.option(
+    "--uses",
+    type=click.IntRange(1, tokens.MAX_USES),
+    default=1,
+    show_default=True,
+    help="How many robots it admits.",
+)
+@click.option(
+    "--hours",
+    type=click.IntRange(1, MAX_HOURS),
+    default=24,
+    show_default=True,
+    help="How long it is valid.",
+)
+@click.option("--name", help="What to call it.  [default: invite and the time]")
+@click.option(
+    "--host", metavar="HOST[:PORT]", help="Where robots reach this site.  [default: PUBLIC_HOST]"
+)
+def invite(uses: int, hours: int, name: str | None, host: str | None) -> None:
+    """Print the line that makes a machine a robot.
+
+    The install line is the last line of the output. It holds a new join token: whoever has it can enrol that many
+    robots until it expires, or until: robotether join-token delete.
+    """
+    now = dt.datetime.now(dt.UTC)
+    called = name or f"invite {now:%Y-%m-%d %H:%M:%S}"
+    ends = now + dt.timedelta(hours=hours)
+    certificates, asked = _site(host)
+    with open_database().transaction() as tx:
+        token = tokens.create_join_token(tx, SOURCE, called, uses, ends)
+        # Before the end of the transaction: a token that nobody has seen would stay behind otherwise.
+        line = install_line(certificates, asked, token)
+    robots = "1 robot" if uses == 1 else f"{uses} robots"
+    click.echo(
+        f"join token {called}, for {robots} until {timestamp(ends, '')} UTC; run on the robot:"
+    )
+    click.echo(line)
+
+
+@click.group("join-token")
+def join_token() -> None:
+    """List and delete join tokens.
+
+    `robotether robot invite` makes them.
+    """
+
+
+@join_token.command("list")
+@JSON
+def list_join_tokens(as_json: bool) -> None:
+    """List the join tokens, without their texts, the newest first."""
+    with open_database().transaction() as tx:
+        found = robots.list_join_tokens(tx)
+    print_records(
+        found,
+        ("NAME", "USED", "CREATED", "BY", "ENDS"),
+        lambda one: (
+            one.name,
+            f"{one.used} of {one.uses}",
+            timestamp(one.created_at, ""),
+            one.created_by,
+            timestamp(one.expires_at, ""),
+        ),
+        as_json=as_json,
+    )
+
+
+@join_token.command("delete")
+@click.argument("name")
+def delete_join_token(name: str) -> None:
+    """Delete a join token; robots that it admitted stay."""
+    with open_database().transaction() as tx:
+        token_id = next((one.id for one in robots.list_join_tokens(tx) if one.name == name), None)
+        if token_id is None:
+            raise NotDone(f"cannot delete join token {name}: there is none of that name")
+        tokens.delete_join_token(tx, SOURCE, token_id)
+    click.echo(f"deleted join token {name}")
+
+
+def _site(host: str | None) -> tuple[SiteCertificates, str]:
+    """Return the certificates, and the address for robots; --host wins over PUBLIC_HOST."""
+    loaded = settings.load(settings.SiteAddressSettings, os.environ)
+    if host is None:
+        if loaded.public_host is None:
+            raise NotDone(
+                "cannot write the line: PUBLIC_HOST is not set; set it in compose/.env, or say --host"
+            )
+        return SiteCertificates(loaded), loaded.public_host
+    site = parse_site_address(host)
+    if site.port == HTTPS_PORT and not host.endswith(f":{HTTPS_PORT}"):
+        site = SiteAddress(site.host, loaded.public_port)
+    return SiteCertificates(replace(loaded, public_host=None)), site.authority

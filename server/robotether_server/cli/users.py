@@ -8,10 +8,10 @@ from robotether_server import passwords
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
-    agree,
+    YES,
     open_database,
-    print_json,
-    print_table,
+    print_records,
+    remove_after_question,
 )
 from robotether_server.db import Database
 from robotether_server.db import users as db_users
@@ -86,13 +86,13 @@ def list_users(as_json: bool) -> None:
     """List the users."""
     with open_database().transaction() as tx:
         found = db_users.list_all(tx)
-    if as_json:
-        print_json(
-            [{"name": one.name, "role": one.role, "disabled": one.disabled} for one in found]
-        )
-        return
-    rows = [(one.name, one.role, "disabled" if one.disabled else "enabled") for one in found]
-    print_table(("NAME", "ROLE", "STATE"), rows)
+    print_records(
+        found,
+        ("NAME", "ROLE", "STATE"),
+        lambda one: (one.name, one.role, "disabled" if one.disabled else "enabled"),
+        as_json=as_json,
+        as_dict=lambda one: {"name": one.name, "role": one.role, "disabled": one.disabled},
+    )
 
 
 @user.command()
@@ -134,21 +134,17 @@ def logout(name: str) -> None:
 
 @user.command()
 @click.argument("name")
-@click.option("--yes", is_flag=True, help="Remove the user without asking.")
+@YES
 def remove(name: str, yes: bool) -> None:
     """Remove a user with logins, tokens, SSH keys and grants. This cannot be undone."""
-    database = open_database()
-    with database.transaction() as tx:
-        found = db_users.get(tx, name)
-    if not yes:
-        agree(
-            f"remove user {name}",
-            f"Remove {found.role} {name}, with tokens, SSH keys and grants?",
-            "say --yes to remove the user",
-        )
-    with database.transaction() as tx:
-        users.remove(tx, SOURCE, name)
-    click.echo(f"removed user {name}")
+    remove_after_question(
+        "user",
+        name,
+        f"Remove {{found.role}} {name}, with tokens, SSH keys and grants?",
+        get=db_users.get,
+        remove=users.remove,
+        yes=yes,
+    )
 
 
 def _password(*, from_stdin: bool) -> str:

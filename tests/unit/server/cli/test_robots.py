@@ -18,17 +18,7 @@ def test_added_robot_is_listed(run: Run, database: Database) -> None:
     """For people and for programs, with its ports and its MAC in one spelling."""
     assert run(*ADD).out == "added robot sim1 with ports 20000 and 20001\n"
     heads, row = run("robot", "list").out.splitlines()
-    assert heads.split() == [
-        "NAME",
-        "STATE",
-        "ONLINE",
-        "SINCE",
-        "MAC",
-        "ROS",
-        "VIDEO",
-        "SHELL",
-        "KEY",
-    ]
+    assert " ".join(heads.split()) == "NAME STATE ONLINE SINCE MAC ROS VIDEO SHELL KEY"
     assert row.split()[:5] == ["sim1", "pending", "no", "never", MAC]
     assert json.loads(run("robot", "list", "--json").out) == [
         {
@@ -117,33 +107,21 @@ def test_wait_online(run: Run, admin_database: Database) -> None:
     assert run("robot", "list").out.splitlines()[1].split()[2] == "yes"
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("approve",),
-        ("disable",),
-        ("enable",),
-        ("move-ports",),
-        ("reject",),
-        ("rekey",),
-        ("remove",),
-        ("rename", "x"),
-        ("rotate-key",),
-        ("set", "--shell-user", "pi"),
-        ("set-mac", "00:1b:44:11:3a:b7"),
-        ("settings",),
-        ("shell", "on"),
-        ("show",),
-        ("wait-online",),
-    ],
-    ids=lambda command: command[0],
-)
-def test_unknown_robot_is_said(run: Run, command: tuple[str, ...]) -> None:
-    """In one sentence."""
-    name, *more = command
-    done = run("robot", name, "ghost", *more)
-    assert (done.status, done.err.count("\n")) == (1, 1)
-    assert "cannot find robot ghost" in done.err
+def test_unknown_robot_is_said(run: Run) -> None:
+    """In one sentence, by each command."""
+    plain = (
+        "approve disable enable move-ports reject rekey remove rotate-key settings show wait-online"
+    )
+    for name, *more in (
+        *([one] for one in plain.split()),
+        ["rename", "x"],
+        ["set", "--shell-user", "pi"],
+        ["set-mac", "00:1b:44:11:3a:b7"],
+        ["shell", "on"],
+    ):
+        done = run("robot", name, "ghost", *more)
+        assert (done.status, done.err.count("\n")) == (1, 1), name
+        assert "cannot find robot ghost" in done.err
 
 
 @pytest.fixture

@@ -1,15 +1,29 @@
-"""robotether token."""
+"""robotether token, join-token and robot invite."""
 
 from __future__ import annotations
 
 import datetime as dt
+import json
 from collections.abc import Callable
 from typing import Any
 
-from robotether_server.db import Database, credentials
+import pytest
+from admin_records import kinds
+from robotether_server.cli import tokens
+from robotether_server.db import Database, credentials, robots
+from robotether_server.install_line import Certificate, SiteCertificates
+from robotether_server.problems import SiteCertificateUnavailable
 
 Run = Callable[..., Any]
 CI = ("--user", "ann", "--name", "ci")
+
+
+@pytest.fixture(autouse=True)
+def _known_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        SiteCertificates, "certificate", lambda *_: Certificate("ab" * 32, "pin=", False)
+    )
+    monkeypatch.setenv("PUBLIC_HOST", "robots.example")
 
 
 def test_token_is_the_last_word_of_the_last_line(run: Run, database: Database) -> None:
@@ -49,3 +63,76 @@ def test_deleted_token_works_no_more(run: Run, database: Database) -> None:
         assert credentials.find_token_user(tx, text) is None
     assert "cannot delete token ci" in run("token", "delete", *CI).err
     assert run("token", "create", *CI).status == 0
+
+
+def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
+    """With a token that works, the pins, and where robots reach the site."""
+    lines = run("robot", "invite", "--uses", "3", "--hours", "2", "--name", "lab").out.splitlines()
+    assert lines[0].startswith("join token lab, for 3 robots until ")
+    words = lines[-1].split()
+    assert words[0] == "curl"
+    assert "https://robots.example/join.sh" in words
+    assert words[words.index("--server") + 1] == "robots.example"
+    assert words[words.index("--tls-fingerprint") + 1] == "ab" * 32
+    with database.transaction() as tx:
+        token = robots.find_join_token(tx, words[words.index("--token") + 1])
+    assert token is not None
+    assert (token.name, token.uses, token.created_by) == ("lab", 3, "cli")
+    lifetime = token.expires_at - dt.datetime.now(dt.UTC)
+    assert dt.timedelta(hours=1.9) < lifetime <= dt.timedelta(hours=2)
+    assert kinds(database) == ["join_token_created"]
+
+
+@pytest.mark.parametrize(
+    ("host", "port", "server"),
+    [
+        ("lab.example", "443", "lab.example"),
+        ("lab.example", "8443", "lab.example:8443"),
+        ("lab.example:443", "8443", "lab.example"),
+        ("[2001:db8::1]:9443", "443", "[2001:db8::1]:9443"),
+    ],
+)
+def test_other_host_may_be_named(
+    run: Run, monkeypatch: pytest.MonkeyPatch, host: str, port: str, server: str
+) -> None:
+    """It goes before PUBLIC_HOST; without a port it has the site's own."""
+    monkeypatch.setenv("PUBLIC_PORT", port)
+    line = run("robot", "invite", "--host", host).out.splitlines()[-1]
+    assert f"https://{server}/join.sh" in line
+
+
+def test_invite_without_a_host_says_what_to_set(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or to say."""
+    monkeypatch.delenv("PUBLIC_HOST")
+    done = run("robot", "invite")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "PUBLIC_HOST" in done.err
+    assert "--host" in done.err
+
+
+def test_no_token_stays_behind_when_there_is_no_line(
+    run: Run, database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody would know its text."""
+
+    def fail(*_: object) -> str:
+        raise SiteCertificateUnavailable("cannot determine this site's certificate: nginx is away")
+
+    monkeypatch.setattr(tokens, "install_line", fail)
+    assert "nginx is away" in run("robot", "invite").err
+    with database.transaction() as tx:
+        assert robots.list_join_tokens(tx) == []
+
+
+def test_join_tokens_are_listed_and_deleted(run: Run) -> None:
+    """By name, without their texts."""
+    text = run("robot", "invite", "--name", "lab").out.split()[-1]
+    run("robot", "invite")
+    listed = run("join-token", "list").out
+    assert [line.split()[0] for line in listed.splitlines()] == ["NAME", "invite", "lab"]
+    assert "0 of 1" in listed
+    assert text not in listed
+    names = [one["name"] for one in json.loads(run("join-token", "list", "--json").out)]
+    assert names[1] == "lab"
+    assert run("join-token", "delete", "lab").out == "deleted join token lab\n"
+    assert "there is none of that name" in run("join-token", "delete", "lab").err
