@@ -168,17 +168,6 @@ def test_each_change_of_rights_is_a_new_version(
     assert len(set(seen)) == len(changes)
 
 
-def test_robots_site_is_told_to_the_relay(relay: Database, ids: dict[str, int]) -> None:
-    """By its name."""
-    with relay.transaction() as tx:
-        rows = tx.rows("SELECT id, site FROM relay_robots")
-    assert {row["id"]: row["site"] for row in rows} == {
-        ids["a"]: "lab",
-        ids["b"]: "lab",
-        ids["c"]: None,
-    }
-
-
 def test_shells_are_of_those_who_manage(
     mariadb: MariaDb, database: Database, ids: dict[str, int]
 ) -> None:

@@ -43,27 +43,13 @@ def test_only_active_robots_may_open_a_tunnel(
         robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
         robots.set_key(tx, robot_id, KEY, Report("turtle", "0.1.0", "192.0.2.1"))
         robots.set_state(tx, robot_id, state)
+        robots.set_shell(tx, robot_id, on=True)
     with keylookup.transaction() as tx:
         rows = tx.rows("SELECT * FROM tunnel_keys WHERE fingerprint = %s", (KEY.fingerprint,))
     assert len(rows) == found
-    assert all(row["robot_id"] == robot_id and row["ros_port"] == 20000 for row in rows)
-
-
-def test_shell_port_stands_beside_the_others(
-    database: Database, keylookup: Database, relay: Database
-) -> None:
-    """And the relay learns both keys of a rotation, and that one is asked for."""
-    with database.transaction() as tx:
-        robot_id = add_active(tx, 1)
-        robots.set_shell(tx, robot_id, on=True)
-        robots.rotate_key(tx, robot_id, PublicKey("ssh-ed25519 NEW", "SHA256:new"))
-        robots.request_rotation(tx, robot_id)
-    with keylookup.transaction() as tx:
-        assert [row["shell_port"] for row in tx.rows("SELECT * FROM tunnel_keys")] == [24000]
-    with relay.transaction() as tx:
-        (row,) = tx.rows("SELECT * FROM relay_robots")
-    assert (row["shell_port"], row["rotate_key"]) == (24000, 1)
-    assert (row["fingerprint"], row["previous_fingerprint"]) == ("SHA256:new", "SHA256:1")
+    assert [(row["robot_id"], row["ros_port"], row["shell_port"]) for row in rows] == [
+        (robot_id, 20000, 24000)
+    ] * found
 
 
 def add_active(tx: Transaction, number: int) -> int:
@@ -140,69 +126,6 @@ def test_only_valid_logins_and_tokens_of_enabled_users(database: Database, relay
         for view in ("relay_logins", "relay_tokens"):
             rows = tx.rows("SELECT * FROM " + view)
             assert [(row["user_name"], row["role"]) for row in rows] == [("ann", "user")]
-
-
-def change_nothing(tx: Transaction) -> None:
-    tx.change("UPDATE robots SET name = name")
-
-
-def change_robot(tx: Transaction) -> None:
-    tx.change("UPDATE robots SET state = 'disabled'")
-
-
-def delete_robot(tx: Transaction) -> None:
-    tx.change("DELETE FROM robots")
-
-
-def disable_user(tx: Transaction) -> None:
-    tx.change("UPDATE users SET disabled = TRUE")
-
-
-def change_grant(tx: Transaction) -> None:
-    tx.change("UPDATE grants SET level = 'observe'")
-
-
-def delete_grant(tx: Transaction) -> None:
-    tx.change("DELETE FROM grants")
-
-
-def delete_token(tx: Transaction) -> None:
-    tx.change("DELETE FROM api_tokens")
-
-
-def delete_login(tx: Transaction) -> None:
-    tx.change("DELETE FROM logins")
-
-
-@pytest.mark.parametrize(
-    ("change", "seen"),
-    [
-        (change_nothing, False),
-        (change_robot, True),
-        (delete_robot, True),
-        (disable_user, True),
-        (change_grant, True),
-        (delete_grant, True),
-        (delete_token, True),
-        (delete_login, True),
-    ],
-    ids=lambda value: getattr(value, "__name__", None),
-)
-def test_every_change_of_rights_changes_the_version(
-    database: Database, relay: Database, change: object, seen: bool
-) -> None:
-    """The one text that the relay compares differs after each, and only then."""
-    with database.transaction() as tx:
-        user_id = users.add(tx, "ann", "x", "user")
-        robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
-        give(tx, user_id, robot_id, "drive")
-        credentials.create_token(tx, users.get(tx, "ann"), "t", None)
-        credentials.create_login(tx, users.get(tx, "ann"), "", HOUR)
-    before = version(relay)
-    with database.transaction() as tx:
-        assert callable(change)
-        change(tx)
-    assert (version(relay) != before) is seen
 
 
 def test_change_that_commits_late_is_seen(database: Database, relay: Database) -> None:

@@ -12,7 +12,7 @@ from robotether_server.api.operations import plain
 from robotether_server.api.robots import shown_robot
 from robotether_server.db import Database
 from robotether_server.db.robots import Report, Robot
-from robotether_server.db.seen_robots import FREE, ControlState, DrivenBy, SeenRobot, Stopped
+from robotether_server.db.seen_robots import FREE, ControlState, SeenRobot
 from robotether_server.identity import parse_robots_key
 from robotether_server.page_settings import DEFAULTS
 from web_visitor import Browser, audit_kinds
@@ -22,35 +22,6 @@ MAC = "00:1b:44:11:3a:b7"
 
 def registration(**changes: Any) -> dict[str, Any]:
     return {"mac": MAC, "public_key": new_public_key(), "hostname": "turtle"} | changes
-
-
-def test_robots_are_listed_with_what_the_user_may(ann: Program, root: Program) -> None:
-    """A user sees granted robots; an admin sees all, to manage, and more of each."""
-    assert ann.get("/robots") == {
-        "robots": [
-            {
-                "name": "sim1",
-                "mac": "02:00:00:00:51:01",
-                "state": "pending",
-                "online": False,
-                "since": None,
-                "level": "drive",
-                "ros_port": 20000,
-                "video_port": 20001,
-                "shell_port": None,
-                "settings": {},
-                "site": None,
-                "driver": None,
-                "stopped": None,
-            }
-        ]
-    }
-    seen = root.get("/robots")["robots"]
-    assert [(robot["name"], robot["level"]) for robot in seen] == [
-        ("sim1", "manage"),
-        ("sim2", "manage"),
-    ]
-    assert "fingerprint" in seen[0]
 
 
 def test_driver_and_stop_are_told_to_whoever_may_see_the_robot(
@@ -76,17 +47,6 @@ def test_driver_and_stop_are_told_to_whoever_may_see_the_robot(
     seen = root.get("/robots")["robots"]
     assert [one["driver"] for one in seen] == [driver, driver]
     assert [one["stopped"] for one in seen] == [stopped, None]
-
-
-def test_online_robot_has_since(ann: Program, admin_database: Database) -> None:
-    """The moment is RFC 3339 in UTC, to the second."""
-    with admin_database.transaction() as tx:
-        tx.insert(
-            "INSERT INTO robot_sessions (robot_id, address, started_at) "
-            "SELECT id, '', '2026-01-01 12:03:00.9' FROM robots WHERE name = 'sim1'"
-        )
-    robot = ann.get("/robots/sim1")
-    assert (robot["online"], robot["since"]) == (True, "2026-01-01T12:03:00Z")
 
 
 @pytest.mark.parametrize("name", ["sim2", "ghost", "SIM1", "s%C3%ADm1", "x" * 100])
@@ -147,13 +107,6 @@ def test_change_is_refused(
     assert root.refused("PATCH", "/robots/sim1", changes) == refusal
 
 
-def test_removed_robot_is_gone(root: Program) -> None:
-    """Once."""
-    assert root.ask("DELETE", "/robots/sim1").status_code == 204
-    assert root.refused("GET", "/robots/sim1") == (404, "robot_unknown")
-    assert root.refused("DELETE", "/robots/sim1") == (404, "record_missing")
-
-
 def test_playbook_enrols_a_robot_once(root: Program) -> None:
     """201, then 200 with the same answer; ssh is what the robot pins."""
     body = registration()
@@ -210,39 +163,6 @@ def test_user_cannot_enrol(ann: Program, program: Browser) -> None:
     assert ann.refused("PUT", "/robots/turtle", registration()) == (403, "grant_missing")
     answer = program.ask("PUT", "/api/v1/robots/turtle", json=registration())
     assert (answer.status_code, answer.json["code"]) == (401, "login_missing")
-
-
-def test_sessions_are_listed(root: Program, admin_database: Database) -> None:
-    """The newest first, as many as asked for."""
-    with admin_database.transaction() as tx:
-        for timestamp, end in (("2026-01-01 12:00", "timeout"), ("2026-01-01 13:00", None)):
-            tx.insert(
-                "INSERT INTO robot_sessions (robot_id, address, agent_version, started_at, ended_at, end_code) "
-                "SELECT id, '192.0.2.1', '0.1.0', %s, IF(%s IS NULL, NULL, '2026-01-01 12:30'), %s "
-                "FROM robots WHERE name = 'sim1'",
-                (timestamp, end, end),
-            )
-    sessions = root.get("/robots/sim1/sessions")["sessions"]
-    assert sessions == [
-        {
-            "started_at": "2026-01-01T13:00:00Z",
-            "ended_at": None,
-            "end_code": None,
-            "address": "192.0.2.1",
-            "agent_version": "0.1.0",
-        },
-        {
-            "started_at": "2026-01-01T12:00:00Z",
-            "ended_at": "2026-01-01T12:30:00Z",
-            "end_code": "timeout",
-            "address": "192.0.2.1",
-            "agent_version": "0.1.0",
-        },
-    ]
-    assert root.get("/robots/sim1/sessions?limit=1")["sessions"] == sessions[:1]
-    for wrong in ("limit=0", "limit=501", "most=1"):
-        assert root.refused("GET", f"/robots/sim1/sessions?{wrong}") == (422, "field_invalid")
-    assert root.refused("GET", "/robots/ghost/sessions") == (404, "record_missing")
 
 
 PAGE, BUTTONS = "/robots/sim1/page", "/robots/sim1/buttons"
@@ -330,14 +250,6 @@ def join(program: Browser, mac: str) -> str:
     return parse_robots_key(key).fingerprint
 
 
-def test_waiting_key_is_approved(root: Program, database: Database, fingerprint: str) -> None:
-    """The robot is active with it."""
-    answer = root.ask("POST", "/robots/sim1/approve", {"fingerprint": fingerprint})
-    assert answer.status_code == 200
-    assert (answer.json["state"], answer.json["fingerprint"]) == ("active", fingerprint)
-    assert ("robot_approved", "root", "198.51.100.7") in audit_kinds(database)
-
-
 @pytest.mark.parametrize("action", ["approve", "reject"])
 def test_no_other_key_than_the_named_one(root: Program, fingerprint: str, action: str) -> None:
     """Whatever came since the admin compared them."""
@@ -347,70 +259,6 @@ def test_no_other_key_than_the_named_one(root: Program, fingerprint: str, action
     assert root.refused("POST", path) == (415, "unsupported_media_type")
     ghost = f"/robots/ghost/{action}"
     assert root.refused("POST", ghost, {"fingerprint": fingerprint}) == (404, "record_missing")
-
-
-def test_rejected_key_is_forgotten_at_the_robot(root: Program, fingerprint: str) -> None:
-    """It waits for its first key again."""
-    answer = root.ask("POST", "/robots/sim1/reject", {"fingerprint": fingerprint})
-    assert (answer.status_code, answer.data) == (204, b"")
-    assert root.get("/robots/sim1")["fingerprint"] is None
-
-
-def test_second_key_of_a_mac_can_take_the_place(
-    root: Program, program: Browser, fingerprint: str
-) -> None:
-    """A claim is approved by its fingerprint, as a row's key is."""
-    root.ask("POST", "/robots/sim1/approve", {"fingerprint": fingerprint})
-    second = join(program, "02:00:00:00:51:01")
-    answer = root.ask("POST", "/robots/sim1/approve", {"fingerprint": second})
-    assert (answer.status_code, answer.json["fingerprint"]) == (200, second)
-
-
-def test_key_is_rotated_or_forgotten(root: Program, fingerprint: str) -> None:
-    """The agent is asked for a new one; or the next one waits."""
-    assert root.refused("POST", "/robots/sim1/rotate-key") == (409, "not_possible")
-    root.ask("POST", "/robots/sim1/approve", {"fingerprint": fingerprint})
-    answer = root.ask("POST", "/robots/sim1/rotate-key")
-    assert (answer.status_code, answer.json["rotate_key"]) == (200, True)
-    answer = root.ask("POST", "/robots/sim1/rekey")
-    assert (answer.status_code, answer.json["fingerprint"]) == (200, None)
-    assert (answer.json["state"], answer.json["rotate_key"]) == ("pending", False)
-
-
-def test_ports_are_moved_to_another_pair(root: Program) -> None:
-    """To a free one."""
-    answer = root.ask("POST", "/robots/sim1/move-ports")
-    assert answer.status_code == 200
-    assert (answer.json["ros_port"], answer.json["video_port"]) == (20004, 20005)
-
-
-def test_waiting_key_is_rejected_and_forgiven(root: Program, program: Browser) -> None:
-    """From one list to the other, and out of it."""
-    key = new_public_key()
-    body = {"mac": MAC, "public_key": key, "hostname": "turtle", "agent_version": "0.1.0"}
-    program.ask("POST", "/api/v1/join", json=body)
-    [waiting] = root.get("/pending")["pending"]
-    assert waiting.pop("joined_at").endswith("Z")
-    assert waiting == {
-        "robot": "robot-113ab7",
-        "mac": MAC,
-        "hostname": "turtle",
-        "address": "198.51.100.7",
-        "fingerprint": parse_robots_key(key).fingerprint,
-        "agent_version": "0.1.0",
-        "reason": "approval_pending",
-    }
-    chosen = {"fingerprint": waiting["fingerprint"]}
-    assert root.ask("POST", "/robots/robot-113ab7/reject", chosen).status_code == 204
-    assert root.get("/pending") == {"pending": []}
-    [rejected] = root.get("/rejected-keys")["rejected_keys"]
-    assert (rejected["fingerprint"], rejected["robot"]) == (waiting["fingerprint"], "robot-113ab7")
-    assert rejected["rejected_by"] == "root"
-    assert program.ask("POST", "/api/v1/join", json=body).json["code"] == "key_rejected"
-    path = f"/rejected-keys/{rejected['id']}"
-    assert root.ask("DELETE", path).status_code == 204
-    assert root.refused("DELETE", path) == (404, "record_missing")
-    assert program.ask("POST", "/api/v1/join", json=body).status_code == 202
 
 
 TIMESTAMP = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
@@ -435,34 +283,6 @@ def shown(control: ControlState | None, *, for_admin: bool) -> Any:
     return plain(shown_robot(SEEN, control, for_admin=for_admin))
 
 
-def test_users_see_what_they_need_to_use_a_robot() -> None:
-    """Neither its key nor where it is."""
-    assert shown(FREE, for_admin=False) == {
-        "name": "turtle",
-        "mac": "00:1b:44:11:3a:b7",
-        "state": "active",
-        "online": True,
-        "since": "2026-01-01T12:03:00Z",
-        "level": "drive",
-        "ros_port": 20000,
-        "video_port": 20001,
-        "shell_port": None,
-        "settings": {"shell_user": "pi"},
-        "site": "lab",
-        "driver": None,
-        "stopped": None,
-    }
-
-
-def test_driver_and_stop_have_the_names_of_the_control_object() -> None:
-    """And are left out, rather than said to be nobody, for who may not know."""
-    control = ControlState(DrivenBy("ann", TIMESTAMP), Stopped("ben", TIMESTAMP))
-    seen = shown(control, for_admin=False)
-    assert seen["driver"] == {"user": "ann", "since": "2026-01-01T12:03:00Z"}
-    assert seen["stopped"] == {"by": "ben", "at": "2026-01-01T12:03:00Z"}
-    assert not {"driver", "stopped"} & set(shown(None, for_admin=True))
-
-
 def test_admins_see_more() -> None:
     """What the join told, and what the newest session does."""
     users = shown(FREE, for_admin=False)
@@ -476,3 +296,9 @@ def test_admins_see_more() -> None:
         "address": "198.51.100.9",
         "rotate_key": False,
     }
+
+
+@pytest.mark.parametrize("query", ["limit=0", "limit=501", "most=1"])
+def test_wrong_query_for_sessions_is_refused(root: Program, query: str) -> None:
+    """With the name of what is wrong."""
+    assert root.refused("GET", f"/robots/sim1/sessions?{query}") == (422, "field_invalid")

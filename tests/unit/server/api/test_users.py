@@ -8,25 +8,12 @@ import pytest
 from api_visitor import Program
 from robotether_server import passwords
 from robotether_server.db import Database, users
-from web_visitor import PASSWORD, Browser, audit_kinds, bearer
+from web_visitor import PASSWORD, Browser, audit_kinds
 
 
 def matches(database: Database, user: str, password: str) -> bool:
     with database.transaction() as tx:
         return passwords.matches(password, users.get(tx, user).password_hash)
-
-
-def test_users_are_listed(root: Program) -> None:
-    """By name, with nothing of their passwords."""
-    assert root.get("/users") == {
-        "users": [
-            {"name": "ann", "role": "user", "disabled": False},
-            {"name": "olga", "role": "user", "disabled": False},
-            {"name": "root", "role": "admin", "disabled": False},
-        ]
-    }
-    assert root.get("/users/ann") == {"name": "ann", "role": "user", "disabled": False}
-    assert root.refused("GET", "/users/ghost") == (404, "record_missing")
 
 
 def test_password_that_is_made_is_told_once(root: Program, database: Database) -> None:
@@ -80,16 +67,6 @@ def test_change_is_refused(root: Program, changes: dict[str, Any]) -> None:
     assert root.refused("PATCH", "/users/ann", changes) == (422, "field_invalid")
 
 
-def test_last_admin_cannot_lock_everybody_out(root: Program) -> None:
-    """Until there is another."""
-    for changes in ({"role": "user"}, {"disabled": True}):
-        assert root.refused("PATCH", "/users/root", changes) == (409, "last_admin")
-    assert root.refused("DELETE", "/users/root") == (409, "last_admin")
-    root.ask("PATCH", "/users/olga", {"role": "admin"})
-    assert root.ask("PATCH", "/users/root", {"role": "user"}).status_code == 200
-    assert root.refused("GET", "/users") == (403, "grant_missing")
-
-
 def test_removed_user_is_out(root: Program, ann: Program) -> None:
     """At once, with the tokens."""
     assert root.ask("DELETE", "/users/ann").status_code == 204
@@ -104,12 +81,3 @@ def test_user_is_logged_out_everywhere(root: Program, browser: Browser) -> None:
     assert root.ask("DELETE", "/users/ann/logins").status_code == 204
     assert browser.ask("GET", "/api/v1/me").status_code == 401
     assert root.refused("DELETE", "/users/ghost/logins") == (404, "record_missing")
-
-
-@pytest.mark.parametrize(("user", "role"), [("ann", "user"), ("root", "admin")])
-def test_program_hears_who_it_is(
-    program: Browser, database: Database, user: str, role: str
-) -> None:
-    """Name and role, nothing else."""
-    answer = program.ask("GET", "/api/v1/me", headers=bearer(database, user))
-    assert answer.json == {"name": user, "role": role}

@@ -5,10 +5,8 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 
-import pytest
 from robotether_server.db import Database, Transaction, credentials, users
 from robotether_server.db.users import User
-from robotether_server.problems import RecordExists, RecordMissing
 
 
 def test_texts_differ_and_are_long() -> None:
@@ -71,25 +69,6 @@ def add_ann(tx: Transaction) -> User:
     return users.get(tx, "ann")
 
 
-def test_token_finds_its_user_until_deleted(database: Database) -> None:
-    """The text begins with rt_ and stands in no table."""
-    with database.transaction() as tx:
-        ann = add_ann(tx)
-        text = credentials.create_token(tx, ann, "ci", None)
-        assert text.startswith("rt_")
-        assert credentials.find_token_user(tx, text) == ann
-        assert text not in str(tx.rows("SELECT * FROM api_tokens"))
-        assert [(one.user, one.name, one.expires_at) for one in credentials.list_tokens(tx)] == [
-            ("ann", "ci", None)
-        ]
-        (token,) = credentials.list_tokens_of(tx, ann)
-        assert credentials.get_token(tx, token.id) == token
-        credentials.delete_token(tx, token.id)
-        assert credentials.find_token_user(tx, text) is None
-        with pytest.raises(RecordMissing, match=f"cannot find token {token.id}"):
-            credentials.get_token(tx, token.id)
-
-
 def test_token_ends_in_time(database: Database) -> None:
     """One that is over finds nobody."""
     now = dt.datetime.now(dt.UTC)
@@ -99,17 +78,6 @@ def test_token_ends_in_time(database: Database) -> None:
         holds = credentials.create_token(tx, ann, "holds", now + dt.timedelta(hours=1))
         assert credentials.find_token_user(tx, over) is None
         assert credentials.find_token_user(tx, holds) == ann
-
-
-def test_name_is_unique_for_a_user(database: Database) -> None:
-    """Another user may use the same name."""
-    with database.transaction() as tx:
-        ann = add_ann(tx)
-        users.add(tx, "bob", "x", "user")
-        credentials.create_token(tx, ann, "ci", None)
-        credentials.create_token(tx, users.get(tx, "bob"), "ci", None)
-        with pytest.raises(RecordExists, match="user ann has one of that name"):
-            credentials.create_token(tx, ann, "ci", None)
 
 
 def test_token_of_disabled_user_finds_nobody(database: Database) -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from granted import give, take
-from robotether_server.db import Database, grants, robots, seen_robots, users
+from robotether_server.db import Database, grants, robots, users
 from robotether_server.db.grants import Group, Level, Site
 from robotether_server.problems import RecordExists, RecordMissing
 
@@ -23,19 +22,6 @@ from robotether_server.problems import RecordExists, RecordMissing
 def test_level_includes_the_lower_ones(held: Level, asked: Level, may: bool) -> None:
     """Who may drive may watch, and not the other way round."""
     assert grants.includes(held, asked) is may
-
-
-def test_grant_is_replaced_and_taken(database: Database) -> None:
-    """One level for a user and a robot; without it the robot is not seen."""
-    with database.transaction() as tx:
-        user_id = users.add(tx, "ann", "x", "user")
-        robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
-        give(tx, user_id, robot_id, "drive")
-        give(tx, user_id, robot_id, "observe")
-        ann = users.get(tx, "ann")
-        assert [seen.level for seen in seen_robots.list_seen(tx, ann)] == ["observe"]
-        take(tx, user_id, robot_id)
-        assert seen_robots.list_seen(tx, ann) == []
 
 
 def test_group_has_members_by_name(database: Database) -> None:
@@ -61,10 +47,15 @@ def test_group_has_members_by_name(database: Database) -> None:
             grants.get_group(tx, "crew")
 
 
-def test_name_is_had_once(database: Database) -> None:
-    """The sentence says which."""
+def test_name_is_had_once_and_must_exist(database: Database) -> None:
+    """The sentences say which."""
     with database.transaction() as tx:
         grants.add_group(tx, "crew")
+        grants.add_site(tx, "lab")
+        with pytest.raises(RecordExists, match="cannot add site lab: the name is taken"):
+            grants.add_site(tx, "lab")
+        with pytest.raises(RecordMissing, match="cannot find site yard"):
+            grants.get_site(tx, "yard")
         with pytest.raises(RecordExists, match="cannot add group crew: the name is taken"):
             grants.add_group(tx, "crew")
 
@@ -83,13 +74,3 @@ def test_robot_is_at_one_site_or_none(database: Database) -> None:
         grants.place_robot(tx, robot_id, yard)
         grants.place_robot(tx, robot_id, None)
         assert grants.get_site(tx, "yard") == Site(yard, "yard", ())
-
-
-def test_name_is_had_once_and_must_exist(database: Database) -> None:
-    """The sentences say which."""
-    with database.transaction() as tx:
-        grants.add_site(tx, "lab")
-        with pytest.raises(RecordExists, match="cannot add site lab: the name is taken"):
-            grants.add_site(tx, "lab")
-        with pytest.raises(RecordMissing, match="cannot find site yard"):
-            grants.get_site(tx, "yard")

@@ -26,11 +26,14 @@ def test_token_works_until_it_is_deleted(site: Site) -> None:
         text = tokens.create(tx, ANN, ann, "ci", None)
         tokens.create(tx, ANN, users.get(tx, "root"), "ci", dt.datetime.now(dt.UTC))
         (token,) = credentials.list_tokens_of(tx, ann)
+        assert (token.user, token.name, token.expires_at) == ("ann", "ci", None)
+        assert text.startswith("rt_")
+        assert text not in str(tx.rows("SELECT * FROM api_tokens"))
         assert credentials.find_token_user(tx, text) == ann
         assert [one.user for one in credentials.list_tokens(tx)] == ["ann", "root"]
         assert tokens.delete(tx, ANN, token.id).name == "ci"
         assert credentials.find_token_user(tx, text) is None
-        with pytest.raises(RecordMissing):
+        with pytest.raises(RecordMissing, match=f"cannot find token {token.id}"):
             tokens.delete(tx, ANN, token.id)
     assert len(site.events("token_deleted")) == 1
     assert text not in repr(site.events("token_created"))
