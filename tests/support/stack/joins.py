@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,6 +91,22 @@ class Site:
         with self.database.transaction() as tx:
             users.add(tx, "root", "x", "admin")
             return credentials.create_token(tx, users.get(tx, "root"), "test", None)
+
+    def join_token(self, uses: int, hours: float = 1) -> str:
+        """The text of a new join token."""
+        ends_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
+        with self.database.transaction() as tx:
+            return robots.create_join_token(tx, "lab", uses, ends_at, "root")
+
+    def used(self) -> int:
+        """How many robots the newest join token has admitted."""
+        with self.database.transaction() as tx:
+            return robots.list_join_tokens(tx)[0].used
+
+    def claimed(self) -> list[str]:
+        """The fingerprints of the keys that are claims."""
+        with self.database.transaction() as tx:
+            return [claim.key.fingerprint for claim in robots.list_claims(tx)]
 
     def names(self) -> list[str]:
         """All robots."""

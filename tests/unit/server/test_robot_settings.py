@@ -104,6 +104,10 @@ def test_only_drivers_have_the_drive_topics():
     ("path", "value"),
     [
         ("shell_user", "Root"),
+        ("shell_user", "pi\n  ProxyCommand sh"),
+        ("shell_user", "-x"),
+        ("shell_user", "x" * 33),
+        ("shell_user", ""),
         ("shell_user", None),
         ("guard", None),
         ("guard", []),

@@ -55,37 +55,6 @@ def migrate_to_older(server: MariaDb, folder: Path, sql_dir: Path, files: str) -
         tx.change("INSERT INTO port_pairs (ros_port) VALUES (20000), (20002), (20004)")
 
 
-def test_rows_of_an_older_release_are_kept(
-    sql_dir: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    """Even what the newer one would refuse to add: such a robot can still be changed."""
-    with mariadb_server.running(tmp_path_factory.mktemp("older")) as server:
-        # Before join tokens and shells.
-        migrate_to_older(server, tmp_path / "sql", sql_dir, "000[1-4]_*.sql")
-        with Database(server.settings("web")).transaction() as tx:
-            tx.insert("INSERT INTO users (name, password_hash) VALUES ('ann', 'x')")
-            tx.insert(
-                "INSERT INTO robots (mac, name, state, public_key, fingerprint, ros_port, video_port) "
-                "VALUES ('01:00:5e:00:00:01', 'odd', 'active', 'k', 'f', 24000, 24002)"
-            )
-            tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b7', 'announced')")
-            tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b8', 'rekeyed')")
-            audit.record(tx, Source("robot"), "robot_pending", "rekeyed")
-        assert migrate(settings(server, sql_dir))[0] == "0005_enrolment"
-        with Database(server.settings("web")).transaction() as tx:
-            odd, announced = robots.get(tx, "odd"), robots.get(tx, "announced")
-            assert robots.get(tx, "rekeyed").had_key
-            robots.rename(tx, odd.id, "still-odd")
-            robots.set_shell(tx, odd.id, on=True)
-            robots.set_ports(tx, odd.id, None, None)
-            changed = robots.get(tx, "still-odd")
-        assert (odd.had_key, odd.fingerprint, odd.shell_port) == (True, "f", None)
-        assert (announced.had_key, announced.shell, announced.ros_port) == (False, False, 20000)
-        # The ports that it had by hand are nobody's shell port.
-        assert (changed.mac, changed.shell_port) == ("01:00:5e:00:00:01", 24001)
-        assert (changed.ros_port, changed.video_port) == (20004, 20005)
-
-
 def rights(tx: Transaction) -> set[tuple[str, str, str]]:
     """What holds, by names."""
     rows = tx.rows(
@@ -95,41 +64,57 @@ def rights(tx: Transaction) -> set[tuple[str, str, str]]:
     return {(row["user"], row["robot"], row["level"]) for row in rows}
 
 
-def test_grants_of_an_older_release_hold_as_before(
+def add_older_rows(tx: Transaction, given: set[tuple[str, str, str]]) -> None:
+    """Users and robots as an older release had them, one of which the newer one would refuse to add, and grants."""
+    tx.insert("INSERT INTO users (name, password_hash) VALUES ('ann', 'x'), ('ben', 'x')")
+    tx.insert(
+        "INSERT INTO robots (mac, name, state, public_key, fingerprint, ros_port, video_port) "
+        "VALUES ('01:00:5e:00:00:01', 'odd', 'active', 'k', 'f', 24000, 24002)"
+    )
+    tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b7', 'announced')")
+    tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b8', 'rekeyed')")
+    audit.record(tx, Source("robot"), "robot_pending", "rekeyed")
+    for user, robot, level in sorted(given):
+        tx.change(
+            "INSERT INTO grants (user_id, robot_id, level) SELECT u.id, r.id, %s "
+            "FROM users u JOIN robots r WHERE u.name = %s AND r.name = %s",
+            (level, user, robot),
+        )
+
+
+def test_rows_of_an_older_release_are_kept(
     sql_dir: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Also when the migration that widens their table runs twice; then groups and ends can be given, too."""
-    old = {("ann", "a", "drive"), ("ann", "b", "observe"), ("ben", "b", "manage")}
+    """Also when each migration runs twice; an odd robot can still be changed, and grants hold as before."""
+    old = {("ann", "odd", "drive"), ("ann", "announced", "observe"), ("ben", "odd", "manage")}
     with mariadb_server.running(tmp_path_factory.mktemp("older")) as server:
-        # Before groups and sites.
-        migrate_to_older(server, tmp_path / "sql", sql_dir, "000[1-7]_*.sql")
+        # Before join tokens, shells, groups and sites.
+        migrate_to_older(server, tmp_path / "sql", sql_dir, "000[1-4]_*.sql")
         web, admin = Database(server.settings("web")), Database(server.settings("migrate"))
         with web.transaction() as tx:
-            for name in ("ann", "ben"):
-                tx.insert("INSERT INTO users (name, password_hash) VALUES (%s, 'x')", (name,))
-            for number, name in enumerate(("a", "b")):
-                tx.insert(
-                    "INSERT INTO robots (mac, name) VALUES (%s, %s)",
-                    (f"00:1b:44:11:3a:b{number}", name),
-                )
-            for given in sorted(old):
-                tx.change(
-                    "INSERT INTO grants (user_id, robot_id, level) SELECT u.id, r.id, %s "
-                    "FROM users u JOIN robots r WHERE u.name = %s AND r.name = %s",
-                    (given[2], given[0], given[1]),
-                )
-        for _ in range(2):
-            migrate(settings(server, sql_dir))
-            with web.transaction() as tx:
-                assert rights(tx) == old
-                found = grants.list_all(tx)
-            assert {(one.user, one.robot, one.level) for one in found} == old
-            assert all(one.ends_at is None and not one.is_for_all for one in found)
-            with admin.transaction() as tx:
-                tx.change("DELETE FROM schema_migrations")
+            add_older_rows(tx, old)
+        assert migrate(settings(server, sql_dir))[0] == "0005_enrolment"
+        with admin.transaction() as tx:
+            tx.change("DELETE FROM schema_migrations")
+        migrate(settings(server, sql_dir))
         with web.transaction() as tx:
-            give(tx, users.get(tx, "ann").id, robots.get(tx, "a").id, "manage")
-            assert rights(tx) == old - {("ann", "a", "drive")} | {("ann", "a", "manage")}
+            assert rights(tx) == old
+            found = grants.list_all(tx)
+            odd, announced = robots.get(tx, "odd"), robots.get(tx, "announced")
+            assert robots.get(tx, "rekeyed").had_key
+            robots.rename(tx, odd.id, "still-odd")
+            robots.set_shell(tx, odd.id, on=True)
+            robots.set_ports(tx, odd.id, None, None)
+            changed = robots.get(tx, "still-odd")
+            give(tx, users.get(tx, "ann").id, announced.id, "manage")
+            assert ("ann", "announced", "manage") in rights(tx)
+        assert {(one.user, one.robot, one.level) for one in found} == old
+        assert all(one.ends_at is None and not one.is_for_all for one in found)
+        assert (odd.had_key, odd.fingerprint, odd.shell_port) == (True, "f", None)
+        assert (announced.had_key, announced.shell, announced.ros_port) == (False, False, 20000)
+        # The ports that it had by hand are nobody's shell port.
+        assert (changed.mac, changed.shell_port) == ("01:00:5e:00:00:01", 24001)
+        assert (changed.ros_port, changed.video_port) == (20004, 20005)
 
 
 @pytest.mark.usefixtures("admin_database")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime as dt
 
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
@@ -32,28 +31,12 @@ from robotether_server.services.joining import (
 )
 
 ADMIN = Source("root")
-LATER = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
 
 
 @pytest.fixture
 def site(database: Database) -> Site:
     """A server where an admin approves each key."""
     return Site(database)
-
-
-def join_token(site: Site, uses: int, expires_at: dt.datetime = LATER) -> str:
-    with site.database.transaction() as tx:
-        return robots.create_join_token(tx, "lab", uses, expires_at, "root")
-
-
-def used(site: Site) -> int:
-    with site.database.transaction() as tx:
-        return robots.list_join_tokens(tx)[0].used
-
-
-def claimed(site: Site) -> list[str]:
-    with site.database.transaction() as tx:
-        return [claim.key.fingerprint for claim in robots.list_claims(tx)]
 
 
 def reject(site: Site, name: str, fingerprint: str) -> None:
@@ -92,7 +75,7 @@ def test_second_key_of_a_mac_waits_beside_the_first(site: Site, state: str) -> N
         assert (answer.code, answer.robot) == ("mac_in_use", "robot-006101")
         assert "sim1" not in answer.detail
     assert (site.robot("sim1").state, site.robot("sim1").key) == (state, KEY)
-    assert claimed(site) == ["SHA256:b"]
+    assert site.claimed() == ["SHA256:b"]
     assert len(site.events("key_claimed")) == 1
 
 
@@ -104,7 +87,7 @@ def test_claim_moves_up_when_the_row_has_no_key_any_more(site: Site) -> None:
     reject(site, "sim1", "SHA256:a")
     assert site.ask(key=OTHER_KEY).code == "approval_pending"
     assert site.robot("sim1").key == OTHER_KEY
-    assert claimed(site) == []
+    assert site.claimed() == []
 
 
 def test_key_does_not_get_another_mac(site: Site) -> None:
@@ -128,7 +111,7 @@ def test_disabled_robot_is_told_how_to_come_back(site: Site) -> None:
     with pytest.raises(RobotDisabled) as refused:
         site.ask(key=OTHER_KEY)
     assert "sim1" not in refused.value.detail
-    assert claimed(site) == []
+    assert site.claimed() == []
 
 
 def test_only_so_many_may_wait(site: Site) -> None:
@@ -178,7 +161,7 @@ def test_unknown_robots_and_claims_make_room_after_a_day(site: Site) -> None:
         age(tx, 2)
     site.unknown_robot(3)
     assert site.names() == ["robot-010002", "robot-010003", "sim1"]
-    assert claimed(site) == []
+    assert site.claimed() == []
 
 
 def test_same_last_digits_make_a_longer_name(site: Site) -> None:
@@ -250,7 +233,7 @@ def test_token_only_lets_nobody_wait(site: Site) -> None:
     for mac in (MAC, OTHER_MAC, "00:1b:44:00:61:03"):
         with pytest.raises(TokenRequired, match="robotether robot invite"):
             site.ask(mac)
-    assert site.ask(token=join_token(site, 1)).code == "active"
+    assert site.ask(token=site.join_token(1)).code == "active"
 
 
 def test_admins_token_beats_a_key_that_only_waits(site: Site) -> None:
@@ -274,19 +257,19 @@ def test_key_that_an_unknown_robot_showed_first_is_free_for_its_robot(site: Site
     assert site.names() == ["sim1"]
     site.ask(key=OTHER_KEY)
     assert site.ask(OTHER_MAC, OTHER_KEY, token=token).code == "active"
-    assert claimed(site) == []
+    assert site.claimed() == []
 
 
 def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
     """A robot that asks again uses none up, and neither does one that is not let in."""
-    token = join_token(site, 2)
+    token = site.join_token(2)
     for _ in range(2):
         assert site.ask(token=token).code == "active"
-    assert used(site) == 1
+    assert site.used() == 1
     assert site.ask(key=key(5), token=token).code == "mac_in_use"
     with pytest.raises(KeyInUse):
         site.ask("00:1b:44:00:61:09", token=token)
-    assert used(site) == 1
+    assert site.used() == 1
     assert site.ask(OTHER_MAC, OTHER_KEY, token=token).code == "active"
     with pytest.raises(TokenUsedUp, match="was good for 2 robots"):
         site.ask("00:1b:44:00:61:09", key(6), token=token)
@@ -299,19 +282,19 @@ def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
 
 def test_token_does_not_undo_what_an_admin_did(site: Site) -> None:
     """A robot that was removed waits as any unknown robot, though its image still has the token."""
-    token = join_token(site, 9)
+    token = site.join_token(9)
     site.ask(token=token)
     with site.database.transaction() as tx:
         robot_service.remove(tx, ADMIN, "robot-006101")
     assert site.ask(token=token).code == "approval_pending"
-    assert used(site) == 1
+    assert site.used() == 1
     with pytest.raises(TokenUsedUp, match="an admin has undone that"):
         dataclasses.replace(site, policy="token-only").ask(token=token)
 
 
 def test_wrong_tokens_are_told_apart(site: Site) -> None:
     """And no row is left."""
-    over = join_token(site, 1, dt.datetime.now(dt.UTC) - dt.timedelta(minutes=1))
+    over = site.join_token(1, -0.1)
     with pytest.raises(TokenExpired, match="it expired at"):
         site.ask(token=over)
     for wrong in ("rj_nobodys", "rt_nobodys", "nobodys"):

@@ -115,20 +115,6 @@ def test_last_admin_stays(site: Site, action: Callable[[Transaction], object]) -
         action(tx)
 
 
-@pytest.mark.parametrize("name", ["root ", "root\t", "ROOT"])
-def test_last_admin_stays_under_a_name_that_only_looks_the_same(site: Site, name: str) -> None:
-    """To database and rule alike such a name is nobody's."""
-    for action in (
-        lambda tx: user_service.remove(tx, ADMIN, name),
-        lambda tx: user_service.set_disabled(tx, ADMIN, name, disabled=True),
-        lambda tx: user_service.set_role(tx, ADMIN, name, "user"),
-    ):
-        with site.database.transaction() as tx, pytest.raises(RecordMissing):
-            action(tx)
-    with site.database.transaction() as tx:
-        assert users.enabled_admins(tx) == ["root"]
-
-
 def test_two_admins_who_remove_each_other_are_not_both_heard(site: Site) -> None:
     """One of them is left."""
     with site.database.transaction() as tx:
