@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import shutil
+import socket
 import tempfile
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import suppress
@@ -72,6 +73,28 @@ async def make_cloud() -> AsyncIterator[Callable[[str], Any]]:
     yield make
     for cloud in made:
         await cloud.close()
+
+
+@pytest.fixture
+async def cloud(make_cloud: Callable[[], Any]) -> FakeCloud:
+    """A server that lets the robot in."""
+    return await make_cloud()
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
+    """Two ends of a TCP connection."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        here = socket.create_connection(listening.getsockname())
+        there, _ = listening.accept()
+    with here, there:
+        yield here, there
+
+
+@pytest.fixture
+def connection(pair: tuple[socket.socket, socket.socket]) -> socket.socket:
+    """A connection whose other end is open, too."""
+    return pair[0]
 
 
 class RobotServices:

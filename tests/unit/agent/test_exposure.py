@@ -57,10 +57,6 @@ def test_connections_are_no_listeners():
         assert exposed_at(f"ws://127.0.0.1:{client.getsockname()[1]}") == ""
 
 
-def test_unreadable_lists_tell_nothing(tmp_path):
-    assert exposed_at("ws://127.0.0.1:9090", tmp_path) == ""
-
-
 @pytest.mark.parametrize(
     ("url", "port"),
     [("ws://127.0.0.1:9090/", 9090), ("http://robot/", 80), ("wss://robot", 443)],

@@ -38,21 +38,6 @@ def test_wrong_field_is_named(get, why):
         get()
 
 
-def test_right_fields_pass():
-    obj = fields.parse_object(b'{"a": 1, "b": 1.5, "c": ["x"], "d": [22], "e": {"f": "g"}}', "it")
-    assert fields.get_int(obj, "a", 0, 9) == 1
-    assert fields.get_number(obj, "b", 0, 9) == 1.5
-    assert fields.get_texts(obj, "c") == ["x"]
-    assert fields.get_ports(obj, "d") == (22,)
-    assert fields.get_text(fields.get_object(obj, "e"), "f") == "g"
-    assert fields.get_flag({"on": True}, "on", default=False)
-    assert not fields.get_flag({}, "on", default=False)
-    assert fields.get_optional_port({"p": 22}, "p") == 22
-    assert fields.get_optional_port({"p": None}, "p") is None
-    assert fields.get_optional_port({}, "p") is None
-    assert fields.get_text(obj, "none", default="nothing") == "nothing"
-
-
 def test_text_from_outside_cannot_forge_log_lines():
     """Control characters and endless texts never reach the log."""
     assert fields.printable("a\nERROR\x1b[31m b") == "a ERROR [31m b"

@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 
 import pytest
-from robotether_agent.files import ensure_directory, only_one, read_text, write_atomic
-from robotether_agent.problems import AlreadyRunning, StateUnusable
+from robotether_agent.files import ensure_directory, read_text, write_atomic
+from robotether_agent.problems import StateUnusable
 
 
 def test_writes_whole_files_with_their_mode(place):
@@ -60,15 +60,3 @@ def test_a_directory_that_cannot_be_made_names_its_setting(place):
     (place / "file").touch()
     with pytest.raises(StateUnusable, match="set state_dir to a place"):
         ensure_directory(place / "file" / "state", "state_dir")
-
-
-def test_only_one_holds_the_lock(place):
-    """The lock is refused while held, and free again after."""
-    with (
-        only_one(place / "lock"),
-        pytest.raises(AlreadyRunning, match="another agent"),
-        only_one(place / "lock"),
-    ):
-        pass
-    with only_one(place / "lock"):
-        pass

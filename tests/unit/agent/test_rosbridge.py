@@ -7,22 +7,9 @@ import asyncio
 import pytest
 from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
-from robotether_agent.rosbridge import LOOK_UP_ID, connected, is_answer, same_type, topics_in
+from robotether_agent.rosbridge import LOOK_UP_ID, connected, is_answer, topics_in
 
 BYTES_MAX = 100_000
-
-
-async def test_topics_with_types_as_ros_1_spells_them():
-    kinds = {"/battery": "sensor_msgs/msg/BatteryState", "/scan": "sensor_msgs/LaserScan"}
-    async with (
-        TopicRosbridge(kinds) as robot,
-        connected(robot.url, max_message_bytes=BYTES_MAX) as rosbridge,
-    ):
-        assert await rosbridge.topics() == {
-            "/battery": "sensor_msgs/BatteryState",
-            "/scan": "sensor_msgs/LaserScan",
-        }
-    assert same_type("a/msg/B") == same_type("a/B") == "a/B"
 
 
 async def test_messages_of_a_subscription():

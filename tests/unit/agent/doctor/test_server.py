@@ -10,7 +10,7 @@ from datetime import datetime, timedelta, timezone
 import pytest
 from aiohttp import web
 from dated_certificate import der_of, make_certificate
-from fake_cloud import FakeCloud, certificate, fingerprint
+from fake_cloud import certificate, fingerprint
 from local_network import free_port
 from robotether_agent.doctor import FAIL, OK, SKIPPED, Finding, server
 from robotether_agent.doctor.server import CertificateError, ServerView, validity, view_server
@@ -45,12 +45,6 @@ def test_rubbish_is_told_as_such(place):
     for data in (b"", b"\x30", b"<html>Welcome", *(whole[:at] for at in range(0, 150, 7))):
         with pytest.raises(CertificateError):
             validity(data)
-
-
-@pytest.fixture
-async def cloud(make_cloud) -> FakeCloud:
-    """A server that answers as ours does."""
-    return await make_cloud()
 
 
 def all_checks(seen: ServerView, pinned: bytes | None = PINNED) -> dict[str, Finding]:

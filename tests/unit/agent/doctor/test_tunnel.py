@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from fake_cloud import FakeCloud, agent_environ
+from fake_cloud import agent_environ
 from robotether_agent.doctor import FAIL, OK, SKIPPED, tunnel
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.settings import Settings, load
@@ -19,12 +19,6 @@ UP = Status(
     end_to_end_video="ok",
     pid=7,
 )
-
-
-@pytest.fixture
-async def cloud(make_cloud) -> FakeCloud:
-    """A server that lets the robot in."""
-    return await make_cloud()
 
 
 @pytest.fixture

@@ -34,12 +34,6 @@ CARD = "00:1b:44:00:00:01"
 
 
 @pytest.fixture
-async def cloud(make_cloud) -> FakeCloud:
-    """A server that lets the robot in."""
-    return await make_cloud()
-
-
-@pytest.fixture
 def settings(cloud, place) -> Settings:
     """A robot in `place` that belongs to the cloud."""
     return load(None, agent_environ(cloud, place))

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from random import Random
 
 import pytest
+from fake_cloud import eventually
 from fake_proxy import FakeProxy
 from local_network import free_port
 from robotether_agent.net import server_dialer
@@ -34,12 +35,6 @@ def silent_port():
             second.setblocking(False)
             second.connect_ex(full.getsockname())
             yield full.getsockname()[1]
-
-
-async def until(is_so) -> None:
-    """Wait for it; the test has a time-out."""
-    while not is_so():  # noqa: ASYNC110 - what is waited for has no event
-        await asyncio.sleep(0.01)
 
 
 async def words(connection: socket.socket) -> bytes:
@@ -161,7 +156,7 @@ async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
         with dialer._counted_silent():
             finding = asyncio.ensure_future(dialer.find([at(door.port)]))
             # The test's own, and the one that the door has taken.
-            await until(lambda: dialer._silent_connections > 1)
+            await eventually(lambda: dialer._silent_connections > 1, lambda: "it is taken")
         door.may_speak.set()
         assert await words(await dialer.open(await finding)) == BANNER
         assert door.connections == 1

@@ -28,15 +28,6 @@ FOUR = [(socket.AF_INET, (f"192.0.2.{number}", 22)) for number in (1, 2)]
 SIX = [(socket.AF_INET6, (f"2001:db8::{number}", 22, 0, 0)) for number in (1, 2, 3)]
 
 
-@pytest.fixture
-def connection():
-    with (
-        socket.create_server(("127.0.0.1", 0)) as server,
-        socket.create_connection(server.getsockname()) as made,
-    ):
-        yield made
-
-
 def option(connection: socket.socket, number: int) -> int:
     return connection.getsockopt(socket.IPPROTO_TCP, number)
 
@@ -159,17 +150,6 @@ async def test_a_name_service_that_never_answered(names, monkeypatch):
 def at(*addresses: str):
     """A resolver that knows these addresses of every name."""
     return Resolver(lambda _, port: [(socket.AF_INET, (address, port)) for address in addresses])
-
-
-@pytest.fixture
-def pair():
-    """Two ends of a TCP connection."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        one = socket.create_connection(server.getsockname())
-        other, _ = server.accept()
-    one.setblocking(False)
-    with one, other:
-        yield one, other
 
 
 async def test_an_address_that_refuses_is_passed_over():

@@ -19,15 +19,6 @@ def helper() -> list[str]:
     return shlex.split(_proxy_options()[0].removeprefix("ProxyCommand=").replace("%%", "%"))
 
 
-@pytest.fixture
-def connection():
-    with (
-        socket.create_server(("127.0.0.1", 0)) as server,
-        socket.create_connection(server.getsockname()) as made,
-    ):
-        yield made
-
-
 def test_ssh_gets_the_connection(connection):
     """The helper ends at once, and what it hands over is the same connection."""
     ours, clients = stderr_with(connection)

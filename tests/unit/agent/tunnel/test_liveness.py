@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field
 
 import pytest
+from fake_cloud import eventually
 from robotether_agent.net import netlink
 from robotether_agent.net.server_dialer import SETTLED_AFTER_S, SshAddress
 from robotether_agent.problems import NetworkChanged, NoAnswer, Retry, ServerSilent
@@ -159,13 +160,6 @@ async def watched(network):
         await asyncio.gather(task, return_exceptions=True)
 
 
-async def until(condition) -> None:
-    deadline = asyncio.get_running_loop().time() + 5
-    while not condition():
-        assert asyncio.get_running_loop().time() < deadline
-        await asyncio.sleep(0.005)
-
-
 async def test_a_connection_that_works_is_left_alone(watched):
     """Nobody is asked while the server is heard."""
     _, dialer, task = watched
@@ -178,7 +172,7 @@ async def test_silence_ends_it_when_the_server_answers_elsewhere(watched):
     """And not before: a server that is away altogether gets its time."""
     session, dialer, task = watched
     session.silent_s = 2.0
-    await until(lambda: dialer.asked == 1)
+    await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
     assert not task.done()
     dialer.answers.set()
     with pytest.raises(ServerSilent, match=r"silent for 2\.0 s"):
@@ -189,9 +183,9 @@ async def test_a_session_that_speaks_again_is_kept(watched):
     """What recovers by itself is not replaced, and the attempt is ended."""
     session, dialer, task = watched
     session.silent_s = 2.0
-    await until(lambda: dialer.asked == 1)
+    await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
     session.silent_s = 0.1
-    await until(lambda: dialer.ended == 1)
+    await eventually(lambda: dialer.ended == 1, lambda: f"{dialer}")
     dialer.answers.set()
     await asyncio.wait({task}, timeout=0.1)
     assert not task.done()
@@ -200,7 +194,7 @@ async def test_a_session_that_speaks_again_is_kept(watched):
 async def test_without_any_answer_it_ends_after_some_seconds(watched):
     session, dialer, task = watched
     session.silent_s = 2.0
-    await until(lambda: dialer.asked == 1)
+    await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
     session.silent_s = liveness.HOPELESS_AFTER_S
     with pytest.raises(ServerSilent):
         await asyncio.wait_for(task, 5)
@@ -211,7 +205,7 @@ async def test_an_attempt_that_fails_is_made_again_while_silence_lasts(watched):
     session, dialer, _ = watched
     dialer.fails = True
     session.silent_s = 2.0
-    await until(lambda: dialer.asked >= 3)
+    await eventually(lambda: dialer.asked >= 3, lambda: f"{dialer}")
 
 
 async def test_a_new_network_that_leads_nowhere_is_not_asked_all_the_time(watched, monkeypatch):
@@ -219,7 +213,7 @@ async def test_a_new_network_that_leads_nowhere_is_not_asked_all_the_time(watche
     _, dialer, task = watched
     dialer.fails = True
     monkeypatch.setattr(liveness, "path_of", lambda _: Path.MOVED)
-    await until(lambda: dialer.asked == 1)
+    await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
     await asyncio.wait({task}, timeout=0.2)
     assert dialer.asked == 1
     assert not task.done()
@@ -262,13 +256,13 @@ async def test_a_change_during_an_attempt_has_another_follow(network, watched, m
     """The first may have gone the way that was there before."""
     _, dialer, _ = watched
     monkeypatch.setattr(liveness, "path_of", lambda _: Path.MOVED)
-    await until(lambda: dialer.asked == 1)
+    await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
     network._event.set()
-    await until(lambda: not network._event.is_set())
+    await eventually(lambda: not network._event.is_set(), lambda: "the change was seen")
     await asyncio.sleep(2 * SETTLED_AFTER_S)
     dialer.fails = True
     dialer.answers.set()
-    await until(lambda: dialer.asked == 2)
+    await eventually(lambda: dialer.asked == 2, lambda: f"{dialer}")
 
 
 async def test_after_standing_still_less_silence_is_enough(watched, monkeypatch):

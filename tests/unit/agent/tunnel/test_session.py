@@ -159,19 +159,6 @@ async def test_answers_pings_and_ignores_what_is_new(ends):
     await asyncio.wait_for(running, 5)
 
 
-async def test_newest_config_wins(ends):
-    """Who waits for a configuration gets the newest, and only when it differs."""
-    session, peer = ends
-    running = asyncio.ensure_future(session.run())
-    peer.send(CONFIG)
-    first = await session.new_config(None)
-    peer.send(CONFIG)
-    peer.send({**CONFIG, "ros_port": 20100})
-    assert (await session.new_config(first)).ros_port == 20100
-    peer.close()
-    await asyncio.wait_for(running, 5)
-
-
 async def test_silence_ends_it(ends):
     """A server that is silent for timeout_s is given up."""
     session, peer = ends

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
@@ -12,16 +11,6 @@ from openssh_server import wait_until
 from robotether_agent.video import pacer
 from robotether_agent.video.bandwidth_estimator import Reading
 from robotether_agent.video.pacer import read
-
-
-@pytest.fixture
-def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
-    """Two ends of a TCP connection."""
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        here = socket.create_connection(listener.getsockname())
-        there, _ = listener.accept()
-    with here, there:
-        yield here, there
 
 
 def look(connection: socket.socket) -> Reading:
