@@ -9,7 +9,7 @@ unbounded buffer for anybody.
     observers    log, audit and metrics of what happens
     metrics      the numbers for Prometheus
 
-    events/      the fleet as operators see it, as server-sent events
+    events       the fleet as operators see it, as server-sent events
     video/       a robot's cameras: the frames protocol, multipart streams, web_video_server passed through
     rosbridge/   an operator's WebSocket joined to a robot's rosbridge; every message is checked and written anew
     drives/      a driver's commands on their way, and what the drive came to, for its record

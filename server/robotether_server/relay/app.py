@@ -16,7 +16,7 @@ from prometheus_client import CONTENT_TYPE_LATEST
 
 from robotether_server.problems import PROBLEM_JSON, HttpProblem, OriginRefused, Problem, Throttled
 from robotether_server.relay.control.control_api import ControlApi
-from robotether_server.relay.events.handler import EventsHandler
+from robotether_server.relay.events import EventsHandler
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.rosbridge.handler import RosbridgeHandler
 from robotether_server.relay.video.frames_handler import FramesHandler

@@ -30,8 +30,7 @@ from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.db.fleet import Fleet
 from robotether_server.relay.drives.viewer_stats import ViewerStats
-from robotether_server.relay.events.fleet_events import FleetEvents
-from robotether_server.relay.events.handler import EventsHandler
+from robotether_server.relay.events import EventsHandler, FleetEvents
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.sockets import RobotSocket, refuse_redirects
 from robotether_server.relay.http.timing import DRIVER_LIMITS, LivenessLimits

@@ -1,23 +1,37 @@
-"""The fleet as operators see it: robot objects, and the changes that each subscriber has yet to get.
+"""The fleet as server-sent events: robot objects, and the changes that each client has yet to get.
 
-`events` follows it, one `Subscriber` a client. A subscriber remembers which robots changed and not how, so a
-slow client gets each robot's newest state once, and a subscriber is never larger than the fleet.
+`app` runs one handler a client, which follows the fleet by one `Subscriber`. A subscriber remembers which robots
+changed and not how, so a slow client gets each robot's newest state once, and a subscriber is never larger than the
+fleet. A client that does not read is let go after a while.
 """
 
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any
 
+from aiohttp import web
+
 from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.problems import TooManyConnections
+from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.auth.connections import Connections
+from robotether_server.relay.auth.credentials import Credentials
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.robots.sessions import Change, SessionRegistry
 from robotether_server.times import rfc3339
 
+COMMENT_EVERY_S = 10.0
+SLOW_AFTER_S = 10.0
+HEADERS = {
+    "Content-Type": "text/event-stream; charset=utf-8",
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+}
 RTT_NOTIFY_EVERY_S = 2.0
 
 RobotObject = dict[str, Any]
@@ -184,3 +198,59 @@ class Subscriber:
         if described != shown:
             self._shown[robot_id] = described
             yield "robot", described
+
+
+class EventsHandler:
+    """Answers /api/v1/events."""
+
+    def __init__(
+        self,
+        access: Access,
+        credentials: Credentials,
+        fleet_events: FleetEvents,
+        max_per_user: Callable[[], int],
+    ) -> None:
+        self._access = access
+        self._credentials = credentials
+        self._fleet_events = fleet_events
+        self._max_per_user = max_per_user
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Tell the fleet, then each change, until the client or its right is gone."""
+        asked = request_of(request.headers, request.cookies, request.query)
+        asker = await self._access.for_events(asked)
+        mine = self._fleet_events.subscribers_of(asker.user.id)
+        if mine >= self._max_per_user():
+            raise TooManyConnections(f"cannot follow the fleet: you already follow it {mine} times")
+        response = web.StreamResponse(headers=HEADERS)
+        with (
+            self._fleet_events.subscribed(asker.user.id) as subscriber,
+            self._credentials.held(asker.credential, subscriber.end),
+        ):
+            await response.prepare(request)
+            try:
+                await self._stream(response, subscriber)
+            except (TimeoutError, ConnectionError):
+                if request.transport is not None:
+                    request.transport.abort()
+        return response
+
+    async def _stream(self, response: web.StreamResponse, subscriber: Subscriber) -> None:
+        await _write(response, render([subscriber.first_event()]))
+        while not subscriber.ended:
+            await subscriber.wait(COMMENT_EVERY_S)
+            events = subscriber.pop_events()
+            await _write(response, render(events) if events else b": awake\n\n")
+
+
+def render(events: list[Event]) -> bytes:
+    """Write events in the format of text/event-stream."""
+    return b"".join(
+        f"event: {name}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n".encode()
+        for name, data in events
+    )
+
+
+async def _write(response: web.StreamResponse, data: bytes) -> None:
+    async with asyncio.timeout(SLOW_AFTER_S):
+        await response.write(data)

@@ -1,1 +1,0 @@
-"""The fleet as server-sent events."""
