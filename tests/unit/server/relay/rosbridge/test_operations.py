@@ -183,24 +183,6 @@ def test_nothing_nested_or_unclear_passes(value):
 
 
 @pytest.mark.parametrize(
-    ("value", "name"),
-    [("/a", "/a"), ("a", "/a"), ("/a/b_1", "/a/b_1"), ("a/2", "/a/2"), ("/_x", "/_x")],
-)
-def test_a_name_gets_its_first_slash(value, name):
-    """What goes on is a full name."""
-    assert operations.ros_name(value) == name
-
-
-@pytest.mark.parametrize(
-    "value", ["", "/", "~a", "/a/", "//a", "/a//b", "/a.b", "/a\n", "/é", "/a b", "/" + "a" * 255, None, 7, []]
-)  # fmt: skip
-def test_no_other_spelling_is_a_name(value):
-    """Nothing that stands for another name, and nothing too long."""
-    with pytest.raises(FieldRefusedError):
-        operations.ros_name(value)
-
-
-@pytest.mark.parametrize(
     ("check", "passes", "refused"),
     [
         (operations.flag, [True, False], [0, 1, "true", None]),
