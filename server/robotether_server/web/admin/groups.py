@@ -41,7 +41,9 @@ def show(name: str, problem: Problem | None = None) -> str:
         return render_template(
             "admin/group.html",
             group=group,
-            others=[one.name for one in users.list_all(tx) if one.name not in group.members],
+            others=[
+                (one.name, one.name) for one in users.list_all(tx) if one.name not in group.members
+            ],
             grants=grants.of_group(tx, name),
             choices=grants.scopes(tx),
             levels=LEVELS,

@@ -38,11 +38,14 @@ def show(name: str, problem: Problem | None = None) -> str:
     """Show one site, with the problem of one of its forms."""
     with context().database.transaction() as tx:
         site = db_grants.get_site(tx, name)
-        elsewhere = [one.robot for one in seen_robots.list_all(tx) if one.robot.site != name]
+        robots = [one.robot for one in seen_robots.list_all(tx) if one.robot.site != name]
         return render_template(
             "admin/site.html",
             site=site,
-            others=elsewhere,
+            others=[
+                (one.name, f"{one.name} (now at {one.site})" if one.site else one.name)
+                for one in robots
+            ],
             grants=grants.for_site(tx, name),
             choices=grants.holders(tx),
             levels=LEVELS,
