@@ -1,13 +1,14 @@
 """Finds the caller: a browser with a login, or a program with an API token.
 
 Used by every handler that needs a user. Reveals nothing about logins and tokens that are not valid. A handler of the
-API does a whole request in one transaction (`any_user`, `admin`): a failure undoes all of it, the audit event
+API does a whole request in one transaction (`admitted`): a failure undoes all of it, the audit event
 included.
 """
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Literal
 
 from flask import Request, request
 from werkzeug.wrappers import Response
@@ -23,6 +24,8 @@ from robotether_server.tickets import CredentialKind
 
 COOKIE = "__Host-robotether_login"
 SCHEME = "bearer "
+# Who may call. `manager`: of the robot in the path. `enroller`: also a join token.
+Who = Literal["admin", "manager", "user", "enroller", "anybody"]
 
 
 def page_user(tx: Transaction, request: Request) -> User | None:
@@ -112,14 +115,6 @@ class Caller:
     source: Source
 
 
-@contextmanager
-def any_user() -> Iterator[Caller]:
-    """Admit a login or an API token; raise LoginMissing, TokenInvalid or CSRFError."""
-    with context().database.transaction() as tx:
-        user = api_user(tx, request)
-        yield Caller(tx, user, Source(user.name, request.remote_addr))
-
-
 @dataclass(frozen=True)
 class EnrolmentCaller:
     """Who enrols a robot, with an open transaction."""
@@ -130,27 +125,24 @@ class EnrolmentCaller:
 
 
 @contextmanager
-def enroller() -> Iterator[EnrolmentCaller]:
-    """Admit an enrolment credential; raise what `enrolment_credential` raises."""
+def admitted(who: Who, robot: str) -> Iterator[Caller | EnrolmentCaller]:
+    """Admit the caller of an operation, or raise what `api_user` or `enrolment_credential` raises.
+
+    Who is no admin, or does not manage the robot, gets GrantMissing, which reveals nothing about what was asked for;
+    a robot that the user may not see is RobotUnknown.
+    """
     with context().database.transaction() as tx:
-        credential = enrolment_credential(tx, request)
-        yield EnrolmentCaller(tx, credential, Source(credential.actor, request.remote_addr))
-
-
-@contextmanager
-def manager(robot: str) -> Iterator[Caller]:
-    """Admit managers of the robot; raise RobotUnknown for users who may not see it, else GrantMissing."""
-    with any_user() as caller:
-        drive_pages.find_managed(caller.tx, caller.user, robot)
-        yield caller
-
-
-@contextmanager
-def admin() -> Iterator[Caller]:
-    """Admit admins; raise GrantMissing, which reveals nothing about what others asked for."""
-    with any_user() as caller:
-        check_admin(caller.user)
-        yield caller
+        if who == "enroller":
+            credential = enrolment_credential(tx, request)
+            source = Source(credential.actor, request.remote_addr)
+            yield EnrolmentCaller(tx, credential, source)
+            return
+        user = api_user(tx, request)
+        if who == "admin":
+            check_admin(user)
+        if who == "manager":
+            drive_pages.find_managed(tx, user, robot)
+        yield Caller(tx, user, Source(user.name, request.remote_addr))
 
 
 def check_admin(user: User) -> None:

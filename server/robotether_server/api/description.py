@@ -16,7 +16,8 @@ from flask import Response
 from msgspec import Meta
 
 from robotether_server import __version__
-from robotether_server.api.operations import OPERATIONS, ApiOperation, Who, operation
+from robotether_server.api.auth import Who
+from robotether_server.api.operations import OPERATIONS, ApiOperation, operation
 from robotether_server.api.relayed import RELAYED
 from robotether_server.robot_settings import GivenSettings
 from robotether_server.schemas import PlainName, RobotName, UserName

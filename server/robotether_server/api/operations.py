@@ -9,7 +9,7 @@ all of it.
 import datetime as dt
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
 from inspect import getdoc
@@ -21,12 +21,11 @@ from flask import Blueprint, Response, jsonify, request
 
 from robotether_server import schemas
 from robotether_server.api import auth
+from robotether_server.api.auth import Who
 from robotether_server.problems import FieldInvalid, HttpProblem, RecordMissing, RobotUnknown
 from robotether_server.times import rfc3339
 
 Method = Literal["GET", "POST", "PUT", "PATCH", "DELETE"]
-# Who may call. `manager`: of the robot in the path. `enroller`: also a join token.
-Who = Literal["admin", "manager", "user", "enroller", "anybody"]
 Handler = Callable[..., object]
 H = TypeVar("H", bound=Handler)
 T = TypeVar("T")
@@ -129,17 +128,7 @@ def _caller(who: Who, names: dict[str, Any]) -> Iterator[dict[str, object]]:
     if who == "anybody":
         yield {}
         return
-    found: AbstractContextManager[object]
-    match who:
-        case "admin":
-            found = auth.admin()
-        case "manager":
-            found = auth.manager(names["robot"])
-        case "enroller":
-            found = auth.enroller()
-        case _:
-            found = auth.any_user()
-    with found as caller:
+    with auth.admitted(who, names.get("robot", "")) as caller:
         yield {"caller": caller}
 
 

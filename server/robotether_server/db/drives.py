@@ -2,18 +2,13 @@
 
 import datetime as dt
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from robotether_server.db.database import Row, Transaction
 from robotether_server.db.users import User
 from robotether_server.problems import RecordMissing
 from robotether_server.schemas import Amount, Count, Timestamp
 
-COLUMNS = (
-    "id, robot, user_name AS user, fence, started_at, ended_at, end_code, distance_m, turned_rad, "
-    "top_speed_m_s, top_turn_rad_s, messages, dropped_old, refused, stops, address, "
-    "latency_p50_ms, latency_p95_ms, bytes, pictures, picture_bytes, viewed_s"
-)
 # A command other than zero went to the robot.
 MOVED = "(top_speed_m_s > 0 OR top_turn_rad_s > 0)"
 
@@ -57,6 +52,9 @@ class Drive:
         if not self.pictures or not self.viewed_s:
             return None
         return self.pictures / self.viewed_s
+
+
+COLUMNS = ", ".join(one.name for one in fields(Drive)).replace("user", "user_name AS user")
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ LOCK_WAIT_S = 3
 
 COLUMNS = (
     "r.id, r.mac, r.name, r.state, r.ros_port, r.video_port, r.fingerprint, r.settings, "
-    "r.hostname, r.agent_version, r.join_address, r.joined_at, r.public_key, r.stranger, r.had_key, "
+    "r.hostname, r.agent_version, r.join_address, r.joined_at, r.public_key, r.stranger AS is_unknown, r.had_key, "
     "r.shell, r.shell_port, r.rotate_requested_at, "
     "(SELECT name FROM sites WHERE id = r.site_id) AS site"
 )
@@ -121,32 +121,12 @@ def lock_enrolment(tx: Transaction) -> None:
 
 
 def from_row(row: Row) -> Robot:
-    """Make a robot of a row of SELECT."""
-    return Robot(
-        id=row["id"],
-        mac=row["mac"],
-        name=row["name"],
-        state=row["state"],
-        ros_port=row["ros_port"],
-        video_port=row["video_port"],
-        fingerprint=row["fingerprint"],
-        settings=json.loads(row["settings"]),
-        report=_report(row),
-        joined_at=row["joined_at"],
-        public_key=row["public_key"],
-        is_unknown=bool(row["stranger"]),
-        had_key=bool(row["had_key"]),
-        shell=bool(row["shell"]),
-        shell_port=row["shell_port"],
-        rotate_requested_at=row["rotate_requested_at"],
-        site=row["site"],
-    )
-
-
-def _report(row: Row) -> Report | None:
-    if row["hostname"] is None:
-        return None
-    return Report(row["hostname"], row["agent_version"], row["join_address"])
+    """Make a robot of a row of SELECT, which may have more columns."""
+    known = {name: row[name] for name in Robot.__dataclass_fields__ if name in row}
+    known |= {name: bool(row[name]) for name in ("is_unknown", "had_key", "shell")}
+    if row["hostname"] is not None:
+        known["report"] = Report(row["hostname"], row["agent_version"], row["join_address"])
+    return Robot(**known | {"settings": json.loads(row["settings"])})
 
 
 def get(tx: Transaction, name: str) -> Robot:
@@ -325,17 +305,9 @@ def remove(tx: Transaction, robot_id: int) -> None:
 
 
 def _claim(row: Row) -> Claim:
-    return Claim(
-        id=row["id"],
-        key=PublicKey(row["public_key"], row["fingerprint"]),
-        robot_id=row["robot_id"],
-        robot=row["robot"],
-        mac=row["mac"],
-        report=Report(row["hostname"] or "", row["agent_version"] or "", row["address"] or ""),
-        claimed_at=row["claimed_at"],
-        rejected_at=row["rejected_at"],
-        rejected_by=row["rejected_by"],
-    )
+    key = PublicKey(row.pop("public_key"), row.pop("fingerprint"))
+    report = Report(*(row.pop(name) or "" for name in ("hostname", "agent_version", "address")))
+    return Claim(key=key, report=report, **row)
 
 
 def find_claim(tx: Transaction, fingerprint: str) -> Claim | None:
