@@ -7,6 +7,8 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires
 from pathlib import Path
 
@@ -61,7 +63,13 @@ def imported(*modules: str) -> set[str]:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     names = {name for file in done.stdout.splitlines() for name in imports_of(Path(file))}
-    return {name_of(owner) for name in names for owner in packages_distributions().get(name, ())}
+    return {name_of(owner) for name in names for owner in owners().get(name, ())}
+
+
+@cache
+def owners() -> Mapping[str, list[str]]:
+    """The distributions of each name that can be imported; to read them takes a second."""
+    return packages_distributions()
 
 
 def imports_of(file: Path) -> set[str]:

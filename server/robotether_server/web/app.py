@@ -85,16 +85,7 @@ def create_app(settings: WebSettings) -> Flask:
     # nginx is the one proxy in front. It sets these two itself and passes Host on; it sets no
     # X-Forwarded-Host, so believing one would let clients choose it.
     app.wsgi_app = ProxyFix(app.wsgi_app, x_for=1, x_proto=1, x_host=0)  # type: ignore[method-assign] # Flask's documented way
-    app.extensions["robotether"] = AppContext(
-        database=Database(settings.database),
-        signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
-        join=settings.join,
-        site_certificates=SiteCertificates(settings.site_address),
-        agent_files_dir=settings.agent_files_dir,
-        login_lifetime=Lifetime(
-            dt.timedelta(hours=settings.login_ttl_h), dt.timedelta(hours=settings.login_idle_h)
-        ),
-    )
+    app.extensions["robotether"] = make_context(settings)
     csrf.init_app(app)
     csrf.exempt(api.blueprint)
     errors.register(app)
@@ -112,6 +103,20 @@ def create_app(settings: WebSettings) -> Flask:
     app.register_blueprint(drive_page_form.blueprint)
     app.register_blueprint(button_forms.blueprint)
     return app
+
+
+def make_context(settings: WebSettings) -> AppContext:
+    """Return what the request handlers share."""
+    return AppContext(
+        database=Database(settings.database),
+        signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
+        join=settings.join,
+        site_certificates=SiteCertificates(settings.site_address),
+        agent_files_dir=settings.agent_files_dir,
+        login_lifetime=Lifetime(
+            dt.timedelta(hours=settings.login_ttl_h), dt.timedelta(hours=settings.login_idle_h)
+        ),
+    )
 
 
 def make_app() -> Flask:

@@ -16,16 +16,16 @@ from robotether_server.settings import (
     WebSettings,
 )
 from robotether_server.web import create_app
+from robotether_server.web.app import make_context
 from web_visitor import HASH, Browser
 
 TICKET_KEY = "t" * 32
 SSH_HOST_KEY = "ssh-ed25519 AAAAhost"
 
 
-@pytest.fixture
-def web_settings(mariadb: MariaDb, tmp_path: Path) -> WebSettings:
+def settings_of(mariadb: MariaDb, folder: Path) -> WebSettings:
     """What web runs with, against the real database."""
-    host_keys = tmp_path / "host_keys"
+    host_keys = folder / "host_keys"
     host_keys.mkdir()
     (host_keys / "ssh_host_ed25519_key.pub").write_text(f"{SSH_HOST_KEY} root@sshd\n")
     return WebSettings(
@@ -33,7 +33,7 @@ def web_settings(mariadb: MariaDb, tmp_path: Path) -> WebSettings:
         tickets=TicketSettings(TICKET_KEY, 30),
         join=JoinSettings("approve", 3, None, (2222, 443), host_keys, allow_local_macs=True),
         site_address=SiteAddressSettings(None, 443, ("127.0.0.1", 1)),
-        agent_files_dir=tmp_path / "agent",
+        agent_files_dir=folder / "agent",
         secret_key="w" * 32,
         login_ttl_h=12,
         login_idle_h=4,
@@ -42,7 +42,19 @@ def web_settings(mariadb: MariaDb, tmp_path: Path) -> WebSettings:
 
 
 @pytest.fixture
-def app(web_settings: WebSettings, database: Database) -> Flask:
+def web_settings(mariadb: MariaDb, tmp_path: Path) -> WebSettings:
+    """What web runs with in this test."""
+    return settings_of(mariadb, tmp_path)
+
+
+@pytest.fixture(scope="session")
+def made_app(mariadb: MariaDb, tmp_path_factory: pytest.TempPathFactory) -> Flask:
+    """The application with its routes and compiled templates, which take longer than most tests."""
+    return create_app(settings_of(mariadb, tmp_path_factory.mktemp("web")))
+
+
+@pytest.fixture
+def app(made_app: Flask, web_settings: WebSettings, database: Database) -> Flask:
     """The application, with users and robots: ann drives sim1, olga observes it, root is admin."""
     with database.transaction() as tx:
         ann, olga = users.add(tx, "ann", HASH, "user"), users.add(tx, "olga", HASH, "user")
@@ -51,7 +63,9 @@ def app(web_settings: WebSettings, database: Database) -> Flask:
         robots.add(tx, "02:00:00:00:51:02", "sim2")
         give(tx, ann, sim1, "drive")
         give(tx, olga, sim1, "observe")
-    return create_app(web_settings)
+    # All that a request leaves behind is in the database and here.
+    made_app.extensions["robotether"] = make_context(web_settings)
+    return made_app
 
 
 @pytest.fixture
