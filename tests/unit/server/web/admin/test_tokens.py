@@ -62,6 +62,7 @@ def test_the_line_is_shown_once(admin: Browser, database: Database) -> None:
     assert "https://robots.example/join.sh | sudo sh" in answer.text
     token = answer.text.split("--token ")[1].split("<")[0]
     assert token.startswith("rj_")
+    assert f'data-testid="join-token">{token}<' in answer.text
     assert token not in str(answer.headers)
     page = admin.ask("GET", "/admin/join-tokens").text
     assert token not in page
