@@ -9,6 +9,8 @@ import socket
 import statistics
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Literal
 
 import pytest
 from fake_cloud import eventually
@@ -17,38 +19,28 @@ from local_network import free_port
 from robotether_agent.video import video_proxy as proxy_module
 from robotether_agent.video.bandwidth_estimator import Reading
 from robotether_agent.video.pacer import Pacer
-from robotether_agent.video.video_proxy import VideoProxy
+from robotether_agent.video.video_proxy import LocalService, VideoProxy
 from slow_uplink import cubic_uplink, drain, pump
+from tcp_service import TcpService
 
 Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 WITHIN_S = 5
 
 
-class Camera:
-    """A service whose handler each test says."""
+class Camera(TcpService):
+    """A service whose handler each test says; it echoes until then."""
 
     def __init__(self) -> None:
-        self.port = 0
+        super().__init__()
         self.handler: Handler = self._echo
         self.open = 0
 
-    async def start(self) -> None:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
-        self.port = self._server.sockets[0].getsockname()[1]
-
-    async def close(self) -> None:
-        self._server.close()
-        await eventually(lambda: self.open == 0, lambda: f"{self.open} streams are open")
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.open += 1
         try:
             await self.handler(reader, writer)
-        except ConnectionError:
-            pass
         finally:
             self.open -= 1
-            writer.close()
 
     async def _echo(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while data := await reader.read(65536):
@@ -58,16 +50,15 @@ class Camera:
 
 @pytest.fixture
 async def camera() -> AsyncIterator[Camera]:
-    """The robot's video service, running."""
-    made = Camera()
-    await made.start()
-    yield made
-    await made.close()
+    """The robot's video service, running; each stream ends with its viewer."""
+    async with Camera() as made:
+        yield made
+        await eventually(lambda: made.open == 0, lambda: f"{made.open} streams are open")
 
 
 @pytest.fixture
 async def proxy(camera: Camera) -> AsyncIterator[VideoProxy]:
-    """A door to the camera, unpaced."""
+    """A proxy to the camera, unpaced."""
     made = VideoProxy(f"http://localhost:{camera.port}")
     yield made
     await made.close()
@@ -90,21 +81,23 @@ async def test_bytes_pass_unchanged_in_both_directions(proxy: VideoProxy) -> Non
     assert got == sent
 
 
-class LocalService:
+class LocalMedia(TcpService):
     """What answers for the agent itself: it says that it is asked, and what."""
 
-    async def __aenter__(self) -> LocalService:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
-        self.port = self._server.sockets[0].getsockname()[1]
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._server.close()
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(b"own:" + await reader.readuntil(b"\r\n\r\n"))
         await writer.drain()
-        writer.close()
+
+
+@asynccontextmanager
+async def beside(
+    port: int, when: Literal["never", "down", "always"] = "never"
+) -> AsyncIterator[int]:
+    """The port of a proxy to `port`, with the agent's own service beside it."""
+    async with LocalMedia() as local:
+        proxy = VideoProxy(f"http://127.0.0.1:{port}", LocalService(local.port, when))
+        yield await proxy.start()
+        await proxy.close()
 
 
 async def asked(port: int, *pieces: bytes) -> bytes:
@@ -131,12 +124,10 @@ OWN_REQUEST = b"GET /robotether/frames?topic=/camera HTTP/1.1\r\nHost: x\r\n\r\n
 @pytest.mark.parametrize("pieces", [1, len(OWN_REQUEST)])
 async def test_the_agents_own_urls_lead_to_the_agent(camera: Camera, pieces: int) -> None:
     """Also when they come byte by byte; nothing of the request is lost."""
-    async with LocalService() as local:
-        proxy = VideoProxy(f"http://127.0.0.1:{camera.port}", proxy_module.LocalService(local.port))
-        length = len(OWN_REQUEST) // pieces
-        parts = [OWN_REQUEST[at : at + length] for at in range(0, len(OWN_REQUEST), length)]
-        assert await asked(await proxy.start(), *parts) == b"own:" + OWN_REQUEST
-        await proxy.close()
+    length = len(OWN_REQUEST) // pieces
+    parts = [OWN_REQUEST[at : at + length] for at in range(0, len(OWN_REQUEST), length)]
+    async with beside(camera.port) as port:
+        assert await asked(port, *parts) == b"own:" + OWN_REQUEST
 
 
 @pytest.mark.parametrize(
@@ -153,13 +144,8 @@ async def test_the_agents_own_urls_lead_to_the_agent(camera: Camera, pieces: int
 )
 async def test_all_else_passes_unchanged(camera: Camera, request_bytes: bytes) -> None:
     """Whatever it is, half requests and what is no HTTP included."""
-    async with LocalService() as local:
-        proxy = VideoProxy(
-            f"http://127.0.0.1:{camera.port}", proxy_module.LocalService(local.port, "down")
-        )
-        port = await proxy.start()
+    async with beside(camera.port, "down") as port:
         assert await asked(port, request_bytes[:7], request_bytes[7:]) == request_bytes
-        await proxy.close()
 
 
 async def test_a_request_that_stops_halfway_is_not_held_for_long(
@@ -167,15 +153,13 @@ async def test_a_request_that_stops_halfway_is_not_held_for_long(
 ) -> None:
     """What there is goes on after a while, and what comes then too."""
     monkeypatch.setattr(proxy_module, "FIRST_WORDS_S", 0.2)
-    async with LocalService() as local:
-        proxy = VideoProxy(f"http://127.0.0.1:{camera.port}", proxy_module.LocalService(local.port))
-        reader, writer = await asyncio.open_connection("127.0.0.1", await proxy.start())
+    async with beside(camera.port) as port:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(b"GET /robo")
         assert await asyncio.wait_for(reader.readexactly(9), WITHIN_S) == b"GET /robo"
         writer.write(b"tether/frames")
         assert await asyncio.wait_for(reader.readexactly(13), WITHIN_S) == b"tether/frames"
         writer.close()
-        await proxy.close()
 
 
 @pytest.mark.parametrize(
@@ -189,16 +173,13 @@ async def test_a_request_that_stops_halfway_is_not_held_for_long(
     ],
 )
 async def test_who_answers_in_web_video_servers_place(
-    camera: Camera, when: str, runs: bool, answers: bytes | None
+    camera: Camera, when: Literal["never", "down", "always"], runs: bool, answers: bytes | None
 ) -> None:
     """As the settings say: nobody, the agent while nothing answers there, or always the agent."""
     request = b"GET /stream?topic=/camera HTTP/1.1\r\n\r\n"
-    async with LocalService() as local:
-        port = camera.port if runs else free_port()
-        proxy = VideoProxy(f"http://127.0.0.1:{port}", proxy_module.LocalService(local.port, when))
-        expected = b"" if answers is None else answers + request
-        assert await asked(await proxy.start(), request) == expected
-        await proxy.close()
+    expected = b"" if answers is None else answers + request
+    async with beside(camera.port if runs else free_port(), when) as port:
+        assert await asked(port, request) == expected
 
 
 async def test_a_viewer_that_leaves_ends_the_stream(proxy: VideoProxy, camera: Camera) -> None:
