@@ -247,21 +247,6 @@ async def test_what_breaks_the_protocol_ends_the_receiver(world):
     await good.some(len(good.pictures) + 3)
 
 
-async def test_too_long_a_text_ends_the_receiver(world):
-    """4 KiB are enough for every request."""
-    receiver = await world.receive()
-    await receiver.say("x" * 5000)
-    await eventually(lambda: receiver.closed == 1009, receiver.told)
-
-
-async def test_what_is_no_receiver_is_told_so(world):
-    """404 without an upgrade, by which the relay knows an agent from before; 400 without a camera."""
-    assert (await world.get(f"/robotether/frames?topic={TOPIC}"))[0] == 404
-    assert (await world.get("/robotether/frames"))[0] == 400
-    assert (await world.get("/robotether/frames?topic=" + "x" * 300))[0] == 400
-    assert (await world.get("/robotether/other"))[0] == 404
-
-
 async def test_cameras_and_receivers_are_bounded(world, monkeypatch):
     """503 beyond; a place that was left is free again."""
     monkeypatch.setattr(service_module, "MAX_SHARED_SOURCES", 2)
@@ -285,6 +270,7 @@ async def test_a_still_of_any_camera(world):
     assert (status, body[:2], world.camera.asked[0]["quality"]) == (200, b"\xff\xd8", "100")
     await eventually(lambda: world.camera.open == 0, lambda: f"{world.camera.open} are open")
     assert (await world.get(f"/robotether/snapshot?topic={TOPIC}&quality=high"))[0] == 400
+    assert (await world.get("/robotether/snapshot?topic=" + "x" * 300))[0] == 400
 
 
 async def test_a_still_of_a_camera_that_is_down_tells_why(world, monkeypatch):
