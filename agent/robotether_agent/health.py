@@ -3,7 +3,7 @@
 `Health` is run by the agent for its whole life. A service that is down never ends the tunnel: the server is told,
 and the tunnel waits for it. Asks every 2 s: rosbridge by one WebSocket that is held open and pinged (a new
 one each time would fill rosbridge's log), web_video_server by GET /. Where there is none, or the settings want none,
-video is there when rosbridge has compressed pictures or a camera of the settings answers, which is asked less often.
+video is there when rosbridge has compressed frames or a camera of the settings answers, which is asked less often.
 
 `Vitals` is a task of the session, so that nobody asks the robot while nobody is told. It holds one subscription, of one
 message in 5 s at most, and none on a robot without a battery's topic.
@@ -101,7 +101,7 @@ class Health:
         # The held connection, and who waits for an answer on it.
         self._rosbridge: aiohttp.ClientWebSocketResponse | None = None
         self._asked: asyncio.Future[dict[str, str]] | None = None
-        # Whether there are pictures elsewhere than at video_url; until when that counts, and with which rosbridge.
+        # Whether there are frames elsewhere than at video_url; until when that counts, and with which rosbridge.
         self._elsewhere = self._elsewhere_was_up = False
         self._elsewhere_until_s = 0.0
 
@@ -193,7 +193,7 @@ class Health:
         return asked.result() if asked.done() else None
 
     async def _ask_video(self, http: aiohttp.ClientSession) -> None:
-        """Raise VideoSourceDown unless there is somewhere where pictures come from."""
+        """Raise VideoSourceDown unless there is somewhere where frames come from."""
         try:
             if self._source_settings.source == "rosbridge":
                 raise self._no_images("rosbridge has no topic of sensor_msgs/CompressedImage")
@@ -204,7 +204,7 @@ class Health:
         await self._video_is(None)
 
     async def _is_elsewhere(self) -> bool:
-        """Whether rosbridge or a camera of the settings has pictures; asks once in a while."""
+        """Whether rosbridge or a camera of the settings has frames; asks once in a while."""
         now_s, is_up = asyncio.get_running_loop().time(), self._rosbridge is not None
         if now_s >= self._elsewhere_until_s or is_up != self._elsewhere_was_up:
             self._elsewhere = await self._has_images() or await self._has_camera()
@@ -217,7 +217,7 @@ class Health:
             return False
         topics = await self._topics()
         if topics is None:
-            # No rosapi: who chose rosbridge knows that it has pictures.
+            # No rosapi: who chose rosbridge knows that it has frames.
             return self._source_settings.source == "rosbridge" and self._rosbridge is not None
         return IMAGE_TYPE in topics.values()
 

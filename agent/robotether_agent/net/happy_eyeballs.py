@@ -15,7 +15,7 @@ from robotether_agent.problems import AgentProblem, NoAnswer, ServerBusy, Server
 
 T = TypeVar("T")
 Pause = Callable[[], Awaitable[None]]
-# A race may be without end; its last problems tell enough.
+# Attempts may be without end; their last problems tell enough.
 MAX_PROBLEMS = 8
 
 
@@ -25,10 +25,10 @@ def after(seconds: float) -> Pause:
 
 
 class HappyEyeballs(Generic[T]):
-    """One race; `pause` stands between two starts, and `drop` gets what came in too late.
+    """Attempts of which one wins; `pause` stands between two starts, and `drop` gets what came in too late.
 
-    An `eager` race starts the next attempt also when one has failed. Another goes on until something answers: it is
-    for attempts without end, and a refusal ends it.
+    The next attempt starts also when one has failed, if `eager`. Else they go on until something answers: that is for
+    attempts without end, and a refusal ends them.
     """
 
     def __init__(

@@ -176,8 +176,8 @@ class ServerDialer:
     async def find(self, targets: Sequence[SshAddress]) -> SshAddress:
         """Return the first of the targets at which an SSH server answers, and keep the connection for `open`.
 
-        Raises ServerUnreachable when something refuses, and NoAnswer after PATIENCE_S of silence, or after
-        BUSY_PATIENCE_S of it on a connection that stands.
+        Raises ServerUnreachable when something refuses, and NoAnswer after FIND_TIMEOUT_S of silence, or after
+        BUSY_FIND_TIMEOUT_S of it on a connection that stands.
         """
         for spare in self._spares:
             if spare.target in targets and spare.is_fresh():
@@ -259,7 +259,7 @@ class ServerDialer:
         await asyncio.sleep(FIND_TIMEOUT_S)
         with suppress(asyncio.TimeoutError):
             await within(BUSY_FIND_TIMEOUT_S - FIND_TIMEOUT_S, self._none_silent.wait())
-            # The last one may have ended because it was answered; the race has yet to hear of that.
+            # The last one may have ended because it was answered, of which HappyEyeballs knows a moment later.
             await asyncio.sleep(BUSY_ANSWER_S)
 
     async def _pause_before_port(self) -> None:

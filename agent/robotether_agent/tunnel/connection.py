@@ -63,7 +63,7 @@ class Role:
     forward: Callable[[SessionConfig], Forward | None]
     # Set when the same configuration may ask for another forward now.
     moved: asyncio.Event = field(default_factory=asyncio.Event)
-    # Told when the forward stands, for the first time and after each change.
+    # Called when the forward stands, for the first time and after each change.
     on_up: Callable[[SshAddress, SessionConfig, Session], None]
     # What tells the server how the robot is, for as long as the connection lasts; on the session only.
     reports: Sequence[Report] = ()

@@ -36,7 +36,7 @@ from robotether_agent.tasks import first_of
 
 MESSAGE_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 SOMEBODY = "somebody"
-# Until the server has told its own times: logging in, key look-up, and the end of an older session.
+# Until the server has sent its own times: logging in, key look-up, and the end of an older session.
 FIRST_TIMEOUT_S = 30.0
 # A configuration may shorten the time at any moment.
 CHECK_EVERY_S = 1.0
@@ -94,7 +94,7 @@ def message_handlers(handler: DriveMessageHandler) -> Mapping[str, Callable[[Jso
 
 
 class RequestedFeatures:
-    """One event a wish, set for as long as it is to be fulfilled."""
+    """What a configuration asks for: one event a feature, set for as long as it is requested."""
 
     def __init__(self, *, allows_shell: bool) -> None:
         self.shell = asyncio.Event()
@@ -105,7 +105,7 @@ class RequestedFeatures:
     def apply(self, config: SessionConfig) -> None:
         """Follow a configuration."""
         _set(self.shell, self._allows_shell and config.shell_port is not None)
-        # A configuration may still say so for a moment after the key was changed: only a new wish counts.
+        # A configuration may still say so for a moment after the key was changed: only a new request counts.
         if config.rotate_key != self._key_was_requested:
             _set(self.new_key, config.rotate_key)
         self._key_was_requested = config.rotate_key

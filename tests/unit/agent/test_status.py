@@ -109,6 +109,8 @@ def test_a_problem_and_what_to_do(place):
     """A problem that lasts stands there with its code, its time and an advice."""
     board = StatusWriter(place, "robots.example.com", on_state=lambda _: None, clock=lambda: NOW)
     board.report_problem(KeyRefused("cannot log in", advice="approve it"), "waiting")
+    why = "not connected, tries again by itself: cannot log in [key_refused]"
+    assert headline(board.status) == why
     text = render(board.status, NOW)
     assert "not connected, tries again by itself" in text
     assert "cannot log in [key_refused]" in text
@@ -181,11 +183,3 @@ def test_a_directory_that_is_gone_ends_nothing(place, caplog):
     board.refresh()
     board.refresh()
     assert [record.levelname for record in caplog.records] == ["WARNING"]
-
-
-def test_headline_names_the_problem():
-    """Systemctl status shows why it is not connected."""
-    status = Status(state="waiting", problem="cannot reach it", problem_code="server_unreachable")
-    assert headline(status) == (
-        "not connected, tries again by itself: cannot reach it [server_unreachable]"
-    )

@@ -89,15 +89,6 @@ def test_the_next_boot_starts_the_old_version(tmp_path):
     assert [line for line in lines if line.startswith("ExecStart")] == [start]
 
 
-def test_nothing_is_left_once_it_is_finished(tmp_path):
-    """Neither the unit nor its link, also when there was none."""
-    unfinished = PendingUpgrade(tmp_path)
-    unfinished.clear()
-    unfinished.note(WAS, TARGET, "connected", 60)
-    unfinished.clear()
-    assert list(tmp_path.rglob("*.service")) == []
-
-
 def test_a_place_that_cannot_be_written_is_told(tmp_path):
     """What could not be removed would change versions at the next boot."""
     (tmp_path / BOOT / PENDING_NAME).mkdir(parents=True)
@@ -280,7 +271,7 @@ async def test_a_change_that_lost_its_power_gets_its_verdict_at_the_next_boot(
     report = await asyncio.to_thread(change.finish, Path(was), Path(wanted), state)
     assert (report.result, robot.in_use, robot.written["result"]) == (result, in_use, result)
     assert robot.status().state == "connected"
-    assert not at_boot.is_symlink()
+    assert list(robot.layout.unit.parent.rglob(PENDING_NAME)) == []
 
 
 async def test_one_switch_at_a_time(robot):
