@@ -8,21 +8,24 @@ from __future__ import annotations
 
 import asyncio
 import struct
+from collections.abc import Mapping
 from socket import IPPROTO_TCP, SO_SNDBUF, SOL_SOCKET, TCP_NOTSENT_LOWAT
 from types import SimpleNamespace
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal, NoReturn, cast
 
 from aiohttp import (
     ClientError,
     ClientResponse,
     ClientSession,
     ClientWebSocketResponse,
+    ClientWSTimeout,
     TraceConfig,
     TraceRequestRedirectParams,
     WSMsgType,
     web,
 )
 from aiohttp.abc import AbstractStreamWriter
+from yarl import URL
 
 from robotether_server.relay.http.close_reasons import CloseReason
 
@@ -169,6 +172,27 @@ class RobotSocket(ClientWebSocketResponse[Literal[False]]):
     def drop(self) -> None:
         """Give the connection back, also that of a socket that broke, which aiohttp keeps."""
         self._answer.close()
+
+
+async def connect_robot(
+    client: ClientSession,
+    url: URL,
+    message_limit: int,
+    *,
+    headers: Mapping[str, str] | None = None,
+    autoping: bool = True,
+) -> RobotSocket:
+    """Open a WebSocket to a robot; raise aiohttp's ClientError."""
+    socket = await client.ws_connect(
+        url,
+        headers=headers,
+        autoping=autoping,
+        compress=0,
+        decode_text=False,
+        max_msg_size=message_limit + LIMIT_MARGIN,
+        timeout=ClientWSTimeout(ws_close=ROBOT_FAREWELL_S),
+    )
+    return cast(RobotSocket, socket)
 
 
 def keep_little_unsent(transport: asyncio.Transport) -> None:

@@ -7,21 +7,20 @@ the connection comes from this relay, what it may do, and with which number it d
 from __future__ import annotations
 
 import asyncio
-from typing import cast
 
 from aiohttp import (
     ClientConnectorError,
     ClientError,
     ClientSession,
-    ClientWSTimeout,
     WSServerHandshakeError,
 )
 from robotether_common.guard import FENCE_HEADER, FENCE_REFUSED, KEY_HEADER, MODE_HEADER
+from yarl import URL
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
-from robotether_server.relay.http.sockets import LIMIT_MARGIN, ROBOT_FAREWELL_S, RobotSocket
+from robotether_server.relay.http.sockets import RobotSocket, connect_robot
 from robotether_server.relay.robots.sessions import Presence, SessionRegistry, utc_now
 
 # An operator is told within a second when rosbridge does not answer; a robot far away gets as
@@ -99,17 +98,8 @@ class RobotDialer:
             raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
 
     async def _dial(self, robot: RelayRobot, headers: dict[str, str]) -> RobotSocket:
-        socket = cast(
-            RobotSocket,
-            await self._client.ws_connect(
-                f"ws://{self._tunnel_host}:{robot.ros_port}/",
-                headers=headers,
-                compress=0,
-                decode_text=False,
-                max_msg_size=self._message_limit + LIMIT_MARGIN,
-                timeout=ClientWSTimeout(ws_close=ROBOT_FAREWELL_S),
-            ),
-        )
+        url = URL.build(scheme="ws", host=self._tunnel_host, port=robot.ros_port, path="/")
+        socket = await connect_robot(self._client, url, self._message_limit, headers=headers)
         if FENCE_HEADER in headers:
             socket.keep_little()
         return socket

@@ -10,13 +10,11 @@ import asyncio
 import logging
 import time
 from dataclasses import dataclass
-from typing import cast
 
 from aiohttp import (
     ClientConnectorError,
     ClientError,
     ClientSession,
-    ClientWSTimeout,
     WSMsgType,
     WSServerHandshakeError,
 )
@@ -25,7 +23,7 @@ from yarl import URL
 
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.sockets import LIMIT_MARGIN, ROBOT_FAREWELL_S, RobotSocket
+from robotether_server.relay.http.sockets import RobotSocket, connect_robot
 from robotether_server.relay.http.timing import RateLimiter, delays
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
 from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
@@ -221,25 +219,16 @@ class FeedLink:
             await asyncio.sleep(RETRY_S)
 
     async def _connect(self) -> RobotSocket:
-        port = self._feed.robot.video_port
+        connector, feed = self._connector, self._feed
         url = URL.build(
             scheme="ws",
-            host=self._connector.tunnel_host,
-            port=port,
+            host=connector.tunnel_host,
+            port=feed.robot.video_port,
             path=PATH,
-            query={"topic": self._feed.topic},
+            query={"topic": feed.topic},
         )
-        return cast(
-            RobotSocket,
-            await self._connector.client.ws_connect(
-                url,
-                autoping=False,
-                compress=0,
-                decode_text=False,
-                max_msg_size=HEADER.size + MAX_FRAME_BYTES + LIMIT_MARGIN,
-                timeout=ClientWSTimeout(ws_close=ROBOT_FAREWELL_S),
-            ),
-        )
+        limit = HEADER.size + MAX_FRAME_BYTES
+        return await connect_robot(connector.client, url, limit, autoping=False)
 
 
 async def pause(pause_s: float) -> None:
