@@ -7,8 +7,9 @@ much of what was sent is still in this program. Nothing here decides when a conn
 from __future__ import annotations
 
 import asyncio
+import logging
 import struct
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
 from socket import IPPROTO_TCP, SO_SNDBUF, SOL_SOCKET, TCP_NOTSENT_LOWAT
 from types import SimpleNamespace
 from typing import Any, Literal, NoReturn, cast
@@ -27,7 +28,10 @@ from aiohttp import (
 from aiohttp.abc import AbstractStreamWriter
 from yarl import URL
 
-from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+
+log = logging.getLogger(__name__)
 
 # Beyond this an end counts as full, and the other end is not read on.
 SEND_BUFFER_BYTES = 64 * 1024
@@ -138,6 +142,46 @@ class ViewerSocket(OperatorSocket):
         """Wait until the system has taken all that was written; ConnectionError when it never will."""
         if self._stream is not None:
             await self._stream.drain()
+
+
+class OperatorConnection:
+    """Runs the parts of an operator's connection beside each other, until one of them or somebody else ends it."""
+
+    def __init__(self, robot: str) -> None:
+        self._name = robot
+        self._ended: asyncio.Future[CloseReason] = asyncio.get_running_loop().create_future()
+
+    def end(self, close_reason: CloseReason) -> None:
+        """End the connection at once; the first ending counts."""
+        if not self._ended.done():
+            self._ended.set_result(close_reason)
+
+    async def _run_until_ended(self, work: Coroutine[Any, Any, CloseReason]) -> CloseReason:
+        """Run the work; all of it is still before this returns, as the close frame is the last."""
+        task = asyncio.create_task(self._guard(work), name=f"connection to {self._name}")
+        try:
+            return await self._ended
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    async def _run_together(self, *parts: Coroutine[Any, Any, CloseReason]) -> CloseReason:
+        async with asyncio.TaskGroup() as group:
+            for part in parts:
+                group.create_task(self._guard(part))
+        return await self._ended
+
+    async def _guard(self, part: Coroutine[Any, Any, CloseReason]) -> None:
+        """Run a part; its end, or its defect, ends the connection."""
+        try:
+            self.end(await part)
+        except ConnectionClosedError as exc:
+            self.end(exc.close_reason)
+        except ConnectionError:
+            self.end(close_reasons.client_vanished(self._name))
+        except Exception:
+            log.exception("robot %s: an operator's connection failed", self._name)
+            self.end(close_reasons.relay_failed())
 
 
 class RobotSocket(ClientWebSocketResponse[Literal[False]]):

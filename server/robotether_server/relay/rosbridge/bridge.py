@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,7 +24,7 @@ from robotether_server.relay.control.control import Control
 from robotether_server.relay.drives.drive_path import CommandTimestamps, DriveLease, DrivePath
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.sockets import OperatorSocket, RobotSocket
+from robotether_server.relay.http.sockets import OperatorConnection, OperatorSocket, RobotSocket
 from robotether_server.relay.http.timing import Liveness, LivenessLimits
 from robotether_server.relay.rosbridge.message_validator import (
     MessageRefusedError,
@@ -33,8 +32,6 @@ from robotether_server.relay.rosbridge.message_validator import (
     ValidatedMessage,
     status_error,
 )
-
-log = logging.getLogger(__name__)
 
 # A tunnel that dies closes rosbridge's connection and the robot's session in either order; wait
 # so long for the second, to tell the operator which of the two it was.
@@ -60,7 +57,7 @@ class RobotEnd:
     lease: DriveLease | None = None
 
 
-class Bridge:
+class Bridge(OperatorConnection):
     """Passes messages between an operator and a robot until something ends it."""
 
     def __init__(
@@ -74,7 +71,7 @@ class Bridge:
         message_limit: int,
         traffic: Traffic,
     ) -> None:
-        self._name = robot
+        super().__init__(robot)
         self._validator = validator
         self._operator = operator
         self._own = own
@@ -85,7 +82,6 @@ class Bridge:
         self._drive: DrivePath | None = None
         self._loop = asyncio.get_running_loop()
         self._timestamps = CommandTimestamps(time.monotonic())
-        self._ended: asyncio.Future[CloseReason] = self._loop.create_future()
         self._received_at = self._loop.time()
         self._bytes_to_robot = 0
         self._bytes_to_client = 0
@@ -97,22 +93,11 @@ class Bridge:
         """How many bytes of messages went either way."""
         return self._bytes_to_robot + self._bytes_to_client
 
-    def end(self, close_reason: CloseReason) -> None:
-        """End the connection at once; the first ending counts."""
-        if not self._ended.done():
-            self._ended.set_result(close_reason)
-
     async def run(self, connect: Callable[[], Awaitable[RobotEnd]]) -> CloseReason:
         """Reach the robot and pass messages; return why that ended. `farewell` comes next."""
         if self._ended.done():
             return self._ended.result()
-        work = asyncio.create_task(self._guard(self._work(connect)))
-        try:
-            return await self._ended
-        finally:
-            # The pumps must be still before the close frame, which is the last frame.
-            work.cancel()
-            await asyncio.gather(work, return_exceptions=True)
+        return await self._run_until_ended(self._work(connect))
 
     async def close_reason_of_gone(self) -> CloseReason:
         """Return why a connection that is gone ended, by the frames that nobody has read yet."""
@@ -133,16 +118,6 @@ class Bridge:
         if self._robot is not None:
             await self._robot.leave()
 
-    async def _guard(self, part: Coroutine[Any, Any, CloseReason]) -> None:
-        """Run a part of the connection; its end, or its defect, ends the connection."""
-        try:
-            self.end(await part)
-        except ConnectionClosedError as exc:
-            self.end(exc.close_reason)
-        except Exception:
-            log.exception("robot %s: an operator's connection failed", self._name)
-            self.end(close_reasons.relay_failed())
-
     async def _work(self, connect: Callable[[], Awaitable[RobotEnd]]) -> CloseReason:
         robot_end = await connect()
         self._robot = robot = robot_end.socket
@@ -156,10 +131,7 @@ class Bridge:
         if robot_end.lease is not None:
             self._drive = DrivePath(robot_end.lease, robot, self._timestamps, self._count_to_robot)
             parts.append(self._send_commands(self._drive))
-        async with asyncio.TaskGroup() as group:
-            for part in parts:
-                group.create_task(self._guard(part))
-        return await self._ended
+        return await self._run_together(*parts)
 
     async def _pump_to_robot(self, robot: RobotSocket) -> CloseReason:
         while True:

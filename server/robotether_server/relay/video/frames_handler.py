@@ -8,10 +8,8 @@ and else when that is gone: the newest answer to a clock sync, the newest status
 from __future__ import annotations
 
 import asyncio
-import logging
 import time
 from collections import deque
-from collections.abc import Coroutine
 from typing import Any
 
 from aiohttp import WSMsgType, web
@@ -21,7 +19,7 @@ from robotether_server.problems import HttpProblem
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.sockets import ViewerSocket
+from robotether_server.relay.http.sockets import OperatorConnection, ViewerSocket
 from robotether_server.relay.http.timing import Liveness, LivenessLimits, RateLimiter
 from robotether_server.relay.robots.sessions import utc_now
 from robotether_server.relay.video.feeds import Feed
@@ -40,8 +38,6 @@ from robotether_server.relay.video.viewers import (
     counted,
     topic_of,
 )
-
-log = logging.getLogger(__name__)
 
 # Two texts a frame at 60 frames a second, and some.
 MESSAGES_PER_S = 200
@@ -75,19 +71,17 @@ class FramesHandler:
         return socket
 
 
-class FramesSession:
+class FramesSession(OperatorConnection):
     """One viewer of one camera, from the upgrade to the end."""
 
     def __init__(
         self, socket: ViewerSocket, permit: Permit, context: VideoContext, limits: LivenessLimits
     ) -> None:
+        super().__init__(permit.robot.name)
         self._socket = socket
         self._permit = permit
-        self._name = permit.robot.name
         self._context = context
         self._limits = limits
-        loop = asyncio.get_running_loop()
-        self._ended: asyncio.Future[CloseReason] = loop.create_future()
         self._received_s = time.monotonic()
         self._limiter = RateLimiter(
             self._received_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE
@@ -103,11 +97,6 @@ class FramesSession:
         # From `run` on.
         self._feed: Feed
         self._cursor: Cursor
-
-    def end(self, close_reason: CloseReason) -> None:
-        """End the connection at once; the first ending counts."""
-        if not self._ended.done():
-            self._ended.set_result(close_reason)
 
     def notify(self) -> None:
         """The feed has something new."""
@@ -126,30 +115,12 @@ class FramesSession:
             self._context.viewer_stats.viewing(robot.id, user.id),
         ):
             self._cursor = Cursor(self._feed, time.monotonic())
-            work = asyncio.create_task(self._guard(self._work()), name=f"frames of {robot.name}")
-            try:
-                return await self._ended
-            finally:
-                work.cancel()
-                await asyncio.gather(work, return_exceptions=True)
-
-    async def _guard(self, part: Coroutine[Any, Any, CloseReason]) -> None:
-        """Run a part of the connection; its end, or its defect, ends the connection."""
-        try:
-            self.end(await part)
-        except ConnectionClosedError as exc:
-            self.end(exc.close_reason)
-        except ConnectionError:
-            self.end(close_reasons.client_vanished(self._name))
-        except Exception:
-            log.exception("robot %s: a viewer's connection failed", self._name)
-            self.end(close_reasons.relay_failed())
+            return await self._run_until_ended(self._work())
 
     async def _work(self) -> CloseReason:
-        async with asyncio.TaskGroup() as group:
-            for part in (self._read(), self._push_again(), self._watch(), self._ping()):
-                group.create_task(self._guard(part))
-        return await self._ended
+        return await self._run_together(
+            self._read(), self._push_again(), self._watch(), self._ping()
+        )
 
     async def _read(self) -> CloseReason:
         while True:
