@@ -89,6 +89,13 @@ def database(mariadb: MariaDb, admin_database: Database) -> Database:
 
 
 @pytest.fixture
+def relay_database(mariadb: MariaDb, database: Database) -> Database:
+    """The emptied database as account relay."""
+    assert database
+    return Database(mariadb.settings("relay"))
+
+
+@pytest.fixture
 def sql_dir() -> Path:
     """The folder of the migrations."""
     return SQL_DIR

@@ -18,12 +18,6 @@ LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")
 
 
 @pytest.fixture
-def relay(mariadb: MariaDb) -> Database:
-    """The database as the relay sees it."""
-    return Database(mariadb.settings("relay"))
-
-
-@pytest.fixture
 def ids(database: Database) -> dict[str, int]:
     """Ann in the group crew, ben in none; robots a and b at the site lab, c at none."""
     with database.transaction() as tx:
@@ -136,7 +130,7 @@ def test_grant_of_nobody_or_for_nothing_is_refused(
 
 
 def test_each_change_of_rights_is_a_new_version(
-    database: Database, relay: Database, ids: dict[str, int]
+    database: Database, relay_database: Database, ids: dict[str, int]
 ) -> None:
     """Also the passing of an end, which no statement makes."""
     crew, lab, ann = ids["crew"], ids["lab"], ids["ann"]
@@ -163,7 +157,7 @@ def test_each_change_of_rights_is_a_new_version(
     for change in changes:
         with database.transaction() as tx:
             change(tx)
-        with relay.transaction() as tx:
+        with relay_database.transaction() as tx:
             seen.append(fleet.changes(tx).rights)
     assert len(set(seen)) == len(changes)
 

@@ -16,19 +16,13 @@ HOUR = dt.timedelta(hours=1)
 
 
 @pytest.fixture
-def relay(mariadb: MariaDb) -> Database:
-    """The database as the relay sees it."""
-    return Database(mariadb.settings("relay"))
-
-
-@pytest.fixture
 def keylookup(mariadb: MariaDb) -> Database:
     """The database as sshd's lookup sees it."""
     return Database(mariadb.settings("keylookup"))
 
 
-def version(relay: Database) -> str:
-    with relay.transaction() as tx:
+def version(relay_database: Database) -> str:
+    with relay_database.transaction() as tx:
         row = tx.row("SELECT version FROM relay_changes")
     assert row is not None
     return str(row["version"])
@@ -90,7 +84,7 @@ def test_jump_leads_to_the_shells_of_robots_that_one_manages(
     assert all(row["public_key"] == f"ssh-ed25519 {row['user_name']}" for row in rows)
 
 
-def test_rights_that_hold_include_the_admins(database: Database, relay: Database) -> None:
+def test_rights_that_hold_include_the_admins(database: Database, relay_database: Database) -> None:
     """Every admin manages every robot; a disabled user has no right left."""
     with database.transaction() as tx:
         ids = {name: users.add(tx, name, "x", "user") for name in ("ann", "bob")}
@@ -100,7 +94,7 @@ def test_rights_that_hold_include_the_admins(database: Database, relay: Database
         give(tx, ids["bob"], first, "drive")
         give(tx, ids["root"], first, "observe")
         users.set_disabled(tx, ids["bob"], disabled=True)
-    with relay.transaction() as tx:
+    with relay_database.transaction() as tx:
         rows = tx.rows("SELECT * FROM relay_grants")
     assert {(row["user_id"], row["robot_id"], row["level"]) for row in rows} == {
         (ids["ann"], first, "drive"),
@@ -110,7 +104,9 @@ def test_rights_that_hold_include_the_admins(database: Database, relay: Database
     assert len(rows) == 3
 
 
-def test_only_valid_logins_and_tokens_of_enabled_users(database: Database, relay: Database) -> None:
+def test_only_valid_logins_and_tokens_of_enabled_users(
+    database: Database, relay_database: Database
+) -> None:
     """What is over, or belongs to a disabled user, is not there."""
     past = dt.datetime.now(dt.UTC) - HOUR
     with database.transaction() as tx:
@@ -122,13 +118,13 @@ def test_only_valid_logins_and_tokens_of_enabled_users(database: Database, relay
             credentials.create_token(tx, user, "endless", None)
             credentials.create_token(tx, user, "over", past)
         tx.change("UPDATE users SET disabled = TRUE WHERE name = 'bob'")
-    with relay.transaction() as tx:
+    with relay_database.transaction() as tx:
         for view in ("relay_logins", "relay_tokens"):
             rows = tx.rows("SELECT * FROM " + view)
             assert [(row["user_name"], row["role"]) for row in rows] == [("ann", "user")]
 
 
-def test_change_that_commits_late_is_seen(database: Database, relay: Database) -> None:
+def test_change_that_commits_late_is_seen(database: Database, relay_database: Database) -> None:
     """An older moment that commits after a newer one still changes the version."""
     with database.transaction() as tx:
         robots.add(tx, "02:00:00:00:00:01", "early")
@@ -137,8 +133,8 @@ def test_change_that_commits_late_is_seen(database: Database, relay: Database) -
         slow.change("UPDATE robots SET state = 'active' WHERE name = 'early'")
         with database.transaction() as quick:
             quick.change("UPDATE robots SET state = 'active' WHERE name = 'late'")
-        between = version(relay)
-    assert version(relay) != between
+        between = version(relay_database)
+    assert version(relay_database) != between
 
 
 def refuse(keylookup: Database, fingerprint: str) -> None:

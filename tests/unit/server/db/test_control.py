@@ -6,7 +6,6 @@ import datetime as dt
 import json
 
 import pytest
-from mariadb_server import MariaDb
 from robotether_server.db import Database, control, fleet, robots, users
 from robotether_server.db.control import DriveEntry, LeaseEnd, NewLease, Stop, StopEntry
 from robotether_server.db.fleet import FormerSessions
@@ -14,12 +13,6 @@ from robotether_server.problems import RecordRefused
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 HOUR = dt.timedelta(hours=1)
-
-
-@pytest.fixture
-def relay_database(mariadb: MariaDb, database: Database) -> Database:
-    """The emptied database as account relay."""
-    return Database(mariadb.settings("relay"))
 
 
 @pytest.fixture

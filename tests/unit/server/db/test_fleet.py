@@ -6,7 +6,6 @@ import datetime as dt
 
 import pytest
 from granted import give
-from mariadb_server import MariaDb
 from robotether_server.db import Database, Transaction, credentials, fleet, robots, users
 from robotether_server.db.fleet import (
     AuditEntry,
@@ -22,12 +21,6 @@ from robotether_server.robot_settings import DEFAULTS
 HOUR = dt.timedelta(hours=1)
 MAC = "00:1b:44:11:3a:b{}"
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
-
-
-@pytest.fixture
-def relay_database(mariadb: MariaDb, database: Database) -> Database:
-    """The emptied database as account relay."""
-    return Database(mariadb.settings("relay"))
 
 
 @pytest.fixture
