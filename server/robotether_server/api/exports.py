@@ -108,15 +108,14 @@ def answer(
     following = iter(records)
     first = list(islice(following, 1))
     every = chain(first, following)
-    lines = _csv_lines(every, columns) if kind == "csv" else _json_lines(every)
+    lines = (
+        _csv_lines(every, columns)
+        if kind == "csv"
+        else (json.dumps(record) + "\n" for record in every)
+    )
     response = Response(lines, content_type=TYPES[kind])
     response.headers["Content-Disposition"] = f'attachment; filename="{filename}.{kind}"'
     return response
-
-
-def _json_lines(records: Iterable[Object]) -> Iterator[str]:
-    for record in records:
-        yield json.dumps(record) + "\n"
 
 
 def _csv_lines(records: Iterable[Object], columns: Sequence[str]) -> Iterator[str]:

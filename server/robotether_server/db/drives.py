@@ -4,7 +4,7 @@ import datetime as dt
 import json
 from dataclasses import dataclass, fields
 
-from robotether_server.db.database import Row, Transaction
+from robotether_server.db.database import Transaction
 from robotether_server.db.users import User
 from robotether_server.problems import RecordMissing
 from robotether_server.schemas import Amount, Count, Timestamp
@@ -114,8 +114,4 @@ def _select(
         f"{conditions} ORDER BY id DESC LIMIT %s",
         (viewer.is_admin, viewer.name, viewer.id, *values, limit),
     )
-    return [_drive(row) for row in rows]
-
-
-def _drive(row: Row) -> Drive:
-    return Drive(**row | {"refused": json.loads(row["refused"])})
+    return [Drive(**row | {"refused": json.loads(row["refused"])}) for row in rows]

@@ -112,7 +112,9 @@ def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings) -> Answer:
     KeyRejected, KeyInUse, MacElsewhere, TooManyPending or StoreUnavailable.
     """
     robots.lock_enrolment(tx)
-    _forget_old(tx)
+    too_old = dt.datetime.now(dt.UTC) - UNKNOWN_ROBOT_LIFETIME
+    robots.remove_unknown(tx, too_old)
+    robots.remove_old_claims(tx, too_old)
     presented = request.presented
     check_not_rejected(tx, presented.key)
     robot = robots.find_by_mac(tx, presented.mac)
@@ -120,7 +122,9 @@ def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings) -> Answer:
         is_known = robot.fingerprint == presented.key.fingerprint
         _check_not_disabled(robot, presented, is_known=is_known)
         if is_known and robot.state == "active":
-            return _still_active(tx, request, robot)
+            if not request.mac_present:
+                _check_moved(tx, request, robot)
+            return _active(robot)
         if request.previous is not None and rotate(tx, robot, presented, request.previous):
             return _active(robot)
     credential = _credential_of(tx, request, rules)
@@ -212,12 +216,6 @@ class _Joining:
             )
 
 
-def _forget_old(tx: Transaction) -> None:
-    before = dt.datetime.now(dt.UTC) - UNKNOWN_ROBOT_LIFETIME
-    robots.remove_unknown(tx, before)
-    robots.remove_old_claims(tx, before)
-
-
 def _check_not_disabled(robot: Robot, presented: PresentedKey, *, is_known: bool) -> None:
     if robot.state != "disabled":
         return
@@ -229,12 +227,6 @@ def _check_not_disabled(robot: Robot, presented: PresentedKey, *, is_known: bool
         f"cannot join robot {robot.name}: it is disabled; an admin enables it with: "
         f"robotether robot enable {robot.name}"
     )
-
-
-def _still_active(tx: Transaction, request: JoinAttempt, robot: Robot) -> Answer:
-    if not request.mac_present:
-        _check_moved(tx, request, robot)
-    return _active(robot)
 
 
 def _check_moved(tx: Transaction, request: JoinAttempt, robot: Robot) -> None:
