@@ -66,8 +66,7 @@ lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 
 test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
 	@tools/ensure_test_hosts
-	@$(PYTEST) -n 4 $(ENDS_AFTER) 120 -m "not alone" tests/unit benchmarks/tests tests/fuzz
-	@$(PYTEST) $(ENDS_AFTER) 120 -m alone tests/unit benchmarks/tests
+	@$(PYTEST) -n 4 --dist worksteal $(ENDS_AFTER) 120 tests/unit benchmarks/tests tests/fuzz
 
 check: venv ## the short loop: ruff, mypy, and the unit tests that neither start processes nor wait
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target check-lint check-unit
@@ -76,7 +75,7 @@ check-lint:
 	@tools/lint quick
 
 check-unit:
-	@$(PYTEST) -q -n 2 -p no:schemathesis --hypothesis-profile quick --timeout 60 -m "not daemon and not waits and not alone" tests/unit
+	@$(PYTEST) -q -n 2 --dist worksteal -p no:schemathesis --hypothesis-profile quick --timeout 60 -m "not daemon and not waits" tests/unit
 
 coverage: venv ## branch coverage of the product by its unit tests, into tests/artifacts/coverage (some 20 minutes)
 	@tools/ensure_test_hosts

@@ -23,7 +23,7 @@ PACKAGES = (
     "images/sim_robot/sim_robot",
 )
 SCRIPTS = "server/frontend"
-PYTEST = ("pytest", "-q", "-n", "2", "--timeout", "300", "-m", "not alone", "tests/unit")
+PYTEST = ("pytest", "-q", "-n", "2", "--timeout", "300", "tests/unit")
 
 
 def main() -> None:
