@@ -84,7 +84,7 @@ def test_policy_and_guard_are_set_in_one_form(page: Page, stack: Stack) -> None:
     page.get_by_label("Top speed (m/s)").fill("0.75")
     page.get_by_label("Call").first.fill("/arm/*\n/lamp")
     page.get_by_test_id("settings-save").click()
-    _done(page, "The policy and the guard of robot sim3 are set.")
+    _done(page, "The safety and permissions of robot sim3 are saved.")
     expect(page.get_by_test_id("settings")).to_contain_text("0.75")
     expect(page.get_by_test_id("settings")).to_contain_text("/arm/*, /lamp")
     kept = json.loads(stack.sql("SELECT settings FROM robots WHERE name = 'sim3'")[0][0])

@@ -88,7 +88,7 @@ def as_waiting_row(one: PendingKey) -> tuple[str, ...]:
 
 def as_session_row(one: RecordedSession) -> tuple[str, ...]:
     """Return a row under SESSION_HEADS."""
-    ended = timestamp(one.ended_at, "goes on")
+    ended = timestamp(one.ended_at, "ongoing")
     return (
         timestamp(one.started_at, ""),
         ended,

@@ -162,7 +162,7 @@ def state_words(robot: Robot) -> str:
     """Return a robot's state in a word or two."""
     if robot.state != "pending":
         return robot.state.capitalize()
-    return "Waits for approval" if robot.fingerprint else "Announced"
+    return "Awaiting approval" if robot.fingerprint else "Announced"
 
 
 def size_words(count: int) -> str:

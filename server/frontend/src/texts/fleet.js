@@ -3,7 +3,7 @@
 export const fleet = {
   online: (since) => (since ? `Online since ${since}` : "Online"),
   offline: (since) => (since ? `Offline since ${since}` : "Never seen"),
-  pending: "Waiting for approval",
+  pending: "Awaiting approval",
   disabled: "Disabled",
   rtt: (ms) => `${ms} ms`,
   battery: (percent) => `${percent} %`,

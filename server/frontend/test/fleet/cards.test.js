@@ -8,7 +8,7 @@ test("a card says since when, and what keeps a robot from being used", () => {
   assert.match(presenceText({ state: "active", online: true, since }), /^Online since .*\d\d:03$/);
   assert.match(presenceText({ state: "active", online: false, since }), /^Offline since .*\d\d:03$/);
   assert.equal(presenceText({ state: "active", online: false, since: null }), "Never seen");
-  assert.equal(presenceText({ state: "pending", online: false, since: null }), "Waiting for approval");
+  assert.equal(presenceText({ state: "pending", online: false, since: null }), "Awaiting approval");
 });
 
 test("only an online robot's health calls for attention", () => {

@@ -54,13 +54,13 @@ SECTIONS: tuple[Section, ...] = (
             ),
             _whole(
                 "guard.deadman_ms",
-                "Stop without commands after (ms)",
-                "200 to 2000. If no command follows a moving one within this time, the robot is stopped.",
+                "Stop if no command arrives for (ms)",
+                "200 to 2000. Counted from the last command that moves the robot.",
             ),
             _whole(
                 "guard.max_age_ms",
-                "Oldest command (ms)",
-                "200 to 2000. A command that is older on arrival is dropped.",
+                "Ignore commands older than (ms)",
+                "200 to 2000. Their age is checked when they arrive.",
             ),
             _limit("guard.max_speed_m_s", "Top speed (m/s)", "Faster commands are reduced to it."),
             _limit("guard.max_turn_rad_s", "Top turn (rad/s)", "Faster turns are reduced to it."),
@@ -76,19 +76,19 @@ SECTIONS: tuple[Section, ...] = (
             ),
             _limit(
                 "guard.max_steering_rad",
-                "Widest steering (rad)",
+                "Maximum steering angle (rad)",
                 "For robots that steer like a car.",
             ),
         ),
     ),
     Section(
         "Observers",
-        "What a connection that only watches may use.",
+        "What people who only watch may read.",
         (_globs("policy.observe.subscribe", "Subscribe to", "Topics that they may subscribe to."),),
     ),
     Section(
         "Drivers",
-        "What a driver's connection may use.",
+        "What drivers may read, publish and call.",
         (
             _globs("policy.drive.subscribe", "Subscribe to", "Topics that they may subscribe to."),
             _globs(
@@ -105,7 +105,7 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Managers",
-        "What a driver's connection may use if the driver manages the robot.",
+        "What managers may read, publish and call while driving.",
         (
             _globs("policy.manage.subscribe", "Subscribe to", "Topics that they may subscribe to."),
             _globs(

@@ -58,7 +58,7 @@ def show(name: str, problem: Problem | None = None) -> str:
 def save(tx: Transaction, source: Source, name: str) -> Saved:
     """Set all that the form has."""
     robot_service.change_settings(tx, source, name, _from_form)
-    return robots.page_of(name), f"The policy and the guard of robot {name} are set."
+    return robots.page_of(name), f"The safety and permissions of robot {name} are saved."
 
 
 def _filled(field: SettingField, in_force: Settings, defaults: Settings) -> Filled:
@@ -101,16 +101,16 @@ confirmation.register(
     robots.found,
     ConfirmedAction(
         path="/defaults",
-        title="Reset policy and guard of robot {name} to the defaults?",
+        title="Reset safety and permissions of robot {name} to the defaults?",
         effects=(
             "No limits of speed and acceleration; it stops by itself after 0.5 s; drive topics /cmd_vel and */cmd_vel.",
             "Observers subscribe to everything, drivers drive, managers may do everything. The shell user stays.",
-            "It applies at once. If this changes the policy, the drive topics or the oldest command, everybody is "
-            "disconnected and has to open the robot's page again; a robot that is driven stops by itself.",
+            "It applies at once. If it changes drive topics, command age or permissions, it stops the robot and "
+            "disconnects everyone. They must reopen the page.",
         ),
         undo="Set them again; the audit log keeps what they were.",
         button="Back to the defaults",
-        done="The policy and the guard of robot {name} are the defaults.",
+        done="The safety and permissions of robot {name} are the defaults.",
         do=_to_defaults,
         onward="/admin/robots/{name}",
     ),

@@ -38,7 +38,7 @@ STATES = (
     ("online", "Online"),
     ("offline", "Offline"),
     ("active", "Active"),
-    ("pending", "Announced or waiting"),
+    ("pending", "Announced or awaiting approval"),
     ("disabled", "Disabled"),
     ("stopped", "Stopped"),
     ("driven", "Driven now"),

@@ -26,7 +26,7 @@ def test_row_fits_its_heads() -> None:
     assert len(robot_texts.as_row(seen)) == len(robot_texts.HEADS)
     session = RecordedSession(AT, None, None, "::1", None)
     row = robot_texts.as_session_row(session)
-    assert row == ("2026-01-02 03:04:05", "goes on", "-", "::1", "-")
+    assert row == ("2026-01-02 03:04:05", "ongoing", "-", "::1", "-")
     assert len(row) == len(robot_texts.SESSION_HEADS)
 
 

@@ -62,7 +62,7 @@ def test_show_tells_all_of_one_robot(
         "SHA256:other",
         "MAC is in use",
         "198.51.100.7",
-        "goes on",
+        "ongoing",
     ):
         assert text in shown
     whole = json.loads(run("robot", "show", "sim1", "--json").out)

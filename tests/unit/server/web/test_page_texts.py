@@ -60,7 +60,7 @@ def test_groups_of_a_key_are_the_whole_key() -> None:
     ("state", "fingerprint", "words"),
     [
         ("pending", None, "Announced"),
-        ("pending", "SHA256:x", "Waits for approval"),
+        ("pending", "SHA256:x", "Awaiting approval"),
         ("active", "SHA256:x", "Active"),
         ("disabled", None, "Disabled"),
     ],

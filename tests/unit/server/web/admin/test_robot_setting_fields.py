@@ -23,7 +23,7 @@ def test_summary_has_what_differs() -> None:
     """In words; the defaults are nothing, and what is no setting is said."""
     assert summary({}) == []
     assert summary({"guard": {"deadman_ms": 300}, "policy": {"manage": {"call": []}}}) == [
-        ("Guard on the robot: Stop without commands after (ms)", "300"),
+        ("Guard on the robot: Stop if no command arrives for (ms)", "300"),
         ("Managers: Call", "none"),
     ]
     assert summary({"guard": {"deadman_ms": 5}})[0][0] == "Not valid"

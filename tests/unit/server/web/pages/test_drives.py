@@ -26,7 +26,7 @@ def test_admin_sees_all_and_user_her_own(
         "12.3 m",
         "0.75 m/s",
         "41 / 80 ms",
-        "15.0 pictures/s",
+        "15.0 frames/s",
         "181.2 MB",
         '2 too old, <span title="topic">3 to a topic that is not allowed</span>',
     ):
@@ -34,7 +34,7 @@ def test_admin_sees_all_and_user_her_own(
     assert "No drive matches" in ann.ask("GET", "/drives").text
     add_drive(admin_database, "sim1", "ann", ended_at=None, stops=1)
     page = ann.ask("GET", "/drives").text
-    assert "goes on" in page
+    assert "ongoing" in page
     assert "1 stop" in page
     assert "zoe" not in page
     assert "/admin/" not in page
