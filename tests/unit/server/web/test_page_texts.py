@@ -156,6 +156,7 @@ def test_every_event_has_words() -> None:
         path.read_text(encoding="utf-8")
         for path in Path(robotether_server.__file__).parent.rglob("*.py")
     )
-    written = set(re.findall(r'(?:Event\(\s*|_audit\(\s*(?:report, )?)"([a-z_]+)"', source))
+    calls = r'(?:audit\.record\(\s*[\w.]+, [\w.]+,|_audit\((?:\s*report,)?)\s*"([a-z_]+)"'
+    written = set(re.findall(calls, source))
     assert len(written) > 30
     assert written <= set(SENTENCES) | BY_DETAILS | WITHOUT_WORDS
