@@ -52,6 +52,8 @@ def memory_of(pid: int) -> Memory:
     lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]
     kb = {name: int(value.split()[0]) for name, value in (line.split(":", 1) for line in lines)}
     command = " ".join(Path(word).name for word in command_line(pid).split()[:4])
+    if "python" in command:
+        command = f"{Path(f'/proc/{pid}/comm').read_text().strip()} ({command})"
     uss = kb["Private_Clean"] + kb["Private_Dirty"]
     return Memory(command, kb["Pss"], kb["Pss_Anon"], uss, kb["Rss"])
 

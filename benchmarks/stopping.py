@@ -172,7 +172,7 @@ def kill_on_robot(words: str, demo: Demo, _: ProgramDriver, __: ExitStack) -> No
     pids = processes.with_words(demo.container(ROBOT), words)
     if not pids:
         raise NeverDroveError(f"cannot measure: no process of {ROBOT} has {words!r} in its command")
-    # The oldest: a second guard waits to take the first one's place.
+    # The oldest: the agent has forked the others, which have its command.
     os.kill(pids[0], signal.SIGKILL)
 
 
@@ -197,7 +197,7 @@ CAUSES: Mapping[str, Callable[[Demo], Outcome]] = {
     "sshd killed": lambda demo: program_loses(demo, partial(kill_service, "sshd")),
     "robot's uplink cut": lambda demo: program_loses(demo, cut_robot),
     "agent killed": lambda demo: program_loses(demo, partial(kill_on_robot, "robotether_agent run")),
-    "guard killed": lambda demo: program_loses(demo, partial(kill_on_robot, "robotether_agent.guard")),
+    "guard killed": lambda demo: program_loses(demo, partial(kill_on_robot, "robot-guard")),
 }  # fmt: skip
 
 

@@ -31,6 +31,8 @@ from robotether_agent.doctor.checks import run_checks
 from robotether_agent.enrolment.enroller import Enroller, EnrolmentStore, enrolment_files, unenrol
 from robotether_agent.enrolment.identity import IdentityStore
 from robotether_agent.files import ensure_directory
+from robotether_agent.guard.fork_server import ForkServer
+from robotether_agent.guard.process import main as run_guard_process
 from robotether_agent.problems import (
     AgentProblem,
     NotEnrolled,
@@ -196,16 +198,27 @@ def run(settings: Settings, environ: Mapping[str, str]) -> int:
     """Run the agent until it ends by itself or is told to, and return its exit code."""
     set_up_log(settings.log_level, environ)
     notifier = Notifier.from_environ(environ)
-    code = asyncio.run(_until_signal(settings, notifier))
+    fork_server = None
+    if settings.guard == "on":
+        # Now: all that agent and guard need is imported, and no event loop runs yet.
+        run_guard = partial(run_guard_process, settings.state_dir, settings.run_dir)
+        fork_server = ForkServer.fork(run_guard)
+    try:
+        code = asyncio.run(_until_signal(settings, notifier, fork_server))
+    finally:
+        if fork_server is not None:
+            fork_server.close()
     notifier.stopping()
     if code == 0:
         log.info("stopped")
     return code
 
 
-async def _until_signal(settings: Settings, notifier: Notifier) -> int:
+async def _until_signal(
+    settings: Settings, notifier: Notifier, fork_server: ForkServer | None
+) -> int:
     """Run the agent until it ends by itself or is told to by SIGTERM or SIGINT."""
-    agent = asyncio.ensure_future(_run(settings, notifier))
+    agent = asyncio.ensure_future(_run(settings, notifier, fork_server))
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         # Only the first one: a second cancellation would cut the orderly end short.
@@ -217,11 +230,11 @@ async def _until_signal(settings: Settings, notifier: Notifier) -> int:
         return 0
 
 
-async def _run(settings: Settings, notifier: Notifier) -> int:
+async def _run(settings: Settings, notifier: Notifier, fork_server: ForkServer | None) -> int:
     """Run the agent until it fails; return the exit code, in a service after a pause that fits."""
     rng, began_s = random.SystemRandom(), time.monotonic()
     try:
-        await Agent(settings, notifier, rng).run()
+        await Agent(settings, notifier, rng, fork_server).run()
     except AgentProblem as problem:
         log.critical("STOPPED: %s", problem)
         code = problem.exit_code

@@ -19,7 +19,7 @@ from robotether_agent import __version__
 from robotether_agent.backoff import Backoff, Uptime, keep_going
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.files import LOCK, ensure_directory, only_one
-from robotether_agent.guard.child_process import guard_command
+from robotether_agent.guard.fork_server import ForkServer, fork_server_command
 from robotether_agent.guard.supervisor import GuardSupervisor, GuardView
 from robotether_agent.health import Health, Vitals
 from robotether_agent.net.server_dialer import SshAddress
@@ -51,10 +51,20 @@ log = logging.getLogger(__name__)
 
 
 class Agent:
-    """One robot's agent; make it, then await run()."""
+    """One robot's agent; make it, then await run().
 
-    def __init__(self, settings: Settings, notifier: Notifier, rng: Random) -> None:
+    `fork_server` forks its guards; without it the first one waits until a program has started that does.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        notifier: Notifier,
+        rng: Random,
+        fork_server: ForkServer | None = None,
+    ) -> None:
         self._settings = settings
+        self._fork_server = fork_server
         self._notifier = notifier
         self._rng = rng
         self._enroller = Enroller(settings)
@@ -104,8 +114,13 @@ class Agent:
 
     def _supervisor(self) -> GuardSupervisor:
         ours = self._settings
-        command = guard_command(ours.state_dir, ours.run_dir, ours.log_level)
-        return GuardSupervisor(ours.rosbridge_url, command, on_change=self._show_guard)
+        command = fork_server_command(ours.state_dir, ours.run_dir, ours.log_level)
+        return GuardSupervisor(
+            ours.rosbridge_url,
+            command,
+            fork_server=self._fork_server,
+            on_change=self._show_guard,
+        )
 
     async def _keep_guard(self) -> None:
         if self._guard is None:

@@ -18,7 +18,7 @@ from stack import Stack
 from stopwatch import Stopwatch
 
 ROBOT = "sim3"
-AGENT, GUARD = "robotether_agent run", "robotether_agent.guard"
+AGENT, GUARD = "robotether_agent run", "robot-guard"
 SPEED_M_S = 0.2
 STANDS_WITHIN_S = 1.0
 # A guard that hangs is known by its silence of 0.6 s, an agent by one of 1 s; a busy machine adds to that.
@@ -118,34 +118,17 @@ async def moves(watch: SimWatch, since: float) -> None:
 
 
 def pids(stack: Stack, words: str) -> list[int]:
-    """The robot's processes with these words in their command, as this machine numbers them, the oldest first."""
+    """The robot's processes with these words in name and command, as this machine numbers them, the oldest first."""
     return processes.with_words(stack.container(ROBOT), words)
 
 
 def send(stack: Stack, words: str, number: signal.Signals) -> float:
-    """Send a signal to the one process with these words, and return when."""
+    """Send a signal to the oldest process with these words, and return when."""
     found = pids(stack, words)
     assert found, f"{ROBOT} runs no {words}"
-    # Of two guards the older one drives; the other waits on the bench.
+    # The agent has forked the others, which have its command.
     os.kill(found[0], number)
     return time.monotonic()
-
-
-def await_the_bench(stack: Stack) -> None:
-    """Wait until a second guard waits, as on a robot that has run for some seconds, and has loaded its Python."""
-    stack.wait("two guards", lambda: len(pids(stack, GUARD)) == 2, ROBOT)
-    young = pids(stack, GUARD)[-1]
-    ticks: list[int] = []
-
-    def has_loaded() -> bool:
-        """Whether it slept in three looks and used no processor: while Python loads, it sleeps for moments only."""
-        if processes.sleeps(young):
-            ticks.append(processes.ticks(young))
-        else:
-            ticks.clear()
-        return len(ticks) > 2 and len(set(ticks[-3:])) == 1
-
-    stack.wait("the bench is ready", has_loaded, ROBOT)
 
 
 @pytest.mark.parametrize(
@@ -166,7 +149,6 @@ async def test_a_process_that_dies_stops_the_robot(
 ) -> None:
     """The wheels get a zero within a second, and the next driver need not help."""
     async with driving(program, watch):
-        await asyncio.to_thread(await_the_bench, stack)
         lost_at = await asyncio.to_thread(send, stack, *what)
         stood_at = await stands(watch, lost_at, within_s)
         await moves(watch, stood_at)

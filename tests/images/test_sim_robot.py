@@ -138,8 +138,18 @@ def test_stop_ends_it_soon(robot: Robot) -> None:
 
 
 def pid_of(robot: Robot, module: str) -> str:
-    """The oldest process that runs a module, nothing if there is none; another guard waits on the bench."""
-    find = f"for p in /proc/[0-9]*; do grep -qz '^{module}$' $p/cmdline 2>/dev/null && basename $p; done"
+    """The oldest process that runs a module, nothing if there is none; the agent has forked the others."""
+    return oldest(robot, f"grep -qz '^{module}$' $p/cmdline")
+
+
+def guard_of(robot: Robot) -> str:
+    """The process of the guard, nothing if there is none."""
+    return oldest(robot, "grep -qx robot-guard $p/comm")
+
+
+def oldest(robot: Robot, condition: str) -> str:
+    """The oldest process `p` of which a condition holds."""
+    find = f"for p in /proc/[0-9]*; do {condition} 2>/dev/null && basename $p; done"
     return robot.shell(f"({find}) | sort -n | head -n 1")[1]
 
 
@@ -152,14 +162,14 @@ def test_end_of_the_simulator_is_the_end(robot: Robot) -> None:
 def test_an_agent_that_dies_is_started_anew(robot: Robot) -> None:
     """As on a real robot its guard ends with it, and both come back beside the simulator that runs on."""
     simulator = pid_of(robot, "sim_robot")
-    robot.wait("a guard", lambda: bool(pid_of(robot, "robotether_agent.guard")))
-    agent, guard = pid_of(robot, "robotether_agent"), pid_of(robot, "robotether_agent.guard")
+    robot.wait("a guard", lambda: bool(guard_of(robot)))
+    agent, guard = pid_of(robot, "robotether_agent"), guard_of(robot)
     robot.shell(f"kill -KILL {agent}")
     robot.wait(
         "another agent and guard",
         lambda: (
             pid_of(robot, "robotether_agent") not in {"", agent}
-            and pid_of(robot, "robotether_agent.guard") not in {"", guard}
+            and guard_of(robot) not in {"", guard}
         ),
     )
     assert pid_of(robot, "sim_robot") == simulator
@@ -168,10 +178,10 @@ def test_an_agent_that_dies_is_started_anew(robot: Robot) -> None:
 
 def test_a_guard_that_dies_is_started_anew(robot: Robot) -> None:
     """The agent has another one at once."""
-    robot.wait("a guard", lambda: bool(pid_of(robot, "robotether_agent.guard")))
-    agent, guard = pid_of(robot, "robotether_agent"), pid_of(robot, "robotether_agent.guard")
+    robot.wait("a guard", lambda: bool(guard_of(robot)))
+    agent, guard = pid_of(robot, "robotether_agent"), guard_of(robot)
     robot.shell(f"kill -KILL {guard}")
-    robot.wait("another guard", lambda: pid_of(robot, "robotether_agent.guard") not in {"", guard})
+    robot.wait("another guard", lambda: guard_of(robot) not in {"", guard})
     assert pid_of(robot, "robotether_agent") == agent
 
 

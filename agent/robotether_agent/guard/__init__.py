@@ -1,9 +1,8 @@
 """The guard: sits in front of the robot's rosbridge and stops the robot when commands stop.
 
-Started by the agent as `python -m robotether_agent.guard`, a process of its own, so that neither the agent's
-other work nor its crash can delay a stop. docs/reference/protocols.md, "The guard", says what it does. It must never
-let a drive command through that it has not checked, never move the robot by itself, and never publish where
-nobody has driven through it.
+A process of its own, forked for the agent, so that neither the agent's other work nor its crash can delay a stop.
+docs/reference/protocols.md, "The guard", says what it does. It must never let a drive command through that it has not
+checked, never move the robot by itself, and never publish where nobody has driven through it.
 
     operator -> server -> drive_messages -> drive_controller -> rosbridge
                    `---- everything else, unchanged ----> rosbridge
@@ -17,5 +16,6 @@ nobody has driven through it.
     rosbridge         the connections to it: each operator's, and the one on which commands and zeros go
     latch             the stop
 
-In the agent's own process `supervisor` keeps a guard running, and `child_process` is one of them.
+In the agent's own process `supervisor` keeps a guard running, and `child_process` is one of them. `fork_server` is
+the process that forks them, and the agent's end of it.
 """

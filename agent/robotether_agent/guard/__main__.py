@@ -1,11 +1,13 @@
-"""Starts a guard: `python -m robotether_agent.guard --state-dir DIR --run-dir DIR`; the agent does."""
+"""Starts a guard on standard input and output, or the fork server of an agent whose socket is standard input."""
 
 import argparse
-import asyncio
 import os
+import socket
+import sys
+from functools import partial
 from pathlib import Path
 
-from robotether_agent.guard.process import run
+from robotether_agent.guard import fork_server, process
 from robotether_agent.systemd import set_up_log
 
 if __name__ == "__main__":
@@ -13,6 +15,10 @@ if __name__ == "__main__":
     parser.add_argument("--state-dir", type=Path, required=True, help="keeps the stop")
     parser.add_argument("--run-dir", type=Path, required=True, help="keeps the mark of motion")
     parser.add_argument("--log-level", default="info")
+    parser.add_argument("--fork-server", action="store_true")
     arguments = parser.parse_args()
     set_up_log(arguments.log_level, os.environ)
-    asyncio.run(run(arguments.state_dir, arguments.run_dir))
+    run_guard = partial(process.main, arguments.state_dir, arguments.run_dir)
+    if arguments.fork_server:
+        fork_server.serve(socket.socket(fileno=0), run_guard)
+    sys.exit(run_guard())

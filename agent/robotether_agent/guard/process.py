@@ -1,15 +1,15 @@
 """The guard's process: builds its parts, reads the agent's lines, and ends with the robot stopped.
 
-Run by `python -m robotether_agent.guard`. Standard input and output are the agent's pipes; the end of input, `exit`
-and SIGTERM are one: zeros, then the end.
+Forked by the fork server, or run by `python -m robotether_agent.guard`. Standard input and output are the agent's
+pipes; the end of input, `exit` and SIGTERM are one: zeros, then the end.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import signal
-import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -176,8 +176,13 @@ class Guard:
             await asyncio.sleep(TICK_EVERY_S)
 
 
-async def run(state_dir: Path, run_dir: Path) -> None:
-    """Run a guard on this process's standard input and output."""
+def main(state_dir: Path, run_dir: Path) -> int:
+    """Run a guard on this process's standard input and output until it ends; return the exit code."""
+    asyncio.run(_run(state_dir, run_dir))
+    return 0
+
+
+async def _run(state_dir: Path, run_dir: Path) -> None:
     lines, pipe = await _standard_input(), await _standard_output()
     async with new_http() as http:
         guard = Guard(http, state_dir, run_dir, GuardReporter(pipe))
@@ -190,11 +195,11 @@ async def run(state_dir: Path, run_dir: Path) -> None:
 async def _standard_input() -> asyncio.StreamReader:
     lines = asyncio.StreamReader(limit=MAX_LINE_BYTES)
     protocol = asyncio.StreamReaderProtocol(lines)
-    await asyncio.get_running_loop().connect_read_pipe(lambda: protocol, sys.stdin)
+    await asyncio.get_running_loop().connect_read_pipe(lambda: protocol, os.fdopen(0, "rb", 0))
     return lines
 
 
 async def _standard_output() -> asyncio.WriteTransport:
     loop = asyncio.get_running_loop()
-    pipe, _ = await loop.connect_write_pipe(asyncio.BaseProtocol, sys.stdout)
+    pipe, _ = await loop.connect_write_pipe(asyncio.BaseProtocol, os.fdopen(1, "wb", 0))
     return pipe

@@ -21,18 +21,17 @@ from robotether_common.guard import REFUSED_KINDS
 
 from robotether_agent.fields import JsonObject, get_flag, get_int, get_match, get_text, line_of
 from robotether_agent.guard import agent_messages
-from robotether_agent.guard.child_process import START_S, GuardHandle
+from robotether_agent.guard.child_process import GuardProcess
+from robotether_agent.guard.fork_server import ForkServer
 from robotether_agent.problems import GuardDown
 from robotether_agent.tasks import first_of
 
 # A guard that lived this long was a good one: its end is a new trouble, not the old one.
-STABLE_S = 10.0
+STABLE_S = 3.0
 FIRST_PAUSE_S = 0.1
 # A guard that dies while the robot moves is followed by one that stops it, and that within a second.
 MAX_PAUSE_S = 0.4
-# When the guard is there for a while: a robot that boots has other work.
-SPARE_AFTER_S = 3.0
-SPARE_CHECK_S = 1.0
+FORK_SERVER_CHECK_S = 1.0
 # Lines that a session has not sent yet; the guard says few.
 MAX_UNSENT_LINES = 64
 # The message that tells a guard of a stop that the one before it had confirmed.
@@ -67,6 +66,7 @@ class GuardSupervisor:
         rosbridge_url: str,
         command: Sequence[str],
         *,
+        fork_server: ForkServer | None = None,
         on_change: Callable[[GuardView], None] = lambda _: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -75,8 +75,8 @@ class GuardSupervisor:
         self._command = command
         self._on_change = on_change
         self._clock = clock
-        self._guard: GuardHandle | None = None
-        self._spare: GuardHandle | None = None
+        self._guard: GuardProcess | None = None
+        self._fork_server = fork_server
         self._followers: set[asyncio.Queue[JsonObject]] = set()
         self._last_status: JsonObject | None = None
         # What a new guard is told.
@@ -95,12 +95,13 @@ class GuardSupervisor:
                     await self._run_one()
                 except GuardDown as problem:
                     restarts = 1 if self._clock() - began >= STABLE_S else restarts + 1
-                    pause_s = 0.0 if self._has_spare else pause_before(restarts)
+                    pause_s = pause_before(restarts)
                     log.warning("%s; another one follows in %.1f s", problem, pause_s)
                     self._is_down(problem.message)
                     await asyncio.sleep(pause_s)
         finally:
-            await self._drop_spare()
+            if self._fork_server is not None:
+                self._fork_server.close()
 
     @contextmanager
     def following(self) -> Iterator[asyncio.Queue[JsonObject]]:
@@ -152,14 +153,13 @@ class GuardSupervisor:
         self._send({"type": "release", "id": message_id, "by": by})
 
     async def _run_one(self) -> NoReturn:
-        guard = await self._next_guard()
+        guard = await self._start_guard()
         log.debug("guard %d takes over", guard.pid)
         try:
             self._guard = guard
             self._keep_stop()
             for message in self._replay():
                 guard.send(message)
-            guard.activate(self._on_line)
             await self._serve(guard)
         except GuardDown:
             # Also of one that only hangs: two guards at once must never drive.
@@ -169,42 +169,34 @@ class GuardSupervisor:
             self._guard = None
             await guard.end()
 
-    async def _serve(self, guard: GuardHandle) -> NoReturn:
-        await first_of(guard.until_end(), self._keep_spare())
+    async def _serve(self, guard: GuardProcess) -> NoReturn:
+        await first_of(guard.serve(self._on_line), self._keep_fork_server())
         raise GuardDown("the guard ended")
 
-    @property
-    def _has_spare(self) -> bool:
-        """Whether somebody can take over at once; a spare that knows of another stop than ours is no help."""
-        return self._spare is not None and self._spare.is_fit(stopped=self.view.stopped)
-
-    async def _next_guard(self) -> GuardHandle:
-        """Return the hot spare, or start a guard."""
-        if self._spare is not None and self._has_spare:
-            guard, self._spare = self._spare, None
-            return guard
-        await self._drop_spare()
-        return await GuardHandle.start(self._command)
-
-    async def _keep_spare(self) -> NoReturn:
-        """Have one more guard as a hot spare, whose Python has started already."""
-        while True:
-            await asyncio.sleep(SPARE_AFTER_S)
-            if self.view.port is None:
-                continue
+    async def _start_guard(self) -> GuardProcess:
+        if self._fork_server is not None:
             try:
-                self._spare = self._spare or await GuardHandle.start(self._command)
-                fit_by = self._clock() + START_S
-                while self._clock() < fit_by or self._spare.is_fit(stopped=self.view.stopped):
-                    await self._spare.ended(SPARE_CHECK_S)
+                return await GuardProcess.start(self._fork_server)
             except GuardDown as problem:
-                log.info("the spare guard ended: %s", problem.message)
-            await self._drop_spare()
+                self._drop_fork_server(problem)
+        self._fork_server = ForkServer.start(self._command)
+        return await GuardProcess.start(self._fork_server)
 
-    async def _drop_spare(self) -> None:
-        spare, self._spare = self._spare, None
-        if spare is not None:
-            await spare.kill()
+    async def _keep_fork_server(self) -> NoReturn:
+        """Have a fork server that answers, so that the next guard need not wait for Python to start."""
+        while True:
+            await asyncio.sleep(FORK_SERVER_CHECK_S)
+            try:
+                self._fork_server = self._fork_server or ForkServer.start(self._command)
+                await self._fork_server.check()
+            except GuardDown as problem:
+                self._drop_fork_server(problem)
+
+    def _drop_fork_server(self, problem: GuardDown) -> None:
+        log.warning("%s; another one follows", problem)
+        if self._fork_server is not None:
+            self._fork_server.kill()
+        self._fork_server = None
 
     def _keep_stop(self) -> None:
         """Have the stop of the last guard told to this one, which may not have found it: disks fail."""

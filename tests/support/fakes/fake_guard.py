@@ -1,4 +1,4 @@
-"""A guard process for tests of its supervisor: `python fake_guard.py PLACE MODE`, with named modes.
+"""A fork server of fake guards, for tests of the supervisor: `python fake_guard.py PLACE MODE`, with named modes.
 
 serves         listens, ticks, answers stop and release, ends when it is told to
 dies           ends at once, before a word
@@ -8,7 +8,7 @@ deaf           serves and ticks, but reads nothing
 stays          serves, and does not end when it is told to
 rubbish        listens, and says what is no JSON
 
-It notes what it hears in PLACE/heard.jsonl, one JSON object a line, begun by {"type": "born", "pid", "port"}.
+It notes what it hears in PLACE/heard.jsonl, one JSON object a line, begun by {"type": "born", "pid", "parent", "port"}.
 MODE may be several with commas: each start takes the next one, the last one stays.
 """
 
@@ -23,14 +23,16 @@ import time
 from pathlib import Path
 from typing import Any
 
+from robotether_agent.guard.fork_server import serve
+
 TICK_S = 0.1
 STATE = {"type": "guard", "state": "ready", "stopped": False, "by": "", "moving": False}
 REFUSED = {"old": 0, "fence": 0, "stopped": 0, "shape": 0, "held": 0}
 
 
 def fake_guard_command(place: Path, *modes: str) -> list[str]:
-    """Return the command of a guard that does as the modes say."""
-    return [sys.executable, "-I", "-S", __file__, str(place), ",".join(modes)]
+    """Return the command of a fork server whose guards do as the modes say."""
+    return [sys.executable, __file__, str(place), ",".join(modes)]
 
 
 def heard(place: Path) -> list[dict[str, Any]]:
@@ -56,7 +58,7 @@ class FakeGuard:
     def run(self) -> int:
         """Do as the mode says, and return the exit status."""
         port = self._door.getsockname()[1]
-        self._note({"type": "born", "pid": os.getpid(), "port": port})
+        self._note({"type": "born", "pid": os.getpid(), "parent": os.getppid(), "port": port})
         if self._mode == "dies":
             return 1
         if self._mode == "rubbish":
@@ -104,4 +106,6 @@ class FakeGuard:
 
 
 if __name__ == "__main__":
-    sys.exit(FakeGuard(Path(sys.argv[1]), sys.argv[2].split(",")).run())
+    serve(
+        socket.socket(fileno=0), lambda: FakeGuard(Path(sys.argv[1]), sys.argv[2].split(",")).run()
+    )

@@ -3,41 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from pathlib import Path
 
 from docker.models.containers import Container
 from proc_stat import words_of
 
-# Of proc(5)'s stat, counted from the state, which follows the name.
-STATE, USER_TICKS, SYSTEM_TICKS, START = 0, 11, 12, 19
+# When it started, in proc(5)'s stat, counted from the state, which follows the name.
+START = 19
 
 
 def with_words(container: Container, words: str) -> list[int]:
-    """Those with these whole words in their command, the oldest first: numbers begin anew when they are used up.
+    """Those with these whole words in name and command, the oldest first: numbers begin anew when they are used up.
 
     Whole: a health check of `-m sim_robot.healthcheck` is no `-m sim_robot`, and is gone a moment later.
     """
-    table = container.top(ps_args="-eo pid,args")["Processes"]
+    table = container.top(ps_args="-eo pid,comm,args")["Processes"]
     told = re.compile(rf"(?<!\S){re.escape(words)}(?!\S)")
-    found = [int(pid) for pid, command in table if told.search(command) and "tini" not in command]
+    found = [
+        int(pid)
+        for pid, *named in table
+        if told.search(" ".join(named)) and "tini" not in named[-1]
+    ]
     return sorted(filter(_lives, found), key=_started)
-
-
-def oldest(pids: Iterable[int]) -> int:
-    """The one that started first, whatever its number."""
-    return min(pids, key=_started)
-
-
-def ticks(pid: int) -> int:
-    """Processor time that a process has used so far, in the kernel's ticks."""
-    words = words_of(pid)
-    return int(words[USER_TICKS]) + int(words[SYSTEM_TICKS])
-
-
-def sleeps(pid: int) -> bool:
-    """Whether it waits for something else than a processor."""
-    return words_of(pid)[STATE] == "S"
 
 
 def _lives(pid: int) -> bool:

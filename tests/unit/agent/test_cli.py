@@ -24,13 +24,14 @@ import pytest
 from aiohttp import web
 from fake_cloud import FakeCloud, agent_environ, eventually
 from fake_root import FakeRoot
-from openssh_server import descendants
+from openssh_server import command_line, descendants, is_alive
 from robotether_agent import __version__, cli
 from robotether_agent import cli as command
 from robotether_agent.cli import act_as_agent, become_owner, identity, main, status
 from robotether_agent.doctor import Finding, fail, ok, skipped
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.files import LOCK, ensure_directory, only_one
+from robotether_agent.guard.fork_server import GUARD_NAME, SERVER_NAME
 from robotether_agent.problems import AlreadyRunning, ServerKeyChanged
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import StatusWriter, read_status
@@ -86,10 +87,13 @@ async def test_runs_tells_its_status_and_ends_on_sigterm(make_cloud, start, plac
     assert out.decode().startswith("state         connected since")
     assert "rosbridge     down" in out.decode() or "rosbridge     unknown" in out.decode()
     clients = descendants(agent.pid)
-    agent.send_signal(signal.SIGTERM)
+    for pid in (*clients, agent.pid):
+        # Systemd sends it to all of them.
+        os.kill(pid, signal.SIGTERM)
     _, log = await asyncio.wait_for(agent.communicate(), 6)
     assert agent.returncode == 0, log.decode()
     assert clients
+    assert "another one follows" not in log.decode()
     assert not set(clients) & set(descendants(os.getpid()))
     assert "robot sim1: connected to 127.0.0.1 port" in log.decode()
     asked = await start(cloud, "status")
@@ -109,18 +113,44 @@ async def test_sigterm_while_it_waits(make_cloud, start, place):
     assert "robotether robot approve robot-00000a" in log.decode()
 
 
-async def test_killed_agent_leaves_no_clients(make_cloud, start, place):
-    """Even when the agent is killed its SSH clients end by themselves."""
+async def test_killed_agent_leaves_nothing_behind(make_cloud, start, place):
+    """Even when the agent is killed its SSH clients, its guard and the fork server end by themselves."""
     cloud = await make_cloud()
     agent = await start(cloud, "run")
     await eventually(state_is(place, "connected"), lambda: "connected")
     await cloud.link("media")
+    started = descendants(agent.pid)
     agent.kill()
     await agent.wait()
     await eventually(
         lambda: not cloud.of_kind("session") and not cloud.of_kind("media"),
         lambda: "both links have ended",
     )
+    await eventually(lambda: not any(map(is_alive, started)), lambda: "all have ended")
+
+
+async def test_guards_are_forked(make_cloud, start, place):
+    """No Python starts for a guard: the first one and those that follow share the agent's memory."""
+    agent = await start(await make_cloud(), "run")
+    await eventually(state_is(place, "connected"), lambda: "connected")
+
+    def named(name: str) -> list[int]:
+        return [pid for pid in descendants(agent.pid) if name_of(pid) == name]
+
+    [server], [first] = named(SERVER_NAME), named(GUARD_NAME)
+    assert command_line(first) == command_line(server) == command_line(agent.pid)
+    os.kill(first, signal.SIGKILL)
+    await eventually(lambda: named(GUARD_NAME) not in ([], [first]), lambda: "another one")
+    assert named(SERVER_NAME) == [server]
+    assert descendants(server) == named(GUARD_NAME)
+
+
+def name_of(pid: int) -> str:
+    """What `ps -o comm` shows."""
+    try:
+        return Path(f"/proc/{pid}/comm").read_text().strip()
+    except OSError:
+        return "(ended)"
 
 
 async def test_changed_host_key_has_its_exit_code(make_cloud, start, place):
@@ -208,7 +238,7 @@ def test_failed_start_pauses_before_systemd_starts_the_agent_again(
     monkeypatch.setattr(command, "Agent", failing(ZeroDivisionError("a defect")))
     monkeypatch.setattr(command, "before_restart", lambda *_: 0.5)
     began = time.monotonic()
-    assert command.run(Settings(server="a.example", run_dir=place), environ) == 1
+    assert command.run(Settings(server="a.example", run_dir=place, guard="off"), environ) == 1
     assert time.monotonic() - began >= 0.5
     told = said(systemd)
     assert told[0] == "STATUS=failed; starts again in 0 s"
@@ -222,7 +252,7 @@ def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, sys
     stop = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM))
     stop.start()
     began = time.monotonic()
-    assert command.run(Settings(server="a.example", run_dir=place), environ) == 0
+    assert command.run(Settings(server="a.example", run_dir=place, guard="off"), environ) == 0
     assert time.monotonic() - began < 30
     stop.join()
 
@@ -230,7 +260,7 @@ def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, sys
 def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, systemd):
     """Neither for a person at a terminal, nor where the unit says that a person must look first."""
     monkeypatch.setattr(command, "before_restart", lambda *_: pytest.fail("it pauses"))
-    settings = Settings(server="a.example", run_dir=place)
+    settings = Settings(server="a.example", run_dir=place, guard="off")
     monkeypatch.setattr(command, "Agent", failing(AlreadyRunning("cannot start")))
     assert command.run(settings, {}) == AlreadyRunning.exit_code
     monkeypatch.setattr(command, "Agent", failing(ServerKeyChanged("another key")))
@@ -240,7 +270,7 @@ def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, syst
 def test_an_error_of_the_agent_itself_leaves_its_traceback(monkeypatch, place, capsys):
     """Systemd starts it again, and the journal has what a developer needs."""
     monkeypatch.setattr(command, "Agent", failing(ZeroDivisionError("a defect")))
-    assert command.run(Settings(server="a.example", run_dir=place), {}) == 1
+    assert command.run(Settings(server="a.example", run_dir=place, guard="off"), {}) == 1
     told = capsys.readouterr().err
     assert "stopped by an error in the agent itself" in told
     assert "ZeroDivisionError: a defect" in told
@@ -251,7 +281,9 @@ def test_a_problem_that_ends_it_has_its_exit_code(monkeypatch, place, capsys):
     monkeypatch.setattr(
         command, "Agent", failing(AlreadyRunning("cannot start: another agent runs"))
     )
-    code = command.run(Settings(server="a.example", run_dir=place), {"JOURNAL_STREAM": "1:2"})
+    code = command.run(
+        Settings(server="a.example", run_dir=place, guard="off"), {"JOURNAL_STREAM": "1:2"}
+    )
     assert code == AlreadyRunning.exit_code
     assert capsys.readouterr().err.splitlines() == [
         "<2>STOPPED: cannot start: another agent runs [already_running]"

@@ -17,7 +17,7 @@ import pytest
 from fake_guard import births, fake_guard_command, heard
 from fake_rosbridge import FakeRosbridge
 from guard_process import KEY, GuardClient, GuardProcess
-from robotether_agent.guard import child_process, supervisor
+from robotether_agent.guard import child_process, fork_server
 from robotether_agent.guard.supervisor import GuardSupervisor
 from sim_client import until
 from syrupy.assertion import SnapshotAssertion
@@ -69,7 +69,8 @@ async def test_what_the_agent_writes(
     monkeypatch.setattr(child_process, "SILENCE_S", PATIENCE_S)
     monkeypatch.setattr(child_process, "START_S", PATIENCE_S)
     monkeypatch.setattr(child_process, "EXIT_S", PATIENCE_S)
-    monkeypatch.setattr(supervisor, "SPARE_AFTER_S", PATIENCE_S)
+    monkeypatch.setattr(fork_server, "START_S", PATIENCE_S)
+    monkeypatch.setattr(fork_server, "ANSWER_S", PATIENCE_S)
     agent = GuardSupervisor("ws://127.0.0.1:9090/", fake_guard_command(tmp_path, "serves"))
     running = asyncio.ensure_future(agent.run())
 

@@ -13,19 +13,21 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
-import processes
 import pytest
 from fake_cloud import echo, eventually
 from fake_guard import births, fake_guard_command, heard
-from openssh_server import command_line, descendants
+from openssh_server import descendants, is_alive
 from robotether_agent.guard.child_process import (
     SILENCE_S,
-    START_S,
     TICK_S,
-    GuardHandle,
     GuardProcess,
     SilenceDetector,
-    guard_command,
+)
+from robotether_agent.guard.fork_server import (
+    GUARD_NAME,
+    START_S,
+    ForkServer,
+    fork_server_command,
     guard_environment,
 )
 from robotether_agent.problems import GuardDown
@@ -40,14 +42,18 @@ Start = Callable[[str], Awaitable[GuardProcess]]
 async def start(place: Path) -> AsyncIterator[Start]:
     """Starts fake guards by mode, and ends them."""
     started: list[GuardProcess] = []
+    servers: list[ForkServer] = []
 
     async def one(mode: str) -> GuardProcess:
-        started.append(await GuardProcess.start(fake_guard_command(place, mode)))
+        servers.append(ForkServer.start(fake_guard_command(place, mode)))
+        started.append(await GuardProcess.start(servers[-1]))
         return started[-1]
 
     yield one
     for guard in started:
         await guard.kill()
+    for server in servers:
+        server.close()
 
 
 async def served(guard: GuardProcess, lines: list[dict[str, Any]] | None = None) -> str:
@@ -122,14 +128,13 @@ async def test_one_that_does_not_end_is_killed(start, place, monkeypatch):
     guard = await start("stays")
     await eventually(lambda: bool(births(place)), lambda: "it runs")
     await asyncio.wait_for(guard.end(), 5)
-    with pytest.raises(ProcessLookupError):
-        os.kill(guard.pid, 0)
+    await eventually(lambda: not is_alive(guard.pid), lambda: "it is killed")
 
 
 async def test_a_guard_that_cannot_be_started_is_down(place):
     """A missing program is told like a guard that ended."""
     with pytest.raises(GuardDown, match="cannot start the guard: No such file"):
-        await GuardProcess.start([str(place / "none")])
+        ForkServer.start([str(place / "none")])
 
 
 def test_time_in_which_the_agent_stood_still_is_no_silence():
@@ -168,10 +173,11 @@ def test_the_guard_is_the_one_that_came_with_the_agent():
 
 def test_the_command_names_both_directories():
     """The guard runs by the agent's own Python."""
-    command = guard_command(Path("/state"), Path("/run/agent"), "debug")
+    command = fork_server_command(Path("/state"), Path("/run/agent"), "debug")
     assert command[1:] == [
         "-m",
         "robotether_agent.guard",
+        "--fork-server",
         "--state-dir",
         "/state",
         "--run-dir",
@@ -249,17 +255,9 @@ async def test_without_a_guard_the_forward_is_bare(make_cloud, start_agent, capl
 
 def guard_pid() -> int:
     """The guard that this process's agent has started."""
-    # Another one may wait as a hot spare.
-    return processes.oldest(
-        pid for pid in descendants(os.getpid()) if "robotether_agent.guard" in command_line(pid)
-    )
-
-
-async def test_a_dead_one_is_not_fit(place):
-    handle = await GuardHandle.start(fake_guard_command(place, "serves"))
-    await eventually(lambda: handle.is_fit(stopped=False), lambda: "it is ready")
-    os.kill(births(place)[0]["pid"], signal.SIGKILL)
-    with pytest.raises(GuardDown, match="SIGKILL"):
-        await handle.until_end()
-    assert not handle.is_fit(stopped=False)
-    await handle.kill()
+    [pid] = [
+        pid
+        for pid in descendants(os.getpid())
+        if Path(f"/proc/{pid}/comm").read_text().strip() == GUARD_NAME
+    ]
+    return pid

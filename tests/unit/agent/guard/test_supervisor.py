@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from fake_cloud import eventually
 from fake_guard import births, fake_guard_command, heard
+from openssh_server import is_alive
 from robotether_agent.fields import FieldError
 from robotether_agent.guard.supervisor import (
     MAX_PAUSE_S,
@@ -132,69 +133,51 @@ async def test_a_killed_guard_is_back_with_all_that_it_must_know(keep, place, ca
     assert [view.port is None for view in running.views if view.state == "down"] == [True]
 
 
-async def test_a_hot_spare_takes_over(keep, place, monkeypatch):
-    """A second guard waits without settings, and has them in the moment in which the first one dies."""
-    monkeypatch.setattr("robotether_agent.guard.supervisor.SPARE_AFTER_S", 0.05)
+@pytest.mark.parametrize("harm", [signal.SIGKILL, signal.SIGSTOP])
+async def test_a_fork_server_that_fails_is_replaced(keep, place, monkeypatch, harm):
+    """Its guard stays, also while another one starts, and the next guard is the other one's."""
+    monkeypatch.setattr("robotether_agent.guard.supervisor.FORK_SERVER_CHECK_S", 0.05)
+    monkeypatch.setattr("robotether_agent.guard.fork_server.ANSWER_S", 0.3)
+    running = keep("serves")
+    await running.ready()
+    first = running.supervisor._fork_server
+    os.kill(first.pid, harm)
+    await eventually(
+        lambda: running.supervisor._fork_server not in {None, first}, lambda: "another one"
+    )
+    await eventually(lambda: not is_alive(first.pid), lambda: "the first one is gone")
+    assert {view.state for view in running.views} == {"ready"}
+    second = running.supervisor._fork_server.pid
+    os.kill(births(place)[0]["pid"], signal.SIGKILL)
+    await running.ready(2)
+    assert births(place)[1]["parent"] == second
+    await running.stop()
+    assert not any(is_alive(pid) for pid in (second, births(place)[1]["pid"]))
+
+
+@pytest.mark.parametrize("harm", [signal.SIGKILL, signal.SIGSTOP])
+async def test_a_guard_is_followed_without_a_fork_server(keep, place, monkeypatch, harm):
+    """Both may fail at once; then Python has to start for the next guard."""
+    monkeypatch.setattr("robotether_agent.guard.fork_server.ANSWER_S", 0.3)
     running = keep("serves")
     await running.ready()
     running.supervisor.on_config(WANTS, direct=False)
-    await eventually(lambda: len(births(place)) == 2, lambda: "one a hot spare")
-    spare = running.supervisor._spare
-    await eventually(lambda: spare.is_fit(stopped=False), lambda: "it is ready")
-    assert heard(place)[-1]["type"] == "born"
-    os.kill(births(place)[0]["pid"], signal.SIGKILL)
-    at_port = births(place)[1]["port"]
-    await eventually(
-        lambda: running.supervisor.view.port == at_port, lambda: f"{running.supervisor.view}"
-    )
+    os.kill(running.supervisor._fork_server.pid, harm)
+    guard = births(place)[0]["pid"]
+    os.kill(guard, harm)
+    await running.ready(2)
+    assert (await running.hears("config"))[0]["guard"] == WANTS
+    assert not is_alive(guard)
 
-    def heard_by_the_spare() -> list[str]:
-        kinds = [line["type"] for line in heard(place)]
-        return kinds[kinds.index("born", kinds.index("born") + 1) + 1 :]
 
-    await eventually(lambda: len(heard_by_the_spare()) >= 2, lambda: f"{heard_by_the_spare()}")
-    assert heard_by_the_spare()[:2] == ["config", "session"]
-    assert running.supervisor.view.state == "ready"
-    await eventually(lambda: len(births(place)) == 3, lambda: "another one a hot spare")
+async def test_a_guard_ends_in_order_after_its_fork_server(keep, place):
+    """It is asked to stop the robot, and has the time for it."""
+    running = keep("serves")
+    await running.ready()
+    os.kill(running.supervisor._fork_server.pid, signal.SIGKILL)
     await running.stop()
-    for born_ in births(place):
-        with pytest.raises(ProcessLookupError):
-            os.kill(born_["pid"], 0)
-
-
-async def test_a_hot_spare_needs_no_pause(keep, place, monkeypatch):
-    """A guard that dies again and again must not leave a robot in motion to wait for the next one."""
-    monkeypatch.setattr("robotether_agent.guard.supervisor.SPARE_AFTER_S", 0.05)
-    monkeypatch.setattr("robotether_agent.guard.supervisor.pause_before", lambda _: 60.0)
-    running = keep("serves")
-    await running.ready()
-    for _ in range(3):
-        await eventually(lambda: running.supervisor._has_spare, lambda: "one a hot spare")
-        port = running.supervisor._spare._spare_lines["ready"]["port"]
-        os.kill(running.supervisor._guard.pid, signal.SIGKILL)
-        await eventually(
-            lambda at=port: running.supervisor.view.port == at,
-            lambda: f"{running.supervisor.view}",
-            1,
-        )
-
-
-async def test_a_spare_that_knows_no_stop_is_left_there(keep, place, monkeypatch):
-    """A guard that looked at the disk before somebody stopped the robot does not take over."""
-    monkeypatch.setattr("robotether_agent.guard.supervisor.SPARE_AFTER_S", 0.05)
-    running = keep("serves")
-    await running.ready()
-    await eventually(lambda: len(births(place)) == 2, lambda: "one a hot spare")
-    running.supervisor.on_stop("5f0c", "ben")
-    await eventually(lambda: running.supervisor.view.stopped, lambda: f"{running.supervisor.view}")
-    os.kill(births(place)[0]["pid"], signal.SIGKILL)
-    await eventually(
-        lambda: running.supervisor.view.port not in {None, births(place)[0]["port"]},
-        lambda: f"{running.supervisor.view}",
-    )
-    assert running.supervisor.view.port != births(place)[1]["port"]
-    with pytest.raises(ProcessLookupError):
-        os.kill(births(place)[1]["pid"], 0)
+    assert heard(place)[-1]["type"] == "exit"
+    await eventually(lambda: not is_alive(births(place)[0]["pid"]), lambda: "it has ended")
 
 
 async def test_a_frozen_guard_is_replaced(keep, place):

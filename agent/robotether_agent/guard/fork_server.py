@@ -1,0 +1,265 @@
+"""The process that forks the guards: it has imported all that a guard needs, and shares its memory with them.
+
+Forked by the cli from the agent before its event loop runs, so the agent shares that memory, too; started anew as a
+program by the supervisor when it has ended. It runs no event loop and no thread, for both are unsafe to fork. It must
+never outlive the agent, whose end it sees as the end of their socket, and never end before: who ends the agent by a
+signal to all its processes lets the agent and the guard stop the robot first.
+
+A request is one packet, answered by one number: FORK with the guard's standard input and output, answered by its
+process id or an error's negative number; WAIT with a process id, answered by the exit code once that guard has ended,
+whose process id is not used again before; PING.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import NoReturn
+
+import robotether_common
+
+import robotether_agent
+from robotether_agent.problems import GuardDown
+
+FORK, WAIT, PING = b"fork", b"wait", b"ping"
+MAX_PACKET_BYTES = 64
+# As `ps -o comm` shows them, instead of the agent's own name; the kernel keeps 15 characters.
+SERVER_NAME, GUARD_NAME = "guard-forks", "robot-guard"
+# Until a program's first answer; a small computer that boots needs seconds to load Python.
+START_S = 20.0
+ANSWER_S = 1.0
+
+# Where the guard's packages lie: one folder once they are installed, two in a checkout.
+PACKAGE_PARENTS = tuple(
+    dict.fromkeys(
+        str(Path(package.__path__[0]).resolve().parent)
+        for package in (robotether_agent, robotether_common)
+    )
+)
+# What only the agent itself may say to systemd.
+NOT_INHERITED = frozenset({"NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC"})
+RunGuard = Callable[[], int]
+
+log = logging.getLogger(__name__)
+
+
+def fork_server_command(state_dir: Path, run_dir: Path, log_level: str) -> list[str]:
+    """Return the command of a fork server of guards, by the Python that runs the agent."""
+    arguments = ["--state-dir", str(state_dir), "--run-dir", str(run_dir), "--log-level", log_level]
+    return [sys.executable, "-m", "robotether_agent.guard", "--fork-server", *arguments]
+
+
+def guard_environment(environ: Mapping[str, str]) -> dict[str, str]:
+    """Return the agent's environment, but for its settings: the guard needs no join token.
+
+    The guard is the one that came with this agent, whatever else Python would find.
+    """
+    inherited = {
+        name: value
+        for name, value in environ.items()
+        if not name.startswith("ROBOTETHER_") and name not in NOT_INHERITED
+    }
+    paths = [*PACKAGE_PARENTS, *filter(None, [environ.get("PYTHONPATH")])]
+    return {**inherited, "PYTHONPATH": os.pathsep.join(paths)}
+
+
+def serve(control: socket.socket, run_guard: RunGuard) -> NoReturn:
+    """Do what the agent asks for, until it is gone; each guard is `run_guard`, which returns its exit code."""
+    status = 1
+    try:
+        _set_name(SERVER_NAME)
+        _on_signals(signal.SIG_IGN)
+        while True:
+            packet, pipes, _, _ = socket.recv_fds(control, MAX_PACKET_BYTES, 2)
+            if not packet:
+                break
+            control.send(b"%d" % _answer(control, packet, pipes, run_guard))
+        status = 0
+    except ConnectionError:
+        # The agent is gone.
+        status = 0
+    except BaseException:
+        log.exception("the fork server fails")
+    finally:
+        # Not sys.exit: what the agent has set up to be done at its end is not to be done here.
+        os._exit(status)
+
+
+def _answer(
+    control: socket.socket, packet: bytes, pipes: Sequence[int], run_guard: RunGuard
+) -> int:
+    if packet.startswith(WAIT):
+        return os.waitstatus_to_exitcode(os.waitpid(int(packet[len(WAIT) :]), 0)[1])
+    if packet != FORK:
+        return 0
+    try:
+        pid = os.fork()
+    except OSError as error:
+        return -(error.errno or 1)
+    if pid == 0:
+        control.close()
+        _be_guard(pipes, run_guard)
+    for pipe in pipes:
+        os.close(pipe)
+    return pid
+
+
+def _be_guard(pipes: Sequence[int], run_guard: RunGuard) -> NoReturn:
+    status = 1
+    try:
+        _on_signals(signal.SIG_DFL)
+        _set_name(GUARD_NAME)
+        for number, pipe in enumerate(pipes):
+            os.dup2(pipe, number)
+            os.close(pipe)
+        status = run_guard()
+    except BaseException:
+        log.exception("stopped by an error in the guard itself")
+    finally:
+        os._exit(status)
+
+
+def _on_signals(action: signal.Handlers) -> None:
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, action)
+
+
+def _set_name(name: str) -> None:
+    with suppress(OSError):
+        Path("/proc/self/comm").write_text(name, encoding="ascii")
+
+
+class ForkServer:
+    """The agent's end of a fork server."""
+
+    def __init__(
+        self, control: socket.socket, pid: int, reap: Callable[[], object], start_s: float
+    ) -> None:
+        control.setblocking(False)
+        self.pid = pid
+        self._control = control
+        self._reap = reap
+        self._answer_s = start_s
+        self._answers: deque[asyncio.Future[int]] = deque()
+        self._is_gone = False
+
+    @classmethod
+    def fork(cls, run_guard: RunGuard) -> ForkServer:
+        """Fork a server off this process, which must have neither an event loop that runs nor a thread."""
+        ours, theirs = _socket_pair()
+        # From now on garbage collections leave alone what is there, else they would copy its pages.
+        gc.freeze()
+        pid = os.fork()
+        if pid == 0:
+            ours.close()
+            # A Ctrl-C in the terminal is for the agent, which then lets the guard stop the robot.
+            os.setsid()
+            serve(theirs, run_guard)
+        theirs.close()
+        return cls(ours, pid, partial(os.waitpid, pid, 0), ANSWER_S)
+
+    @classmethod
+    def start(cls, command: Sequence[str]) -> ForkServer:
+        """Start a server as a program, whose standard input is the socket; GuardDown if there is no such program."""
+        ours, theirs = _socket_pair()
+        try:
+            with theirs:
+                process = subprocess.Popen(  # noqa: S603 - the agent's own program, no shell
+                    command,
+                    stdin=theirs.fileno(),
+                    env=guard_environment(os.environ),
+                    start_new_session=True,
+                )
+        except OSError as error:
+            ours.close()
+            raise GuardDown(f"cannot start the guard: {error.strerror}") from error
+        return cls(ours, process.pid, process.wait, START_S)
+
+    async def guard(self, stdin: int, stdout: int) -> int:
+        """Fork a guard with these pipes, and return its process id; GuardDown if that fails."""
+        answer = await self._answered(self._ask(FORK, (stdin, stdout)))
+        if answer < 0:
+            raise GuardDown(f"cannot start the guard: {os.strerror(-answer)}")
+        return answer
+
+    def exit_code(self, pid: int) -> asyncio.Future[int]:
+        """Return a guard's exit code, as subprocess has it, once it has ended; ask once for each guard."""
+        return self._ask(WAIT + b"%d" % pid)
+
+    async def check(self) -> None:
+        """Raise GuardDown if it has ended or hangs."""
+        await self._answered(self._ask(PING))
+
+    def kill(self) -> None:
+        """End it at once; the guards that it has forked stay."""
+        if not self._is_gone:
+            os.kill(self.pid, signal.SIGKILL)
+
+    def close(self) -> None:
+        """End it, and wait until it has ended."""
+        self.kill()
+        self._on_end()
+
+    async def _answered(self, answer: asyncio.Future[int]) -> int:
+        await asyncio.wait({answer}, timeout=self._answer_s)
+        if not answer.done():
+            raise GuardDown("the fork server hangs")
+        return answer.result()
+
+    def _ask(self, packet: bytes, pipes: Sequence[int] = ()) -> asyncio.Future[int]:
+        answer: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+        # Nobody may wait for it any more when it fails.
+        answer.add_done_callback(lambda done: done.cancelled() or done.exception())
+        try:
+            socket.send_fds(self._control, [packet], pipes)
+        except OSError:
+            answer.set_exception(GuardDown("the fork server ended"))
+        else:
+            self._answers.append(answer)
+            answer.get_loop().add_reader(self._control, self._on_answer)
+        return answer
+
+    def _on_answer(self) -> None:
+        try:
+            packet = self._control.recv(MAX_PACKET_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            packet = b""
+        if not packet:
+            self._on_end()
+            return
+        self._answer_s = ANSWER_S
+        answer = self._answers.popleft()
+        if not answer.done():
+            answer.set_result(int(packet))
+
+    def _on_end(self) -> None:
+        if self._is_gone:
+            return
+        self._is_gone = True
+        with suppress(RuntimeError):
+            # It may never have been asked for anything, and there may be no loop any more.
+            asyncio.get_running_loop().remove_reader(self._control)
+        self._control.close()
+        # It is about to end, if it has not ended yet: the kernel has closed its end of the socket.
+        self._reap()
+        for answer in self._answers:
+            if not answer.done():
+                answer.set_exception(GuardDown("the fork server ended"))
+        self._answers.clear()
+
+
+def _socket_pair() -> tuple[socket.socket, socket.socket]:
+    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
