@@ -93,6 +93,7 @@ async def test_a_session_reaches_the_guard_in_order(keep, place):
     """Configuration, session, lease, stop and release arrive as the server sent them, and at once."""
     running = keep("serves")
     await running.ready()
+    await running.hears("config", "session")
     before = len(heard(place))
     running.supervisor.on_config(WANTS, direct=True)
     running.supervisor.on_lease(13, held=True)
@@ -283,6 +284,7 @@ async def test_a_session_hears_how_it_is_and_each_answer(keep, place):
         gone = await asyncio.wait_for(lines.get(), 5)
         assert (gone["state"], gone["stopped"], gone["answers"]) == ("down", True, None)
         assert set(gone) == {"type", "state", "stopped", "by", "moving", "answers", "refused"}
+    await running.ready(2)
 
 
 async def test_a_session_that_takes_nothing_costs_no_memory(keep, place):
