@@ -24,7 +24,7 @@ from robotether_agent import settings as agent_settings
 from robotether_agent.daemon import Agent
 from robotether_agent.fields import JsonObject, line_of, parse_object
 from robotether_agent.guard.agent_messages import GuardReporter
-from robotether_agent.guard.child_process import EXIT_S, TICK, TICK_S, GuardHandle
+from robotether_agent.guard.child_process import EXIT_S, TICK, TICK_S, GuardProcess
 from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
 from robotether_agent.guard.rosbridge import new_http
 from robotether_agent.guard.supervisor import GuardSupervisor
@@ -112,16 +112,16 @@ class GuardHere:
 
 
 class _SupervisorHere(GuardSupervisor):
-    """Keeps a guard in this process, and none as a hot spare: Python need not start for it."""
+    """Keeps a guard in this process, and no fork server: Python need not start for it."""
 
     def __init__(self, settings: Settings, **others: object) -> None:
         super().__init__(settings.rosbridge_url, (), **others)  # type: ignore[arg-type] # the supervisor's own
         self._directories = settings.state_dir, settings.run_dir
 
-    async def _next_guard(self) -> GuardHandle:
-        return GuardHandle(GuardHere(*self._directories))  # type: ignore[arg-type] # has all that it uses
+    async def _start_guard(self) -> GuardProcess:
+        return GuardHere(*self._directories)  # type: ignore[return-value] # has all that it uses
 
-    async def _keep_spare(self) -> NoReturn:
+    async def _keep_fork_server(self) -> NoReturn:
         await asyncio.Event().wait()
         raise AssertionError
 

@@ -1,4 +1,4 @@
-"""A guard as a hot spare, and when it takes over."""
+"""A guard as the agent sees it: its lines, its silence and its end."""
 
 from __future__ import annotations
 
