@@ -9,7 +9,7 @@ from docker.models.containers import Container
 from proc_stat import words_of
 
 # Of proc(5)'s stat, counted from the state, which follows the name.
-USER_TICKS, SYSTEM_TICKS, START = 11, 12, 19
+START = 19
 
 
 def with_words(container: Container, words: str) -> list[int]:
@@ -25,12 +25,6 @@ def with_words(container: Container, words: str) -> list[int]:
         if told.search(" ".join(named)) and "tini" not in named[-1]
     ]
     return sorted(filter(_lives, found), key=_started)
-
-
-def ticks(pid: int) -> int:
-    """Processor time that a process has used so far, in the kernel's ticks."""
-    words = words_of(pid)
-    return int(words[USER_TICKS]) + int(words[SYSTEM_TICKS])
 
 
 def _lives(pid: int) -> bool:
