@@ -80,11 +80,7 @@ async def measured(agent: Path, settled_after_s: float) -> list[Memory]:
         process = await asyncio.create_subprocess_exec(
             sys.executable,
             *("-m", "robotether_agent", "run"),
-            env={
-                **os.environ,
-                **agent_environ(cloud, place, **urls),
-                "PYTHONPATH": str(packages),
-            },
+            env={**os.environ, **agent_environ(cloud, place, **urls), "PYTHONPATH": str(packages)},
         )
         try:
 

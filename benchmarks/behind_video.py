@@ -168,7 +168,7 @@ async def measure_setup(site: Site, setup: Setup, seconds: float) -> None:
 
 
 async def stop(watching: asyncio.Task[None] | None) -> None:
-    """Look at no more pictures, so that those are counted that came in the time that is counted."""
+    """Look at no more frames, so that those are counted that came in the time that is counted."""
     if watching is not None:
         watching.cancel()
         await asyncio.gather(watching, return_exceptions=True)
@@ -194,7 +194,7 @@ async def round_trips(ros: aiohttp.ClientWebSocketResponse, setup: Setup, count:
 
 
 async def watch(port: int, setup: Setup) -> None:
-    """Take pictures, and note how old each is when it is whole."""
+    """Take frames, and note how old each is when it is whole."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
         writer.write(b"GET /stream?topic=/camera HTTP/1.1\r\nHost: robot\r\n\r\n")

@@ -31,7 +31,7 @@ FIRST_WITHIN_MS, POLL_EVERY_MS = 15_000, 100
 BINARY = 2
 AIM_KB, AIM_FIRST_MS, AIM_FPS = 200, 1000, 60
 FRAME = "[data-testid=stage] canvas.picture, [data-testid=view] img"
-# In each page before its own scripts: the click on the fleet page, then the first readable picture on the drive page.
+# In each page before its own scripts: the click on the fleet page, then the first readable frame on the drive page.
 WATCH_FIRST = """(() => {
   const unix = (ms) => performance.timeOrigin + ms;
   addEventListener("click", (event) => sessionStorage.setItem("benchClick", unix(event.timeStamp)), { capture: true });
@@ -46,7 +46,7 @@ WATCH_FIRST = """(() => {
   };
   requestAnimationFrame(look);
 })()""".replace("READ_STAMP", READ_STAMP).replace("PICTURE", FRAME)
-# Reads the picture once an animation frame, and notes the age of each new one.
+# Reads the frame once an animation frame, and notes the age of each new one.
 WATCH_AGES = """(ms) => new Promise((resolve) => {
   const readStamp = READ_STAMP;
   const element = document.querySelector(`PICTURE`);
@@ -94,7 +94,7 @@ LISTEN = """(() => {
 
 @dataclass
 class Weight:
-    """What came over the wire for the page itself; pictures and what the page asks later are not the page."""
+    """What came over the wire for the page itself; frames and what the page asks later are not the page."""
 
     kinds: dict[str, str] = field(default_factory=dict)
     bytes_by_kind: dict[str, int] = field(default_factory=dict)
@@ -169,7 +169,7 @@ def weigh(browser: Browser, demo: Demo) -> Weight:
 
 
 def throttled(page: Page, seconds: float) -> tuple[list[float], float]:
-    """The gaps between animation frames on a slow processor, and the pictures a second that came meanwhile."""
+    """The gaps between animation frames on a slow processor, and the frames a second that came meanwhile."""
     session = page.context.new_cdp_session(page)
     frames: list[int] = []
 

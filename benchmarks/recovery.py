@@ -111,13 +111,7 @@ class Network(Protocol):
 class Subject:
     """One robot: its network, its agent, and its user."""
 
-    def __init__(
-        self,
-        site: Site,
-        network: Network,
-        robot: RelayRobot,
-        folder: Path,
-    ) -> None:
+    def __init__(self, site: Site, network: Network, robot: RelayRobot, folder: Path) -> None:
         self.network = network
         self._site = site
         self.robot = robot

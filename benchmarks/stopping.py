@@ -50,10 +50,6 @@ class Outcome:
     drove_on: int = 0
 
 
-# Takes the driver away, inside the block; afterwards what was taken is put back.
-Loss = Callable[[Demo, ExitStack], None]
-
-
 def is_zero(seen: Seen) -> bool:
     return not any(value for part in seen.msg.values() for value in part.values())
 

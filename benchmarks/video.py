@@ -16,10 +16,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import aiohttp
 from bare_tunnel import bare_forward, bare_tunnel
@@ -49,7 +50,7 @@ COUNTS = (1, 5, 20)
 VIEWERS_SECONDS, VIEWERS_SETTLE_S = 10.0, 3.0
 RELAY_PORT = 8080
 FPS = 15
-# One quality, so that no run has smaller pictures than another; it makes pictures of some 30 KB.
+# One quality, so that no run has smaller frames than another; it makes frames of some 30 KB.
 STREAM_REQUEST = {"quality_min": 75, "quality_max": 75, "fps": FPS, "latency_ms": 5000}
 AIM_PERCENT = 5
 
@@ -82,45 +83,50 @@ class Row:
 View = Callable[[aiohttp.ClientSession, OnFrame], Awaitable[None]]
 
 
+@asynccontextmanager
+async def looking(
+    views: Sequence[View], what: str, within_s: float = STARTS_WITHIN_S
+) -> AsyncIterator[list[list[Frame]]]:
+    """Viewers, each with its own frames; all have one when this begins, and none may end before its end."""
+    seen: list[list[Frame]] = [[] for _ in views]
+    async with aiohttp.ClientSession() as http:
+        tasks = [
+            asyncio.ensure_future(view(http, own.append))
+            for view, own in zip(views, seen, strict=True)
+        ]
+        try:
+            await until(lambda: all(seen) or any(task.done() for task in tasks), what, within_s)
+            yield seen
+            for task in tasks:
+                if task.done():
+                    task.result()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+
 async def viewed(where: str, transport: str, view: View, seconds: float) -> Row:
     """Look for so long, after a while in which whatever fills up may fill up."""
-    seen: list[Frame] = []
-    async with aiohttp.ClientSession() as http:
-        looking = asyncio.ensure_future(view(http, seen.append))
-        try:
-            await until(
-                lambda: seen or looking.done(), f"a picture: {where}, {transport}", STARTS_WITHIN_S
-            )
-            await asyncio.wait([looking], timeout=SETTLE_S)
-            seen.clear()
-            await asyncio.wait([looking], timeout=seconds)
-            if looking.done():
-                looking.result()
-            if len(seen) < 2:
-                raise RuntimeError(f"cannot measure {transport}, {where}: {len(seen)} frames came")
-            return Row(where, transport, list(seen), seconds)
-        finally:
-            looking.cancel()
-            await asyncio.gather(looking, return_exceptions=True)
+    async with looking([view], f"a frame: {where}, {transport}") as [seen]:
+        await asyncio.sleep(SETTLE_S)
+        seen.clear()
+        await asyncio.sleep(seconds)
+        frames = list(seen)
+    if len(frames) < 2:
+        raise RuntimeError(f"cannot measure {transport}, {where}: {len(frames)} frames came")
+    return Row(where, transport, frames, seconds)
 
 
 async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
     """The demo's robot as a viewer outside sees it."""
-    where, tls = "loopback", {"ssl": insecure_tls()}
-    base = f"{demo.url}/robots/{ROBOT}/video"
+    where = "loopback"
 
-    async def frames(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
-        ticket = await asyncio.to_thread(demo.ticket, ROBOT, "observe")
-        await view_frames(http, f"{base}/frames?topic={CAMERA}&ticket={ticket}", on_frame, **tls)
+    def ours(what: str) -> str:
+        ticket = demo.ticket(ROBOT, "observe")
+        return f"{demo.url}/robots/{ROBOT}/video/{what}?topic={CAMERA}&ticket={ticket}"
 
-    async def stream(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
-        bearer = {"Authorization": f"Bearer {demo.token}"}
-        await view_stream(http, f"{base}/stream?topic={CAMERA}", on_frame, headers=bearer, **tls)
-
-    rows = [
-        await viewed(where, "Robotether, frames protocol", frames, seconds),
-        await viewed(where, "Robotether, multipart stream", stream, seconds),
-    ]
+    rows = await ours_viewed(where, ours, seconds, ssl=insecure_tls())
     with bare_tunnel(demo.address_of(ROBOT), 8080) as port:
         view = plain(port, PLAIN_QUALITIES[0])
         rows.append(await viewed(where, plain_name(PLAIN_QUALITIES[0]), view, seconds))
@@ -128,12 +134,24 @@ async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
 
 
 def plain(port: int, quality: int) -> View:
+    url = f"http://127.0.0.1:{port}/stream?topic={CAMERA}&quality={quality}"
+    return lambda http, on_frame: view_stream(http, url, on_frame)
 
-    async def view(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
-        url = f"http://127.0.0.1:{port}/stream?topic={CAMERA}&quality={quality}"
-        await view_stream(http, url, on_frame)
 
-    return view
+async def ours_viewed(
+    where: str, url: Callable[[str], str], seconds: float, **how: Any
+) -> list[Row]:
+    """Both of Robotether's protocols."""
+    views: Mapping[str, View] = {
+        "Robotether, frames protocol": lambda http, on_frame: view_frames(
+            http, url("frames"), on_frame, **how
+        ),
+        "Robotether, multipart stream": lambda http, on_frame: view_stream(
+            http, url("stream"), on_frame, **how
+        ),
+    }
+    await until_seen(views["Robotether, frames protocol"])
+    return [await viewed(where, transport, view, seconds) for transport, view in views.items()]
 
 
 def plain_name(quality: int) -> str:
@@ -158,17 +176,7 @@ async def over_link(link: Link, seconds: float) -> list[Row]:
             ticket = relay.ticket(robot, "observe")
             return f"{relay.url}/robots/{robot.name}/video/{what}?topic={CAMERA}&ticket={ticket}"
 
-        async def frames(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
-            await view_frames(http, url("frames"), on_frame)
-
-        async def stream(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
-            await view_stream(http, url("stream"), on_frame)
-
-        await until_seen(frames)
-        rows = [
-            await viewed(where, "Robotether, frames protocol", frames, seconds),
-            await viewed(where, "Robotether, multipart stream", stream, seconds),
-        ]
+        rows = await ours_viewed(where, url, seconds)
         for quality in PLAIN_QUALITIES:
             port = free_port()
             forward = {port: f"127.0.0.1:{ROBOT_VIDEO_PORT}"}
@@ -178,18 +186,15 @@ async def over_link(link: Link, seconds: float) -> list[Row]:
 
 
 async def until_seen(view: View) -> None:
-    """Look again and again until a first picture comes: the robot may still be on its way."""
-    seen: list[Frame] = []
-    deadline = asyncio.get_running_loop().time() + STARTS_WITHIN_S
-    while not seen:
-        if asyncio.get_running_loop().time() > deadline:
-            raise RuntimeError(f"cannot measure: no frame in {STARTS_WITHIN_S:g} s")
-        async with aiohttp.ClientSession() as http:
-            looking = asyncio.ensure_future(view(http, seen.append))
-            with suppress(AssertionError):
-                await until(lambda looking=looking: seen or looking.done(), "a picture", 2.0)
-            looking.cancel()
-            await asyncio.gather(looking, return_exceptions=True)
+    """Look again and again until a first frame comes: the robot may still be on its way."""
+    deadline = time.monotonic() + STARTS_WITHIN_S
+    while time.monotonic() < deadline:
+        with suppress(AssertionError, aiohttp.ClientError, OSError):
+            async with looking([view], "a frame", 2.0) as [seen]:
+                if seen:
+                    return
+        await asyncio.sleep(0.1)
+    raise RuntimeError(f"cannot measure: no frame in {STARTS_WITHIN_S:g} s")
 
 
 @asynccontextmanager
@@ -270,7 +275,7 @@ class Run:
 
     @property
     def cpu_per_100(self) -> float:
-        """The relay's share of a core, in percent, for each 100 pictures that it delivers in a second."""
+        """The relay's share of a core, in percent, for each 100 frames that it delivers in a second."""
         return self.relay_cpu_s / self.frames * 100 * 100
 
 
@@ -296,37 +301,17 @@ class Usage:
         return int(counts[8])
 
 
-@asynccontextmanager
-async def watched(demo: Demo, viewers: int) -> AsyncIterator[list[list[Frame]]]:
-    """So many viewers, each with its own pictures; all have one when this begins."""
+def beside_relay(demo: Demo) -> View:
+    """A viewer of the frames protocol, straight at the relay."""
     address = f"http://{demo.address_of('relay')}:{RELAY_PORT}/robots/{ROBOT}/video/frames"
-    seen: list[list[Frame]] = [[] for _ in range(viewers)]
-    async with AsyncExitStack() as stack:
-        http = await stack.enter_async_context(aiohttp.ClientSession())
-        tasks = []
-        for own in seen:
-            ticket = await asyncio.to_thread(demo.ticket, ROBOT, "observe")
-            url = f"{address}?topic={CAMERA}&ticket={ticket}"
-            tasks.append(asyncio.ensure_future(view_frames(http, url, own.append, STREAM_REQUEST)))
-        try:
-            await until(
-                lambda: all(seen) or any(task.done() for task in tasks),
-                f"a frame for each of {viewers}",
-                STARTS_WITHIN_S,
-            )
-            yield seen
-            for task in tasks:
-                if task.done():
-                    task.result()
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+    url = f"{address}?topic={CAMERA}&ticket={demo.ticket(ROBOT, 'observe')}"
+    return lambda http, on_frame: view_frames(http, url, on_frame, STREAM_REQUEST)
 
 
 async def run(demo: Demo, viewers: int, seconds: float) -> Run:
     usage = Usage(demo)
-    async with watched(demo, viewers) as seen:
+    views = [beside_relay(demo) for _ in range(viewers)]
+    async with looking(views, f"a frame for each of {viewers}") as seen:
         await asyncio.sleep(VIEWERS_SETTLE_S)
         for own in seen:
             own.clear()

@@ -35,7 +35,7 @@ CONGESTION_CONTROL = b"cubic"
 
 
 def frame() -> bytes:
-    """A picture that begins with the moment at which it was taken."""
+    """A frame that begins with the moment at which it was taken."""
     captured = f"{time.monotonic():.6f}".encode().ljust(LENGTH)
     jpeg = captured + bytes(FRAME_BYTES - LENGTH)
     head = b"Content-type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(jpeg)
@@ -51,7 +51,7 @@ async def echo(request: web.Request) -> web.WebSocketResponse:
 
 
 async def show(_: asyncio.StreamReader, viewer: asyncio.StreamWriter) -> None:
-    """Stream pictures to one viewer until it leaves."""
+    """Stream frames to one viewer until it leaves."""
     viewer.transport.set_write_buffer_limits(high=0)
     viewer.write(b"HTTP/1.1 200 OK\r\n\r\n" + BOUNDARY)
     started = time.monotonic()
@@ -60,7 +60,7 @@ async def show(_: asyncio.StreamReader, viewer: asyncio.StreamWriter) -> None:
         while True:
             viewer.write(frame())
             await viewer.drain()
-            # The next picture that the camera takes, not the one that was missed meanwhile.
+            # The next frame that the camera takes, not the one that was missed meanwhile.
             number = max(number, int((time.monotonic() - started) * FRAMES_HZ)) + 1
             await asyncio.sleep(started + number / FRAMES_HZ - time.monotonic())
     except ConnectionError:

@@ -31,11 +31,7 @@ DAEMONS = (
     ("relay", "Python of web and relay", "python3 --version"),
 )
 # What interrupts a run, or keeps it from its begin, writes no page.
-FINISHED = (
-    pytest.ExitCode.OK,
-    pytest.ExitCode.TESTS_FAILED,
-    pytest.ExitCode.NO_TESTS_COLLECTED,
-)
+FINISHED = (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED, pytest.ExitCode.NO_TESTS_COLLECTED)
 _VERSION = re.compile(r"\d+\.\d[\w.]*")
 STORE = pytest.StashKey[ResultStore]()
 # The steps of this run, with those that have run before.

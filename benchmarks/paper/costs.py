@@ -1,4 +1,4 @@
-"""What a fleet costs: processor time and memory of the server's containers, of robots, of operators, of the rest.
+"""Processor time and memory of the server's containers, of robots, of operators, and of the rest of this machine.
 
 The kernel's control groups are read, of both kinds; the engine's own statistics come from them too, and are missing on
 some machines. Memory is what the kernel cannot give back without the programs: their own pages and what the kernel

@@ -27,7 +27,7 @@ from typing import Any
 import aiohttp
 import namespaces
 from link import DEVICE as LINK_DEVICE
-from link import Counts, Link, Shape
+from link import Link, Shape
 from namespaces import Namespace, ip
 
 # What a home router or a base station keeps for one user, at least; and half a second of what the link carries.
@@ -64,16 +64,8 @@ class Profile:
     def is_plain(self) -> bool:
         return self == Profile(name=self.name)
 
-    @property
-    def up(self) -> Shape:
-        """From the robot's or operator's end to the server."""
-        return self._shape(self.up_mbit_s)
-
-    @property
-    def down(self) -> Shape:
-        return self._shape(self.down_mbit_s)
-
-    def _shape(self, mbit_s: float | None) -> Shape:
+    def shape(self, mbit_s: float | None) -> Shape:
+        """Of the way at this rate, up or down."""
         rate_bit_s = None if mbit_s is None else mbit_s * 1e6
         queue = LEAST_QUEUE_BYTES if rate_bit_s is None else int(rate_bit_s / 8 * QUEUE_S)
         return Shape(
@@ -98,7 +90,7 @@ TABLE_2 = (
 )
 
 
-FIXED, FAST_FIXED, SLOW_4G, GOOD_4G, FAST_4G, OTHER_4G = TABLE_2
+FIXED, _, SLOW_4G, _, _, OTHER_4G = TABLE_2
 
 
 # A third each, as the issue's mixed runs want.
@@ -119,43 +111,23 @@ WORST = Profile(
 )
 
 
-@dataclass(frozen=True)
 class Addresses:
     """What one uplink has of the machine's addresses, by its place."""
 
-    slot: int
+    def __init__(self, slot: int) -> None:
+        def at(number: int) -> str:
+            return str(FIRST + slot * BLOCK + number)
 
-    @property
-    def device(self) -> str:
-        """The machine's end of the cable; that no two have this name keeps two uplinks from one place."""
-        return f"rtup{self.slot}"
-
-    @property
-    def peer(self) -> str:
-        """The cable's other end, until it is in a namespace."""
-        return f"{self.device}p"
-
-    @property
-    def inside(self) -> tuple[str, str]:
-        """Those that the inside may have at the link, one after the other."""
-        return self._at(1), self._at(3)
-
-    @property
-    def gateway(self) -> str:
-        return self._at(2)
-
-    @property
-    def block(self) -> str:
-        """All of them, as a route takes them."""
-        return f"{self._at(0)}/28"
-
-    @property
-    def cable(self) -> tuple[str, str]:
-        """The machine's and the uplink's end of the cable between them."""
-        return self._at(9), self._at(10)
-
-    def _at(self, number: int) -> str:
-        return str(FIRST + self.slot * BLOCK + number)
+        # The machine's end of the cable; that no two have this name keeps two uplinks from one place.
+        self.device = f"rtup{slot}"
+        # The cable's other end, until it is in a namespace.
+        self.peer = f"{self.device}p"
+        # Those that the inside may have at the link, one after the other; the link's other end.
+        self.inside, self.gateway = (at(1), at(3)), at(2)
+        # All of them, as a route takes them.
+        self.block = f"{at(0)}/28"
+        # The machine's and the uplink's end of the cable between them.
+        self.cable = at(9), at(10)
 
 
 def slots(pid: int) -> Iterator[int]:
@@ -196,16 +168,6 @@ class Uplink:
             raise RuntimeError("an uplink that emulates nothing ends on this machine itself")
         return self._link.server
 
-    def counts(self) -> tuple[Counts, Counts]:
-        """What became of the packets so far, up and down; a plain uplink counts nothing."""
-        return (Counts(), Counts()) if self._link is None else self._link.counts()
-
-    def change(self, *, up: Shape | None = None, down: Shape | None = None) -> None:
-        """Be another network from now on, with the same addresses; a plain one cannot."""
-        if self._link is None:
-            raise RuntimeError("cannot change an uplink that emulates nothing: give it a profile")
-        self._link.change(up=up, down=down)
-
     def readdress(self) -> None:
         """Take the inside's address and give it another one, as a new lease may; a plain uplink cannot."""
         if self._link is None:
@@ -228,8 +190,8 @@ class Uplink:
     def _lay_link(self, made: ExitStack) -> None:
         self._addresses = allot(made)
         link = Link(
-            up=self.profile.up,
-            down=self.profile.down,
+            up=self.profile.shape(self.profile.up_mbit_s),
+            down=self.profile.shape(self.profile.down_mbit_s),
             seed=next(_numbers),
             robot_address=self._addresses.inside[0],
             server_address=self._addresses.gateway,
@@ -346,24 +308,20 @@ class ServerLine:
         return LineCounts(up["bytes"], down["bytes"], up["drops"], down["drops"])
 
 
-def line_profile(mbit_s: float) -> Profile:
-    name = f"server's line of {mbit_s:g} Mbit/s"
-    return Profile(name=name, down_mbit_s=mbit_s, up_mbit_s=mbit_s)
-
-
 @contextmanager
 def server_line(mbit_s: float, machine: str) -> Iterator[ServerLine]:
     """Make it, and remove it; `machine` is this machine's address for both ends."""
     namespaces.sweep()
-    profile = line_profile(mbit_s)
+    name = f"server's line of {mbit_s:g} Mbit/s"
+    profile = Profile(name=name, down_mbit_s=mbit_s, up_mbit_s=mbit_s)
     with ExitStack() as made:
         addresses = allot(made)
         line = new_namespace(made, "line", addresses.cable[1])
         join(line, addresses)
         line.sysctl("net.ipv4.ip_forward", "1")
         to_server, from_server = ("-n", line.name, CABLE), (addresses.device,)
-        shape(to_server, profile.up)
-        shape(from_server, profile.down)
+        limit(to_server, profile.shape(mbit_s))
+        limit(from_server, profile.shape(mbit_s))
         ends = []
         for name, network in zip(
             ("operators", "robots"),
@@ -376,10 +334,10 @@ def server_line(mbit_s: float, machine: str) -> Iterator[ServerLine]:
         yield ServerLine(*ends, to_server, from_server)
 
 
-def shape(device: tuple[str, ...], limit: Shape) -> None:
+def limit(device: tuple[str, ...], to: Shape) -> None:
     """Let what leaves by a device pass no faster than it says; what finds the queue full is dropped."""
-    assert limit.rate_bit_s is not None
-    rate, queue = f"{limit.rate_bit_s:.0f}bit", str(limit.queue_bytes)
+    assert to.rate_bit_s is not None
+    rate, queue = f"{to.rate_bit_s:.0f}bit", str(to.queue_bytes)
     bucket = ("tbf", "rate", rate, "burst", str(BURST_BYTES), "limit", queue)
     *where, name = device
     _tc(*where, "qdisc", "add", "dev", name, "root", *bucket)

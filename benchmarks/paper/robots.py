@@ -1,7 +1,5 @@
 """Whole robots, the ROS side and the real agent with its guard behind one uplink, and their operators behind others.
 
-    with WholeRobot(world, enrolled, uplink, "bus") as robot:
-        robot.wait_online()
     with running([WholeRobot(world, one, uplink, "simulator") for one in world.enrol(names)]) as robots:
         wait_all_online(robots)
     async with aiohttp.ClientSession(connector=connector(uplink)) as http:
@@ -15,11 +13,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import shutil
-import signal
 import socket
-import subprocess
 import sys
 import tempfile
 import time
@@ -29,11 +24,10 @@ from pathlib import Path
 from typing import Literal
 
 import aiohttp
-from demo import ROOT
 from local_network import insecure_tls
-from openssh_server import descendants, kill
 
 from paper.networks import Uplink, connector_in
+from paper.programs import Program, our_environment
 from paper.world import Enrolled, World, environment
 
 Ros = Literal["bus", "simulator"]
@@ -41,46 +35,26 @@ Ros = Literal["bus", "simulator"]
 # both have to share here, what is measured would be how that is decided; so the server comes first.
 ASIDE = ("nice", "-n", "19")
 ROSBRIDGE_PORT, VIDEO_PORT = 9090, 8080
-# Where processes of the benchmarks find their modules.
-SUPPORT = tuple(f"tests/support/{name}" for name in ("fakes", "networks", "stack", "browser"))
-FOLDERS = [
-    ROOT / folder
-    for folder in ("common", "agent", "server", "images/sim_robot", "benchmarks", *SUPPORT)
-]
-# It publishes zeros for half a second when it was moving, and closes its tunnels.
-ENDS_WITHIN_S = 5.0
 # Each look costs the server a list of all its robots.
 POLL_EVERY_S = 0.25
-LOG_LINES = 30
 
 
 class WholeRobot:
     """One robot that runs inside `with`."""
 
     def __init__(
-        self,
-        world: World,
-        enrolled: Enrolled,
-        uplink: Uplink,
-        ros: Ros,
-        *,
-        agent_settings: Mapping[str, object] | None = None,
-        sim_settings: Mapping[str, object] | None = None,
-        aside: bool = False,
+        self, world: World, enrolled: Enrolled, uplink: Uplink, ros: Ros, *, aside: bool = False
     ) -> None:
-        """Settings as agent.toml and the simulator's Settings name them: {"guard": "off"}, {"camera_fps": 5}."""
         self._before = ASIDE if aside else ()
         self.name = enrolled.name
         self.uplink = uplink
         self.enrolled = enrolled
         self.world = world
         self._ros_kind = ros
-        self._agent_settings = agent_settings or {}
-        self._sim_settings = sim_settings or {}
         # Each its own, as several robots may be behind one uplink.
         self.address = loopback(enrolled.number)
-        self._agent: subprocess.Popen[bytes] | None = None
-        self._ros: subprocess.Popen[bytes] | None = None
+        self._agent: Program | None = None
+        self._ros: Program | None = None
         self._run_dir: Path | None = None
 
     @property
@@ -129,26 +103,21 @@ class WholeRobot:
             "run_dir": self._run_dir,
             "rosbridge_url": self.ros_url,
             "video_url": self.video_url,
-            # A bus has no pictures; so nobody looks for them every 2 s.
+            # A bus has no frames; so nobody looks for them every 2 s.
             "video_source": "rosbridge" if self._ros_kind == "bus" else "auto",
             "shell_address": "none",
-            **self._agent_settings,
         }
         self._agent = self._start("agent", ["robotether_agent", "run"], environment(settings))
 
     def end_agent(self) -> None:
         """End the agent in order, as a shutdown does; what does not follow is killed."""
         if self._agent is not None:
-            end(self._agent)
+            self._agent.end()
 
     def ask_agent_to_end(self) -> None:
         """Tell the agent to end, and do not wait."""
         if self._agent is not None:
             self._agent.terminate()
-
-    def wait_online(self, seconds: float = 30) -> None:
-        """Wait until the server says that it is online, and its rosbridge answers."""
-        wait_all_online([self], seconds)
 
     def answers(self) -> bool:
         with self.uplink.inside.entered():
@@ -158,18 +127,12 @@ class WholeRobot:
 
     def ended(self) -> str:
         """Say which of its processes has ended by itself, or nothing."""
-        started = (("agent", self._agent), ("ROS side", self._ros))
-        gone = [
-            f"its {what} ended with {one.returncode}"
-            for what, one in started
-            if one and one.poll() is not None
-        ]
-        return ", ".join(gone)
+        started = (one.ended() for one in (self._agent, self._ros) if one)
+        return ", ".join(filter(None, started))
 
     def logs(self) -> str:
-        return "\n".join(
-            f"--- {self.name}, {name}\n{tail(self._log(name))}" for name in ("ros", "agent")
-        )
+        started = [one for one in (self._ros, self._agent) if one]
+        return "\n".join(f"--- {self.name}\n{one.tail()}" for one in started)
 
     def _simulator_environment(self) -> dict[str, str]:
         settings = {
@@ -177,28 +140,18 @@ class WholeRobot:
             "bind_address": self.address,
             "rosbridge_port": ROSBRIDGE_PORT,
             "video_port": VIDEO_PORT,
-            **self._sim_settings,
         }
         return {f"SIM_{name.upper()}": str(value) for name, value in settings.items()}
 
-    def _start(
-        self, name: str, words: Sequence[str], given: Mapping[str, str]
-    ) -> subprocess.Popen[bytes]:
-        environ = {**clean_environment(), **given}
-        command = self.uplink.inside.command(*self._before, sys.executable, "-m", *words)
-        with self._log(name).open("ab") as log:
-            # A Ctrl-C is for the run, which then ends its robots in order.
-            return subprocess.Popen(
-                command, env=environ, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
-            )
-
-    def _log(self, name: str) -> Path:
-        return self.enrolled.folder / f"{name}.log"
+    def _start(self, name: str, words: Sequence[str], given: Mapping[str, str]) -> Program:
+        command = (*self._before, sys.executable, "-m", *words)
+        log = self.enrolled.folder / f"{name}.log"
+        return Program(self.uplink.inside, command, log, {**our_environment(), **given})
 
     def _end(self) -> None:
         self.end_agent()
         if self._ros is not None:
-            end(self._ros)
+            self._ros.end()
         if self._run_dir is not None:
             shutil.rmtree(self._run_dir, ignore_errors=True)
             self._run_dir = None
@@ -246,37 +199,6 @@ def loopback(number: int) -> str:
     return f"127.{1 + number // 256 % 254}.{number % 256}.1"
 
 
-def end(process: subprocess.Popen[bytes]) -> None:
-    """Ask a process to end, wait, and kill what is left of it and of what it started."""
-    if process.poll() is not None:
-        return
-    started = descendants(process.pid)
-    process.send_signal(signal.SIGTERM)
-    try:
-        process.wait(ENDS_WITHIN_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    for pid in started:
-        kill(pid)
-
-
-def clean_environment() -> dict[str, str]:
-    """This process's environment, with nothing in it that the agent or the simulator would take for settings."""
-    stored = {
-        name: value
-        for name, value in os.environ.items()
-        if not name.startswith(("ROBOTETHER_", "SIM_"))
-    }
-    return {**stored, "PYTHONPATH": os.pathsep.join(map(str, FOLDERS))}
-
-
-def tail(log: Path) -> str:
-    if not log.exists():
-        return "(nothing)"
-    return "\n".join(log.read_text(errors="replace").splitlines()[-LOG_LINES:])
-
-
 def connector(uplink: Uplink) -> aiohttp.TCPConnector:
     """Connections from inside the uplink, as many as are asked for; the stack's own certificate is not checked."""
     return connector_in(uplink.inside, ssl=insecure_tls(), limit=0)
@@ -286,25 +208,17 @@ class Operator:
     """One WebSocket to a robot's rosbridge, as roslibjs opens it; there inside `async with` only."""
 
     def __init__(
-        self,
-        http: aiohttp.ClientSession,
-        world: World,
-        uplink: Uplink,
-        robot: str,
-        mode: str = "drive",
+        self, http: aiohttp.ClientSession, world: World, uplink: Uplink, robot: str
     ) -> None:
         self._http = http
         self._world = world
         self._robot = robot
-        self._mode = mode
         self._url = f"wss://{uplink.machine}:{world.https_port}/robots/{robot}/ros"
-        self.sent = 0
-        self.received = 0
         # The connection itself, for what is not here.
         self.socket: aiohttp.ClientWebSocketResponse
 
     async def __aenter__(self) -> Operator:
-        ticket = await asyncio.to_thread(self._world.ticket, self._robot, self._mode)
+        ticket = await asyncio.to_thread(self._world.ticket, self._robot, "drive")
         self.socket = await self._http.ws_connect(
             f"{self._url}?ticket={ticket}",
             max_msg_size=0,
@@ -319,7 +233,6 @@ class Operator:
         """Send one rosbridge operation; a text goes as it is."""
         text = message if isinstance(message, str) else json.dumps(message)
         await self.socket.send_str(text)
-        self.sent += 1
 
     async def receive(self, timeout_s: float | None = None) -> str:
         """Return the next message as it came; raise ConnectionError when the connection has ended."""
@@ -328,5 +241,4 @@ class Operator:
             raise ConnectionError(
                 f"the connection to {self._robot} ended: {self.socket.close_code} {message.extra or message.data}"
             )
-        self.received += 1
         return str(message.data)

@@ -38,7 +38,7 @@ from stack import Stack
 from paper.networks import Profile, Uplink, uplinks
 
 # The containers' own, whatever they are published as.
-HTTPS, SSH = "8443/tcp", "2222/tcp"
+HTTPS = "8443/tcp"
 ANSWERS_WITHIN_S = 30
 # A statement must fit into one argument of a command.
 ROWS_A_STATEMENT = 500
@@ -88,10 +88,6 @@ class World:
     @cached_property
     def https_port(self) -> int:
         return self._published("nginx", HTTPS)
-
-    @cached_property
-    def ssh_port(self) -> int:
-        return self._published("sshd", SSH)
 
     @property
     def address(self) -> str:

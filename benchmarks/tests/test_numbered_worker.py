@@ -79,12 +79,7 @@ async def test_each_message_arrives_once(port: int) -> None:
         arrived["duplicated"],
         arrived["reordered"],
         arrived["missing"],
-    ) == (
-        100,
-        0,
-        0,
-        [],
-    )
+    ) == (100, 0, 0, [])
     assert Histogram.of(arrived["latency"]).total == Histogram.of(sent["lateness"]).total == 100
 
 

@@ -10,14 +10,7 @@ from typing import Any
 import aiohttp
 import pytest
 from paper.operators.report import longest_pause_ms, summary
-from paper.operators.run import (
-    OperatorClient,
-    Run,
-    Seen,
-    Times,
-    camera_fps,
-    measured,
-)
+from paper.operators.run import OperatorClient, Run, Seen, Times, camera_fps, measured
 from sim_client import SETTINGS
 from sim_robot import camera
 from sim_robot.kinematics import Pose, Velocity

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -38,7 +37,8 @@ from paper.fleet.operators import Arrivals, FleetEvents, Operators
 from paper.fleet.report import FAILED_AFTER_S
 from paper.fleet.worker import LINE_BYTES, TOPIC, TYPE, allow_files
 from paper.networks import PLAIN, Uplink
-from paper.robots import ASIDE, FOLDERS, WholeRobot, connector
+from paper.programs import our_environment
+from paper.robots import ASIDE, WholeRobot, connector
 from paper.world import Enrolled, World
 
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
@@ -124,14 +124,13 @@ class Worker:
 
     @classmethod
     async def start(cls, uplink: Uplink, robots: Sequence[Enrolled], log: IO[bytes]) -> Worker:
-        environ = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, FOLDERS))}
         process = await asyncio.create_subprocess_exec(
             *uplink.inside.command(*ASIDE, sys.executable, "-m", "paper.fleet.worker"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,
             limit=LINE_BYTES,
-            env=environ,
+            env=our_environment(),
             # A Ctrl-C is for the experiment, which then ends its robots in order.
             start_new_session=True,
         )
@@ -236,10 +235,7 @@ class Fleet:
         first = await self._settled()
         await asyncio.sleep(seconds)
         last = self._reading()
-        return {
-            "idle_s": round(last.at_s - first.at_s, 3),
-            "idle_cpu_s": cpu_between(first, last),
-        }
+        return {"idle_s": round(last.at_s - first.at_s, 3), "idle_cpu_s": cpu_between(first, last)}
 
     async def end(self) -> float:
         """End all robots, and return the seconds until the server knew of all."""
@@ -298,10 +294,7 @@ def with_fleet(world: World, count: int, use: Callable[[Fleet], Awaitable[T]]) -
 
 @asynccontextmanager
 async def following(
-    world: World,
-    robots: Sequence[Enrolled],
-    sides: Sequence[Side],
-    operators: Uplink | None = None,
+    world: World, robots: Sequence[Enrolled], sides: Sequence[Side], operators: Uplink | None = None
 ) -> AsyncIterator[Fleet]:
     """The fleet that these robots are, with operators, behind an uplink or here, who follow the server's events."""
     headers = {"Authorization": f"Bearer {world.token}"}

@@ -1,7 +1,9 @@
-"""Which robot has got its message, how long that took, and what came that was not meant for it.
+"""The operators of a fleet, and what arrived: which robot got its message, when, and what was not meant for it.
 
-Made for one run, a start or a return of the whole fleet; operators ask for texts, workers tell what robots heard. Times
-are this machine's monotonic clock, which its processes share.
+Each operator sees on the fleet's events that a robot is there, connects to drive, and sends. All are played in the
+experiment's own process as one user, who may have 32 connections open at once. What the server refuses because a robot
+is not there yet is waited for, and counted by the server's words. Times are this machine's monotonic clock, which its
+processes share.
 """
 
 from __future__ import annotations

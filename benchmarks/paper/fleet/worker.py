@@ -1,7 +1,10 @@
-"""The agent as a whole with its guard in the same process: what hundreds of robots on one machine are made of.
+"""A process of light robots, started by fleet.py in an uplink's namespace as `python -m paper.fleet.worker`.
 
-The guard's own code runs, between the same two interfaces as in its process: the agent's lines and rosbridge. Only what
-a process of its own is for is missing: a robot whose agent hangs is not stopped here. Used by the fleet's workers.
+Each robot is a rosbridge of its own, the real agent and its own OpenSSH clients. The guard's own code runs in the same
+process, between the same two interfaces as in its own: the agent's lines and rosbridge. What a process of its own is
+for is missing: a robot whose agent hangs is not stopped here. Lines of JSON go both ways: the first one in names the
+robots and their agents' settings, those that follow are orders; out come `done` for each order, `got` for each message
+that a robot's subscriber receives, and `failed`. It ends with its input, and must never leave an SSH client behind.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from robotether_agent.tasks import first_of
 from sim_robot.graph import Node, TopicMessage
 
 from paper.bus_robot import BusRobot
+from paper.programs import write_line
 from paper.world import environment
 
 TOPIC, TYPE = "/startup", "std_msgs/String"
@@ -165,11 +169,11 @@ class LightRobot:
         except Exception as error:
             # The border of a robot: the others go on.
             log.exception("the agent of %s ended", self.name)
-            report(failed=repr(error), robot=self.name)
+            write_line({"robot": self.name, "failed": repr(error)})
 
     def _on_message(self, message: TopicMessage) -> None:
         at_ns = time.monotonic_ns()
-        report(got=message.values["data"], robot=self.name, at_ns=at_ns)
+        write_line({"robot": self.name, "got": message.values["data"], "at_ns": at_ns})
 
     @property
     def _settings(self) -> Settings:
@@ -184,12 +188,6 @@ class LightRobot:
         return agent_settings.load(NO_FILE, environment(given))
 
 
-def report(**fields: object) -> None:
-    """Write a line to whoever started this process."""
-    sys.stdout.write(json.dumps(fields) + "\n")
-    sys.stdout.flush()
-
-
 async def obey(order: str, robots: Sequence[LightRobot]) -> None:
     """Do one order, and tell when it is done."""
     if order == "start":
@@ -199,7 +197,7 @@ async def obey(order: str, robots: Sequence[LightRobot]) -> None:
         await asyncio.gather(*(robot.end() for robot in robots))
     else:
         raise ValueError(f"there is no order {order}")
-    report(done=order)
+    write_line({"done": order})
 
 
 async def _standard_input() -> asyncio.StreamReader:
@@ -224,7 +222,7 @@ async def work(run_dirs: Path) -> None:
     allow_files(len(robots) * FILES_A_ROBOT)
     await asyncio.gather(*(robot.open() for robot in robots))
     try:
-        report(done="open")
+        write_line({"done": "open"})
         while line := await lines.readline():
             await obey(json.loads(line), robots)
     finally:

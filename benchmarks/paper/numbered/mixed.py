@@ -31,17 +31,7 @@ from paper.numbered.report import (
 )
 from paper.numbered.run import Pair, Plan, run
 from paper.robots import WholeRobot, wait_all_online
-from paper.step import (
-    Comparison,
-    Data,
-    Part,
-    Report,
-    Results,
-    Scale,
-    Step,
-    Values,
-    succeeded,
-)
+from paper.step import Comparison, Data, Part, Report, Results, Scale, Step, Values, succeeded
 from paper.world import Enrolled, World
 
 RATE_HZ, WORST_HZ = 100, 10

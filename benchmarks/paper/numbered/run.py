@@ -7,16 +7,11 @@ sees whether the generator or the machine was the limit.
 
 from __future__ import annotations
 
-import json
 import os
-import selectors
-import subprocess
-import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from openssh_server import command_line, descendants
@@ -24,7 +19,8 @@ from openssh_server import command_line, descendants
 from paper.costs import machine_cpu_s, trees_cpu_s, use_of
 from paper.numbered.messages import FRAME_BYTES, joined
 from paper.numbered.worker import MORE_S, SILENCE_S, TIMEOUT_FACTOR, End
-from paper.robots import WholeRobot, clean_environment
+from paper.programs import LineProgram
+from paper.robots import WholeRobot
 from paper.step import Values
 
 if TYPE_CHECKING:
@@ -67,51 +63,6 @@ class Plan:
     @property
     def at_most_s(self) -> float:
         return self.planned_s * TIMEOUT_FACTOR + MORE_S + READY_WITHIN_S
-
-
-class Generator:
-    """A process of worker.py with its ends."""
-
-    def __init__(self, ends: Sequence[End], log: Path) -> None:
-        self._log = log
-        with log.open("wb") as errors:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "paper.numbered.worker"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                text=True,
-                bufsize=1,
-                env=clean_environment(),
-                # A Ctrl-C is for the runner, which then ends this one in order.
-                start_new_session=True,
-            )
-        self.send({"ends": [asdict(end) for end in ends]})
-
-    def send(self, values: Mapping[str, object]) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(values) + "\n")
-        self._process.stdin.flush()
-
-    def receive(self, what: str, seconds: float) -> dict[str, Any]:
-        """Its next line; RuntimeError with its last words when there is none in time, and all of them as a note."""
-        assert self._process.stdout is not None
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._process.stdout, selectors.EVENT_READ)
-            line = self._process.stdout.readline() if selector.select(seconds) else None
-        if not line:
-            why = "ended" if line == "" else f"did not say in {seconds:.0f} s"
-            words = self._log.read_text()[-2000:]
-            last = words.rstrip().rpartition("\n")[2]
-            error = RuntimeError(f"a load generator {why}: {what}; {last or 'it wrote no error'}")
-            error.add_note(words)
-            raise error
-        said: dict[str, Any] = json.loads(line)
-        return said
-
-    def close(self) -> None:
-        self._process.kill()
-        self._process.communicate()
 
 
 def run(world: World, pairs: Sequence[Pair], plan: Plan) -> dict[str, Any]:
@@ -224,9 +175,10 @@ def robot_end(pair: Pair, number: int, plan: Plan) -> End:
 
 
 @contextmanager
-def _generator(world: World, ends: Sequence[End], name: str) -> Iterator[Generator]:
-    one = Generator(ends, world.folder / f"{name}.log")
+def _generator(world: World, ends: Sequence[End], name: str) -> Iterator[LineProgram]:
+    one = LineProgram("paper.numbered.worker", world.folder / f"{name}.log")
     try:
+        one.send({"ends": [asdict(end) for end in ends]})
         yield one
     finally:
         one.close()

@@ -26,6 +26,7 @@ from namespaces import Namespace
 
 from paper.networks import connector_in
 from paper.numbered.messages import NS_A_MS, TOPIC, TYPE, Account, Histogram, publish
+from paper.programs import write_line
 
 SILENCE_S = 10.0
 DIAL_WITHIN_S, AGAIN_S = 30.0, 0.2
@@ -81,9 +82,7 @@ class Dialled:
         self._reading = asyncio.create_task(self._read(self._socket, ready))
         waiting = asyncio.ensure_future(ready.wait())
         done, _ = await asyncio.wait(
-            (waiting, self._reading),
-            timeout=DIAL_WITHIN_S,
-            return_when=asyncio.FIRST_COMPLETED,
+            (waiting, self._reading), timeout=DIAL_WITHIN_S, return_when=asyncio.FIRST_COMPLETED
         )
         waiting.cancel()
         if not ready.is_set():
@@ -263,11 +262,6 @@ async def _read_order() -> Mapping[str, Any]:
     return answer
 
 
-def _report(values: Mapping[str, object]) -> None:
-    sys.stdout.write(json.dumps(values) + "\n")
-    sys.stdout.flush()
-
-
 async def work() -> None:
     ends = [End(**values) for values in (await _read_order())["ends"]]
     async with AsyncExitStack() as stack:
@@ -278,14 +272,14 @@ async def work() -> None:
         await asyncio.gather(*(one.dialled.dial_first() for one in made))
         for one in made:
             stack.push_async_callback(one.dialled.close)
-        _report({"ready": True})
+        write_line({"ready": True})
         started, cpu_s = time.monotonic(), time.process_time()
         if ends[0].sends:
             await _send_all(made, ends[0].rate_hz)
         else:
             await _receive_all(made)
         values = [one.result() for one in made]
-        _report(
+        write_line(
             {
                 "ends": values,
                 "cpu_s": time.process_time() - cpu_s,
@@ -301,7 +295,7 @@ async def _send_all(senders: Sequence[Sender], rate_hz: float) -> None:
     offset_ns = NS_A_S / rate_hz / len(senders)
     begins = [begin_ns + int(position * offset_ns) for position in range(len(senders))]
     await asyncio.gather(*(one.run(at) for one, at in zip(senders, begins, strict=True)))
-    _report({"sent": True, "sending_s": (time.monotonic_ns() - begin_ns) / NS_A_S})
+    write_line({"sent": True, "sending_s": (time.monotonic_ns() - begin_ns) / NS_A_S})
     await _read_order()
 
 

@@ -129,11 +129,7 @@ async def plain(
 def stream(http: aiohttp.ClientSession, server: str, quality: int | None) -> View:
     """Look at the camera as web_video_server gives it."""
     wanted = "" if quality is None else f"&quality={quality}"
-
-    async def view(on_frame: OnFrame) -> None:
-        await view_stream(http, f"{server}/stream?topic={CAMERA}{wanted}", on_frame)
-
-    return view
+    return partial(view_stream, http, f"{server}/stream?topic={CAMERA}{wanted}")
 
 
 def http_behind(uplink: Uplink) -> aiohttp.ClientSession:

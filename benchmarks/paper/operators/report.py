@@ -139,7 +139,7 @@ def summary(robots: Sequence[Seen], lasted_s: float) -> Summary:
 
 
 def delays_ms(robot: Seen) -> Iterator[float]:
-    """The time from each picture to the next, in ms."""
+    """The time from each frame to the next, in ms."""
     for (before, *_), (after, *_) in itertools.pairwise(robot.pictures):
         yield after - before
 

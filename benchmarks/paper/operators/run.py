@@ -48,7 +48,7 @@ STARTS_WITHIN_S = 30.0
 # What has not come then is lost.
 LAST_S = 3.0
 POLL_S = 0.02
-# Numbers of pictures begin anew then.
+# Numbers of frames begin anew then.
 NUMBERS = 1 << 32
 NS_A_S, NS_A_MS = 1_000_000_000, 1e6
 # Looks at the robot's camera until it is cancelled.
@@ -70,7 +70,7 @@ class Seen:
     camera_fps: float | None
     # The mean JPEG quality that was asked of the camera; None where only the stream's own address tells.
     quality: float | None
-    # The pictures' mean width in pixels; None without any.
+    # The frames' mean width in pixels; None without any.
     width_px: float | None
     # From the scheduled moment until it was at the robot's rosbridge; None: never came.
     commands_ms: Sequence[float | None]
@@ -121,7 +121,7 @@ class OperatorClient:
     # The operator's rosbridge connection, and one at the robot itself.
     rosbridge: aiohttp.ClientWebSocketResponse
     subscriber: aiohttp.ClientWebSocketResponse
-    # One who looks at the robot itself, where the operator's pictures do not tell how many there were.
+    # One who looks at the robot itself, where the operator's frames do not tell how many there were.
     local_view: View | None
     simulator_pid: int
     agent_pid: int
@@ -129,10 +129,10 @@ class OperatorClient:
 
 @dataclass
 class Notes:
-    """What came, as it came, of one robot; moments are time.monotonic_ns() but for those of pictures."""
+    """What came, as it came, of one robot; moments are time.monotonic_ns() but for those of frames."""
 
     pictures: list[Frame] = field(default_factory=list)
-    # The moments of the onlooker's pictures.
+    # The moments of the onlooker's frames.
     local_frames_s: list[float] = field(default_factory=list)
     due_ns: list[int] = field(default_factory=list)
     # When it was due, and when it came.
@@ -154,7 +154,7 @@ class Mark:
 
 
 async def measured(clients: Sequence[OperatorClient], times: Times) -> Run:
-    """Drive and look from all seats; each must see its first picture in time, and none may lose its connection."""
+    """Drive and look from all seats; each must see its first frame in time, and none may lose its connection."""
     notes = [Notes() for _ in clients]
     tasks = [
         asyncio.create_task(job)
@@ -166,7 +166,7 @@ async def measured(clients: Sequence[OperatorClient], times: Times) -> Run:
             blind = [
                 client.robot for client, one in zip(clients, notes, strict=True) if not one.pictures
             ]
-            raise TimeoutError(f"no picture of {', '.join(blind)} in {STARTS_WITHIN_S:g} s")
+            raise TimeoutError(f"no frame of {', '.join(blind)} in {STARTS_WITHIN_S:g} s")
         await _hold(tasks, times.settle_s)
         start = _mark(clients)
         await _hold(tasks, times.measure_s)
@@ -264,12 +264,13 @@ def _mark(clients: Sequence[OperatorClient]) -> Mark:
 
 
 def _run(notes: Sequence[Notes], start: Mark, end: Mark) -> Run:
-    """What was noted between two marks; reads the moment out of each picture, which takes a while."""
+    """What was noted between two marks; reads the moment out of each frame, which takes a while."""
     lasted_s = (end.ns - start.ns) / NS_A_S
     used_s = end.machine_cpu_s - start.machine_cpu_s
     return Run(
         lasted_s=lasted_s,
-        busy=used_s / (lasted_s * (os.cpu_count() or 1)),
+        # The kernel counts in whole ticks, so that a full machine may seem a little more than full.
+        busy=min(1.0, used_s / (lasted_s * (os.cpu_count() or 1))),
         robots=[_seen(one, number, start, end) for number, one in enumerate(notes)],
     )
 

@@ -137,14 +137,14 @@ async def round_trips(transport: Transport, seconds: float) -> list[float]:
 async def behind_video(
     transport: Transport, video: str, seconds: float, settle_s: float
 ) -> dict[str, Any]:
-    """Round trips while somebody looks at the camera, after so long, and how old the pictures are meanwhile."""
+    """Round trips while somebody looks at the camera, after so long, and how old the frames are meanwhile."""
     seen: list[Frame] = []
     async with http_of(transport) as http:
         looking = asyncio.ensure_future(transport.view(http, video, seen.append))
         try:
             await until(
                 lambda: seen or looking.done(),
-                f"a picture: {transport.title}, {video}",
+                f"a frame: {transport.title}, {video}",
                 FIRST_FRAME_WITHIN_S,
             )
             await asyncio.wait([looking], timeout=settle_s)
@@ -152,13 +152,13 @@ async def behind_video(
             started = time.monotonic()
             trips = await round_trips(transport, seconds)
             lasted_s = time.monotonic() - started
-            # One whose picture ended meanwhile was not measured behind video.
+            # One whose frame ended meanwhile was not measured behind video.
             if looking.done():
                 looking.result()
         finally:
             await stop(looking)
     if not seen:
-        raise RuntimeError(f"cannot measure {transport.title} behind {video}: no picture came")
+        raise RuntimeError(f"cannot measure {transport.title} behind {video}: no frame came")
     return {"round_trips_ms": trips, **of_frames(seen, lasted_s)}
 
 

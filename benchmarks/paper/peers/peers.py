@@ -44,7 +44,7 @@ PEERS: dict[str, type[PlainTransport]] = {
     transport.key: transport for transport in (Straight, AutoSsh, WireGuard, OpenVpn, Nebula)
 }
 MEASURES = {
-    LATENCY: "round trips and pictures",
+    LATENCY: "round trips and frames",
     LOAD: "throughput and its cost",
     CHANGES: "starts and new addresses",
     PATIENCE: "a new address, with a patient operator",

@@ -10,9 +10,7 @@ and keep-alives of OpenSSH's own at both ends, which decide how soon a dead tunn
 from __future__ import annotations
 
 import asyncio
-import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from abc import ABC, abstractmethod
@@ -23,15 +21,15 @@ from typing import Self
 
 import aiohttp
 from bare_tunnel import new_key, ssh_command
-from demo import ROOT
 from local_network import insecure_tls
 from namespaces import Namespace
-from openssh_server import OpenSshServer, descendants, is_alive, listens, wait_until
+from openssh_server import OpenSshServer, listens, wait_until
 from video_viewers import OnFrame, view_frames, view_stream
 
 from paper.costs import trees_cpu_s, use_of
 from paper.networks import SLOW_4G, Uplink, connector_in
-from paper.robots import WholeRobot, end, tail
+from paper.programs import Program, our_environment
+from paper.robots import WholeRobot
 from paper.world import World
 
 LINK = SLOW_4G
@@ -48,7 +46,6 @@ TITLES: Mapping[str, str] = {
 # web_video_server's own quality, which makes more than the link takes, and one that fits.
 DEFAULT_QUALITY, FITTING_QUALITY = "quality 95", "quality 80"
 FRAMES = "frames protocol"
-SIM_ROBOT = ROOT / "images" / "sim_robot"
 ROS_PORT, VIDEO_PORT = 9090, 8080
 CAMERA = "/camera/image_raw"
 DRIVE, OBSERVE = "drive", "observe"
@@ -59,48 +56,6 @@ CONGESTION_CONTROL = "cubic"
 ALIVE_S, ALIVE_TIMES = 10, 3
 # What carries a robot's and an operator's data; web and database only let them in.
 CARRIERS = ("nginx", "relay", "sshd")
-
-
-class Program:
-    """One program in a namespace, with all that it starts; its words go to the end of the file `log`."""
-
-    def __init__(
-        self,
-        namespace: Namespace,
-        words: Sequence[str],
-        log: Path,
-        environ: Mapping[str, str] | None = None,
-    ) -> None:
-        self._name = words[0]
-        self._log = log
-        with log.open("ab") as out:
-            self._process = subprocess.Popen(
-                namespace.command(*words),
-                env={**os.environ, **(environ or {})},
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                # A Ctrl-C is for the experiment, which then ends its programs in order.
-                start_new_session=True,
-            )
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
-
-    def check(self) -> None:
-        """Raise with its last words if it has ended."""
-        if (code := self._process.poll()) is not None:
-            raise RuntimeError(f"{self._name} ended with {code}; its last words:\n{self.tail()}")
-
-    def tail(self) -> str:
-        return tail(self._log)
-
-    def end(self) -> None:
-        """End it in order, and at once what it has left."""
-        below = descendants(self._process.pid)
-        end(self._process)
-        wait_until(lambda: not any(map(is_alive, below)), lambda: f"{self._name}'s children ended")
 
 
 class Transport(ABC):
@@ -216,7 +171,7 @@ class PlainTransport(Transport):
 
     def simulator(self, made: ExitStack) -> None:
         """Start the simulated robot, at all of its addresses, and wait until both ports answer."""
-        given = {"PYTHONPATH": str(SIM_ROBOT), "SIM_NAME": "peer", "SIM_LOG_LEVEL": "error"}
+        given = {**our_environment(), "SIM_NAME": "peer", "SIM_LOG_LEVEL": "error"}
         words = (sys.executable, "-m", "sim_robot")
         robot = Program(self.inside, words, self.folder / "robot.log", given)
         made.callback(robot.end)

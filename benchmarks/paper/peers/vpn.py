@@ -18,7 +18,8 @@ from namespaces import Namespace
 from openssh_server import wait_until
 
 from paper.costs import trees_cpu_s
-from paper.peers.transports import STARTS_WITHIN_S, PlainTransport, Program
+from paper.peers.transports import STARTS_WITHIN_S, PlainTransport
+from paper.programs import Program
 
 # Documentation's own network (RFC 5737): in both namespaces nothing else has it.
 NETWORK, PREFIX_LENGTH = "192.0.2.0", 24

@@ -8,12 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
-import sys
 import time
-from asyncio.subprocess import PIPE, Process
-from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,6 +19,7 @@ import aiohttp
 from sim_robot.kinematics import STANDING, Pose, Velocity
 
 from paper.networks import Uplink
+from paper.programs import LineProgram
 from paper.robots import Operator, WholeRobot, connector, running, wait_all_online
 from paper.spiral.course import INTERVAL_S, NETWORKS, Drive, Plan, in_frame_of, plan_of
 from paper.spiral.report import report
@@ -34,8 +32,6 @@ SETTINGS = {"guard": {"deadman_ms": 1000}}
 ONLINE_WITHIN_S, CONNECTED_WITHIN_S = 90.0, 20.0
 # Until then everybody is ready; what an answer of the watching process may take beyond what it waits for.
 LEAD_S, ANSWER_S = 0.3, 5.0
-# The ways of all robots are one line.
-LINE_LIMIT = 1 << 24
 MS = 1e6
 
 
@@ -143,7 +139,11 @@ async def _drive_all(
 ) -> list[Values]:
     drivers = [Driver(world, pair) for pair in pairs]
     async with AsyncExitStack() as opened:
-        watcher = await opened.enter_async_context(_watching([pair.robot for pair in pairs]))
+        watcher = LineProgram("paper.spiral.watch", world.folder / "watch.log")
+        opened.callback(watcher.close)
+        robots = [pair.robot for pair in pairs]
+        watcher.send([{"namespace": one.uplink.inside.name, "url": one.ros_url} for one in robots])
+        await asyncio.to_thread(watcher.receive, "that all are watched", BEGINS_WITHIN_S + ANSWER_S)
         await asyncio.gather(*(driver.connect(opened) for driver in drivers))
         start_s = time.monotonic() + LEAD_S
         # People are not in step: their moments lie evenly within an interval.
@@ -153,7 +153,10 @@ async def _drive_all(
                 for number, driver in enumerate(drivers)
             )
         )
-        records = await _finished(watcher)
+        watcher.send("finish")
+        records = await asyncio.to_thread(
+            watcher.receive, "what the robots did", STANDS_WITHIN_S + ANSWER_S
+        )
     return [
         outcome(pair, driver.sent_ns, driver.problem, record, wanted)
         for pair, driver, record in zip(pairs, drivers, records, strict=True)
@@ -163,51 +166,6 @@ async def _drive_all(
 async def _end(task: asyncio.Task[None]) -> None:
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)
-
-
-@asynccontextmanager
-async def _watching(robots: Sequence[WholeRobot]) -> AsyncIterator[Process]:
-    watcher = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "paper.spiral.watch"),
-        stdin=PIPE,
-        stdout=PIPE,
-        limit=LINE_LIMIT,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-    )
-    try:
-        targets = [
-            {"namespace": robot.uplink.inside.name, "url": robot.ros_url} for robot in robots
-        ]
-        await _send(watcher, json.dumps(targets))
-        await _answer(watcher, BEGINS_WITHIN_S + ANSWER_S)
-        yield watcher
-    finally:
-        if watcher.returncode is None:
-            watcher.terminate()
-        await watcher.wait()
-
-
-async def _finished(watcher: Process) -> list[Mapping[str, Any]]:
-    await _send(watcher, "finish")
-    records: list[Mapping[str, Any]] = json.loads(
-        await _answer(watcher, STANDS_WITHIN_S + ANSWER_S)
-    )
-    return records
-
-
-async def _send(watcher: Process, line: str) -> None:
-    assert watcher.stdin is not None
-    watcher.stdin.write(f"{line}\n".encode())
-    await watcher.stdin.drain()
-
-
-async def _answer(watcher: Process, seconds: float) -> bytes:
-    assert watcher.stdout is not None
-    async with asyncio.timeout(seconds):
-        line = await watcher.stdout.readline()
-    if not line:
-        raise RuntimeError("the process that watches the robots ended; its own words are above")
-    return line
 
 
 def outcome(

@@ -21,6 +21,7 @@ from namespaces import Namespace
 from sim_robot.kinematics import STEP_S
 
 from paper.networks import connector_in
+from paper.programs import write_line
 
 CMD_VEL, POSE = "/cmd_vel", "/pose"
 TYPES = {CMD_VEL: "geometry_msgs/Twist", POSE: "turtlesim/Pose"}
@@ -102,11 +103,6 @@ def _pose(pose: Mapping[str, float] | None) -> list[float] | None:
     return None if pose is None else [round(pose[part], 6) for part in ("x", "y", "theta")]
 
 
-def _answer(line: str) -> None:
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
-
-
 async def wait_all(watches: Sequence[Watch], what: str, seconds: float) -> bool:
     """Wait until each of them is `what`, at most so long; whether it came to that."""
     end = time.monotonic() + seconds
@@ -122,10 +118,10 @@ async def watch_all(targets: Sequence[Mapping[str, str]], lines: asyncio.StreamR
     tasks = [asyncio.create_task(watch.run()) for watch in watches]
     try:
         await wait_all(watches, "watches", BEGINS_WITHIN_S)
-        _answer("watching")
+        write_line("watching")
         if await lines.readline():
             await wait_all(watches, "stands", STANDS_WITHIN_S)
-            _answer(json.dumps([watch.reported() for watch in watches]))
+            write_line([watch.reported() for watch in watches])
     finally:
         for task in tasks:
             task.cancel()

@@ -1,0 +1,145 @@
+"""Programs that a step starts, ours and others', each with all that it starts; ended by their ids, never by a name."""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from demo import ROOT
+from namespaces import Namespace
+from openssh_server import descendants, is_alive, kill, wait_until
+
+# Where our programs find their modules.
+SUPPORT = tuple(f"tests/support/{name}" for name in ("fakes", "networks", "stack", "browser"))
+FOLDERS = [
+    ROOT / folder
+    for folder in ("common", "agent", "server", "images/sim_robot", "benchmarks", *SUPPORT)
+]
+# An agent publishes zeros for half a second when its robot was moving, and closes its tunnels.
+ENDS_WITHIN_S = 5.0
+LOG_LINES = 30
+
+
+def our_environment() -> dict[str, str]:
+    """This process's environment, with nothing in it that the agent or the simulator would take for settings."""
+    stored = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("ROBOTETHER_", "SIM_"))
+    }
+    return {**stored, "PYTHONPATH": os.pathsep.join(map(str, FOLDERS))}
+
+
+class Program:
+    """One program in a namespace; its words go to the end of the file `log`."""
+
+    def __init__(
+        self,
+        namespace: Namespace,
+        words: Sequence[str],
+        log: Path,
+        environ: Mapping[str, str] | None = None,
+    ) -> None:
+        self._name = f"{' '.join(words):.80}"
+        self._log = log
+        with log.open("ab") as out:
+            self._process = subprocess.Popen(
+                namespace.command(*words),
+                env=environ,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                # A Ctrl-C is for the experiment, which then ends its programs in order.
+                start_new_session=True,
+            )
+        self.pid = self._process.pid
+
+    def ended(self) -> str:
+        """Say that it has ended by itself, or nothing."""
+        code = self._process.poll()
+        return "" if code is None else f"{self._name} ended with {code}"
+
+    def check(self) -> None:
+        """Raise with its last words if it has ended."""
+        if ended := self.ended():
+            raise RuntimeError(f"{ended}; its last words:\n{self.tail()}")
+
+    def tail(self) -> str:
+        """Its last words."""
+        return "\n".join(self._log.read_text(errors="replace").splitlines()[-LOG_LINES:])
+
+    def terminate(self) -> None:
+        """Ask it to end, and do not wait."""
+        self._process.terminate()
+
+    def end(self) -> None:
+        """End it in order, and kill what is left of it and of what it started."""
+        if self.ended():
+            return
+        started = descendants(self.pid)
+        self.terminate()
+        try:
+            self._process.wait(ENDS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        for pid in started:
+            kill(pid)
+        wait_until(
+            lambda: not any(map(is_alive, started)), lambda: f"what {self._name} started ended"
+        )
+
+
+class LineProgram:
+    """A module of ours that takes and writes lines of JSON; it must end when its input does."""
+
+    def __init__(self, module: str, log: Path) -> None:
+        self._log = log
+        with log.open("wb") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", module],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                bufsize=1,
+                env=our_environment(),
+                # A Ctrl-C is for the experiment, which then ends its programs in order.
+                start_new_session=True,
+            )
+
+    def send(self, value: object) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(value) + "\n")
+        self._process.stdin.flush()
+
+    def receive(self, what: str, seconds: float) -> Any:
+        """Its next line; RuntimeError with its last words when there is none in time, and all of them as a note."""
+        assert self._process.stdout is not None
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._process.stdout, selectors.EVENT_READ)
+            line = self._process.stdout.readline() if selector.select(seconds) else None
+        if not line:
+            why = "ended" if line == "" else f"did not say in {seconds:.0f} s"
+            words = self._log.read_text()[-2000:]
+            last = words.rstrip().rpartition("\n")[2]
+            error = RuntimeError(f"a process of ours {why}: {what}; {last or 'it wrote no error'}")
+            error.add_note(words)
+            raise error
+        return json.loads(line)
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+
+def write_line(value: object) -> None:
+    """Write to whoever started this process."""
+    sys.stdout.write(json.dumps(value) + "\n")
+    sys.stdout.flush()
