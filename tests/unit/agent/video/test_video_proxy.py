@@ -287,6 +287,11 @@ async def test_the_camera_waits_while_the_window_is_full(camera: Camera) -> None
         await proxy.close()
 
 
+def test_a_url_names_its_port() -> None:
+    with pytest.raises(ValueError, match="no host and port"):
+        VideoProxy("http://127.0.0.1")
+
+
 async def round_trips_ms(here: socket.socket, there: socket.socket, count: int) -> list[float]:
     """Datagrams up the same link; they come back on a way of their own."""
     loop = asyncio.get_running_loop()
