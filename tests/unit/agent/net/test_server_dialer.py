@@ -15,7 +15,7 @@ from robotether_agent.net import server_dialer
 from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.net.tcp import Resolver
-from robotether_agent.problems import NoAnswer, ServerUnreachable
+from robotether_agent.problems import NoAnswer, ServerBusy, ServerUnreachable
 from ssh_ports import BANNER, SshPort
 
 WAIT_S = 20.0
@@ -88,15 +88,39 @@ async def test_a_port_that_drops_everything_costs_little(silent_port):
         assert loop.time() - started < server_dialer.NEXT_PORT_AFTER_S + 1
 
 
-async def test_a_shy_port_gets_a_fresh_connection():
-    """The one on which the agent spoke is not given to ssh."""
+async def test_a_shy_port_is_remembered_and_gets_a_fresh_connection(monkeypatch):
+    """The one on which the agent spoke is not given to ssh; the next time nobody waits for it to begin."""
+    monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
     async with SshPort("shy") as door:
         dialer = ServerDialer()
-        dialer._banner._silent_ports.add(door.port)
         target = await dialer.find([at(door.port)])
         heard = door.heard
         (await dialer.open(target)).close()
         assert heard.startswith(b"SSH-2.0-robotether")
+        assert door.port in dialer._banner._silent_ports
+
+
+async def test_the_sites_port_is_spoken_to_at_once():
+    """Nginx is there, and waits for the client's first words."""
+    async with SshPort("shy") as door:
+        dialer = ServerDialer(https_port=door.port)
+        found = await asyncio.wait_for(dialer.find([at(door.port)]), server_dialer.SPEAK_AFTER_S)
+        assert found == at(door.port)
+
+
+@pytest.mark.parametrize(
+    ("mode", "kind", "told"),
+    [
+        ("babbles", ServerUnreachable, "no SSH server .*302 Log in"),
+        ("closes", ServerUnreachable, "closes the connection silently"),
+        ("full", ServerBusy, "as many log-ins as it accepts"),
+        ("full_before_10", ServerBusy, "as many log-ins as it accepts"),
+    ],
+)
+async def test_what_is_no_ssh_server_or_takes_nobody(mode, kind, told):
+    async with SshPort(mode) as door:
+        with pytest.raises(kind, match=told):
+            await asyncio.wait_for(ServerDialer().find([at(door.port)]), 5)
 
 
 async def test_a_refusal_is_told_at_once():
@@ -168,7 +192,7 @@ async def test_a_busy_server_that_ends_its_connection_is_not_waited_for(monkeypa
     monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
     monkeypatch.setattr(server_dialer, "BANNER_TIMEOUT_S", 0.3)
     async with SshPort("silent") as door:
-        with pytest.raises(NoAnswer):
+        with pytest.raises(NoAnswer, match="it accepts the connection but stays silent"):
             await asyncio.wait_for(ServerDialer().find([at(door.port)]), 5)
 
 

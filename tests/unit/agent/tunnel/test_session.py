@@ -11,6 +11,8 @@ from typing import Any, get_args
 
 import pytest
 from fake_cloud import eventually
+from robotether_agent import clock
+from robotether_agent.clock import robot_time
 from robotether_agent.fields import FieldError
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
 from robotether_agent.tunnel.session import (
@@ -290,3 +292,9 @@ async def test_what_the_server_found_is_kept(ends):
 def test_every_bye_with_advice_is_one_that_the_server_says():
     """A misspelled code would leave its robot without advice, and let it knock too often."""
     assert {*BYE_ADVICE, *SLOW_BYES} <= set(get_args(ByeCode))
+
+
+def test_it_goes_on_while_the_robot_sleeps(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = {time.CLOCK_MONOTONIC: 5.0, time.CLOCK_BOOTTIME: 65.0}
+    monkeypatch.setattr(clock.time, "clock_gettime", shown.get)
+    assert robot_time() == 65.0
