@@ -42,6 +42,7 @@ SEEDS = (
     {"op": "robotether.beat", "t_ms": 81.2},
 )  # fmt: skip
 WORDS = sorted({*OPERATIONS, *(name for entry in OPERATIONS.values() for name in entry.fields)})
+PAYLOADS = {"msg", "args", "values"}
 NEW_MESSAGES = 0.1
 
 
@@ -61,9 +62,9 @@ def names_are_allowed(
 
 
 def look_at_passed(
-    policy: LevelPolicy, validator: MessageValidator, checked: ValidatedMessage
+    policy: LevelPolicy, validator: MessageValidator, data: bytes, checked: ValidatedMessage
 ) -> None:
-    """Fail unless what passed is what may pass."""
+    """Fail unless what passed is what may pass, and means what another parser reads."""
     entry = OPERATIONS[checked.operation]
     if entry.own:
         assert checked.data == b""
@@ -73,6 +74,9 @@ def look_at_passed(
     assert sent["op"] == checked.operation
     assert sent.keys() <= {"op", *entry.fields} - {"robotether"}
     assert names_are_allowed(policy, checked, sent)
+    given = json.loads(data.decode())
+    for name in PAYLOADS & entry.fields.keys():
+        assert sent.get(name) == given.get(name)
     assert validator.check(checked.data).data == checked.data
     if checked.drive is not None:
         assert json.loads(stamped(checked.drive, 1.0, 2)).pop("robotether") == {
@@ -98,7 +102,7 @@ def fuzz_one(data: bytes) -> None:
     validator = MessageValidator(policy, DRIVE_TOPICS, Limits())
     checked = check(validator, data[1:])
     if checked is not None:
-        look_at_passed(policy, validator, checked)
+        look_at_passed(policy, validator, data[1:], checked)
 
 
 def seed_of(number: int) -> bytes:
