@@ -56,6 +56,8 @@ WHOLE_53_BIT = (-(2.0**53), 2.0**53)
 # A field of a ROS message; `op` would make an operation of the object that it stands in.
 FIELD_NAME = re.compile(r"(?!op\Z)[A-Za-z][A-Za-z0-9_]{0,63}")
 _AXES = frozenset(AXES)
+# True is a number to Python only.
+_NUMBERS = frozenset((int, float))
 
 
 class NotJsonError(ValueError):
@@ -259,7 +261,11 @@ def _of_twist(twist: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _length(vector: Any) -> float:
-    return _finite(math.hypot(*map(_finite, _object(vector, _AXES).values())))
+    values = _object(vector, _AXES).values()
+    if not _NUMBERS.issuperset(map(type, values)):
+        raise FieldRefusedError("holds a speed that is no finite number")
+    # Infinite, or no number, if one of them is.
+    return _finite(math.hypot(*values))
 
 
 def _object(value: Any, known: frozenset[str]) -> Mapping[str, Any]:
@@ -269,8 +275,7 @@ def _object(value: Any, known: frozenset[str]) -> Mapping[str, Any]:
 
 
 def _finite(value: Any) -> float:
-    # True is a number to Python only.
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if type(value) not in _NUMBERS or not math.isfinite(value):
         raise FieldRefusedError("holds a speed that is no finite number")
     return float(value)
 
