@@ -242,7 +242,7 @@ def robots_and_operators(world: World, profile: Profile) -> Iterator[list[Pair]]
 
 PART = Part(
     name="operators",
-    title="Three operators drive three robots, with video",
+    title="Operators with video",
     steps=steps,
     report=report,
 )

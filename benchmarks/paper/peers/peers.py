@@ -170,7 +170,7 @@ def steps(scale: Scale) -> Sequence[Step]:
 
 PART = Part(
     name="peers",
-    title="Against what else a user would take",
+    title="Other tunnels",
     steps=steps,
     report=lambda scale, results: report(plan_of(scale), results),
 )

@@ -325,10 +325,15 @@ def _comparisons(measured: Measured, key: str) -> list[Comparison]:
 
 
 def _losses(rows: Sequence[Comparison]) -> list[str]:
+    """A line for each figure that others have better, but for those of the first table."""
+    worse: dict[str, list[Comparison]] = {}
+    for row in rows:
+        if row.is_short and row.what not in COMPARED:
+            worse.setdefault(row.what, []).append(row)
     return [
-        f"{row.what}: {row.ours:.3g} {row.unit}, {row.against} {row.reference:.3g} {row.unit}"
-        for row in rows
-        if row.is_short and row.what not in COMPARED
+        f"{what}: {some[0].ours:.3g} {some[0].unit}; "
+        + "; ".join(f"{row.against}: {row.reference:.3g}" for row in some)
+        for what, some in worse.items()
     ]
 
 

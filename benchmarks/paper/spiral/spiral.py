@@ -231,7 +231,7 @@ def _step(plan: Plan, each: Drive) -> Step:
 
 PART = Part(
     name="spiral",
-    title="An open-loop spiral",
+    title="Open-loop spiral",
     steps=steps,
     report=lambda scale, results: report(plan_of(scale), results),
 )
