@@ -35,14 +35,10 @@ def require_user() -> AnyResponse | None:
 
 def require_admin() -> AnyResponse | None:
     """Identify the user as `require_user` does; raise GrantMissing unless it is an admin."""
-    with context().database.transaction() as tx:
-        user = auth.page_user(tx, request)
-        if user is None:
-            return to_login()
-        remember(tx, user)
-    if not user.is_admin:
+    answer = require_user()
+    if answer is None and not get().is_admin:
         raise GrantMissing("cannot show this page: it is for admins; ask one of them")
-    return None
+    return answer
 
 
 def remember(tx: Transaction, user: User) -> None:

@@ -1,15 +1,19 @@
-"""Reads the filters of a long list from the query, and builds the links that keep them."""
+"""Long lists: their pages and files, the filters in the query, and the links that keep them."""
 
 import datetime as dt
+from collections.abc import Callable
 from dataclasses import dataclass
+from http import HTTPStatus
 from typing import Generic, cast
 from urllib.parse import urlencode
 
-from flask import request
+from flask import Blueprint, Response, render_template, request
 
 from robotether_server import schemas, times
 from robotether_server.api import exports
+from robotether_server.api.context import context
 from robotether_server.api.exports import R
+from robotether_server.db import Transaction
 from robotether_server.problems import FieldInvalid
 
 LENGTH_OF_DAY_TEXT = 10
@@ -26,6 +30,34 @@ class Page(Generic[R]):
     shown: list[R]
     older: str | None
     newest: str | None
+
+
+def register(
+    blueprint: Blueprint,
+    template: str,
+    names: tuple[str, ...],
+    find: Callable[[Transaction, Asked], list[R]],
+    send: Callable[[Asked, exports.Format], Response],
+) -> None:
+    """Make the page of a list, and /download, which sends all that matches as a file.
+
+    `names` are those of the filters. `find` returns the WANTED newest that are older than `before()`.
+    """
+
+    def show() -> str | tuple[str, int]:
+        given = asked(names)
+        links = {"asked": given, "files": files(request.path, given)}
+        try:
+            with context().database.transaction() as tx:
+                found = page(request.path, given, find(tx, given))
+        except FieldInvalid as problem:
+            empty = Page[R]([], None, None)
+            answer = render_template(template, page=empty, problem=problem, **links)
+            return answer, HTTPStatus.UNPROCESSABLE_ENTITY
+        return render_template(template, page=found, **links)
+
+    blueprint.add_url_rule("", "show", show)
+    blueprint.add_url_rule("/download", "save", lambda: send(asked(names), file_kind()))
 
 
 def asked(names: tuple[str, ...]) -> Asked:

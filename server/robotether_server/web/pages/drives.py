@@ -1,50 +1,25 @@
 """/drives: who drove which robot, and how; everybody's own, managers' of their robots, admins' all; also as a file."""
 
-from http import HTTPStatus
+from flask import Blueprint, Response
 
-from flask import Blueprint, Response, render_template
-
-from robotether_server.api.context import context
 from robotether_server.api.drives import download
-from robotether_server.db import drives
+from robotether_server.api.exports import Format
+from robotether_server.db import Transaction, drives
 from robotether_server.db.drives import Drive, DriveSearch
-from robotether_server.problems import FieldInvalid
 from robotether_server.web import current_user, filters
 from robotether_server.web.filters import Asked
 
 blueprint = Blueprint("drives", __name__, url_prefix="/drives")
 blueprint.before_request(current_user.require_user)
 
-PATH = "/drives"
-FILTERS = ("robot", "user", "since", "until")
+
+def _find(tx: Transaction, asked: Asked) -> list[Drive]:
+    before, limit = filters.before(), filters.WANTED
+    return drives.find(tx, current_user.get(), _search(asked), before=before, limit=limit)
 
 
-@blueprint.get("")
-def show() -> str | tuple[str, int]:
-    """Show one page of drives; `before` is the id of the drive that it ends before."""
-    asked = filters.asked(FILTERS)
-    try:
-        search = _search(asked)
-    except FieldInvalid as problem:
-        return _page([], asked, problem=problem), HTTPStatus.UNPROCESSABLE_ENTITY
-    with context().database.transaction() as tx:
-        found = drives.find(
-            tx, current_user.get(), search, before=filters.before(), limit=filters.WANTED
-        )
-    page = filters.page(PATH, asked, found)
-    return _page(page.shown, asked, older=page.older, newest=page.newest)
-
-
-@blueprint.get("/download")
-def save() -> Response:
-    """Send all matching drives as a file."""
-    kind = filters.file_kind()
-    return download(current_user.get(), _search(filters.asked(FILTERS)), kind)
-
-
-def _page(shown: list[Drive], asked: Asked, **more: object) -> str:
-    files = filters.files(PATH, asked)
-    return render_template("drives.html", drives=shown, asked=asked, files=files, **more)
+def _send(asked: Asked, kind: Format) -> Response:
+    return download(current_user.get(), _search(asked), kind)
 
 
 def _search(asked: Asked) -> DriveSearch:
@@ -54,3 +29,6 @@ def _search(asked: Asked) -> DriveSearch:
         since=filters.since(asked),
         until=filters.until(asked),
     )
+
+
+filters.register(blueprint, "drives.html", ("robot", "user", "since", "until"), _find, _send)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import datetime as dt
-import sys
-from io import StringIO
 
 import pytest
 from robotether_server.cli import common
@@ -24,33 +22,6 @@ def test_nothing_steers_the_terminal(capsys: pytest.CaptureFixture[str]) -> None
     out = capsys.readouterr().out
     spelt = r"\x1b[2Jroot\nann\u202e\x9b"
     assert out == f"{'WHO'.ljust(len(spelt))}  X\n{spelt}  1\nwho  {spelt}\n"
-
-
-def test_wait_ends_with_what_comes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It asks until there is something."""
-    monkeypatch.setattr(common, "POLL_S", 0)
-    answers = iter([None, None, "there"])
-    assert common.wait_for(lambda: next(answers), 20) == "there"
-
-
-def test_wait_ends_in_time() -> None:
-    """It asks once even with no time at all."""
-    asked: list[int] = []
-    assert common.wait_for(lambda: asked.append(1), 0) is None
-    assert asked == [1]
-
-
-def test_record_has_its_values_in_line(capsys: pytest.CaptureFixture[str]) -> None:
-    """After the longest name."""
-    common.print_fields([("a", "1"), ("longer", "2")])
-    assert capsys.readouterr().out == "a       1\nlonger  2\n"
-
-
-def test_nobody_to_ask_is_no_yes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The sentence says what was not done and what to do."""
-    monkeypatch.setattr(sys, "stdin", StringIO("y\n"))
-    with pytest.raises(common.NotDone, match="cannot fly: there is no terminal to ask on; walk"):
-        common.agree("fly", "Fly?", "walk")
 
 
 def test_json_has_moments_as_text(capsys: pytest.CaptureFixture[str]) -> None:

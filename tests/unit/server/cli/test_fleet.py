@@ -197,15 +197,6 @@ def test_lines_on_the_terminal_have_their_robots_name(
     assert capsys.readouterr() == ("sim1   | hi\n", "sim1   | oops\n")
 
 
-def test_every_name_is_done_once() -> None:
-    """With fewer threads than names, and with more."""
-    for parallel in (1, 4, 20):
-        assert sorted(WorkerPool(str.upper, NAMES, parallel).results()) == [
-            n.upper() for n in NAMES
-        ]
-    assert list(WorkerPool(str.upper, [], 4).results()) == []
-
-
 def test_as_many_at_a_time_as_asked() -> None:
     """Three meet at the barrier, and never four."""
     barrier, lock = Barrier(3, timeout=10), Lock()

@@ -197,16 +197,6 @@ def test_rejected_key_is_gone(run: Run, database: Database) -> None:
     assert kinds(database)[-1] == "key_rejected"
 
 
-def test_rejected_claim_leaves_the_robot_alone(run: Run, database: Database) -> None:
-    """It goes on with its own key."""
-    run(*ADD)
-    activate(database)
-    claim(database)
-    assert run("robot", "reject", "sim1", "--fingerprint", "SHA256:other").status == 0
-    found = robot(database)
-    assert (found.state, found.fingerprint) == ("active", "SHA256:abc")
-
-
 @pytest.mark.parametrize(
     ("before", "after"), [("active", "pending"), ("pending", "pending"), ("disabled", "disabled")]
 )

@@ -140,15 +140,6 @@ def test_robot_is_disabled_and_enabled(run: Run, database: Database) -> None:
 
 
 @pytest.mark.usefixtures("_sim1")
-def test_enable_approves_no_key_in_passing(run: Run, database: Database) -> None:
-    """The key of a robot that nobody has approved is forgotten when it is disabled."""
-    show_key(database)
-    run("robot", "disable", "sim1")
-    assert run("robot", "enable", "sim1").out == "robot sim1 is pending\n"
-    assert "has not joined yet" in run("robot", "approve", "sim1", "--yes").err
-
-
-@pytest.mark.usefixtures("_sim1")
 def test_robot_gets_another_name(run: Run, database: Database) -> None:
     """Which must be free, and a name."""
     assert run("robot", "rename", "sim1", "turtle").out == "robot sim1 is now turtle\n"

@@ -122,12 +122,3 @@ def test_what_an_admin_leaves_behind_is_said(admin: Browser, action: str) -> Non
     said = "Join tokens that root made"
     assert said in admin.ask("GET", f"/admin/users/root/{action}").text
     assert "Join tokens that" not in admin.ask("GET", f"/admin/users/ann/{action}").text
-
-
-@pytest.mark.parametrize(
-    ("action", "form"), [("disable", {}), ("remove", {}), ("role", {"role": "user"})]
-)
-def test_the_last_admin_stays(admin: Browser, action: str, form: dict[str, str]) -> None:
-    """Or nobody could come back to these pages."""
-    answer = send(admin, f"/admin/users/root/{action}", **form)
-    assert (answer.status_code, "nobody else is an admin" in answer.text) == (409, True)
