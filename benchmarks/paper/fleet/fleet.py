@@ -46,6 +46,7 @@ MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
 # Larger fleets are watched for longer than a robot may take, to see when the last one comes.
 WATCHED_A_ROBOT_S = 0.5
 OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
+ROSBRIDGE_WITHIN_S, TRY_AGAIN_S = 30.0, 0.1
 # Also for a relay that holds two connections of each robot, and for this process.
 FILES_OF_OPERATORS = 4096
 POLL_EVERY_S, SETTLES_IN_POLLS = 0.5, 20
@@ -55,8 +56,6 @@ GONE = "gone"
 T = TypeVar("T")
 # What a world's stack has enrolled is kept for the next fleet in it.
 _enrolled: WeakKeyDictionary[World, list[Enrolled]] = WeakKeyDictionary()
-ROSBRIDGE_WITHIN_S, TRY_AGAIN_S = 30.0, 0.1
-T = TypeVar("T")
 
 
 def robots_of(world: World, count: int) -> list[Enrolled]:

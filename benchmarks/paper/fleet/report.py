@@ -204,7 +204,7 @@ def report(planned: Sequence[str], results: Results) -> Report:
 
 def title(group: Group) -> str:
     """`50`, or `50 whole`."""
-    return f"{group.count} whole" if group.kind == "whole" else group.count
+    return f"{group.count} whole" if group.kind == "whole" else str(group.count)
 
 
 def _starts(starts: Sequence[Group]) -> Section:

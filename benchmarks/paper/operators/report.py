@@ -289,7 +289,7 @@ def _how(results: Results) -> str:
     )
 
 
-def _rows(network: str, results: Results, runs: Runs) -> Iterator[Sequence[str]]:
+def _rows(network: str, results: Results, runs: Runs) -> Iterator[Sequence[object]]:
     for quality in (*QUALITIES, ADAPTIVE):
         name = step_name(network, quality)
         if name in results and results[name].values is None:
