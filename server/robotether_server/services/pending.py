@@ -6,7 +6,7 @@ from typing import Literal
 
 from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Source
-from robotether_server.db.robots import Claim, Robot
+from robotether_server.db.robots import Claim, Report, Robot
 from robotether_server.schemas import Fingerprint, RobotName, Timestamp
 
 Reason = Literal["approval_pending", "mac_in_use"]
@@ -63,17 +63,14 @@ def forgive(tx: Transaction, source: Source, rejected_id: int) -> RejectedKey:
 
 
 def _of_robot(robot: Robot) -> PendingKey:
-    report = robot.report
     return PendingKey(
         robot=robot.name,
         mac=robot.mac,
-        hostname=report.hostname if report else "",
-        address=report.address if report else "",
         fingerprint=robot.fingerprint or "",
-        agent_version=report.agent_version if report else "",
         # A key that somebody wrote by SQL came with no join.
         joined_at=robot.joined_at or dt.datetime.fromtimestamp(0, dt.UTC),
         reason="approval_pending",
+        **vars(robot.report or Report("", "", "")),
     )
 
 
@@ -81,12 +78,10 @@ def _of_claim(claim: Claim) -> PendingKey:
     return PendingKey(
         robot=claim.robot,
         mac=claim.mac,
-        hostname=claim.report.hostname,
-        address=claim.report.address,
         fingerprint=claim.key.fingerprint,
-        agent_version=claim.report.agent_version,
         joined_at=claim.claimed_at,
         reason="mac_in_use",
+        **vars(claim.report),
     )
 
 
