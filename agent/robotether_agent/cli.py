@@ -23,7 +23,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-from robotether_agent import __version__
+from robotether_agent import __version__, certificates  # noqa: F401 - before all that imports aiohttp
 from robotether_agent.backoff import before_restart
 from robotether_agent.daemon import Agent
 from robotether_agent.doctor import FAIL, WARNING, fail

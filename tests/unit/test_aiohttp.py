@@ -10,8 +10,11 @@ from __future__ import annotations
 import asyncio
 import inspect
 import logging
+import os
 import re
+import ssl
 import struct
+import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
@@ -26,6 +29,7 @@ from aiohttp import (
     web,
 )
 from aiohttp.http_exceptions import HttpProcessingError
+from fake_cloud import certificate
 from robotether_agent import rosbridge as _agent_sockets  # noqa: F401 - for its classes
 from robotether_agent.guard import process as _guard_sockets  # noqa: F401 - for its classes
 from robotether_server.relay import main as _relay_sockets  # noqa: F401 - for its classes
@@ -278,3 +282,58 @@ async def test_a_request_that_cannot_be_parsed_is_logged_with_its_exception(capl
     [record] = [one for one in caplog.records if one.name == logger.name]
     assert record.exc_info is not None
     assert isinstance(record.exc_info[1], HttpProcessingError)
+
+
+ASKS = """
+import asyncio, ssl, sys
+import robotether_agent.cli
+import aiohttp
+from aiohttp import connector
+
+contexts = connector._SSL_CONTEXT_VERIFIED, connector._SSL_CONTEXT_UNVERIFIED
+assert [context.cert_store_stats()["x509"] for context in contexts] == [0, 0]
+assert contexts[0].check_hostname
+assert contexts[0].verify_mode is ssl.CERT_REQUIRED
+
+async def ask():
+    async with aiohttp.ClientSession() as session:
+        for _ in range(2):
+            async with session.get(sys.argv[1]) as answer:
+                print(answer.status)
+
+asyncio.run(ask())
+"""
+
+
+@pytest.mark.parametrize(
+    ("trusted", "told"), [(True, "200\n200\n"), (False, "certificate verify failed: self-signed")]
+)
+async def test_the_agent_reads_the_systems_certificates_with_the_first_connection(
+    trusted: bool, told: str
+) -> None:
+    """Then it trusts them, and nobody else."""
+
+    async def answer(_: web.BaseRequest) -> web.Response:
+        return web.Response()
+
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate())
+    runner = web.ServerRunner(web.Server(answer, access_log=None), shutdown_timeout=0.1)
+    await runner.setup()
+    await web.TCPSite(runner, HOST, 0, ssl_context=context).start()
+    system = {
+        "SSL_CERT_FILE": str(certificate()) if trusted else "/dev/null",
+        "SSL_CERT_DIR": "/dev/null",
+    }
+    try:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *("-c", ASKS, f"https://localhost:{runner.addresses[0][1]}/"),
+            env={**os.environ, "PYTHONPATH": ":".join(sys.path), **system},
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+        )
+        out, _ = await process.communicate()
+    finally:
+        await runner.cleanup()
+    assert told in out.decode()

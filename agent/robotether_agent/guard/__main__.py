@@ -7,6 +7,7 @@ import sys
 from functools import partial
 from pathlib import Path
 
+from robotether_agent import certificates  # noqa: F401 - before all that imports aiohttp
 from robotether_agent.guard import fork_server, process
 from robotether_agent.systemd import set_up_log
 
