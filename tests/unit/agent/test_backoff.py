@@ -70,10 +70,6 @@ def test_each_problem_has_its_pause(problem, low, high):
     assert all(low <= wait <= high for wait in waits)
 
 
-def test_gives_up_on_a_changed_host_key():
-    assert retry_or_give_up(ServerKeyChanged("x"), delays(Random(1)), Random(1)) is None
-
-
 def test_starts_anew_after_a_connection_that_stood():
     """Pauses grow while connections fail at once, and are short again after one that stood 10 s."""
     backoff = Backoff(Longest())

@@ -42,14 +42,6 @@ async def test_public_half_is_made_again(place):
     assert await ensure_key(place) == first
 
 
-async def test_fingerprint_is_ssh_keygens(place):
-    """What the status shows is what `ssh-keygen -l` and the server say."""
-    key = await ensure_key(place)
-    command = ["ssh-keygen", "-l", "-f", str(key.path)]
-    said = await asyncio.to_thread(subprocess.run, command, check=True, capture_output=True)
-    assert key.fingerprint == said.stdout.decode().split()[1]
-
-
 async def test_damaged_public_half_is_told(place):
     """A .pub that was cut short is key_unusable, with what to do."""
     key = await ensure_key(place)

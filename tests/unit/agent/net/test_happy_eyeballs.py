@@ -42,14 +42,6 @@ def attempts() -> Attempts:
     return Attempts()
 
 
-async def test_a_silent_one_is_overtaken_and_ended(attempts):
-    """The next one starts after the pause, and wins while the first is ended."""
-    ways = [attempts.that("silent"), attempts.that("second", "works")]
-    race = HappyEyeballs(ways, pause=after(0.01), drop=attempts.dropped.append)
-    assert await asyncio.wait_for(race.winner(), 5) == "second"
-    assert attempts.ended == ["second", "silent"]
-
-
 async def test_a_failure_starts_the_next_at_once(attempts):
     """No pause is waited for after a refusal."""
     ways = [attempts.that("refused", ServerUnreachable("no")), attempts.that("second", "works")]
@@ -65,17 +57,6 @@ async def test_two_that_work_in_the_same_moment(attempts):
     await eventually(lambda: len(attempts.started) == 2, lambda: "both have started")
     now.set()
     assert {await asyncio.wait_for(winner, 5), *attempts.dropped} == {"one", "other"}
-
-
-async def test_all_fail(attempts):
-    ways = [
-        attempts.that("a", NoAnswer("x")),
-        attempts.that("b", NoAnswer("x")),
-        attempts.that("c", NoAnswer("y")),
-    ]
-    race = HappyEyeballs(ways, pause=never, drop=attempts.dropped.append)
-    with pytest.raises(NoAnswer, match=r"^x; y"):
-        await asyncio.wait_for(race.winner(), 5)
 
 
 async def test_one_that_is_not_eager_goes_on_until_something_refuses(attempts):
@@ -151,7 +132,7 @@ async def test_a_busy_server_ends_the_attempts(attempts):
     ("problems", "kind", "told"),
     [
         ([], NoAnswer, "nothing answers"),
-        ([NoAnswer("a")], NoAnswer, "a"),
+        ([NoAnswer("a"), NoAnswer("a"), NoAnswer("b")], NoAnswer, "a; b"),
         ([NoAnswer("a"), ServerUnreachable("b")], ServerUnreachable, "b"),
         ([NoAnswer("a"), ServerUnreachable("b"), ServerBusy("c")], ServerBusy, "c"),
     ],
@@ -159,4 +140,4 @@ async def test_a_busy_server_ends_the_attempts(attempts):
 def test_of_several_problems_the_servers_own_word_counts(problems, kind, told):
     """A refusal counts more than the silence beside it, since it waits longer; that it is busy explains most."""
     found = combined_problem(problems)
-    assert (type(found), found.message.endswith(told)) == (kind, True)
+    assert (type(found), found.message.removeprefix("cannot connect: ")) == (kind, told)

@@ -106,14 +106,6 @@ async def test_it_is_asked_each_time(names):
     assert await known.addresses("h", 22) == SIX
 
 
-async def test_the_last_address_is_tried_while_the_name_service_is_silent(names):
-    """A resolver without a network may hang for long; it holds up nothing."""
-    known = Resolver(names)
-    await known.addresses("h", 22)
-    with names.hanging():
-        assert await asyncio.wait_for(known.addresses("h", 22), 2) == FOUR
-
-
 async def test_an_answer_that_comes_late_counts_the_next_time(names):
     """What a hanging question brings at last is used when the next one hangs."""
     known = Resolver(names)

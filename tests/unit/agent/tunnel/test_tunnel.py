@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from fake_cloud import eventually
 from local_network import free_port
-from openssh_server import descendants, listens, wait_until
+from openssh_server import descendants, wait_until
 from robotether_agent.enrolment.join import parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
-from robotether_agent.problems import PortTaken, ServerUnreachable, SshMissing
+from robotether_agent.problems import ServerUnreachable, SshMissing
 from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.tunnel import Tunnel
 
@@ -31,35 +31,6 @@ async def dialer(make_cloud, place):
     pin_host_keys(place / "known_hosts", parse_host_keys({"host_keys": cloud.ssh.host_keys}))
     files = SshFiles((key.path,), place / "known_hosts", place / "session.ctl")
     return cloud, SshAddress("127.0.0.1", cloud.ssh.port, cloud.ssh.user), files
-
-
-async def test_forwards_are_added_and_cancelled_while_it_runs(dialer):
-    """A forward opens and closes on the live connection."""
-    cloud, target, files = dialer
-    tunnel = await Tunnel.open(target, files, "session")
-    try:
-        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
-        forward = Forward(cloud.ports[0], "127.0.0.1", 9)
-        await tunnel.add(forward)
-        assert listens(cloud.ports[0])
-        await tunnel.cancel(forward)
-        # OpenSSH asks for the cancel without a wish for an answer: sshd may still be about to.
-        await eventually(lambda: not listens(cloud.ports[0]), lambda: "sshd closes the port")
-    finally:
-        await tunnel.close()
-    assert not files.control.exists()
-
-
-async def test_a_port_that_is_not_the_robots_is_refused(dialer):
-    """A port outside permitlisten is told as port_taken."""
-    _, target, files = dialer
-    tunnel = await Tunnel.open(target, files, "session")
-    try:
-        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
-        with pytest.raises(PortTaken):
-            await tunnel.add(Forward(free_port(), "127.0.0.1", 9))
-    finally:
-        await tunnel.close()
 
 
 async def test_a_stale_control_socket_is_removed(dialer):

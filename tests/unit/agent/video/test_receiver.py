@@ -167,17 +167,6 @@ async def test_the_newest_goes_out_when_credit_comes(world):
     assert unpacked(world.socket.pictures[0]).sequence == 3
 
 
-async def test_a_frame_goes_out_once(world):
-    """Credit without a new frame waits for one."""
-    world.socket.ask("want")
-    world.socket.ask("credit", frames=2)
-    await world.until_open()
-    world.give(1)
-    assert await world.got(1) == [1]
-    world.give(2)
-    assert await world.got(2) == [1, 2]
-
-
 async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):
     """Nothing is chosen before the link takes it, and requests are still heard."""
     world.socket.stuck = True

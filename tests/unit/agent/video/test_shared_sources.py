@@ -10,7 +10,7 @@ from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from robotether_agent.video import shared_sources as shared_sources_module
 from robotether_agent.video.shared_sources import Condition, SharedSources
-from robotether_agent.video.sources import CameraFrame, SourceDownError, SourceRequest
+from robotether_agent.video.sources import CameraFrame, SourceRequest
 from robotether_common.frames import Source
 
 WISH = SourceRequest("/camera", 70, None, None, 15.0)
@@ -67,34 +67,6 @@ async def until_open(source: FakeSource, count: int = 1) -> None:
     await eventually(lambda: len(source.takes) == count, lambda: f"{len(source.takes)} are open")
 
 
-async def test_equal_requests_share_a_source(shared_sources, source):
-    """Two followers of one request, one source; another quality has its own."""
-    got: dict[str, list[CameraFrame]] = {"a": [], "b": []}
-    followed = [shared_sources.follow(WISH, name, got[name].append) for name in got]
-    await until_open(source)
-    source.give()
-    assert (source.opened, len(got["a"]), len(got["b"])) == (1, 1, 1)
-    other = shared_sources.follow(
-        SourceRequest("/camera", 60, None, None, 15.0), "a", got["a"].append
-    )
-    await until_open(source, 2)
-    shared_sources.leave(other, "a")
-    await until_open(source, 1)
-    assert followed[0] is followed[1]
-
-
-async def test_the_last_to_leave_closes_the_source(shared_sources, source):
-    shared = shared_sources.follow(WISH, "a", print)
-    shared_sources.follow(WISH, "b", print)
-    await until_open(source)
-    shared_sources.leave(shared, "a")
-    source.give()
-    assert source.takes
-    shared_sources.leave(shared, "b")
-    await until_open(source, 0)
-    shared_sources.leave(shared, "b")
-
-
 async def test_the_condition_follows_the_frames(shared_sources, source):
     """Waiting, live, waiting again after two seconds, down with the reason."""
     shared = shared_sources.follow(WISH, "a", lambda _: None)
@@ -104,19 +76,6 @@ async def test_the_condition_follows_the_frames(shared_sources, source):
     assert shared.condition() == Condition("live", "", "mjpeg")
     source.now_s += 2.5
     assert shared.condition().state == "waiting"
-
-
-async def test_a_source_that_ends_is_opened_again(shared_sources, source, monkeypatch):
-    """Until it gives frames, and then it is not down any more."""
-    monkeypatch.setattr(shared_sources_module, "MAX_PAUSE_S", 0.02)
-    source.fault = SourceDownError("the camera has no power")
-    shared = shared_sources.follow(WISH, "a", lambda _: None)
-    await eventually(lambda: source.opened > 2, lambda: f"opened {source.opened} times")
-    assert shared.condition() == Condition("down", "the camera has no power", "mjpeg")
-    source.fault = None
-    await until_open(source)
-    source.give()
-    assert shared.condition().state == "live"
 
 
 async def test_a_defect_is_no_end(shared_sources, source, monkeypatch, caplog):
