@@ -1,7 +1,7 @@
 // What a person reads of connection, control and stops, and what they can do about it: the banner, who drives, and questions.
 // The markup is the server's (drive.html); what can be done is driveMode.js's to say.
 
-import { lease, serverClock } from "../pages/calls.js";
+import { api, serverClock } from "../pages/calls.js";
 import { byTestId, localTime, part, setText } from "../pages/page.js";
 import { connection, control as texts, driveMode as notes, logIn, states } from "../texts/common.js";
 
@@ -85,7 +85,7 @@ export class ControlPanel {
 
   async ask() {
     this.driveMode.ask();
-    const answer = await lease(this.robot, "ask");
+    const answer = await api.lease(this.robot, "ask");
     if (answer.ok || this.driveMode.asked !== "sent") return;
     if (answer.code === "lease_free") this.driveMode.drive();
     else this.driveMode.forget(failure(answer));
@@ -93,7 +93,7 @@ export class ControlPanel {
 
   async withdraw() {
     this.driveMode.forget();
-    await lease(this.robot, "withdraw");
+    await api.lease(this.robot, "withdraw");
   }
 
   askSure(sure) {
@@ -106,7 +106,7 @@ export class ControlPanel {
 
   async take() {
     this.askSure(false);
-    const answer = await lease(this.robot, "take");
+    const answer = await api.lease(this.robot, "take");
     if (answer.ok || answer.code === "lease_free") this.driveMode.drive();
     else this.driveMode.setNote(failure(answer));
   }
@@ -119,7 +119,7 @@ export class ControlPanel {
 
   async answer(action, more) {
     this.question.show(false);
-    const answer = await lease(this.robot, action, more);
+    const answer = await api.lease(this.robot, action, more);
     if (answer.ok || answer.code === "nobody_asks") return;
     this.driveMode.setNote(failure(answer));
     this.showQuestion();

@@ -153,8 +153,7 @@ export class DriveMode {
 
   // The question is over from this side: withdrawn, or not taken by the server.
   forget(note = /** @type {DriveMode["note"]} */ (null)) {
-    this.asked = null;
-    this.note = note;
+    this.endQuestion(note);
     this.onChange();
   }
 

@@ -8,14 +8,30 @@ const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence }
 const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 export class Summary {
-  // `root` is the panel, a <details>.
-  constructor(root, { robot }) {
+  // `root` is the panel, a <details>; `me` is the user's name.
+  constructor(root, { robot, me }) {
     this.root = root;
     this.robot = robot;
+    this.me = me;
+    /** @type {number | null} */
+    this.fence = null; // of this page's drive: the number of its lease
     this.driving = false;
     this.round = 0;
     part(root, "summary-save").addEventListener("click", () => this.save());
     part(root, "summary-close").addEventListener("click", () => (root.hidden = true));
+  }
+
+  // What the page's own connection reports of control. Its first report that names this user means this page:
+  // the server gives a drive its number before it opens the connection. A later one may be another window's.
+  receive({ driver }, driving) {
+    if (this.fence === null && driving && driver?.user === this.me) this.fence = driver.fence;
+  }
+
+  // The page's own connection has ended, and with it the drive.
+  linkEnded() {
+    const { fence } = this;
+    this.fence = null;
+    if (fence !== null) this.driveEnded(fence);
   }
 
   // Who drives again needs the room.
@@ -31,7 +47,7 @@ export class Summary {
     this.scrolledTo = false;
   }
 
-  async driveEnded({ fence }) {
+  async driveEnded(fence) {
     const round = ++this.round;
     this.drive = null;
     this.show(texts.asking, []);
@@ -131,27 +147,4 @@ export async function recordOf({ robot, fence, fetchDrives, wait }) {
     if (drive) return drive;
   }
   return answered ? "missing" : "failed";
-}
-
-// Which drive is this page's, by the number of its lease, and that it has ended. Pure.
-export class OwnDrive {
-  // `onEnded({fence})` comes once for each drive of this page.
-  constructor({ me, onEnded }) {
-    this.me = me;
-    this.onEnded = onEnded;
-    this.fence = null;
-  }
-
-  // What the page's own connection reports of control. Its first report that names this user means this page:
-  // the server gives a drive its number before it opens the connection. A later one may be another window's.
-  receive({ driver }, driving) {
-    if (this.fence === null && driving && driver?.user === this.me) this.fence = driver.fence;
-  }
-
-  // The page's own connection has ended, and with it the drive.
-  linkEnded() {
-    const { fence } = this;
-    this.fence = null;
-    if (fence !== null) this.onEnded({ fence });
-  }
 }

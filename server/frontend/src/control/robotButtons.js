@@ -9,12 +9,11 @@ const DOUBLE_MS = 500; // the second press of a double one is no answer to what 
 const SLOW_MS = 30_000;
 
 export class RobotButtons {
-  // `advertise(spec)` and `call(service, args, type)` as of connection.js; `onChange(action)` reports an action
+  // `connection` as of connection.js; `onChange(action)` reports an action
   // whose `state`, `words` or `open` (a question that can be answered by now) changed. States: idle, asking, pending,
   // sent, done, failed.
-  constructor({ buttons, advertise, call, onChange }) {
-    this.advertise = advertise;
-    this.call = call;
+  constructor({ buttons, connection, onChange }) {
+    this.connection = connection;
     this.onChange = onChange;
     this.usable = false;
     this.all = buttons.map((button) => ({ button, state: "idle", words: "", round: 0, open: false, publisher: null }));
@@ -36,7 +35,7 @@ export class RobotButtons {
     const { kind, topic, type } = action.button;
     if (kind !== "publish") return;
     const onRefused = (why) => this.fail(action, refusalWords(why));
-    action.publisher = this.advertise({ name: topic, type, onRefused });
+    action.publisher = this.connection.advertise({ name: topic, type, onRefused });
   }
 
   forget(action) {
@@ -86,7 +85,7 @@ export class RobotButtons {
     this.set(action, "pending", texts.pendingWords(name));
     const { round } = action;
     action.timer = setTimeout(() => this.fail(action, texts.slow(SLOW_MS / 1000), round), SLOW_MS);
-    const answer = await this.call(service, args, type || undefined).catch(() => null);
+    const answer = await this.connection.call(service, args, type || undefined).catch(() => null);
     if (round === action.round) this.settle(action, answer, round);
   }
 
@@ -131,10 +130,10 @@ const shortened = (text) => (text.length > LONGEST ? `${text.slice(0, LONGEST)}â
 // The robot's buttons on the drive page. What a press does is decided above.
 // Nothing here changes its size while somebody drives: what is asked takes the place of the button that was pressed.
 export class Buttons {
-  // `root` is the panel; `advertise` and `call` as of connection.js.
-  constructor(root, { buttons, advertise, call }) {
+  // `root` is the panel; `connection` as of connection.js.
+  constructor(root, { buttons, connection }) {
     this.root = root;
-    this.robotButtons = new RobotButtons({ buttons, advertise, call, onChange: (action) => this.show(action) });
+    this.robotButtons = new RobotButtons({ buttons, connection, onChange: (action) => this.show(action) });
     this.cells = new Map(this.robotButtons.all.map((action, place) => [action, this.cell(action, place)]));
     part(root, "button-list").append(...[...this.cells.values()].map(({ item }) => item));
     root.hidden = buttons.length === 0;

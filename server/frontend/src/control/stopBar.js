@@ -1,6 +1,6 @@
 // The drive page's Stop button, what is known of the stop, and the button to hold for its release.
 
-import { release, stop } from "../pages/calls.js";
+import { api } from "../pages/calls.js";
 import { byTestId, localTime, part, setText, TEXT, matches } from "../pages/page.js";
 import { release as releaseTexts, stop as texts } from "../texts/common.js";
 import { Stopping, sameStop } from "./stopping.js";
@@ -16,7 +16,7 @@ export class StopBar {
     this.release = byTestId(root, "release"); // drivers have one
     this.failure = "";
     this.offered = "idle";
-    this.stopping = new Stopping({ send, post: () => stop(robot), onChange: () => this.show() });
+    this.stopping = new Stopping({ send, post: () => api.stop(robot), onChange: () => this.show() });
     this.listen(byTestId(root, "stop"));
   }
 
@@ -71,7 +71,7 @@ export class StopBar {
     const { stopped } = this.stopping;
     if (!stopped) return;
     const again = this.offered === "again"; // the news that it is released may come before the answer
-    const answer = await release(this.robot, stopped);
+    const answer = await api.release(this.robot, stopped);
     if (answer.ok) return this.onReleased(again);
     this.failure = releaseTexts.failed(answer.detail);
     this.show();

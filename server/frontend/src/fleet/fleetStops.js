@@ -1,7 +1,7 @@
 // The fleet page's Stop buttons: that of one robot, those of all robots that this user manages or of a site, and what became of it.
 
 import { Stopping } from "../control/stopping.js";
-import { stopAll, stop } from "../pages/calls.js";
+import { api, stopAll } from "../pages/calls.js";
 import { localTime, make, part, setText } from "../pages/page.js";
 import { stop as stopTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
@@ -89,7 +89,7 @@ export class CardStop {
     this.state = "";
     this.stopping = new Stopping({
       send: () => {}, // this page has no connection to the robot
-      post: () => stop(robot),
+      post: () => api.stop(robot),
       onChange: () => this.show(),
     });
   }

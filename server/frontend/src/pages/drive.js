@@ -8,7 +8,7 @@ import { Session } from "../client/session.js";
 import { Arming, NO_CONTROLS, VideoInterlock } from "../control/arming.js";
 import { Banner, ControlPanel } from "../control/controlPanel.js";
 import { DriveMode, ReloadStore } from "../control/driveMode.js";
-import { Summary, OwnDrive } from "../control/driveSummary.js";
+import { Summary } from "../control/driveSummary.js";
 import { Buttons } from "../control/robotButtons.js";
 import { StopBar } from "../control/stopBar.js";
 import { setUpControls } from "../input/controls.js";
@@ -45,7 +45,7 @@ const discovery = new Discovery({ driveTopic, odometryTopic, onFound: useTopics 
 const session = new Session({
   driveTopic,
   wheelbase,
-  requestUrl: async () => rosUrl(location.href, robot, await requestTicket(api, robot, driveMode.mode)),
+  requestUrl: () => requestUrl(driveMode.mode),
   prepare: (call) => discovery.run(call),
   onState: showState,
   onLeaving: () => arming.leave(),
@@ -81,7 +81,17 @@ const stopBar = new StopBar(root, {
   send: () => session.stop(),
   onReleased: (again) => driveMode.released(again),
 });
-const panels = setUpPanels(root, { robot, user, settings, connection, ask: () => discovery.refresh() });
+const topics = new Topics(part(root, "topics"), {
+  observerConnection: new ObserverConnection({ requestUrl: () => requestUrl("observe") }),
+  ask: () => discovery.refresh(),
+});
+// Drivers have these.
+const summary = driveMode.mayDrive ? new Summary(part(root, "summary"), { robot, me: user }) : null;
+const buttons = driveMode.mayDrive ? new Buttons(part(root, "buttons"), { buttons: settings.buttons ?? [], connection }) : null;
+
+async function requestUrl(mode) {
+  return rosUrl(location.href, robot, await requestTicket(api, robot, mode));
+}
 
 function controlOptions() {
   return {
@@ -107,7 +117,7 @@ function useSpeed(speed) {
 }
 
 function useControl(control) {
-  if (session.controlState.linked) panels.receiveControl(control, driveMode.driving);
+  if (session.controlState.linked) summary?.receive(control, driveMode.driving);
   driveMode.receive(control);
   stopBar.receive(control.stopped);
 }
@@ -130,7 +140,7 @@ function useLink(live) {
     rtt.start();
     view.retryNow();
   } else {
-    panels.linkEnded();
+    summary?.linkEnded();
     rtt.stop();
     discovery.stop();
     readback.forget();
@@ -148,8 +158,8 @@ function showDriveMode() {
   const { live } = connection;
   showBanner();
   controlPanel.show(live);
-  panels.use({ live, driving: driveMode.driving });
   const { driving, armed, pressed, mayDrive, free } = driveMode;
+  for (const panel of [topics, summary, buttons]) panel?.use({ live, driving });
   const watches = mayDrive && (pressed || (live && !driving));
   arming.update({ mayMove: live && driving && armed, watches, free });
 }
@@ -163,12 +173,12 @@ function showBanner() {
   stopBar.offer(driveMode.wasStopped ? "again" : "idle");
 }
 
-function useTopics({ twistType, speed, topics }) {
+function useTopics({ twistType, speed, topics: all }) {
   session.useType(twistType);
   controls.useType(session.type);
   if (speed) readback.follow(speed);
-  view.found(topics);
-  panels.topics(topics);
+  view.found(all);
+  topics.receive(all);
 }
 
 function receiveRobot(update) {
@@ -210,31 +220,3 @@ setInterval(() => interlock.check(), CHECK_MS);
 connection.start();
 view.start();
 feed.start();
-
-// What stands below the controls of the drive page: the robot's buttons, its topics, and the summary of a drive.
-// Observers have the topics alone.
-// `connection` has `advertise` and `call` as of connection.js; `ask()` has the robot asked for its topics again.
-// Gives {topics(list), use({live, driving}), receiveControl(control, driving), linkEnded()}; `receiveControl` is for what the page's own
-// connection tells of the control.
-function setUpPanels(root, { robot, user, settings, connection, ask = () => {} }) {
-  const requestUrl = async () => rosUrl(location.href, robot, await requestTicket(api, robot, "observe"));
-  const observerConnection = new ObserverConnection({ requestUrl });
-  const topics = new Topics(part(root, "topics"), { observerConnection, ask });
-  const panels = [topics, ...driversPanels(root, { robot, settings, connection })];
-  const summary = panels.find((panel) => panel instanceof Summary);
-  const own = new OwnDrive({ me: user, onEnded: (drive) => summary?.driveEnded(drive) });
-  return {
-    topics: (list) => topics.receive(list),
-    use: (now) => panels.forEach((panel) => panel.use(now)),
-    receiveControl: (control, driving) => own.receive(control, driving),
-    linkEnded: () => own.linkEnded(),
-  };
-}
-
-function driversPanels(root, { robot, settings, connection }) {
-  const buttonPanel = part(root, "buttons");
-  if (!buttonPanel) return [];
-  const advertise = (spec) => connection.advertise(spec);
-  const call = (...how) => connection.call(...how);
-  return [new Buttons(buttonPanel, { buttons: settings.buttons ?? [], advertise, call }), new Summary(part(root, "summary"), { robot })];
-}

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { driveRows, durationText, headline, recordOf, OwnDrive } from "../../src/control/driveSummary.js";
+import { Summary, driveRows, durationText, headline, recordOf } from "../../src/control/driveSummary.js";
 
 const DRIVE = {
   started_at: "2026-01-01T12:00:00Z",
@@ -86,7 +86,8 @@ test("a record that does not come is missing, and a server that does not answer 
 
 test("the page's drive is the one that its own connection tells first, until that ends", () => {
   const ended = [];
-  const own = new OwnDrive({ me: "ann", onEnded: ({ fence }) => ended.push(fence) });
+  const own = new Summary({ querySelector: () => new EventTarget() }, { robot: "sim1", me: "ann" });
+  own.driveEnded = (fence) => ended.push(fence);
   own.receive({ driver: { user: "ann", fence: 12 } }, false);
   own.linkEnded();
   own.receive({ driver: { user: "ben", fence: 13 } }, true);

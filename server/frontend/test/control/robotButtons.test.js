@@ -16,12 +16,14 @@ beforeEach(() => {
   reported = [];
   robotButtons = new RobotButtons({
     buttons: [LIGHTS, DOCK, SCAN],
-    advertise: (spec) => {
-      const made = { ...spec, published: [], ended: false };
-      publishers.push(made);
-      return { publish: (msg) => made.published.push(msg) > 0, end: () => (made.ended = true) };
+    connection: {
+      advertise: (spec) => {
+        const made = { ...spec, published: [], ended: false };
+        publishers.push(made);
+        return { publish: (msg) => made.published.push(msg) > 0, end: () => (made.ended = true) };
+      },
+      call: (...how) => new Promise((resolve, reject) => calls.push({ how, resolve, reject })),
     },
-    call: (...how) => new Promise((resolve, reject) => calls.push({ how, resolve, reject })),
     onChange: ({ button, state }) => reported.push([button.name, state]),
   });
   [lights, dock, scan] = robotButtons.all;

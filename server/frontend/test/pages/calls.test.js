@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
 
-import { lease, release, ServerClock } from "../../src/pages/calls.js";
+import { api, ServerClock } from "../../src/pages/calls.js";
 
 const { document, fetch } = globalThis;
 
@@ -20,15 +20,15 @@ afterEach(() => Object.assign(globalThis, { document, fetch }));
 
 test("a release names the stop that its person saw", async () => {
   const stopped = { by: "ben", at: "2026-01-01T12:03:00Z", confirmed: true };
-  const answer = await release("sim1", stopped);
+  const answer = await api.release("sim1", stopped);
   assert.deepEqual(sent, [["/api/v1/robots/sim1/release", { by: "ben", at: stopped.at }]]);
   assert.equal(answer.ok, false);
   assert.equal(answer.detail, "look again");
 });
 
 test("only a hand-over names somebody", async () => {
-  await lease("sim1", "hand_over", { to: "ben" });
-  await lease("sim1", "refuse");
+  await api.lease("sim1", "hand_over", { to: "ben" });
+  await api.lease("sim1", "refuse");
   assert.deepEqual(
     sent.map(([, body]) => body),
     [{ action: "hand_over", to: "ben" }, { action: "refuse" }],
