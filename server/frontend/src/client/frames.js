@@ -21,6 +21,13 @@ const BY_CODE = {
 /** @type {Record<string, string | number | null>} */
 const NO_DETAILS = { quality: null, width: null, height: null, fps: null, source: null };
 
+// `now()` may stand still while the machine sleeps, as performance.now() does; `wall()` goes on.
+const BROWSER = {
+  now: () => performance.now(),
+  wall: () => Date.now(),
+  openSocket: (/** @type {string} */ address) => new WebSocket(address),
+};
+
 export class FrameStream {
   // `url()` gives (a promise of) the address of the frames for each attempt, ticket included where it needs one, and may
   // throw what has a `status`, as TicketRefused has. `want` as in docs/reference/media.md; what is missing has its default there.
@@ -35,29 +42,15 @@ export class FrameStream {
    *   onFrame: (frame: {jpeg: Uint8Array, number: number, at: number}) => void | Promise<void>,
    *   onStatus?: (status: any) => void,
    *   oldMs?: number,
-   *   now?: () => number,
-   *   wall?: () => number,
-   *   openSocket?: (address: string) => WebSocket,
-   * }} options
+   * } & Partial<typeof BROWSER>} options
    */
-  constructor({
-    url,
-    want = {},
-    onFrame,
-    onStatus = () => {},
-    oldMs = OLD_MS,
-    now = () => performance.now(),
-    wall = () => Date.now(),
-    openSocket = (address) => new WebSocket(address),
-  }) {
+  constructor({ url, want = {}, onFrame, onStatus = () => {}, oldMs = OLD_MS, ...browser }) {
     this.url = url;
     this.wanted = want;
     this.onFrame = onFrame;
     this.onStatus = onStatus;
     this.oldMs = oldMs;
-    this.now = now;
-    this.wall = wall;
-    this.openSocket = openSocket;
+    this.browser = { ...BROWSER, ...browser };
     this.round = 0;
     this.running = false;
     this.link = null;
@@ -100,7 +93,7 @@ export class FrameStream {
 
   // The age of the newest frame in ms, or null without one.
   get ageMs() {
-    return this.at === null ? null : this.now() - this.at;
+    return this.at === null ? null : this.browser.now() - this.at;
   }
 
   async attempt() {
@@ -123,12 +116,11 @@ export class FrameStream {
       onFrame: current((frame) => this.receiveFrame(frame)),
       onStatus: current((status) => this.receiveStatus(status)),
       onEnd: current((how) => this.lose(how)),
-      now: this.now,
-      wall: this.wall,
+      ...this.browser,
     };
     this.asking = false;
     clearTimeout(this.timer); // from here on the link itself watches for silence
-    this.link = new FramesLink(this.openSocket(url), handlers);
+    this.link = new FramesLink(this.browser.openSocket(url), handlers);
   }
 
   // It counts when it is to be seen: until then, and for ever if it cannot be shown, the page has the one before.
@@ -345,7 +337,7 @@ const MAX_AGE_MS = 30_000;
 const STEP_MS = 250; // over what clocks drift in that time, and over what browsers blur them by
 
 export class SenderClock {
-  // `now()` may stand still while the machine sleeps, as performance.now() does; `wall()` goes on.
+  // `now()` and `wall()` as of BROWSER.
   constructor({ now, wall }) {
     this.now = now;
     this.wall = wall;

@@ -9,21 +9,9 @@ export class Gamepad {
   // `accepts()` says whether driving counts now. `onHold` gets the input and the timestamp of the poll; `onStop()` comes
   // with each press of the stop button; `onState` reports "unknown" (no profile), "off" (nothing counts now),
   // "stuck" (enable must be released first), "ready", "driving" or "turbo".
-  /**
-   * @param {{
-   *   accepts: () => boolean,
-   *   onHold: (input: object, at: number) => void,
-   *   onRelease: () => void,
-   *   onStop: () => void,
-   *   onState?: (state: string) => void,
-   * }} options
-   */
-  constructor({ accepts, onHold, onRelease, onStop, onState = () => {} }) {
+  constructor({ accepts, ...handlers }) {
     this.accepts = accepts;
-    this.onHold = onHold;
-    this.onRelease = onRelease;
-    this.onStop = onStop;
-    this.onState = onState;
+    this.handlers = handlers;
     this.profile = null;
     this.forget();
   }
@@ -38,10 +26,10 @@ export class Gamepad {
   see(sample, at) {
     if (at - this.seenAt > MAX_POLL_GAP_MS) this.release();
     this.seenAt = at;
-    if (!this.profile) return this.onState("unknown");
+    if (!this.profile) return this.handlers.onState("unknown");
     this.watchStop(sample.buttons);
     this.watchEnable(sample, at);
-    this.onState(this.state(sample.buttons));
+    this.handlers.onState(this.state(sample.buttons));
   }
 
   // The device is gone.
@@ -60,14 +48,14 @@ export class Gamepad {
   release() {
     const { held } = this;
     this.drop();
-    if (held) this.onRelease();
+    if (held) this.handlers.onRelease();
   }
 
   watchStop(buttons) {
     const down = this.profile.stop !== null && buttons[this.profile.stop];
     const pressed = down && !this.stopDown;
     this.stopDown = down;
-    if (pressed) this.onStop();
+    if (pressed) this.handlers.onStop();
   }
 
   watchEnable(sample, at) {
@@ -80,7 +68,7 @@ export class Gamepad {
     this.held = true;
     const input = asked(this.profile, sample);
     this.turbo = input.turbo;
-    this.onHold(input, at);
+    this.handlers.onHold(input, at);
   }
 
   state(buttons) {
@@ -169,26 +157,11 @@ export class GamepadLoop {
   // `onFound({id, mapping, axes, buttons})` comes with the device that is polled from now on (axes, buttons: how
   // many), `onSeen({axes, buttons}, at)` with each look, `onLost()` when that device is gone, `onAll([{index, id, chosen}])`
   // with all that there are.
-  /**
-   * @param {{
-   *   onFound: (device: {id: string, mapping: string, axes: number, buttons: number}) => void,
-   *   onSeen: (sample: {axes: number[], buttons: boolean[]}, at: number) => void,
-   *   onLost: () => void,
-   *   onAll?: (all: {index: number, id: string, chosen: boolean}[]) => void,
-   *   pads?: () => (globalThis.Gamepad | null)[],
-   *   frame?: (act: () => void) => void,
-   *   now?: () => number,
-   * }} options
-   */
-  constructor({ onFound, onSeen, onLost, onAll = () => {}, ...options }) {
-    const { pads, frame, now } = { ...BROWSER, ...options };
-    this.onFound = onFound;
-    this.onSeen = onSeen;
-    this.onLost = onLost;
-    this.onAll = onAll;
+  constructor({ pads = browserPads, frame = (act) => requestAnimationFrame(act), now = () => performance.now(), ...handlers }) {
     this.pads = pads;
     this.frame = frame;
     this.now = now;
+    this.handlers = handlers;
     /** @type {{index: number, id: string} | null} */
     this.chosen = null;
     this.waiting = false;
@@ -211,7 +184,7 @@ export class GamepadLoop {
 
   recount() {
     const all = this.connected();
-    this.onAll(all.map(({ index, id }) => ({ index, id, chosen: index === this.chosen?.index })));
+    this.handlers.onAll(all.map(({ index, id }) => ({ index, id, chosen: index === this.chosen?.index })));
     if (all.length > 0) this.wait();
     else this.lose(); // also while no frame is drawn
   }
@@ -227,7 +200,7 @@ export class GamepadLoop {
     const at = this.now();
     const all = this.connected();
     const pad = all.find(({ index, id }) => index === this.chosen?.index && id === this.chosen.id);
-    if (pad) this.onSeen(sampled(pad), at);
+    if (pad) this.handlers.onSeen(sampled(pad), at);
     else this.change(all[0]);
     if (all.length > 0) this.wait();
   }
@@ -240,13 +213,13 @@ export class GamepadLoop {
 
   find({ index, id, mapping, axes, buttons }) {
     this.chosen = { index, id };
-    this.onFound({ id, mapping, axes: axes.length, buttons: buttons.length });
+    this.handlers.onFound({ id, mapping, axes: axes.length, buttons: buttons.length });
   }
 
   lose() {
     if (!this.chosen) return;
     this.chosen = null;
-    this.onLost();
+    this.handlers.onLost();
   }
 
   connected() {
@@ -267,9 +240,3 @@ function browserPads() {
     return [];
   }
 }
-
-const BROWSER = {
-  pads: browserPads,
-  frame: (act) => requestAnimationFrame(act),
-  now: () => performance.now(),
-};

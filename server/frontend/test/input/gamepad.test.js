@@ -156,7 +156,7 @@ test("a stop button that is pressed at the first look stops: pressing it may be 
 });
 
 test("a stop lets go before the same look could drive on", () => {
-  gamepad.onStop = () => {
+  gamepad.handlers.onStop = () => {
     told.push("stop");
     gamepad.drop(); // as teleop.js does when it halts
   };
