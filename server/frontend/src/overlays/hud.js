@@ -63,7 +63,7 @@ export class Hud {
 }
 
 // Of the greatest, -1 to 1.
-export const part = (value, most) => Math.max(-1, Math.min(1, (value || 0) / most));
+const part = (value, most) => Math.max(-1, Math.min(1, (value || 0) / most));
 
 function disc(context) {
   context.fillStyle = BACK;

@@ -92,6 +92,7 @@ test("news of the network connect nothing that was not started, or was stopped",
   connection.start();
   await goLive();
   connection.stop();
+  assert.equal(connection.live, false);
   connection.retryNow();
   await settle();
   assert.equal(tickets, 1);
@@ -192,13 +193,6 @@ test("the last that a link carries which the page gives up is what onLeaving say
   assert.deepEqual(links[1].published, []);
 });
 
-test("a connection that was stopped is not live", async () => {
-  connection.start();
-  await goLive();
-  connection.stop();
-  assert.equal(connection.live, false);
-});
-
 test("events of a link that was given up change nothing", async () => {
   connection.start();
   await goLive();
@@ -215,9 +209,9 @@ test("after a change of rights the next ticket says what is left", async () => {
   links[0].onClose({ code: 4001, reason: "" });
   assert.equal(states.at(-1), "connecting");
   refusal = new TicketRefused(403, "grant_missing");
-  await pass(500);
+  await pass(60_000);
   assert.equal(states.at(-1), "not_allowed");
-  assert.equal(links.length, 1);
+  assert.deepEqual([links.length, tickets], [1, 2]);
 });
 
 test("no answer from the robot is told as such and tried again", async () => {
@@ -334,12 +328,4 @@ test("what the relay says is no sign of life of the robot", async () => {
   }
   assert.equal(own.length, 7);
   assert.equal(states.at(-1), "link_lost");
-});
-
-test("a missing grant ends the attempts", async () => {
-  refusal = new TicketRefused(403, "grant_missing");
-  connection.start();
-  await pass(60_000);
-  assert.equal(tickets, 1);
-  assert.equal(states.at(-1), "not_allowed");
 });

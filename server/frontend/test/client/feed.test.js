@@ -140,7 +140,3 @@ test("events come out whole, however the bytes are cut", () => {
     { name: "removed", data: "{}" },
   ]);
 });
-
-test("a comment is no event", () => {
-  assert.deepEqual(new EventReader().push(bytes(": awake\n\n")), []);
-});

@@ -62,14 +62,6 @@ test("a refused ticket ends the attempts only where another attempt cannot help"
   }
 });
 
-test("every state has a title and a sentence", () => {
-  const facts = { driving: false, armed: false, since: "12:03", reason: "" };
-  for (const name of Object.keys(texts)) {
-    assert.ok(texts[name].title, name);
-    assert.ok(texts[name].detail(facts), name);
-  }
-});
-
 test("only who may send reads that the robot is ready", () => {
   const detail = (driving, armed) => texts.live.detail({ driving, armed });
   assert.match(detail(false, false), /watching/);

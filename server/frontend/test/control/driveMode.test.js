@@ -201,12 +201,6 @@ test("a press that lost the race for the control has to be made anew", () => {
   assert.equal(driveMode.armed, false);
 });
 
-test("who takes the control by a press is armed at once", () => {
-  driveMode.lose("superseded", "");
-  driveMode.drive();
-  assert.equal(driveMode.armed, true);
-});
-
 test("who gives up the control watches", () => {
   driveMode.leave();
   assert.deepEqual(moves, ["observe"]);
