@@ -62,6 +62,8 @@ const readings = new Readings(root, { frameAge: () => interlock.ageMs });
 const view = new View(root, {
   robot,
   settings,
+  limits,
+  holdAfterMs,
   openFrames: (topic, options) => new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
   subscribe,
   onMain: (reading) => interlock.receive(reading),

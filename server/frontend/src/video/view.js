@@ -7,26 +7,25 @@ import { Hud } from "../overlays/hud.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
 import { LocalStore, TEXT, byTestId, download, matches, part, setText } from "../pages/page.js";
-import { driveSettings } from "../pages/settings.js";
 import { video as texts } from "../texts/video.js";
 import { cameraTopics, offeredCameras, topicOf } from "../topics/discovery.js";
 import { requestedQuality } from "./cameraTile.js";
 import { Layout, MAP } from "./layout.js";
 import { Tiles } from "./tiles.js";
 
-const USUAL_HOLD_MS = 1000;
+const OLD_MS = 1000; // where old video does not pause driving
 const CHECK_MS = 100;
 const SHOW_EVERY = 2; // of these
 const NOTE_MS = 4000;
 const SETTLE_MS = 300;
 
 export class View {
-  // `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `subscribe` as of connection.js;
-  // `onMain({offered, at})` reports the main frame as of VideoInterlock, ten times a second and at each frame.
-  constructor(root, { robot, settings, openFrames, subscribe, onMain, now = () => performance.now() }) {
+  // `limits` and `holdAfterMs` as of settings.js; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of
+  // client/frames.js; `subscribe` as of connection.js; `onMain({offered, at})` reports the main frame as of VideoInterlock,
+  // ten times a second and at each frame.
+  constructor(root, { robot, settings, limits, holdAfterMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
     this.root = root;
     this.robot = robot;
-    this.settings = settings;
     this.now = now;
     this.page = settings.page ?? {};
     this.element = byTestId(root, "view");
@@ -45,18 +44,18 @@ export class View {
     this.tools = this.findTools();
     this.world = new World({ subscribe, onChange: () => this.tiles.get(MAP)?.draw(), now });
     this.overlays = new Overlays(part(this.element, "vitals"), { subscribe, now });
-    this.hud = new Hud(part(this.element, "hud"), { scale: scaleOf(settings) });
-    this.tiles = new Tiles(part(this.element, "stage"), this.tileOptions(openFrames));
+    this.hud = new Hud(part(this.element, "hud"), { scale: { speed: limits.maxLinear, turn: limits.maxAngular } });
+    this.tiles = new Tiles(part(this.element, "stage"), this.tileOptions(openFrames, holdAfterMs ?? OLD_MS));
     this.setUpTools();
     this.listen();
   }
 
-  tileOptions(openFrames) {
+  tileOptions(openFrames, oldMs) {
     return {
       openFrames,
       wanted: () => this.wantedOfAll(),
       set: { width: this.page.width ?? null, height: this.page.height ?? null },
-      oldMs: this.page.hold_after_ms ?? USUAL_HOLD_MS,
+      oldMs,
       world: this.world,
       memory: () => this.memory.map,
       onMemory: (map) => this.keep({ map }),
@@ -287,11 +286,6 @@ function onChoice(choice, act) {
     choice.blur(); // else the drive keys would go on changing it
     act(choice.value);
   });
-}
-
-function scaleOf(settings) {
-  const { maxLinear, maxAngular } = driveSettings(settings).limits;
-  return { speed: maxLinear, turn: maxAngular };
 }
 
 // The whole drive page in fullscreen: the video alone would leave stick and Stop behind. Older Safari has names of its own.
