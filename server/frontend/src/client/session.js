@@ -16,8 +16,8 @@ const BACKLOG_BYTES = 2048; // about half a second of drive commands
 const SILENCE_MS = 2000; // the robot answers each second; what is sent into silence arrives late
 
 export class Session {
-  // `driveTopic` is driven, `wheelbase` in m of a robot that steers. `requestUrl()`, `prepare`, `onState` and `onLeaving` as of connection.js; `onControl(control)` with what is known of
-  // who drives and whether the robot is stopped.
+  // `driveTopic` is driven, `wheelbase` in m of a robot that steers. `requestUrl()`, `prepare`, `onState` and `onLeaving` as
+  // of connection.js; `onControl(control)` with what is known of who drives and whether the robot is stopped.
   /**
    * @param {{
    *   driveTopic: string,

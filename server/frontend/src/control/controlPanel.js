@@ -204,8 +204,8 @@ export class Banner {
 // comes first. Pure.
 const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
 
-// `state` is the connection's (connection.js); `control` as in docs/reference/protocols.md, `video` the kind of the VideoInterlock; `disabled` by an
-// administrator.
+// `state` is the connection's (connection.js); `control` as in docs/reference/protocols.md, `video` the kind of the
+// VideoInterlock; `disabled` by an administrator.
 export function selectStatus({ name }, { control, driving, video, disabled = false }) {
   if (name !== "live") return disabled ? asDisabled(name) : name;
   return robotStatus(control ?? {}) ?? (driving ? videoStatus(video) : null) ?? "live";

@@ -78,9 +78,10 @@ export class Gamepad {
   }
 }
 
-// What a gamepad's sticks and buttons do: `{version, axes, buttons, mapping, forward, left, turn, enable, turbo, stop, deadZone}`.
-// `axes` and `buttons` are how many the device has, `mapping` is the browser's order of them; forward, left (or null) and turn are {axis, sign, invert}, the sign that
-// of the axis when the stick is pushed forward or left; enable, turbo and stop are buttons, the last two may be null. Pure.
+// What a gamepad's sticks and buttons do: `{version, axes, buttons, mapping, forward, left, turn, enable, turbo, stop,
+// deadZone}`. `axes` and `buttons` are how many the device has, `mapping` is the browser's order of them; forward, left (or
+// null) and turn are {axis, sign, invert}, the sign that of the axis when the stick is pushed forward or left; enable, turbo
+// and stop are buttons, the last two may be null. Pure.
 export const MOTIONS = ["forward", "left", "turn"];
 export const DEAD_ZONE = { least: 0.05, usual: 0.15, most: 0.4 };
 

@@ -1,4 +1,5 @@
-// The robot from above in a tile of its own, which follows it. Drawn once a frame of the page at most, and only after something changed.
+// The robot from above in a tile of its own, which follows it. Drawn once a frame of the page at most, and only after
+// something changed.
 
 import { part, setText } from "../pages/page.js";
 import { map as texts } from "../texts/video.js";

@@ -213,7 +213,8 @@ export class FrameRate {
   }
 }
 
-// What is wanted of a camera (docs/reference/media.md, `want`), by the person's choice, the robot's settings and the room on the page. Pure.
+// What is wanted of a camera (docs/reference/media.md, `want`), by the person's choice, the robot's settings and the room on
+// the page. Pure.
 // Automatic, or one of the steps that the paper drove with, and one below.
 const QUALITIES = ["auto", "90", "70", "50", "30"];
 

@@ -47,6 +47,6 @@ test("whoever watches is held by no picture", () => {
 test("each state has its own title and says what it means", () => {
   const all = Object.keys(texts);
   assert.equal(new Set(all.map((name) => texts[name].title)).size, all.length);
-  const facts = { video: "old", stopped: { by: "ben", at: "12:03" }, mayDrive: true };
+  const facts = { since: "12:03", video: "old", stopped: { by: "ben", at: "12:03" }, mayDrive: true };
   for (const name of all) assert.notEqual(texts[name].detail(facts), "", name);
 });
