@@ -26,7 +26,7 @@ export class Link {
     this.onMessage = onMessage;
     this.onOwn = onOwn;
     this.subscribers = new Map(); // by topic, a set of functions
-    this.replies = new Map(); // by the id of a message, what takes replies to it
+    this.replies = new Map(); // by the id of a message, the function that receives replies to it
     this.ids = 0;
     this.socket = new WebSocket(url);
     this.socket.onopen = onOpen;
@@ -47,14 +47,14 @@ export class Link {
   /** @type {(spec: TopicSpec, handler: (message: any) => void) => {end: () => void}} */
   subscribe({ name: topic, type, throttleMs = 0, queueLength = throttleMs ? 1 : 0, onRefused }, handler) {
     const id = this.newId("subscribe", topic, onRefused);
-    const take = (msg) => handler(msg); // the same handler may come twice
-    this.subscribers.set(topic, (this.subscribers.get(topic) ?? new Set()).add(take));
-    this.say({ op: "subscribe", id, type, topic, compression: "none", throttle_rate: throttleMs, queue_length: queueLength });
+    const subscriber = (msg) => handler(msg); // the same handler may come twice
+    this.subscribers.set(topic, (this.subscribers.get(topic) ?? new Set()).add(subscriber));
+    this.write({ op: "subscribe", id, type, topic, compression: "none", throttle_rate: throttleMs, queue_length: queueLength });
     return {
       end: () => {
-        this.subscribers.get(topic)?.delete(take);
+        this.subscribers.get(topic)?.delete(subscriber);
         this.replies.delete(id);
-        this.say({ op: "unsubscribe", id, topic });
+        this.write({ op: "unsubscribe", id, topic });
       },
     };
   }
@@ -65,12 +65,12 @@ export class Link {
   advertise({ name: topic, type, onRefused }) {
     const id = this.newId("advertise", topic);
     const publishId = onRefused && this.newId("publish", topic, onRefused);
-    this.say({ op: "advertise", id, type, topic, latch: false, queue_size: 1 });
+    this.write({ op: "advertise", id, type, topic, latch: false, queue_size: 1 });
     return {
-      publish: (msg, robotether) => this.say({ op: "publish", id: publishId, topic, msg, robotether }),
+      publish: (msg, robotether) => this.write({ op: "publish", id: publishId, topic, msg, robotether }),
       end: () => {
         this.replies.delete(publishId);
-        this.say({ op: "unadvertise", id, topic });
+        this.write({ op: "unadvertise", id, topic });
       },
     };
   }
@@ -89,7 +89,7 @@ export class Link {
         if (reply.op === "service_response") settle({ ok: Boolean(reply.result), values: reply.values });
         else refused(reply);
       });
-      this.say({ op: "call_service", id, service, type, args });
+      this.write({ op: "call_service", id, service, type, args });
     });
   }
 
@@ -103,11 +103,11 @@ export class Link {
   // Sends an operation of our own now or not at all, and says which.
   send(operation) {
     const open = this.socket.readyState === WebSocket.OPEN;
-    if (open) this.say(operation);
+    if (open) this.write(operation);
     return open;
   }
 
-  say(message) {
+  write(message) {
     this.socket.send(JSON.stringify(message));
   }
 
@@ -121,7 +121,7 @@ export class Link {
   }
 }
 
-// Takes what the server says of a message that it refuses.
+// Receives what the server says of a message that it refuses.
 const refusal =
   (act) =>
   ({ op, level, msg }) =>

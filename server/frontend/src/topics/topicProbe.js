@@ -244,21 +244,21 @@ export class ObserverConnection {
     if (wanted && !this.connection.started) this.connection.start();
     if (wanted || !this.connection.started) return;
     this.connection.stop();
-    this.tell("lost");
+    this.notify("lost");
   }
 
   receive(state) {
-    if (state.name === "live") this.tell("open");
+    if (state.name === "live") this.notify("open");
     else if (state !== CONNECTING) this.lose(state.code === TOO_BIG ? "too_big" : "lost");
   }
 
   // What was too large once is not asked for again.
   lose(how) {
-    this.tell(how);
+    this.notify(how);
     if (how === "too_big") for (const watcher of [...this.watchers]) this.leave(watcher);
   }
 
-  tell(state) {
+  notify(state) {
     for (const { onState } of [...this.watchers]) onState(state);
   }
 }
