@@ -6,7 +6,6 @@ import { Api, TicketRefused, framesUrl, requestTicket, rosUrl, streamUrl } from 
 import { Driver } from "./driver.js";
 import { FrameStream } from "./frames.js";
 import { twistType } from "./rosbridge.js";
-import { RttProbe } from "./rtt.js";
 import { Session } from "./session.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
@@ -34,6 +33,8 @@ export class Robot {
     this.handlers = { state: new Set(), control: new Set() };
     this.mode = "drive";
     this.control = null;
+    /** @type {number | null} */
+    this.roundTripMs = null;
     this.publishers = new Map();
     this.session = new Session({
       driveTopic,
@@ -43,13 +44,9 @@ export class Robot {
       onState: (state) => this.showState(state),
       onLeaving: () => this.driver.letGo(),
       onControl: (control) => this.receive(control),
+      onRoundTrip: (reading) => (this.roundTripMs = reading?.medianMs ?? null),
     });
     this.driver = new Driver({ output: this.session });
-    // Also what keeps a quiet link from looking like a dead one: the robot answers each second.
-    this.rtt = new RttProbe({
-      call: (service, args) => this.session.connection.call(service, args),
-      onReading: (reading) => (this.roundTripMs = reading?.medianMs ?? null),
-    });
     if (letGoOnBlur) this.letGoWhenUnseen();
     window.addEventListener("offline", () => this.session.connection.cut());
     window.addEventListener("online", () => this.session.connection.retryNow());
@@ -75,8 +72,7 @@ export class Robot {
   }
 
   close() {
-    this.rtt.stop();
-    this.session.connection.stop(); // first: what moves gets its zero
+    this.session.stop(); // first: what moves gets its zero
     this.driver.arm(false);
     this.begun = false;
   }
@@ -104,7 +100,7 @@ export class Robot {
   async stop() {
     this.driver.halt();
     const heard = this.awaitStop();
-    this.session.stop();
+    this.session.stopRobot();
     const answer = await this.api?.stop(this.name);
     return Boolean(answer?.ok) || heard;
   }
@@ -211,8 +207,6 @@ export class Robot {
     if (state.lost) this.mode = "observe"; // somebody else drives: this page looks on
     this.session.use(this.driving);
     this.driver.arm(this.driving);
-    if (state.name === "live") this.rtt.start();
-    else this.rtt.stop();
     for (const handler of [...this.handlers.state]) handler({ ...state, driving: this.driving });
   }
 

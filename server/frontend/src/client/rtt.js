@@ -13,7 +13,6 @@ export class RttProbe {
     this.now = now;
     this.samples = /** @type {number[]} */ ([]);
     this.lastAt = this.askedAt = /** @type {number | null} */ (null);
-    this.forget();
   }
 
   start() {

@@ -4,7 +4,7 @@
 
 import { Connection } from "./connection.js";
 import { driveMessage, openLink } from "./rosbridge.js";
-import { median } from "./rtt.js";
+import { RttProbe, median } from "./rtt.js";
 
 /**
  * @typedef {import("../input/teleop.js").Twist} Twist
@@ -17,7 +17,7 @@ const SILENCE_MS = 2000; // the robot answers each second; what is sent into sil
 
 export class Session {
   // `driveTopic` is driven, `wheelbase` in m of a robot that steers. `requestUrl()`, `prepare`, `onState` and `onLeaving` as
-  // of connection.js; `onControl(control)` with what is known of who drives and whether the robot is stopped.
+  // of connection.js; `onControl(control)` with what is known of who drives and whether the robot is stopped; `onRoundTrip` as of rtt.js.
   /**
    * @param {{
    *   driveTopic: string,
@@ -27,20 +27,26 @@ export class Session {
    *   onState: (state: import("./connection.js").State) => void,
    *   onLeaving: () => void,
    *   onControl: (control: Control) => void,
+   *   onRoundTrip: (reading: {medianMs: number, ageMs: number} | null) => void,
    * }} options
    */
-  constructor({ driveTopic, wheelbase, requestUrl, prepare, onState, onLeaving, onControl }) {
+  constructor({ driveTopic, wheelbase, requestUrl, prepare, onState, onLeaving, onControl, onRoundTrip }) {
     this.clockSync = new ClockSync();
     this.controlState = new ControlState({ onControl });
     this.connection = new Connection({
       requestTicket: requestUrl,
       openLink,
       prepare,
-      onState,
+      onState: (state) => {
+        this.probe(state);
+        onState(state);
+      },
       onLeaving,
       onLink: (send) => (send ? this.clockSync.start(send) : this.forgetLink()),
       onOwn: (operation) => this.receive(operation),
     });
+    // Also what keeps a quiet link from looking like a dead one: the robot answers each second.
+    this.rtt = new RttProbe({ call: (service, request) => this.connection.call(service, request), onReading: onRoundTrip });
     this.driveTopic = driveTopic;
     this.wheelbase = wheelbase;
     this.type = "";
@@ -74,6 +80,17 @@ export class Session {
     this.publisher?.publish(driveMessage(type, twist, { wheelbase }), this.clockSync.stamp(timestamp));
   }
 
+  probe({ name }) {
+    if (name === "live") this.rtt.start();
+    else this.rtt.stop();
+  }
+
+  // Ends it for good.
+  stop() {
+    this.rtt.stop();
+    this.connection.stop();
+  }
+
   receive(operation) {
     if (!this.clockSync.isRelays(operation)) return;
     if (operation.op === "robotether.beat") this.clockSync.receive(operation);
@@ -91,8 +108,8 @@ export class Session {
     return backlog < BACKLOG_BYTES && silenceMs < SILENCE_MS;
   }
 
-  // Says whether it went; the caller asks the API as well.
-  stop() {
+  // Stops the robot. Says whether it went; the caller asks the API as well.
+  stopRobot() {
     return this.connection.send({ op: "robotether.stop" });
   }
 }

@@ -3,7 +3,6 @@
 import { framesUrl, requestTicket, rosUrl } from "../client/api.js";
 import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
-import { RttProbe } from "../client/rtt.js";
 import { Session } from "../client/session.js";
 import { Arming, NO_CONTROLS, VideoInterlock } from "../control/arming.js";
 import { Banner, ControlPanel } from "../control/controlPanel.js";
@@ -50,8 +49,9 @@ const session = new Session({
   onState: showState,
   onLeaving: () => arming.leave(),
   onControl: useControl,
+  onRoundTrip: (reading) => readings.rtt(reading, { server: session.clockSync.roundTripMs, robot: facts.rttMs }),
 });
-const { connection, clockSync } = session;
+const { connection } = session;
 const subscribe = (spec, handler) => connection.subscribe(spec, handler);
 
 const banner = new Banner(root, {
@@ -68,10 +68,6 @@ const view = new View(root, {
   subscribe,
   onMain: (reading) => interlock.receive(reading),
 });
-const rtt = new RttProbe({
-  call: (service, request) => connection.call(service, request),
-  onReading: (reading) => readings.rtt(reading, { server: clockSync.roundTripMs, robot: facts.rttMs }),
-});
 const readback = new Readback({ subscribe, onSpeed: useSpeed, onPose: (pose) => view.pose(pose) });
 const arming = new Arming({ interlock, output: session });
 const controls = driveMode.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
@@ -80,7 +76,7 @@ const controlPanel = new ControlPanel(root, { robot, driveMode, busy: () => cont
 const stopBar = new StopBar(root, {
   robot,
   halt: () => controls.halt(),
-  send: () => session.stop(),
+  send: () => session.stopRobot(),
   onReleased: (again) => driveMode.released(again),
 });
 const topics = new Topics(part(root, "topics"), {
@@ -139,11 +135,9 @@ function showState(state) {
 function useLink(live) {
   if (live) {
     driveMode.settle();
-    rtt.start();
     view.retryNow();
   } else {
     summary?.linkEnded();
-    rtt.stop();
     discovery.stop();
     readback.forget();
   }
@@ -215,7 +209,7 @@ window.addEventListener("online", retryNow);
 window.addEventListener("pagehide", () => {
   reloadStore.save(driveMode.saved);
   arming.disarm();
-  connection.stop();
+  session.stop();
 });
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
 setInterval(() => interlock.check(), CHECK_MS);
