@@ -29,8 +29,7 @@ from robotether_agent.guard.agent_messages import (
     StopRequest,
     parse,
 )
-from robotether_agent.guard.authorization import Authorizer
-from robotether_agent.guard.drive_controller import DriveController
+from robotether_agent.guard.drive_controller import Authorizer, DriveController
 from robotether_agent.guard.latch import Latch, StopFile
 from robotether_agent.guard.rosbridge import CmdVelPublisher, new_http
 from robotether_agent.guard.server import Server

@@ -24,12 +24,7 @@ from robotether_common.guard import KEY_HEADER, RefusedKind
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.guard.agent_messages import GuardConfig
-from robotether_agent.guard.authorization import (
-    Authorization,
-    Authorizer,
-    NotAuthorized,
-)
-from robotether_agent.guard.drive_controller import DriveController
+from robotether_agent.guard.drive_controller import Authorizer, DriveController, NotAuthorized
 from robotether_agent.guard.drive_messages import (
     DriveTopics,
     MessageId,
@@ -42,6 +37,7 @@ from robotether_agent.guard.rosbridge import (
     RosbridgeSocket,
     open_rosbridge,
 )
+from robotether_agent.guard.topics import Authorization
 from robotether_agent.tasks import first_of, within
 
 ADDRESS = "127.0.0.1"
@@ -239,7 +235,7 @@ class Server:
         await self._runner.cleanup()
 
     def end_those(self, concerned: Callable[[Authorization], bool]) -> None:
-        """End the connections with such an admission."""
+        """End the connections with such an authorization."""
         for proxy in tuple(self._proxies):
             if concerned(proxy.authorization):
                 proxy.end()

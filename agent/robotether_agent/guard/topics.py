@@ -28,7 +28,6 @@ from robotether_agent.fields import (
     parse_object,
 )
 from robotether_agent.files import read_text
-from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.drive_messages import (
     MAX_FRAME_ID_LENGTH,
     SHAPES,
@@ -50,9 +49,18 @@ MOTION_FILE = "motion.json"
 # A driver's clean stop is often followed by the next motion; the mark need not be written for each.
 REMOVED_AFTER_S = 1.0
 
+Mode = Literal["observe", "drive", "direct"]
 State = Literal["idle", "moving", "zeroing"]
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Authorization:
+    """What a connection was let in for; `fence` is 0 unless it drives with a lease."""
+
+    mode: Mode
+    fence: int = 0
 
 
 class CommandSource(Protocol):

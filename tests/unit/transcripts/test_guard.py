@@ -40,8 +40,8 @@ class PatientGuard(GuardProcess):
     program = (
         "-c",
         "import runpy\n"
-        "from robotether_agent.guard import agent_messages, authorization, rosbridge\n"
-        f"authorization.AGENT_SILENT_S = {PATIENCE_S}\n"
+        "from robotether_agent.guard import agent_messages, drive_controller, rosbridge\n"
+        f"drive_controller.AGENT_SILENT_S = {PATIENCE_S}\n"
         f"rosbridge.FULL_AFTER_S = rosbridge.STALLED_AFTER_S = {PATIENCE_S}\n"
         f"agent_messages.TIMES_MS = (200, {PATIENCE_MS})\n"
         "runpy.run_module('robotether_agent.guard', run_name='__main__', alter_sys=True)\n",

@@ -11,10 +11,9 @@ from controller_world import FakeSource, MemoryMotionFile, World
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.agent_messages import GuardConfig
-from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.drive_controller import AHEAD_MS
 from robotether_agent.guard.drive_messages import DriveLimits
-from robotether_agent.guard.topics import Driven, MotionFile
+from robotether_agent.guard.topics import Authorization, Driven, MotionFile
 from sim_client import until
 
 

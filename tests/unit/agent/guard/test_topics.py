@@ -8,9 +8,15 @@ import pytest
 from controller_world import FakeSource, World
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.authorization import Authorization
 from robotether_agent.guard.drive_messages import CheckedCommand, MessageId, Refused
-from robotether_agent.guard.topics import MAX_TOPICS, MAX_TYPES, PendingCommand, Topic, Topics
+from robotether_agent.guard.topics import (
+    MAX_TOPICS,
+    MAX_TYPES,
+    Authorization,
+    PendingCommand,
+    Topic,
+    Topics,
+)
 from robotether_common.guard import RefusedKind
 
 
