@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -23,10 +24,12 @@ def _events(database: Database) -> None:
 @pytest.mark.usefixtures("_events")
 @pytest.mark.parametrize("query", ["robot=sim1", "actor=zoe", "kind=grant_given"])
 def test_events_are_found(admin: Browser, query: str) -> None:
-    """By robot, by actor and by kind."""
+    """By robot, by actor and by kind, in the list and in the file."""
     page = admin.ask("GET", f"/admin/audit?{query}").text
     assert "user: olga" in page
     assert "number:" not in page
+    [line] = admin.ask("GET", f"/admin/audit/download?format=jsonl&{query}").text.splitlines()
+    assert json.loads(line)["details"] == {"user": "olga"}
 
 
 @pytest.mark.usefixtures("_events")
@@ -45,6 +48,8 @@ def test_older_pages_go_on_where_the_newer_ended(admin: Browser) -> None:
 
 
 def test_nothing_fits(admin: Browser) -> None:
-    """The page leads back to everything, and takes nonsense for no page at all."""
+    """The page leads back to everything, and takes nonsense for no page at all; a wrong day is said."""
     page = admin.ask("GET", "/admin/audit?robot=ghost&before=x").text
     assert "Nothing matches" in page
+    answer = admin.ask("GET", "/admin/audit?since=soon")
+    assert (answer.status_code, "form-problem" in answer.text) == (422, True)

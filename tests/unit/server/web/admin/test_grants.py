@@ -152,18 +152,25 @@ def test_a_wrong_grant_comes_back_with_the_page(
     assert all_grants(database) == before
 
 
+@pytest.mark.usefixtures("every_kind")
 @pytest.mark.parametrize(
-    ("about", "onward"), [("robot", "/admin/robots/sim1"), ("user", "/admin/users/ann")]
+    ("who", "what", "level", "about", "onward"),
+    [
+        ("user ann", "robot sim1", "drive", "robot", "/admin/robots/sim1"),
+        ("user ann", "robot sim1", "drive", "user", "/admin/users/ann"),
+        ("group crew", "site lab", "manage", "site", "/admin/sites/lab"),
+        ("group crew", "site lab", "manage", "group", "/admin/groups/crew"),
+    ],
 )
 def test_a_grant_is_taken_away_after_a_question(
-    admin: Browser, database: Database, about: str, onward: str
+    *, admin: Browser, database: Database, who: str, what: str, level: str, about: str, onward: str
 ) -> None:
     """It leads back to where it began."""
-    path = f"/admin/grants/{number_of(database, 'user ann', 'robot sim1')}/take?from={about}"
-    assert "who may drive now" in admin.ask("GET", path).text
-    assert ("user ann", "robot sim1", "drive") in all_grants(database)
+    path = f"/admin/grants/{number_of(database, who, what)}/take?from={about}"
+    assert f"who may {level} now" in admin.ask("GET", path).text
+    assert (who, what, level) in all_grants(database)
     assert send(admin, path).location == onward
-    assert ("user ann", "robot sim1", "drive") not in all_grants(database)
+    assert (who, what, level) not in all_grants(database)
 
 
 def test_the_question_names_the_end(

@@ -93,12 +93,13 @@ def test_a_wrong_form_comes_back(admin: Browser, database: Database, wrong: dict
 
 @pytest.mark.usefixtures("site_certificate")
 def test_a_token_is_deleted_after_a_question(admin: Browser, database: Database) -> None:
-    """Which says how many uses are left."""
+    """Which says how many uses are left; the others stay."""
     send(admin, "/admin/join-tokens", **FORM)
     page = admin.ask("GET", "/admin/join-tokens").text
     path = page.split('href="/admin/join-tokens/')[1].split('"')[0]
+    send(admin, "/admin/join-tokens", **(FORM | {"name": "yard"}))
     question = admin.ask("GET", f"/admin/join-tokens/{path}").text
     assert "3 of 3 uses are left" in question
     assert send(admin, f"/admin/join-tokens/{path}").location == "/admin/join-tokens"
-    assert names(database) == []
+    assert names(database) == ["yard"]
     assert admin.ask("GET", f"/admin/join-tokens/{path}").status_code == 404

@@ -152,3 +152,16 @@ def test_a_button_that_is_refused_widens_no_policy(admin: Browser, database: Dat
     form = LIGHTS_FORM | {"target": "/cmd_vel", "allow": "yes"}
     assert send(admin, NEW, **form).status_code == 422
     assert audited(database, "robot_settings_set") == []
+
+
+def test_no_button_before_broken_settings_are_corrected(
+    manager: Browser, database: Database
+) -> None:
+    """What somebody wrote by SQL is for an admin to mend."""
+    with database.transaction() as tx:
+        tx.change("""UPDATE robots SET settings = '{"guard": {"deadman_ms": 1}}'""")
+    for answer in (manager.ask("GET", NEW), send(manager, NEW, **LIGHTS_FORM)):
+        assert answer.status_code == 409
+        assert (
+            "until an admin has corrected its settings: cannot use guard.deadman_ms" in answer.text
+        )
