@@ -1,4 +1,4 @@
-"""A user's own right on one robot, given as tests of the records need it."""
+"""A user's own right on one robot, given and taken as tests of the records need it."""
 
 from __future__ import annotations
 
@@ -9,3 +9,10 @@ from robotether_server.db.grants import Level, Pair
 def give(tx: Transaction, user_id: int, robot_id: int, level: Level) -> None:
     """Set what the user may do with the robot, without an end."""
     grants.put(tx, Pair(user_id=user_id, robot_id=robot_id), level)
+
+
+def take(tx: Transaction, user_id: int, robot_id: int) -> None:
+    """Remove it again."""
+    found = grants.find(tx, Pair(user_id=user_id, robot_id=robot_id))
+    assert found is not None
+    grants.remove(tx, found.id)
