@@ -9,11 +9,11 @@ from contextlib import asynccontextmanager
 
 import pytest
 from fake_robot import FINGERPRINT, FakeRobot
-from granted import give, take
+from granted import give
 from mariadb_server import MariaDb
 from relay_clients import closing
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
-from robotether_server.db import Database, Transaction, credentials, robots, users
+from robotether_server.db import Database, Transaction, credentials, grants, robots, users
 from robotether_server.db.fleet import Credential, RelayUser
 from robotether_server.identity import PublicKey
 from robotether_server.problems import StoreUnavailable
@@ -129,7 +129,8 @@ async def test_rights_in_the_real_database_end_a_connection(mariadb, database, a
             await socket.send_str(PUBLISH)
             assert await socket.receive_str() == PUBLISH
             with database.transaction() as tx:
-                take(tx, ann.id, sim1.id)
+                grant = grants.find(tx, grants.Pair(user_id=ann.id, robot_id=sim1.id))
+                grants.remove(tx, grant.id)
             async with asyncio.timeout(2):
                 assert (await socket.receive()).data == 4001
         await relay.relay.event_writer.flush(5)
