@@ -21,8 +21,7 @@ import pytest
 from attackers import OPEN, raw
 from programs import Program
 from robot_key import RobotKey
-from robots_back import wait_until_back
-from stack import Stack
+from stack import Stack, wait_until_back
 
 USER = "tunnel@127.0.0.1"
 VICTIM, STOLEN = "sim1", "stolen"

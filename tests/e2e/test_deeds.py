@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator
 import aiohttp
 import pytest
 from programs import Program, drive_on, echo, open_echo
-from robots_back import wait_until_back
-from stack import Stack
+from stack import Stack, wait_until_back
 from stopwatch import Stopwatch
 
 ROBOT = "sim3"

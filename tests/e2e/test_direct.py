@@ -11,9 +11,8 @@ from contextlib import ExitStack
 
 import aiohttp
 import pytest
-from robots_back import wait_until_back
 from sim_watch import SimWatch
-from stack import Stack
+from stack import Stack, wait_until_back
 from stopwatch import Stopwatch
 
 PORTS = (20000, 20005)

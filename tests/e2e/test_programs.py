@@ -15,9 +15,8 @@ import aiohttp
 import pytest
 from local_network import insecure_tls
 from programs import Program, drive_on, echo, open_echo
-from robots_back import wait_until_back
 from sim_watch import SimWatch
-from stack import ROOT, Stack
+from stack import ROOT, Stack, wait_until_back
 from stopwatch import Stopwatch
 
 JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"

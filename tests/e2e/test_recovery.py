@@ -10,8 +10,7 @@ from http.client import HTTPException
 import pytest
 from inside import run_inside
 from programs import Program, drive_on, echo, open_echo
-from robots_back import wait_until_back
-from stack import Stack
+from stack import Stack, wait_until_back
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,7 @@ from frames_viewer import FramesViewer
 from local_network import insecure_tls
 from playwright.sync_api import BrowserContext
 from programs import Program
-from robots_back import wait_until_back
-from stack import Stack
+from stack import Stack, wait_until_back
 
 TOPIC = "/camera/image_raw"
 # Steady, so that bytes can be compared.

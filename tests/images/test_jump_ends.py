@@ -8,9 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from database_outage import database_away
 from jump_people import JUMP, Person, ShellRobot, ended, first_line, lives
-from stack import Stack
+from stack import Stack, database_away
 
 
 def take_grant(ann: Person, robot: ShellRobot) -> None:

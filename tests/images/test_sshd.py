@@ -13,10 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from database_outage import database_away
 from jump_people import RobotSshd, end, heartbeat
 from robot_key import RobotKey
-from stack import Stack
+from stack import Stack, database_away
 
 USER = "tunnel@127.0.0.1"
 PROXY_PROTOCOL = "/etc/nginx/proxy-protocol.conf"

@@ -23,9 +23,8 @@ from local_network import free_port
 from openssh_server import wait_until
 from program_driver import TWIST as FORWARD
 from programs import Program
-from robots_back import wait_until_back
 from sim_watch import SimWatch
-from stack import PROJECT, ROOT, Stack
+from stack import PROJECT, ROOT, Stack, wait_until_back
 
 # Main before the first release.
 FIRST = "11d2e22"

@@ -12,9 +12,10 @@ import subprocess
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, TypeVar
@@ -31,6 +32,8 @@ ROOT = Path(__file__).resolve().parents[3]
 PROJECT = f"robotether-test-{os.getpid()}"
 # The site whose pages may connect to this stack's robots, for tests of pages of others.
 LAB = "https://lab.example"
+# An agent that was kept out asks again within 30 s, and opens the way for its pictures after that for its commands.
+BACK_WITHIN_S = 90
 T = TypeVar("T")
 
 
@@ -260,6 +263,37 @@ class Stack:
     def _first_token(self, name: str) -> str:
         """The last word that the command prints."""
         return self.robotether("token", "create", "--user", "admin", "--name", name).split()[-1]
+
+
+def wait_until_back(stack: Stack, *robots: str) -> None:
+    """Wait until each robot is online, its guard takes commands, and its camera is seen."""
+    for robot in robots:
+        is_back = partial(_is_back, stack, robot)
+        stack.wait(f"{robot} back", is_back, robot, "sshd", "relay", seconds=BACK_WITHIN_S)
+
+
+def _is_back(stack: Stack, robot: str) -> bool:
+    try:
+        status, control = stack.admin.try_to("GET", f"/robots/{robot}/control")
+        if status != HTTPStatus.OK or control["guard"] != "ready":
+            return False
+        return stack.admin.sees(f"/robots/{robot}/video/snapshot?topic=/camera/image_raw")
+    except OSError:
+        return False
+
+
+@contextmanager
+def database_away(stack: Stack) -> Iterator[None]:
+    """Stop the database inside the block; after it the next test finds it, and a relay that reads it, as ever."""
+    mysql = stack.container("mysql")
+    mysql.stop(timeout=20)
+    try:
+        yield
+    finally:
+        mysql.start()
+        stack.wait_healthy("mysql")
+        # A relay that is still trying to reach the one that is gone hears of changes seconds late.
+        stack.wait_for_changes("sim1")
 
 
 def _parsed(body: bytes) -> Any:

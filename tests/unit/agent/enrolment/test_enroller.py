@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
-from collections.abc import Callable
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
 import pytest
 from aiohttp import web
-from bad_disk import full_disk, read_only
 from fake_cloud import FakeCloud, agent_environ
 from fake_root import FakeRoot
 from robotether_agent.enrolment.enroller import FILES, Enroller, enrolment_files, unenrol
@@ -31,6 +33,25 @@ from robotether_agent.problems import (
 from robotether_agent.settings import Settings, load
 
 CARD = "00:1b:44:00:00:01"
+
+
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """Let this process write into no file, as on a full disk, even as root.
+
+    The fake cloud lives in the same process: in its mode refuses_key its join writes none.
+    """
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def read_only(*_: object) -> NoReturn:
+    """Fail as every write to a file system does that the kernel took the writes from."""
+    raise OSError(errno.EROFS, "Read-only file system")
 
 
 @pytest.fixture
