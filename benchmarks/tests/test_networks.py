@@ -22,10 +22,11 @@ SENT_BYTES = 300_000
 @pytest.fixture
 def machine() -> Iterator[None]:
     """An address of this machine that nothing else uses, of those for documentation."""
-    ends = ["ip", "address", "add", f"{MACHINE}/32", "dev", "lo"]
-    subprocess.run(ends, check=True)
+    address = [f"{MACHINE}/32", "dev", "lo"]
+    # A run that was killed may have left it.
+    subprocess.run(["ip", "address", "replace", *address], check=True)
     yield
-    subprocess.run(["del" if word == "add" else word for word in ends], check=True)
+    subprocess.run(["ip", "address", "del", *address], check=True)
 
 
 def upload(listener: socket.socket, inside: Namespace) -> None:
