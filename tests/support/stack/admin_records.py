@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from typing import NamedTuple
 
 from robotether_server.db import Database, robots
 from robotether_server.db.robots import Report, Robot
@@ -14,6 +16,18 @@ KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
 OTHER_KEY = PublicKey("ssh-ed25519 BBBB", "SHA256:other")
 REPORT = Report("turtle", "0.1.0", "192.0.2.1")
 OTHER_REPORT = Report("copy", "0.1.0", "192.0.2.2")
+
+
+class Done(NamedTuple):
+    """What a command left behind."""
+
+    status: int
+    out: str
+    err: str
+
+
+# Runs `robotether` with these arguments.
+Run = Callable[..., Done]
 
 
 def show_key(database: Database, key: PublicKey = KEY) -> None:

@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from io import StringIO
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
+from admin_records import Done, Run
 from mariadb_server import MariaDb
 from robotether_server.cli import main
 from robotether_server.cli.fleet_ssh import Target
 from robotether_server.db import Database
 from shell_hosts import ShellNetwork
-
-
-class Done(NamedTuple):
-    """What a command left behind."""
-
-    status: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Done]
 
 
 class Terminal(StringIO):

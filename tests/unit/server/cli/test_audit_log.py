@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import Any
 
-from admin_records import ADD
-
-Run = Callable[..., Any]
+from admin_records import ADD, Run
 
 
 def test_log_is_shown_newest_last(run: Run) -> None:

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 from io import StringIO
 from pathlib import Path
 from threading import Barrier, Event, Lock, Thread, main_thread
-from typing import Any
 
 import fabric
 import pytest
+from admin_records import Run
 from openssh_server import is_alive, wait_until
 from robotether_server.cli import fleet, fleet_ssh
 from robotether_server.cli.fleet import (
@@ -29,7 +29,6 @@ from robotether_server.cli.fleet import (
 from robotether_server.cli.fleet_ssh import FleetProblem, SshConnections
 from shell_hosts import ShellNetwork
 
-Run = Callable[..., Any]
 Do = Callable[..., tuple[int, str, str]]
 
 NAMES = [f"sim{number}" for number in range(9)]

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import datetime as dt
 import json
-from collections.abc import Callable
-from typing import Any
 
 import pytest
-from admin_records import kinds
+from admin_records import Run, kinds
 from robotether_server.db import Database, seen_robots, users
-
-Run = Callable[..., Any]
 
 
 @pytest.fixture(autouse=True)

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import Any
 
-from admin_records import kinds
+from admin_records import Run, kinds
 from robotether_server.db import Database
-
-Run = Callable[..., Any]
 
 
 def test_group_is_added_filled_listed_and_removed(run: Run, database: Database) -> None:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
+from admin_records import Run
 from mariadb_server import MariaDb
 from robotether_server import passwords
 from robotether_server.db import Database, users
-
-Run = Callable[..., Any]
 
 
 def test_settings_are_shown_without_secrets(run: Run, mariadb: MariaDb) -> None:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import re
 import threading
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 from admin_records import (
     ADD,
     MAC,
     OTHER_KEY,
+    Run,
     activate,
     claim,
     details_of,
@@ -25,7 +24,6 @@ from robotether_server.db import Database, robots
 from robotether_server.db.robots import State
 from robotether_server.identity import PublicKey
 
-Run = Callable[..., Any]
 THIRD_KEY = PublicKey("ssh-ed25519 CCCC", "SHA256:third")
 
 

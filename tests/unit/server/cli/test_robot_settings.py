@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import Any
 
 import pytest
-from admin_records import ADD, details_of, events, kinds, robot
+from admin_records import ADD, Run, details_of, events, kinds, robot
 from robotether_server.db import Database, robots
 from robotether_server.robot_settings import DEFAULTS
-
-Run = Callable[..., Any]
 
 
 @pytest.fixture(autouse=True)

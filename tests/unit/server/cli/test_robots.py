@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import Any
 
 import pytest
-from admin_records import ADD, MAC, activate, claim, details_of, events, kinds, robot, show_key
+from admin_records import ADD, MAC, Run, activate, claim, details_of, events, kinds, robot, show_key
 from granted import give
 from robotether_server.db import Database, robots, seen_robots, users
-
-Run = Callable[..., Any]
 
 
 def test_added_robot_is_listed(run: Run, database: Database) -> None:

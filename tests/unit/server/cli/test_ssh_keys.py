@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from admin_records import ADD, activate, kinds
+from admin_records import ADD, Run, activate, kinds
 from robotether_server.db import Database
 from shell_hosts import make_key
 
-Run = Callable[..., Any]
 ANN = ("--user", "ann")
 
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import datetime as dt
 import json
-from collections.abc import Callable
-from typing import Any
 
 import pytest
-from admin_records import kinds
+from admin_records import Run, kinds
 from robotether_server.cli import tokens
 from robotether_server.db import Database, credentials, robots
 from robotether_server.install_line import Certificate, SiteCertificates
 from robotether_server.problems import SiteCertificateUnavailable
 
-Run = Callable[..., Any]
 CI = ("--user", "ann", "--name", "ci")
 
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import datetime as dt
 import json
-from collections.abc import Callable
-from typing import Any
 
 import pytest
+from admin_records import Run
 from robotether_server import passwords
 from robotether_server.db import Database, credentials, users
-
-Run = Callable[..., Any]
 
 
 def kinds(database: Database) -> list[str]:
