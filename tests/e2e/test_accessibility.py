@@ -23,7 +23,15 @@ BY_LOOK = {
 ROBOT = "sim1"
 DESKTOP = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"}
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "color_scheme": "dark"}
-BOTH = pytest.mark.parametrize("context", [DESKTOP, PHONE], indirect=True, ids=["desktop", "phone"])
+# Dark on a phone takes as long again, and finds what a release changed in the styles.
+BOTH = pytest.mark.parametrize(
+    "context",
+    [
+        pytest.param(DESKTOP, id="desktop"),
+        pytest.param(PHONE, id="phone", marks=pytest.mark.release),
+    ],
+    indirect=True,
+)
 STILL_PAGES = (
     "/drives",
     "/profile",

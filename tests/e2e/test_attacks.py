@@ -163,9 +163,8 @@ OBSERVER_SENDS: dict[str, tuple[str | bytes, str]] = {
     "escaped key": (PUBLISH.replace('"op"', '"\\u006fp"'), ONLY_LOOKS),
     "escaped topic": (PUBLISH.replace("/cmd", "\\/\\u0063md"), ONLY_LOOKS),
     "capital letters": (PUBLISH.replace("publish", "Publish"), UNKNOWN),
-    "two operations": (PUBLISH[:-1] + ', "op": "subscribe"}', NO_JSON),
-    "two operations, one escaped": ('{"op": "subscribe", "\\u006fp": "publish", "topic": "/a"}', NO_JSON),
-    "two topics": ('{"op": "subscribe", "topic": "/pose", "topic": "/cmd_vel"}', NO_JSON),
+    "two operations": ('{"op": "subscribe", ' + PUBLISH[1:], ONLY_LOOKS),
+    "two operations, one escaped": ('{"op": "subscribe", "\\u006fp": "publish", "topic": "/a"}', ONLY_LOOKS),
     "two messages in one": ('{"op": "subscribe", "topic": "/pose"}' + PUBLISH, NO_JSON),
     "a list of messages": (f"[{PUBLISH}]", NO_JSON),
     "a text in a text": (json.dumps(PUBLISH), NO_JSON),
@@ -214,6 +213,15 @@ async def test_an_observer_sends_nothing_that_moves(ben: Person, first: int) -> 
         assert (await asyncio.wait_for(socket.receive_json(), 5))["id"] == "9"
 
 
+async def test_of_a_key_twice_the_last_counts(ben: Person) -> None:
+    """What stands before it never leaves the relay: both are subscriptions."""
+    async with ben.program.connect(ROBOT, "observe") as socket:
+        await socket.send_str(PUBLISH[:-1] + ', "op": "subscribe"}')
+        await socket.send_str('{"op": "subscribe", "topic": "/pose", "topic": "/cmd_vel"}')
+        refusal = await refusal_of(socket, PUBLISH)
+        assert ONLY_LOOKS in refusal["msg"]
+
+
 async def test_a_driver_opens_no_other_way_to_the_wheels(ann: Person) -> None:
     """What is neither a drive topic nor in the policy is closed to drivers too; and drive topics take commands only."""
     attempts = {
@@ -222,7 +230,7 @@ async def test_a_driver_opens_no_other_way_to_the_wheels(ann: Person) -> None:
         '{"op": "call_service", "service": "/rosapi/set_param", "args": {}}': "policy does not let you",
         '{"op": "advertise_service", "service": "/reset", "type": "x/Y"}': "policy does not let you",
         '{"op": "publish", "topic": "/cmd_vel", "msg": {"data": "x"}}': "neither a Twist",
-        '{"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": 1e999}}}': "no finite number",
+        '{"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": 1e999}}}': "too large",
         '{"op": "publish", "topic": "/cmd_vel", "msg": {}, "robotether": {"fence": 99}}': "no object with t_ms",
     }  # fmt: skip
     async with ann.program.connect(ROBOT, "drive") as socket:
