@@ -92,6 +92,14 @@ def test_a_handshake_may_be_faster_than_the_line_of_its_lease() -> None:
     assert kind(rights, new, 14) == "fence"
 
 
+def test_a_handshake_of_a_new_session_is_its_first_word() -> None:
+    """A line of an older lease that comes after it ends nobody's drive."""
+    rights = authorizer(fence=None)
+    driver = rights.authorize(headers(fence=14))
+    rights.lease(13, held=True)
+    assert rights.holds(driver)
+
+
 def test_a_lease_that_is_over_does_not_come_back() -> None:
     """Not even by its own line, told again."""
     rights = authorizer()
@@ -108,6 +116,15 @@ def test_a_new_sessions_first_number_counts() -> None:
     rights.session(up=True)
     rights.lease(3, held=True)
     assert rights.authorize(headers(fence=3)) == Authorization("drive", 3)
+
+
+def test_a_new_configuration_begins_no_new_session() -> None:
+    """It says again that the session stands; a number that is over stays over."""
+    rights = authorizer(fence=14)
+    rights.session(up=True)
+    rights.lease(13, held=True)
+    assert not rights.holds(Authorization("drive", 13))
+    assert rights.holds(Authorization("drive", 14))
 
 
 @pytest.mark.parametrize("fence", [None, "13", 13.0, True, 12, 14])

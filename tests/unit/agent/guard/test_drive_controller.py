@@ -49,7 +49,8 @@ async def test_zeros_follow_when_commands_stop(world: World) -> None:
 
 @pytest.mark.parametrize("loss", ["gone", "lease", "stop", "session", "agent", "rosbridge"])
 async def test_each_loss_is_a_stop_at_once(world: World, loss: str) -> None:
-    """The driver's connection, lease or session, the agent, and rosbridge itself."""
+    """The driver's connection, lease or session, the agent, and rosbridge itself; long before the deadman's time."""
+    world.controller.use(GuardConfig("ws://x", deadman_s=10))
     await world.drive(0.5)
     losses: dict[str, Callable[[], None]] = {
         "gone": lambda: world.controller.on_disconnected(world.source),
@@ -144,15 +145,31 @@ async def test_an_old_command_takes_no_newer_ones_place(world: World) -> None:
     assert world.source.kinds == ["old"]
 
 
-async def test_a_command_that_waits_too_long_is_dropped(world: World) -> None:
-    """Its age counts from when it was given, not from when it came."""
+@pytest.mark.parametrize(("age_ms", "wait_s"), [(400, 0.12), (-AHEAD_MS + 10, 0.51)])
+async def test_a_command_that_waits_too_long_is_dropped(
+    world: World, age_ms: float, wait_s: float
+) -> None:
+    """Its age counts from when it was given, not from when it came, and a clock that is ahead adds nothing."""
     world.publisher.full = True
-    await world.drive(0.5, age_ms=400)
-    await world.pass_time(0.2)
+    await world.drive(0.5, age_ms=age_ms)
+    await world.pass_time(wait_s)
     world.publisher.full = False
     await world.pass_time(1)
     assert world.publisher.sent == []
     assert world.source.kinds == ["old"]
+
+
+async def test_a_direct_command_that_waits_too_long_is_dropped(world: World) -> None:
+    world.authorizer.lease(13, held=False)
+    world.authorizer.direct = True
+    world.publisher.full = True
+    direct = FakeSource(Authorization("direct"))
+    await world.send(direct, op="publish", msg={"linear": {"x": 1}})
+    await world.pass_time(0.51)
+    world.publisher.full = False
+    await world.pass_time(1)
+    assert world.publisher.sent == []
+    assert direct.kinds == ["old"]
 
 
 async def test_a_stop_of_the_driver_that_could_not_be_sent_is_the_guards(world: World) -> None:
@@ -167,10 +184,12 @@ async def test_a_stop_of_the_driver_that_could_not_be_sent_is_the_guards(world: 
 
 
 async def test_what_waits_is_forgotten_with_its_sender(world: World) -> None:
-    """A command must not come after the end of its driver."""
+    """A command must not come after the end of its driver, nor of the guard."""
     world.publisher.full = True
     await world.drive(0.5)
     world.controller.on_disconnected(world.source)
+    await world.drive(0.5)
+    world.controller.halt()
     world.publisher.full = False
     await world.pass_time(1)
     assert world.publisher.sent == []
@@ -188,6 +207,20 @@ async def test_zeros_that_are_owed_come_before_commands(world: World) -> None:
     world.controller.on_rosbridge_connected()
     await world.controller.step()
     await world.drive(0.7)
+    assert world.publisher.speeds == [0.5, 0.0, 0.7]
+
+
+async def test_zeros_that_are_owed_come_before_what_waits(world: World) -> None:
+    """Also before the command of another topic, which rosbridge could take at once."""
+    await world.drive(0.5)
+    world.publisher.full = True
+    await world.pass_time(0.3)
+    await world.drive(0.7, topic="/other/cmd_vel")
+    await world.pass_time(0.21)
+    world.publisher.full = False
+    await world.controller.step()
+    assert world.publisher.speeds == [0.5]
+    await world.pass_time(0.05)
     assert world.publisher.speeds == [0.5, 0.0, 0.7]
 
 
@@ -261,6 +294,43 @@ async def test_a_last_zero_that_may_be_lost_is_sent_again(world: World) -> None:
     assert world.publisher.speeds == [0.0] * 10
 
 
+async def test_zeros_of_a_lost_rosbridge_are_sent_again(world: World) -> None:
+    """All ten of them, also when some had been read."""
+    await world.drive(0.5)
+    world.controller.halt()
+    await world.pass_time(0.2)
+    assert 0 < world.publisher.speeds.count(0.0) < 10
+    world.publisher.read_until = world.now
+    world.publisher.sent = []
+    world.controller.on_rosbridge_lost()
+    world.controller.on_rosbridge_connected()
+    await world.pass_time(2)
+    assert world.publisher.speeds == [0.0] * 10
+
+
+@pytest.mark.parametrize("left_by_the_last_guard", [False, True])
+async def test_a_stop_also_zeroes_what_an_earlier_driver_moved(
+    world: World, left_by_the_last_guard: bool
+) -> None:
+    """A new driver makes room of what only had a name."""
+    assert isinstance(world.motion_file, MemoryMotionFile)
+    if left_by_the_last_guard:
+        world.motion_file.driven = [Driven("/other/cmd_vel", "twist")]
+        world.controller.resume()
+    else:
+        await world.drive(0.5, topic="/other/cmd_vel")
+    await world.pass_time(2)
+    world.publisher.read_until = world.now
+    world.authorizer.lease(14, held=True)
+    stamp = {"t_ms": world.now * 1000, "fence": 14}
+    await world.drive(0.5, FakeSource(Authorization("drive", 14)), robotether=stamp)
+    world.publisher.sent = []
+    world.controller.stop()
+    await world.pass_time(2)
+    zeroed = [m["topic"] for m in world.publisher.sent if m["op"] == "publish"]
+    assert sorted(zeroed) == ["/cmd_vel"] * 10 + ["/other/cmd_vel"] * 10
+
+
 async def test_a_last_zero_that_was_read_is_not_sent_again(world: World) -> None:
     """Somebody else may move the robot meanwhile."""
     await world.drive(0.5)
@@ -312,8 +382,10 @@ async def test_the_task_sleeps_until_something_is_due(world: World) -> None:
 
 
 async def test_the_last_zeros_can_be_waited_for(world: World) -> None:
-    """A guard that ends leaves no mark of a robot that stands."""
+    """A guard that ends leaves no mark of a robot that stands, and that of one that moves."""
     await world.drive(0.5)
+    world.controller.close()
+    assert world.motion_file.read() is not None
     world.controller.halt()
     waits = asyncio.create_task(world.controller.until_at_rest())
     await world.pass_time(0.6)

@@ -71,7 +71,7 @@ def test_the_motion_file_goes_when_the_robot_has_stood_for_a_while(tmp_path: Pat
 
 
 def test_another_guards_motion_file_stays(tmp_path: Path) -> None:
-    """Until it is taken over: a guard on the spare ends while another one drives."""
+    """Until it is taken over: a guard that has not read its settings yet ends while another one drives."""
     MotionTracker(MotionFile(tmp_path)).ensure(A, ["/a"])
     tracker = MotionTracker(MotionFile(tmp_path))
     tracker.end(1.0)
