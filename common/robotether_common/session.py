@@ -16,20 +16,20 @@ MAX_FENCE = 2**63 - 1
 Kind = Literal["session", "media", "shell"]
 ServiceState = Literal["ok", "down", "unknown"]
 GuardState = Literal["ready", "down"]
-# Why a connection ended, as the agent reads it in `bye`; `link_lost` is one that just ended.
+# Why a connection ended, as the agent reads it in `bye`.
 ByeCode = Literal[
-    "superseded",
+    "superseded",  # a newer connection of this robot and kind took over
     "robot_disabled",
     "robot_unknown",
-    "ports_changed",
-    "port_taken",
-    "key_changed",
+    "ports_changed",  # they are not the robot's: log in again, as sshd fixes ports at the log-in
+    "port_taken",  # another SSH connection holds it: connect again; sshd drops a dead one within 15 s
+    "key_changed",  # it is neither the robot's key nor the one before its rotation
     "shell_off",
-    "not_ready",
+    "not_ready",  # the relay has not read the database yet
     "relay_stopping",
     "protocol_error",
     "timeout",
-    "link_lost",
+    "link_lost",  # never sent: the connection just ended
 ]
 
 

@@ -1,9 +1,8 @@
 """What a client's message may hold: strict JSON, an operation of the list, and fields that are checked one by one.
 
-`OPERATIONS` lists what a connection may send, with its fields; docs/reference/protocols.md has the same table for
-people. A check returns the value to send on, and raises FieldRefusedError with the reason. What passes has one meaning
-to every JSON parser; but for messages and payloads it holds no object in which a parser that lost its way could find an
-operation. Pure.
+`OPERATIONS` lists what a connection may send, with its fields; the documents' page of operations is made from it. A
+check returns the value to send on, and raises FieldRefusedError with the reason. What passes has one meaning to every
+JSON parser; but for messages and payloads it holds no object in which a confused parser could find an operation. Pure.
 """
 
 from __future__ import annotations
