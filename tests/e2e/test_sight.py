@@ -1,6 +1,6 @@
 """What a person sees of a robot on the drive page: its cameras in their places, how old they are, the map, and stills.
 
-The simulated robot has two cameras, each with another ground and a moment drawn into each picture; its pixels are
+The simulated robot has two cameras, one in front and one above, and a moment drawn into each picture; its pixels are
 read from the page's own canvases.
 """
 

@@ -1,9 +1,9 @@
-"""Draws the simulated robot's world from above, and gives the newest frame to whoever asks.
+"""Draws what the simulated robot's cameras see, and gives the newest frame to whoever asks.
 
-Used by video_server.py, and by `CompressedCamera` for a topic. All viewers who want the same size and quality share one
+Used by video_server.py, and by `CompressedCamera` for a topic. first_person.py draws what the front camera sees; the
+view from above is the list LAYERS, from bottom to top. All viewers who want the same size and quality share one
 drawing. It happens in one thread beside the robot's loop, only when somebody wants it, and never more often than the
-camera's rate. That thread gets everything in a Scene and touches nothing else; what it draws is the list LAYERS, from
-bottom to top.
+camera's rate. That thread gets everything in a Scene and touches nothing else.
 """
 
 import asyncio
@@ -19,15 +19,14 @@ from functools import lru_cache
 
 from PIL import Image, ImageDraw, ImageFont
 
+from sim_robot import first_person
+from sim_robot.first_person import PAINTS, WALLS, Point, Size
 from sim_robot.graph import Graph, Node
 from sim_robot.kinematics import Pose, Velocity
 from sim_robot.world import Box, World
 
-Size = tuple[int, int]
-Point = tuple[float, float]
-
-GRID, GRID_STRONG, WALL, OBSTACLE = "#ddd8c8", "#c4bda6", "#6b6450", "#a89f86"
-GROUNDS = {"front": "#f4f1e8", "rear": "#dfe9f1"}  # so that a person tells the cameras apart
+AHEAD, ABOVE = "front", "above"  # the cameras
+GROUND, GRID, GRID_STRONG, LABEL = "#f4f1e8", "#ddd8c8", "#c4bda6", "#6b6450"
 PATH, BODY, NOSE, TEXT, TEXT_GROUND = "#2f6fb0", "#c8502e", "#ffffff", "#20201c", "#fffdf6"
 ROBOT_RADIUS_M, ROBOT_RADIUS_MIN_PX = 0.4, 9
 GRID_LINES_MAX, GRID_STRONG_EVERY, LABEL_PX = 40, 5, 11
@@ -53,7 +52,7 @@ class Scene:
     path: tuple[Point, ...]
     sim_time_s: float
     stamp_ns: int
-    camera: str = "front"
+    camera: str = AHEAD
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +77,27 @@ class View:
 
 def draw(scene: Scene, size: Size) -> Image.Image:
     """Draw one picture, with its moment along the lower edge."""
-    view = View(size, scene.world_size_m)
-    image = _background(view, GROUNDS[scene.camera]).copy()
+    if scene.camera == AHEAD:
+        image = first_person.draw(World(scene.world_size_m), scene.pose, size)
+        _put_caption(image, f"{scene.name} {scene.camera} (simulated)")
+    else:
+        image = _draw_from_above(scene, View(size, scene.world_size_m))
+    _put_stamp(image, scene.stamp_ns)
+    return image
+
+
+def _draw_from_above(scene: Scene, view: View) -> Image.Image:
+    image = _background(view).copy()
     canvas = ImageDraw.Draw(image)
     for layer in LAYERS:
         layer(canvas, view, scene)
-    _put_stamp(image, scene.stamp_ns)
+    pose, speed = scene.pose, scene.velocity
+    _put_caption(
+        image,
+        f"{scene.name} {scene.camera} (simulated)   t {scene.sim_time_s:.1f} s\n"
+        f"x {pose.x:.2f}  y {pose.y:.2f} m   {math.degrees(pose.theta):.0f}\N{DEGREE SIGN}\n"
+        f"{speed.linear_x:+.2f} m/s   {speed.angular_z:+.2f} rad/s",
+    )
     return image
 
 
@@ -95,8 +109,8 @@ def jpeg(image: Image.Image, quality: int) -> bytes:
 
 
 @lru_cache(maxsize=BACKGROUNDS)
-def _background(view: View, ground: str) -> Image.Image:
-    image = Image.new("RGB", view.size, ground)
+def _background(view: View) -> Image.Image:
+    image = Image.new("RGB", view.size, GROUND)
     canvas = ImageDraw.Draw(image)
     end_m = view.world_size_m
     step_m = max(1, math.ceil(end_m / GRID_LINES_MAX))
@@ -107,12 +121,16 @@ def _background(view: View, ground: str) -> Image.Image:
         canvas.line(view.pixels([(0, at_m), (end_m, at_m)]), colour)
         if line % GRID_STRONG_EVERY == 0:
             ((x, y),) = view.pixels([(at_m, 0)])
-            canvas.text((x + LABEL_PX // 3, y - LABEL_PX * 1.4), f"{at_m} m", WALL, _font(LABEL_PX))
-    for obstacle in World(end_m).obstacles:
+            canvas.text(
+                (x + LABEL_PX // 3, y - LABEL_PX * 1.4), f"{at_m} m", LABEL, _font(LABEL_PX)
+            )
+    for obstacle, (paint, _, _) in zip(World(end_m).obstacles, PAINTS, strict=True):
         left, lower, right, upper = obstacle.bounds
         draw_shape = canvas.rectangle if isinstance(obstacle, Box) else canvas.ellipse
-        draw_shape(view.pixels([(left, upper), (right, lower)]), fill=OBSTACLE)
-    canvas.rectangle(view.pixels([(0, end_m), (end_m, 0)]), outline=WALL, width=2)
+        draw_shape(view.pixels([(left, upper), (right, lower)]), fill=paint)
+    corners = view.pixels([(end_m, 0), (end_m, end_m), (0, end_m), (0, 0)])
+    for paint, start, end in zip(WALLS, corners, [*corners[1:], corners[0]], strict=True):
+        canvas.line([start, end], paint, width=4)
     return image
 
 
@@ -135,20 +153,21 @@ def _draw_robot(canvas: ImageDraw.ImageDraw, view: View, scene: Scene) -> None:
     )
 
 
-def _draw_caption(canvas: ImageDraw.ImageDraw, view: View, scene: Scene) -> None:
-    height = max(10, view.size[1] // 34)
-    pose, speed = scene.pose, scene.velocity
-    text = (
-        f"{scene.name} {scene.camera} (simulated)   t {scene.sim_time_s:.1f} s\n"
-        f"x {pose.x:.2f}  y {pose.y:.2f} m   {math.degrees(pose.theta):.0f}\N{DEGREE SIGN}\n"
-        f"{speed.linear_x:+.2f} m/s   {speed.angular_z:+.2f} rad/s"
+def _put_caption(image: Image.Image, text: str) -> None:
+    height = max(10, image.height // 34)
+    caption = _caption(text, height)
+    image.paste(caption, (height // 6, height // 6))
+
+
+@lru_cache(maxsize=BACKGROUNDS)
+def _caption(text: str, height: int) -> Image.Image:
+    font, edge = _font(height), height // 3
+    *_, right, bottom = ImageDraw.Draw(Image.new("L", (1, 1))).multiline_textbbox(
+        (edge, edge), text, font
     )
-    font = _font(height)
-    corner = (height // 2, height // 2)
-    left, top, right, bottom = canvas.multiline_textbbox(corner, text, font)
-    edge = height // 3
-    canvas.rectangle([left - edge, top - edge, right + edge, bottom + edge], fill=TEXT_GROUND)
-    canvas.multiline_text(corner, text, TEXT, font)
+    image = Image.new("RGB", (math.ceil(right) + edge, math.ceil(bottom) + edge), TEXT_GROUND)
+    ImageDraw.Draw(image).multiline_text((edge, edge), text, TEXT, font)
+    return image
 
 
 @lru_cache(maxsize=BACKGROUNDS)
@@ -157,7 +176,7 @@ def _font(height: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 
 Layer = Callable[[ImageDraw.ImageDraw, View, Scene], None]
-LAYERS: tuple[Layer, ...] = (_draw_path, _draw_robot, _draw_caption)
+LAYERS: tuple[Layer, ...] = (_draw_path, _draw_robot)
 
 
 def _put_stamp(image: Image.Image, stamp_ns: int) -> None:

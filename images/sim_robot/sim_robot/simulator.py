@@ -15,8 +15,8 @@ from typing import Self
 from aiohttp import web
 
 from sim_robot import devices
+from sim_robot.camera import ABOVE, AHEAD, CompressedCamera, FrameFeed, Scene
 from sim_robot.camera import NODE as CAMERA_NODE
-from sim_robot.camera import CompressedCamera, FrameFeed, Scene
 from sim_robot.devices import Devices, Sensors
 from sim_robot.graph import make_graph
 from sim_robot.kinematics import STEP_S
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 LATE_LIMIT_S = 0.25
 WARN_EVERY_S = 10.0
 SHUTDOWN_TIMEOUT_S = 1.0
-CAMERAS = {"/camera/image_raw": "front", "/rear/image_raw": "rear"}
+CAMERAS = {"/camera/image_raw": AHEAD, "/rear/image_raw": ABOVE}
 
 
 class Listener:

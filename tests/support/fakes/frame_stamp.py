@@ -2,7 +2,7 @@
 
 `read_stamp` takes a JPEG, a screenshot of the picture alone or any other image file; `READ_STAMP` is the same in a
 page's own JavaScript, for an <img>, <canvas> or <video>, so that the age of what is on the screen is known without a
-screenshot. The two share with the drawing the layout alone, which images/sim_robot/sim_robot/stamp.py describes.
+screenshot. The two share with the drawing the layout alone, which images/sim_robot/sim_robot/camera.py describes.
 """
 
 from __future__ import annotations
