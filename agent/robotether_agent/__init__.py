@@ -3,7 +3,7 @@
 systemd starts it as `robotether-agent run`. It must never accept a changed host key, and never lead anybody past its
 guard to rosbridge unless the robot's own settings say so.
 
-Imports go one way: what stands alone here <- net <- enrolment <- tunnel <- daemon, with guard and video beside.
+Imports go one way: what needs nothing here <- net <- enrolment <- tunnel <- daemon, with guard and video beside.
 
     cli              the command `robotether-agent`; `doctor` runs all checks
     daemon           the main loop of `run`: enrols, connects, and keeps guard, video and health going

@@ -18,14 +18,14 @@ MIN_DELAY_S = 0.5
 MAX_DELAY_S = 15.0
 # Where the attempt itself waited for an answer, or the server is known to answer now.
 AT_ONCE_S = (0.02, 0.2)
-# After silence on a connection that had stood: the network's, or this machine slept. A server that fell silent towards
-# its whole fleet has seen the others off at the same moment, which this spreads.
+# After silence on a connection that was up: the network's, or this machine slept. A server that fell silent towards
+# its whole fleet has lost the others at the same time, which this spreads.
 AFTER_SILENCE_S = (0.02, 0.5)
 ASK_AGAIN_S = (5.0, 15.0)
 SLOWLY_S = (15.0, 30.0)
-# The agent that fails at its start: systemd starts it anew a second after its end, without end. Below WatchdogSec.
+# The agent that fails at its start: systemd restarts it a second after its end, for ever. Below WatchdogSec.
 FAILED_START_S = (5.0, 15.0)
-# A connection that stood this long was a good one: what follows is a new trouble, not the old one.
+# A connection that was up this long was a good one: what follows is a new problem, not the old one.
 STABLE_S = 10.0
 
 log = logging.getLogger(__name__)
@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 def delays(rng: Random) -> Iterator[float]:
     """Yield seconds without end: each drawn from 0.5 s up to a ceiling that doubles from 1 s to 15 s.
 
-    The full jitter spreads a fleet that lost its server in the same moment.
+    The full jitter spreads a fleet that lost its server at the same time.
     """
     ceiling = 2 * MIN_DELAY_S
     while True:
@@ -64,14 +64,14 @@ def before_restart(ran_s: float, rng: Random) -> float:
 
 
 class Backoff:
-    """The delays of one connection, which start anew after it stood for a while."""
+    """The delays of one connection, which start again after it was up for a while."""
 
     def __init__(self, rng: Random) -> None:
         self._rng = rng
         self._soon = delays(rng)
 
     def after(self, problem: AgentProblem, *, uptime_s: float) -> float | None:
-        """Return the seconds to wait after `problem` ended a connection that stood `uptime_s`."""
+        """Return the seconds to wait after `problem` ended a connection that was up for `uptime_s`."""
         if uptime_s >= STABLE_S:
             self._soon = delays(self._rng)
             if isinstance(problem, ServerSilent) and problem.retry is Retry.SOON:
@@ -80,20 +80,20 @@ class Backoff:
 
 
 class Uptime:
-    """How long the present attempt has stood."""
+    """How long the present attempt has been up."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._since: float | None = None
 
     def is_up(self) -> None:
-        """Note that the connection stands."""
+        """Note that the connection is up."""
         if self._since is None:
             self._since = self._clock()
 
     @property
     def uptime_s(self) -> float:
-        """Seconds since the connection stood, 0 if it never did."""
+        """Seconds since the connection came up, 0 if it never did."""
         return 0.0 if self._since is None else self._clock() - self._since
 
 
@@ -119,7 +119,7 @@ class Repeats:
         log.log(level, "%s: %s%s%s", what, problem, again, often)
 
     def forget(self) -> None:
-        """Start counting anew, after a success."""
+        """Start counting again, after a success."""
         self._times.clear()
 
 

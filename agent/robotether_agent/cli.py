@@ -103,7 +103,7 @@ def doctor(load: Callable[[], Settings]) -> int:
     except SettingsInvalid as problem:
         print(fail("settings", problem.message, problem.advice))
         return 1
-    # What root may read and write tells nothing about the agent.
+    # What root may read and write says nothing about the agent.
     become_owner(settings.state_dir)
     return asyncio.run(_run_checks(settings))
 
@@ -195,7 +195,7 @@ def key(settings: Settings) -> int:
 
 
 def run(settings: Settings, environ: Mapping[str, str]) -> int:
-    """Run the agent until it ends by itself or is told to, and return its exit code."""
+    """Run the agent until it ends by itself or is asked to, and return its exit code."""
     set_up_log(settings.log_level, environ)
     notifier = Notifier.from_environ(environ)
     fork_server = None
@@ -217,7 +217,7 @@ def run(settings: Settings, environ: Mapping[str, str]) -> int:
 async def _until_signal(
     settings: Settings, notifier: Notifier, fork_server: ForkServer | None
 ) -> int:
-    """Run the agent until it ends by itself or is told to by SIGTERM or SIGINT."""
+    """Run the agent until it ends by itself or by SIGTERM or SIGINT."""
     agent = asyncio.ensure_future(_run(settings, notifier, fork_server))
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):

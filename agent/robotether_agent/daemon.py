@@ -98,7 +98,7 @@ class Agent:
             # Ready means running, not connected: the boot must not wait for a server that is down.
             self._notifier.ready()
             try:
-                # In this order: the guard stops the robot while its tunnels still stand.
+                # In this order: the guard stops the robot while its tunnels are still up.
                 await first_of(self._keep_guard(), first_of(*self._work()), in_order=True)
             except AgentProblem as problem:
                 self._status_writer.report_problem(problem, "stopped")
@@ -129,7 +129,7 @@ class Agent:
             await asyncio.Event().wait()
         else:
             with suppress(StateUnusable):
-                # The session's attempts tell of it; a robot in motion needs its guard all the same.
+                # The session's attempts report it; a robot in motion needs its guard all the same.
                 ensure_directory(self._settings.state_dir, "state_dir", 0o700)
             await self._guard.run()
 
@@ -213,7 +213,7 @@ class Agent:
             await frames.close()
 
     def _own_answers(self) -> Literal["never", "down", "always"]:
-        """Tell when the agent answers what is else web_video_server's."""
+        """Return whether the agent answers what is else web_video_server's."""
         answers: dict[str, Literal["never", "down", "always"]]
         answers = {"web_video_server": "never", "rosbridge": "always"}
         return answers.get(self._settings.video_source, "down")
@@ -370,7 +370,7 @@ def _seen_from_server(checked: Checked) -> dict[str, str]:
 
 
 async def report_health(health: Health, guard: GuardSupervisor | None, session: Session) -> None:
-    """Tell the server who this is, and how the robot's services are at each change."""
+    """Report to the server who this is, and how the robot's services are at each change."""
     who = {"hostname": socket.gethostname(), "agent_version": __version__}
     session.send({"type": "hello", **who, "guard": "off" if guard is None else "on"})
     await session.new_config(None)

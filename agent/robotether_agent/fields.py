@@ -63,7 +63,7 @@ def get_text(obj: JsonObject, name: str, *, default: str | None = None, limit: i
 
 
 def get_match(obj: JsonObject, name: str, pattern: re.Pattern[str], allowed: str) -> str:
-    """Return the text at `name`, which must match `pattern` as a whole; `allowed` tells people how."""
+    """Return the text at `name`, which must match `pattern` as a whole; `allowed` says how."""
     text = _str(_present(obj, name), name)
     if not pattern.fullmatch(text):
         raise FieldError(f"field {name} must be {allowed}, not {printable(text, 80)!r}")

@@ -1,12 +1,12 @@
 """Watches the robot's rosbridge, its source of video and its battery, and reports changes.
 
-`Health` is run by the agent for its whole life. A service that is down never ends the tunnel: the server is told,
+`Health` is run by the agent for its whole life. A service that is down never ends the tunnel: the server is notified,
 and the tunnel waits for it. Asks every 2 s: rosbridge by one WebSocket that is held open and pinged (a new
 one each time would fill rosbridge's log), web_video_server by GET /. Where there is none, or the settings want none,
 video is there when rosbridge has compressed frames or a camera of the settings answers, which is asked less often.
 
-`Vitals` is a task of the session, so that nobody asks the robot while nobody is told. It holds one subscription, of one
-message in 5 s at most, and none on a robot without a battery's topic.
+`Vitals` is a task of the session, so that nobody asks the robot while there is no session. It holds one subscription,
+of one message in 5 s at most, and none on a robot without a battery's topic.
 """
 
 from __future__ import annotations
@@ -290,7 +290,7 @@ def port_of(url: str) -> int:
 def exposed_at(url: str, lists: Path = Path("/proc/net")) -> str:
     """Return the address beyond loopback at which the port of `url` is listened on; empty: none, or not known.
 
-    ROS's rosbridge listens on all interfaces unless it is told otherwise, and the guard is not in the way of who comes
+    ROS's rosbridge listens on all interfaces by default, and the guard is not in the way of who comes
     from there. Read from the kernel's list, so that no service sees a connection.
     """
     port = port_of(url)
@@ -319,7 +319,7 @@ def _is_loopback(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool
 
 
 class Vitals:
-    """What is known of the robot's battery: nothing, once it was not heard for SILENT_S."""
+    """What is known of the robot's battery: nothing, once it was silent for SILENT_S."""
 
     def __init__(self, rosbridge_url: str, *, every_s: float = BATTERY_EVERY_S) -> None:
         self._rosbridge_url = rosbridge_url
@@ -328,7 +328,7 @@ class Vitals:
         self._changed = asyncio.Event()
 
     async def report(self, send: Send) -> None:
-        """Tell of each change, the newest once in 5 s at most; runs until it is cancelled."""
+        """Report each change, the newest once in 5 s at most; runs until it is cancelled."""
         self._battery = None
         await first_of(self._keep_listening(), self._keep_reporting(send))
 
@@ -348,7 +348,7 @@ class Vitals:
             try:
                 await self._listen()
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-                # rosbridge is down, or has no rosapi: health tells of the former.
+                # rosbridge is down, or has no rosapi: health reports the former.
                 log.debug("no battery: %r", error)
             self._found(None)
             await asyncio.sleep(RETRY_S)
@@ -399,7 +399,7 @@ def _number(message: JsonObject, name: str) -> float | None:
     value = message.get(name)
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    # A whole number may be larger than any float, and must not end the session that tells of it.
+    # A whole number may be larger than any float, and must not end the session that reports it.
     with suppress(OverflowError):
         return float(value) if math.isfinite(value) else None
     return None

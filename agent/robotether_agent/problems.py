@@ -158,7 +158,7 @@ class SshIncompatible(
 
 
 class LinkProblem(AgentProblem, code="link_problem"):
-    """The connection stood or was about to stand, and this ended it."""
+    """The connection was up or nearly so, and this ended it."""
 
 
 class LinkLost(LinkProblem, code="link_lost"):
@@ -166,7 +166,7 @@ class LinkLost(LinkProblem, code="link_lost"):
 
 
 class ServerSilent(LinkProblem, code="server_silent"):
-    """Nothing was heard, or nothing was taken, for the agreed time."""
+    """Nothing was received, or nothing could be sent, for the agreed time."""
 
 
 class NetworkChanged(LinkProblem, code="network_changed", retry=Retry.AT_ONCE):

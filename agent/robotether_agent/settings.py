@@ -29,7 +29,7 @@ DEFAULT_FILE = Path("/etc/robotether/agent.toml")
 HTTPS = 443
 PREFIX = "ROBOTETHER_"
 SECRETS = frozenset({"token"})
-# A password may stand in these URLs.
+# These URLs may contain a password.
 URLS_WITH_LOGIN = frozenset({"http_proxy", "cameras"})
 EXCLUSIVE = (("tls_fingerprint", "ca_file"), ("token", "token_file"), ("interface", "mac"))
 
@@ -63,7 +63,7 @@ class Settings:
     rosbridge_url: str = "ws://127.0.0.1:9090"
     video_url: str = "http://127.0.0.1:8080"
     video_source: str = "auto"
-    # NAME=URL each; a password may stand in a URL.
+    # NAME=URL each; a URL may contain a password.
     cameras: tuple[str, ...] = field(default=(), repr=False)
     shell_address: str = "127.0.0.1:22"
     guard: str = "on"
@@ -114,7 +114,7 @@ def _host(value: object) -> str:
 
 
 def _is_ipv6(name: str) -> bool:
-    """Tell an IPv6 address from a HOST:PORT of the same characters, such as 10.0.0.5:2222."""
+    """Distinguish an IPv6 address from a HOST:PORT of the same characters, such as 10.0.0.5:2222."""
     try:
         IPv6Address(name)
     except ValueError:
@@ -123,7 +123,7 @@ def _is_ipv6(name: str) -> bool:
 
 
 def _split(url: str, allowed: str) -> SplitResult:
-    """Return a URL's parts, whose port is none or from 1 to 65535; else tell what is `allowed`."""
+    """Return a URL's parts, whose port is none or from 1 to 65535; else say what is `allowed`."""
     try:
         split = urlsplit(url)
         if split.port != 0:
@@ -134,7 +134,7 @@ def _split(url: str, allowed: str) -> SplitResult:
 
 
 def _bracketed(name: str) -> str:
-    """Return a host as it stands in a URL."""
+    """Return a host as it is written in a URL."""
     return f"[{name}]" if ":" in name else name
 
 
@@ -232,7 +232,7 @@ def _is_bare(split: SplitResult) -> bool:
 
 
 def _cameras(value: object) -> tuple[str, ...]:
-    """Return NAME=URL for each camera that ROS does not know; a login may stand in the URL."""
+    """Return NAME=URL for each camera that ROS does not know; the URL may contain a login."""
     items = value.split() if isinstance(value, str) else value
     allowed = (
         f"up to {MAX_CAMERAS} NAME=URL of MJPEG cameras, with http:// or https:// and different names,"
@@ -333,7 +333,7 @@ class _Given:
 
     def refuse(self, why: str) -> SettingsInvalid:
         hidden = self.key in SECRETS | URLS_WITH_LOGIN
-        # A password may stand in any URL, and in most of them it is what is refused.
+        # Any URL may contain a password, and in most of them it is what is refused.
         value = _without_login(self.value) if isinstance(self.value, str) else self.value
         shown = "(hidden)" if hidden else repr(value)
         return SettingsInvalid(f"cannot use {self.source} = {shown}: {why}", advice="correct it")

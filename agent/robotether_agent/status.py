@@ -1,7 +1,7 @@
 """What the agent is doing, as a JSON file in the run directory, and as text for a person.
 
 Written by the agent, read by `robotether-agent status`. The file is replaced whole, every 2 s and at each
-change, so that its age tells whether the agent lives. Holds no secret: everybody may read it.
+change, so that its age shows whether the agent lives. Holds no secret: everybody may read it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MEANINGS = {
 
 @dataclass(frozen=True)
 class Status:
-    """The agent at one moment; times are seconds since 1970, `rtt_ms` -1 is unknown."""
+    """The agent at one time; times are seconds since 1970, `rtt_ms` -1 is unknown."""
 
     state: str = "starting"
     since: float = 0.0
@@ -146,7 +146,7 @@ def headline(status: Status) -> str:
 
 
 def has_problem(status: Status) -> bool:
-    """Tell whether the last problem, if there was any, still lasts."""
+    """Return whether the last problem, if there was any, still lasts."""
     return bool(status.problem) and not status.problem_over_at
 
 
@@ -162,7 +162,7 @@ def read_status(run_dir: Path) -> Status | None:
 
 
 def is_alive(status: Status, now: float) -> bool:
-    """Tell whether the agent that wrote `status` still runs."""
+    """Return whether the agent that wrote `status` still runs."""
     return status.state != "stopped" and abs(now - status.written_at) < STALE_S
 
 
@@ -219,7 +219,7 @@ def _sentence(status: Status) -> str:
 
 
 def _is_whole(status: Status) -> bool:
-    """Tell whether all that the agent keeps open is open."""
+    """Return whether all that the agent keeps open is open."""
     tunnels = status.video_tunnel == "open" and status.shell_tunnel != "closed"
     return status.state == CONNECTED and tunnels
 

@@ -58,7 +58,7 @@ class Notifier:
     """The socket that systemd named, if any."""
 
     def __init__(self, address: str | None, watchdog_s: float | None = None) -> None:
-        # A leading @ stands for the abstract namespace.
+        # A leading @ means the abstract namespace.
         self._address = "\0" + address[1:] if address and address.startswith("@") else address
         self._watchdog_s = watchdog_s
 
@@ -103,7 +103,7 @@ class Notifier:
                 sender.setblocking(False)
                 sender.sendto(message.encode(), self._address)
         except OSError as error:
-            log.debug("cannot tell systemd %s: %s", message, error)
+            log.debug("cannot notify systemd of %s: %s", message, error)
 
 
 def state() -> str | None:
@@ -116,7 +116,7 @@ def state() -> str | None:
 
 
 def reload_units() -> None:
-    """Let systemd read the unit files anew."""
+    """Let systemd read the unit files again."""
     _do("daemon-reload")
 
 

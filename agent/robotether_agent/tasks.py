@@ -16,8 +16,8 @@ log = logging.getLogger(__name__)
 async def first_of(*work: Coroutine[Any, Any, None], in_order: bool = False) -> None:
     """Run all of `work` until one ends, end the others, and raise what the ended one raised.
 
-    If several end in the same moment, the one named first counts. With `in_order` each has ended before the
-    next one named is told to.
+    If several end at the same time, the one named first counts. With `in_order` each has ended before the
+    next one named is cancelled.
     """
     tasks = [asyncio.ensure_future(coroutine) for coroutine in work]
     try:
@@ -32,9 +32,9 @@ async def first_of(*work: Coroutine[Any, Any, None], in_order: bool = False) -> 
 async def within(timeout_s: float, work: Coroutine[Any, Any, T]) -> T:
     """Return what `work` returns, or raise asyncio.TimeoutError after `timeout_s`.
 
-    In place of asyncio.wait_for, which before Python 3.12 swallows a cancellation that comes in the moment
-    when the work ends (python/cpython#86296): a task that reads line after line then never ends. Nor is the result
-    lost in that moment, since only the caller can close it: it is returned, and the caller's next await is cancelled.
+    In place of asyncio.wait_for, which before Python 3.12 swallows a cancellation that comes just when
+    the work ends (python/cpython#86296): a task that reads line after line then never ends. Nor is the result
+    lost then, since only the caller can close it: it is returned, and the caller's next await is cancelled.
     """
     task = asyncio.ensure_future(work)
     try:

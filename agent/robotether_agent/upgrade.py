@@ -24,7 +24,7 @@ UNIT = Path("/etc/systemd/system/robotether-agent.service")
 COMMAND = "bin/robotether-agent"
 NEW_UNIT = "share/robotether-agent/robotether-agent.service"
 PENDING_NAME = "robotether-agent-unfinished-switch.service"
-# What stands in the place of the state of an agent that says nothing, or nothing known.
+# In place of the state of an agent that says nothing, or nothing known.
 SILENT = "silent"
 # The agent's own word becomes a word of a command that root runs.
 STATES = frozenset({*MEANINGS, SILENT})
@@ -43,12 +43,12 @@ After=network-online.target robotether-agent.service
 Type=exec
 ExecStart={was}/bin/robotether-agent finish-switch --wait {wait_s:g} {was} {target} {state}
 """
-# A version that crashes and is started again shows a good state for a moment, too.
+# A version that crashes and is started again shows a good state for a short time, too.
 STABLE_S = 2.0
 POLL_S = 0.2
 # systemd's words for a service that nobody stopped.
 RUNS = frozenset({"active", "activating", "reloading", "deactivating"})
-# What stands in the place of an agent's state: a service that somebody stopped.
+# In place of an agent's state: a service that somebody stopped.
 STOPPED = "stopped"
 # States that an agent can stay in; the others pass.
 LASTING = frozenset({CONNECTED, "pending", "waiting"})
@@ -103,7 +103,7 @@ class Layout:
             )
 
     def use(self, version: Path) -> bool:
-        """Let `current` lead to `version` and install its unit file; tell whether that is another one."""
+        """Let `current` lead to `version` and install its unit file; return whether that is another one."""
         link = self.base / ".current.new"
         try:
             link.unlink(missing_ok=True)
@@ -243,7 +243,7 @@ class Upgrade:
         return SILENT if systemd.state() in RUNS else STOPPED
 
     def _wait(self, version: Path, wanted: frozenset[str], old_pid: float) -> None:
-        """Wait until an agent of another process stands in one of the `wanted` states."""
+        """Wait until an agent of another process is in one of the `wanted` states."""
         now = time.monotonic()
         deadline, good_since, good_pid = now + self._wait_s, now, 0.0
         while now < deadline:
@@ -274,6 +274,6 @@ class Upgrade:
 
 
 def _runs(pid: int) -> bool:
-    """Tell whether the process `pid` runs; one that ended and was not waited for yet does not."""
+    """Return whether the process `pid` runs; one that ended and was not waited for yet does not."""
     text = read_text(Path(f"/proc/{pid}/stat"))
     return text is not None and text.rpartition(")")[2].split()[0] != "Z"

@@ -12,7 +12,7 @@ KEY_HEADER = "Robotether-Key"
 MODE_HEADER = "Robotether-Mode"
 FENCE_HEADER = "Robotether-Fence"
 FENCE_REFUSED = 409
-# The member that stands beside `msg` in a drive command, with `t_ms` and `fence`.
+# The member beside `msg` in a drive command, with `t_ms` and `fence`.
 STAMP = "robotether"
 
 DEFAULT_TOPICS = ("/cmd_vel", "*/cmd_vel")

@@ -1,6 +1,6 @@
 """Names of ROS, patterns for them, and the members of the messages that drive a robot.
 
-In a pattern `*` stands for any text, `/` included; a robot's policy and its drive topics are made of them. The time
+In a pattern `*` matches any text, `/` included; a robot's policy and its drive topics are made of them. The time
 that a look takes grows with the lengths of name and pattern and no faster, whoever chose either; so no regular
 expressions there. Pure.
 """
@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Iterator
 
 MAX_NAME_LENGTH = 255
-# A name of ROS without anything that stands for something else.
+# A name of ROS without a pattern in it.
 NAME = re.compile(r"/?[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*")
 MAX_GLOBS = 64
 MAX_GLOB_LENGTH = 256

@@ -169,7 +169,7 @@ def _invalid(why: str) -> FieldInvalid:
 
 
 def signature_holds(key: PublicKey, namespace: str, message: str, signature: str) -> bool:
-    """Tell whether `ssh-keygen -Y sign` made the signature over the message with that key, for that namespace.
+    """Return whether `ssh-keygen -Y sign` made the signature over the message with that key, for that namespace.
 
     Asks ssh-keygen: OpenSSH reads its own format (PROTOCOL.sshsig), which the library `cryptography` does not know.
     Must never be given a key that did not pass `parse`.

@@ -69,7 +69,7 @@ def _random_text(count: int) -> str:
     return base64.b64encode(secrets.token_bytes(count)).decode().rstrip("=")
 
 
-# Stands in for the hash of a user who does not exist, so that the answer takes as long. No password has it; to hash
+# Replaces the hash of a user who does not exist, so that the answer takes as long. No password has it; to hash
 # one for it would cost each start of the command a tenth of a second.
 _NOBODY = (
     f"$argon2id$v=19$m={MEMORY_KIB},t={TIME_COST},p=1"
@@ -101,7 +101,7 @@ def hash_password(password: str) -> str:
 
 
 def is_common(password: str) -> bool:
-    """Tell whether it is built like common passwords: few characters, a row of keys, or common words and digits."""
+    """Return whether it is built like common passwords: few characters, a row of keys, or common words and digits."""
     text = password.lower()
     if text.isdigit() or len(set(text)) <= FEW_CHARACTERS or any(text in row for row in ROWS):
         return True
@@ -111,7 +111,7 @@ def is_common(password: str) -> bool:
 
 
 def _is_of_words(letters: str) -> bool:
-    """Tell whether the text is common words and nothing else. A regular expression could need exponential time."""
+    """Return whether the text is common words and nothing else. A regular expression could need exponential time."""
     reached = {0}
     for place in range(len(letters)):
         if place in reached:
@@ -122,7 +122,7 @@ def _is_of_words(letters: str) -> bool:
 
 
 def matches(password: str, password_hash: str | None) -> bool:
-    """Tell whether the password is right; None for an unknown user, which takes as long."""
+    """Return whether the password is right; None for an unknown user, which takes as long."""
     try:
         with _turn:
             _hasher.verify(password_hash or _NOBODY, password[:MAX_LENGTH])

@@ -146,7 +146,7 @@ class RobotDisabled(Forbidden, code="robot_disabled"):
 
 
 class KeyRejected(Forbidden, code="key_rejected"):
-    """An admin turned this key away."""
+    """An admin rejected this key."""
 
 
 class TokenRequired(Forbidden, code="token_required"):

@@ -58,7 +58,7 @@ DriveTopics = Annotated[
     Meta(extra_json_schema=GLOBS_SCHEMA | {"minItems": 1}, extra={"read": _drive_topics}),
 ]
 GuardTime = Annotated[int, Meta(ge=TIMES_MS[0], le=TIMES_MS[1])]
-# No robot needs more; so small a limit as the lowest stands still.
+# No robot needs more; so small a limit as the lowest is next to rest.
 Speed = Annotated[float, Meta(ge=0.001, le=100)]
 Acceleration = Annotated[float, Meta(ge=0.001, le=1000)]
 Angle = Annotated[float, Meta(ge=0.001, le=3.2)]
@@ -275,7 +275,7 @@ def _difference(present: Mapping[str, object], default: Mapping[str, object]) ->
 
 
 def same_json(one: object, other: object) -> bool:
-    """Tell whether two values are the same JSON. As texts: to Python, true is 1."""
+    """Return whether two values are the same JSON. As texts: to Python, true is 1."""
     return json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)
 
 
@@ -291,7 +291,7 @@ def get_path(settings: Mapping[str, object], path: str) -> object:
 
 
 def is_in(settings: Mapping[str, object], path: str) -> bool:
-    """Tell whether there is a value at a path, null included."""
+    """Return whether there is a value at a path, null included."""
     folder, dot, last = path.rpartition(".")
     found = get_path(settings, folder) if dot else settings
     return isinstance(found, Mapping) and last in found

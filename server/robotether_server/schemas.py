@@ -168,7 +168,7 @@ def read_body(given: Mapping[str, object], hint: Any) -> Any:
 def read(given: Mapping[str, object], kind: type[S], path: str = "", *, of: str = "") -> S:
     """Return the Struct of these members; raise FieldInvalid.
 
-    `path` is where they stand, with a dot at its end; `of` names what they are the settings of.
+    `path` is where they are, with a dot at its end; `of` names what they are the settings of.
     """
     known = _fields(kind)
     config = kind.__struct_config__

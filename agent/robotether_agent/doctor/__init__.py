@@ -16,7 +16,7 @@ OK, FAIL, WARNING, SKIPPED = "ok", "FAIL", "warning", "skipped"
 
 @dataclass(frozen=True)
 class Finding:
-    """One step's result; `advice` stands only beside a FAIL or a warning."""
+    """One step's result; `advice` comes only with a FAIL or a warning."""
 
     step: str
     state: str

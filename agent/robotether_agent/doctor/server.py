@@ -39,12 +39,12 @@ class CertificateError(ValueError):
 
 
 def validity(der: bytes) -> tuple[datetime, datetime]:
-    """Return the first and the last moment of an X.509 certificate in DER (RFC 5280, 4.1)."""
+    """Return from when and until when an X.509 certificate is valid, in DER (RFC 5280, 4.1)."""
     try:
         _, certificate, _ = _read(der)
         _, signed, _ = _read(certificate)
         tag, _, rest = _read(signed)
-        # A version may stand first; then come a number, an algorithm, the issuer, and the dates.
+        # A version may come first; then a number, an algorithm, the issuer, and the dates.
         for _ in range(3 if tag == VERSION else 2):
             _, _, rest = _read(rest)
         tag, dates, _ = _read(rest)

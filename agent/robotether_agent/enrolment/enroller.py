@@ -3,7 +3,7 @@
 Used by the agent before each connection, and by `robotether-agent join`. An enrolled robot connects
 without asking, so that it comes up fast and while the web is down; the server is asked again only when a
 connection gave a reason to, or when this machine may be a copy of the robot. The answer is kept in the state
-directory, and the host keys beside it in known_hosts; remove that file and the robot joins, and pins, anew.
+directory, and the host keys beside it in known_hosts; remove that file and the robot joins, and pins, again.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ HARMLESS_ONCE_ENROLLED = (
     SettingsInvalid,
     StateUnusable,
 )
-# A server that moves is rare, and one whose sshd is away hears from its whole fleet.
+# A server that moves is rare, and one whose sshd is away gets requests of its whole fleet.
 ASK_ADDRESS_EVERY_S = 60.0
 # An enrolled robot asks only in passing; joins of many robots take turns of up to 3 s at the server.
 QUICK_ANSWER_S = 4.0
@@ -126,7 +126,7 @@ class EnrolmentStore:
             write_atomic(self._file, text, 0o644)
 
     def is_of_other_server(self, server: str) -> bool:
-        """Tell whether the settings name another server now than when the robot was enrolled."""
+        """Return whether the settings name another server now than when the robot was enrolled."""
         found = self._read()
         return found is not None and found.server != server
 
@@ -200,7 +200,7 @@ class Enroller:
         if known is None or not usable:
             return await self.join()
         try:
-            # A web that does not answer must not keep a robot waiting whose tunnel may stand in a moment.
+            # A web that does not answer must not keep a robot waiting whose tunnel may soon be up.
             return await within(QUICK_ANSWER_S, self.join())
         except HARMLESS_ONCE_ENROLLED as problem:
             self._repeats.log_problem("join", problem)
@@ -210,7 +210,7 @@ class Enroller:
         return known
 
     async def refresh(self) -> None:
-        """Ask where the server is now, for as long as it takes; what goes wrong is only told."""
+        """Ask where the server is now, for as long as it takes; what goes wrong is only reported."""
         try:
             await self.join()
         except AgentProblem as problem:

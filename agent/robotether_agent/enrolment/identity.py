@@ -27,7 +27,7 @@ from robotether_agent.settings import Settings
 
 ARPHRD_ETHER = 1
 RTF_UP = 0x1
-# What tells the address that the hardware came with: a bond gives its members its own address, and a
+# What gives the address that the hardware came with: a bond gives its members its own address, and a
 # Wi-Fi that looks for networks may show a made-up one.
 ADDRESSES = ("bonding_slave/perm_hwaddr", "phy80211/macaddress", "address")
 IDENTITY_FILE = "identity.json"
@@ -64,7 +64,7 @@ class IdentityStore:
         self._file = settings.state_dir / IDENTITY_FILE
 
     def identity(self, enrolled_mac: str | None = None) -> Identity:
-        """Return who this robot is; `enrolled_mac` stands in for a file that could not be written or is lost."""
+        """Return who this robot is; `enrolled_mac` replaces a file that could not be written or is lost."""
         settings = self._settings
         if settings.mac is not None:
             # A person said so; in a container no interface may have it.
@@ -77,7 +77,7 @@ class IdentityStore:
         return self._as_it_is_now(kept)
 
     def is_kept(self, identity: Identity) -> bool:
-        """Tell whether `identity` will be the same after a restart."""
+        """Return whether `identity` will be the same after a restart."""
         kept = self._read()
         return self._settings.mac is not None or (kept is not None and kept.mac == identity.mac)
 
@@ -162,7 +162,7 @@ def choose(interfaces: list[Interface], routes: list[str]) -> Interface | None:
 
 
 def physical_interfaces(root: Path, *, allow_local: bool) -> list[Interface]:
-    """Return the Ethernet-like interfaces that stand for hardware and have a usable MAC."""
+    """Return the Ethernet-like interfaces that are hardware and have a usable MAC."""
     found = []
     for path in _interfaces(root):
         if not _is_hardware(path) or _number(path / "type") != ARPHRD_ETHER:

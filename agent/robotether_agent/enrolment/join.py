@@ -169,7 +169,7 @@ async def join(settings: Settings, request: JoinRequest) -> Joined:
 
 
 def read_answer(server: str, status: int, body: bytes) -> Joined:
-    """Return what an HTTP answer says, or raise the problem that it tells."""
+    """Return what an HTTP answer says, or raise the problem that it reports."""
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         raise ServerUnreachable(f"cannot join {server}: it answers with HTTP status {status}")
     try:

@@ -1,9 +1,9 @@
 """The robot's own key, made once with ssh-keygen, and the server's host keys, which the first join pins.
 
-Called by the enroller. The private half never leaves the state directory. At each moment of a change the
+Called by the enroller. The private half never leaves the state directory. At each step of a change the
 key that the server knows is in one of two files, and both are shown to the server: a robot that loses its
 power then still gets in. Nothing but the first join ever changes the pin, which OpenSSH's client reads. Its lines
-stand under one alias, so that it holds for every address and port that the server may be reached at.
+are under one alias, so that it holds for every address and port that the server may be reached at.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ async def present_key(state_dir: Path) -> KeyPair | None:
 
 
 def is_protected(key: Path) -> bool:
-    """Tell whether only the owner may read the file `key`, without which OpenSSH does not use it."""
+    """Return whether only the owner may read the file `key`, without which OpenSSH does not use it."""
     return not key.stat().st_mode & 0o077
 
 
@@ -102,7 +102,7 @@ async def next_key(state_dir: Path) -> KeyPair | None:
     try:
         return await _load(state_dir / NEXT)
     except KeyUnusable as problem:
-        # The key that is in use must not suffer from it; a rotation tells it loudly.
+        # The key that is in use must not suffer from it; a rotation reports it loudly.
         log.debug("%s; leaving it out", problem)
         return None
 
@@ -114,7 +114,7 @@ def promote(state_dir: Path) -> None:
         # Another process of this robot has done it.
         return
     try:
-        # First, so that no public half ever stands beside another key's private half.
+        # First, so that no public half is ever beside another key's private half.
         _public(key).unlink(missing_ok=True)
         coming.replace(key)
         _public(coming).replace(_public(key))
@@ -188,7 +188,7 @@ async def _make(path: Path, what: str) -> None:
 
 
 def _put(made: Path, path: Path) -> None:
-    # The server may know only this key in a moment, so a power cut must not take it away.
+    # The server may soon know only this key, so a power cut must not lose it.
     _flush(made)
     _public(path).unlink(missing_ok=True)
     # A link, since it refuses to replace what another process of this robot has made meanwhile.

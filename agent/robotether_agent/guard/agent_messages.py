@@ -1,7 +1,7 @@
 """The JSON lines between agent and guard: requests of the agent, reports of the guard.
 
 Used by the guard's process. An agent that does not read must not hold the guard up: beyond the pipe's size and a
-bound, lines are dropped, and the agent ends a guard that it does not hear. A driver must not be able to make more lines
+bound, lines are dropped, and the agent ends a silent guard. A driver must not be able to make more lines
 than the server takes of a robot, which would end its session.
 """
 
@@ -61,7 +61,7 @@ class Tick:
 
 @dataclass(frozen=True)
 class SessionIs:
-    """The session with the server stands, or is lost."""
+    """The session with the server is up, or is lost."""
 
     up: bool
 
@@ -171,7 +171,7 @@ def _limit(guard: JsonObject, name: str) -> float | None:
 
 @dataclass(frozen=True)
 class State:
-    """What is told when it changes."""
+    """What is reported when it changes."""
 
     stopped: bool
     by: str
@@ -191,19 +191,19 @@ class GuardReporter:
         self._sent_at = 0.0
 
     def ready(self, port: int) -> None:
-        """Tell where the guard listens."""
+        """Report where the guard listens."""
         self._line({"type": "ready", "port": port})
 
     def tick(self) -> None:
-        """Tell that the guard lives."""
+        """Report that the guard lives."""
         self._line({"type": "tick"})
 
     def state(
         self, state: State, refused: Mapping[RefusedKind, int], *, answers: str | None = None
     ) -> None:
-        """Tell the state if it or `refused` is another than was sent last, or if it `answers` a stop or a release.
+        """Report the state if it or `refused` is another than was sent last, or if it `answers` a stop or a release.
 
-        Call it now and then also when nothing changed: counts and the end of a short motion may be told later.
+        Call it now and then also when nothing changed: counts and the end of a short motion may be reported later.
         """
         if answers is None and self._can_wait(state, refused):
             return

@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 class SilenceDetector:
     """Whether the guard has been silent for too long.
 
-    Time in which the agent itself stood still does not count: what the guard said meanwhile is still unread.
+    Time in which the agent itself did not run does not count: what the guard said meanwhile is still unread.
     """
 
     def __init__(self, now: float) -> None:
@@ -49,7 +49,7 @@ class SilenceDetector:
         self._limit_s = SILENCE_S
 
     def is_lost(self, now: float) -> bool:
-        """Tell whether it was silent for too long; to be asked every TICK_S or more often."""
+        """Return whether it was silent for too long; to be asked every TICK_S or more often."""
         was_paused = now - self._checked_at > 2 * TICK_S
         self._checked_at = now
         if was_paused:

@@ -55,7 +55,7 @@ from robotether_agent.guard.topics import (
     Topics,
 )
 
-# A moment may lie ahead by the drift of two clocks; more is a mistake, which would hide an age.
+# A timestamp may lie ahead by the drift of two clocks; more is a mistake, which would hide an age.
 AHEAD_MS = 100.0
 AGENT_SILENT_S = 1.0
 
@@ -71,7 +71,7 @@ class NotAuthorized(Exception):  # noqa: N818 - as its neighbour Refused
 
 
 class Authorizer:
-    """Decides who may drive now, by what the agent has told about rights."""
+    """Decides who may drive now, by what the agent has reported of rights."""
 
     def __init__(self, now: float) -> None:
         self.key = ""
@@ -95,7 +95,7 @@ class Authorizer:
         self._agent_at = now
 
     def session(self, *, up: bool) -> None:
-        """Note that the session with the server stands, or is lost."""
+        """Note that the session with the server is up, or is lost."""
         if up and not self._session:
             self._first_word = True
         if not up:
@@ -147,13 +147,13 @@ class Authorizer:
             raise Refused("fence", "its fence is not that of the connection's lease")
 
     def holds(self, authorization: Authorization) -> bool:
-        """Tell whether a connection's right to drive still stands, apart from holds that pass."""
+        """Return whether a connection's right to drive still holds, apart from holds that pass."""
         if authorization.mode == "direct":
             return self.direct and not self._held
         return authorization.mode == "drive" and self._held and authorization.fence == self._fence
 
     def keeps(self, authorization: Authorization) -> bool:
-        """Tell whether a connection may stay: a driver whose lease is over may do nothing more."""
+        """Return whether a connection may stay: a driver whose lease is over may do nothing more."""
         if authorization.mode == "direct":
             return self.direct and self._session
         return authorization.mode == "observe" or self.holds(authorization)
@@ -185,7 +185,7 @@ class Publisher(Protocol):
 
     @property
     def read_until(self) -> float:
-        """What was sent up to this moment has been read."""
+        """What was sent up to this time has been read."""
 
     async def send(self, data: bytes) -> bool:
         """Send one message; False: the connection is gone."""
@@ -220,7 +220,7 @@ class DriveController:
 
     @property
     def moving(self) -> bool:
-        """Whether the robot moves, or is not known to stand yet."""
+        """Whether the robot moves, or is not known to be at rest yet."""
         return self._deadman.state != "idle"
 
     def use(self, config: GuardConfig) -> None:
@@ -277,12 +277,12 @@ class DriveController:
             await self._stepped.wait()
 
     def close(self) -> None:
-        """Take the mark away if the robot stands; the guard ends."""
+        """Remove the motion file if the robot is at rest; the guard ends."""
         if not self.moving:
             self._motion.end(self._clock())
 
     def on_rosbridge_connected(self) -> None:
-        """Tell this rosbridge of the topics and send it what is owed."""
+        """Advertise the topics at this rosbridge and send it what is owed."""
         self._deadman.hurry(self._clock())
         self._wake.set()
 
@@ -298,12 +298,12 @@ class DriveController:
         self._topics.on_rosbridge_lost()
         self._deadman.restart_zeros()
         self.halt()
-        # Also where the robot was told to stand: that may be what was lost.
+        # Also where the last command was zero: that may be what was lost.
         unread = [t.name for t in self._topics if t.sent and t.sent_at > self.publisher.read_until]
         self._deadman.force(unread, self._clock())
 
     def on_rosbridge_message(self, data: bytes) -> None:
-        """Tell the driver, who would have heard it from rosbridge."""
+        """Notify the driver, who would have received it from rosbridge."""
         if self._driver is not None:
             self._driver.notify(data)
 
@@ -354,7 +354,7 @@ class DriveController:
         return topic
 
     def _is_removable(self, topic: Topic) -> bool:
-        """Tell whether a topic stands, and rosbridge has read so: no zero is owed to it, nor may be soon."""
+        """Return whether a topic is at rest, and rosbridge has read so: no zero is owed to it, nor may be soon."""
         is_at_rest = topic.waiting is None and self._deadman.is_at_rest(topic.name)
         return is_at_rest and (topic.sent is None or topic.sent_at <= self.publisher.read_until)
 
@@ -402,7 +402,7 @@ class DriveController:
             return now + self._config.max_age_s
         if isinstance(t_ms, bool) or not isinstance(t_ms, int | float):
             raise Refused("old", "its timestamp is missing or is no number")
-        # In this order nothing passes that is no moment, and no integer becomes a float that is too large.
+        # In this order nothing passes that is no timestamp, and no integer becomes a float that is too large.
         if not now * 1000 - self._config.max_age_s * 1000 <= t_ms <= now * 1000 + AHEAD_MS:
             raise Refused("old", f"it is not of the last {self._config.max_age_s * 1000:g} ms")
         return min(t_ms / 1000, now) + self._config.max_age_s
@@ -444,7 +444,7 @@ class DriveController:
     async def _announce(self, topic: Topic) -> None:
         if topic.type and not topic.announced and self.publisher.can_send:
             advertise = {"op": "advertise", "topic": topic.name, "type": topic.type}
-            # Meanwhile it may be forgotten, and then rosbridge must be told.
+            # Meanwhile it may be forgotten, and then rosbridge must be notified.
             topic.announced = True
             if not await self.publisher.send(_json(advertise)):
                 topic.announced = False

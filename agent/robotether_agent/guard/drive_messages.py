@@ -3,7 +3,7 @@
 The client proxy asks `drive_message` about every message of every connection. What it lets pass goes to rosbridge as
 the bytes that came, so it must read them as rosbridge does: what could be read in two ways is refused. rosbridge, when
 it cannot parse a message as a whole, runs an operation that it finds inside; so none that the guard cares for may
-stand inside another one.
+be inside another one.
 
 The drive controller sends what `write_command` makes of a checked command, and nothing else, so nothing reaches the
 wheels that this module does not know. Braking is never limited: no command leaves `limited` faster than it came, and
@@ -99,11 +99,11 @@ class DriveTopics:
         self._last_parts = Globs(pattern.rpartition("/")[2] for pattern in patterns)
 
     def match(self, full: str) -> bool:
-        """Tell whether a full name is a drive topic's."""
+        """Return whether a full name is a drive topic's."""
         return self._globs.match(full)
 
     def might_be(self, relative: str) -> bool:
-        """Tell whether a name without a first slash could be a drive topic's in some namespace of the robot."""
+        """Return whether a name without a first slash could be a drive topic's in some namespace of the robot."""
         return self._last_parts.match(relative.rpartition("/")[2])
 
     def plain(self) -> list[str]:
@@ -156,7 +156,7 @@ def _topic(fields: Mapping[str, Any], topics: DriveTopics) -> str | None:
     if name != full and topics.might_be(full[1:]):
         raise Unclear(f"{name!r} may be a drive topic; write its full name", message_id(fields))
     if STAMP in fields:
-        # The relay stamps drive commands only: its settings and these are not the same at this moment.
+        # The relay stamps drive commands only: its settings and these may differ for a while.
         raise Unclear(f"{full} is a drive topic for the server, but not here", message_id(fields))
     return None
 
@@ -221,7 +221,7 @@ class CheckedCommand:
 
     @property
     def moves(self) -> bool:
-        """Tell whether the robot is to move; some that steer like cars follow the rates alone."""
+        """Return whether the robot is to move; some that steer like cars follow the rates alone."""
         return any(self.linear) or any(self.angular) or any(self.rates)
 
     @property
@@ -231,7 +231,7 @@ class CheckedCommand:
 
 
 def zero(shape: Shape, frame_id: str = "") -> CheckedCommand:
-    """Return the command to stand still."""
+    """Return the zero command."""
     return CheckedCommand(shape, header=None if shape == "twist" else _header_of(frame_id))
 
 
@@ -369,7 +369,7 @@ class DriveLimits:
 def limited(
     command: CheckedCommand, before: CheckedCommand | None, step_s: float, limits: DriveLimits
 ) -> CheckedCommand:
-    """Return `command` within `limits`, `step_s` after `before`; None: the robot stands."""
+    """Return `command` within `limits`, `step_s` after `before`; None: the robot is at rest."""
     step_s = min(max(step_s, 0.0), MAX_STEP_S)
     linear, angular = (before.linear, before.angular) if before else (STANDSTILL, STANDSTILL)
     return replace(
@@ -399,7 +399,7 @@ def _limited_vector(
 
 
 def _along(before: Vector, wanted: Vector, length: float) -> float:
-    """Return how fast the robot is in the wanted direction already; the other way counts as standing."""
+    """Return how fast the robot is in the wanted direction already; the other way counts as at rest."""
     return max(0.0, sum(old * (new / length) for old, new in zip(before, wanted, strict=True)))
 
 

@@ -1,6 +1,6 @@
 """The process that forks the guards: it has imported all that a guard needs, and shares its memory with them.
 
-Forked by the cli from the agent before its event loop runs, so the agent shares that memory, too; started anew as a
+Forked by the cli from the agent before its event loop runs, so the agent shares that memory, too; restarted as a
 program by the supervisor when it has ended. It runs no event loop and no thread, for both are unsafe to fork. It must
 never outlive the agent, whose end it sees as the end of their socket, and never end before: who ends the agent by a
 signal to all its processes lets the agent and the guard stop the robot first.

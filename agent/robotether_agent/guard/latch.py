@@ -1,8 +1,8 @@
 """The stop: held in memory at once, then written to disk, then reported; a release in the opposite order.
 
-Kept by the guard's process. The disk may take its time, so it works in a thread, one order after the other. A stop
-that comes while a release is written wins. A disk that fails keeps no stop, but the robot is stopped, and so it is
-told: nothing else would be true, and the server keeps the stop as well. A disk that hangs lets a bounded number of
+Kept by the guard's process. The disk may be slow, so it works in a thread, one message after the other. A stop that
+comes while a release is written wins. A disk that fails keeps no stop, but the robot is stopped, and reported as
+stopped: nothing else would be true, and the server keeps the stop as well. A disk that hangs lets a bounded number of
 messages wait, the newest stop always among them.
 """
 
@@ -132,7 +132,7 @@ class Latch:
             self._file.remove()
 
     def _released(self, job: _Job) -> None:
-        # One that a newer stop overtook changes nothing, nor what is told: nobody may take it for a release.
+        # One that a newer stop overtook changes nothing, nor what is reported: nobody may mistake it for a release.
         if isinstance(job.message, ReleaseRequest) and job.stops_before == self._stops:
             log.info("%s released the robot", job.message.by or "somebody")
             self.stopped, self.by, self.reported_by = False, "", None

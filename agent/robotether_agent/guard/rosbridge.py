@@ -1,10 +1,10 @@
 """Connects to rosbridge: once for each operator, and once for the guard's own commands and zeros, in order.
 
-The server opens an operator's. Text stays bytes, nothing is compressed, and a socket tells how much of what was sent
+The server opens an operator's. Text stays bytes, nothing is compressed, and a socket knows how much of what was sent
 is still in this process.
 
 The guard's process runs `CmdVelPublisher` for its whole life; it connects again at once and for ever. Nothing waits in
-it: `can_send` says whether what is sent now is read soon. TCP alone would not tell, for the kernel takes minutes of
+it: `can_send` says whether what is sent now is read soon. TCP alone does not show it, for the kernel buffers minutes of
 commands for a rosbridge that reads nothing, and delivers them when it reads again. So a ping follows each command, and
 while its pong is late nothing is sent.
 """
@@ -55,7 +55,7 @@ class RosbridgeSocket(ClientWebSocketResponse[Literal[False]]):
         self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
 
     def waiting_bytes(self) -> int:
-        """Tell how much of what was sent is still in this process."""
+        """Return how much of what was sent is still in this process."""
         return self._transport.get_write_buffer_size()
 
     async def leave(self) -> None:
@@ -96,7 +96,7 @@ async def open_rosbridge(http: ClientSession, url: str) -> RosbridgeSocket:
 
 
 class PublisherListener(Protocol):
-    """Who uses the line, and is told what happens on it. Must not wait."""
+    """Who uses the connection, and is notified of what happens on it. Must not wait."""
 
     def on_rosbridge_connected(self) -> None:
         """Rosbridge answers again."""

@@ -80,7 +80,7 @@ class ClientSocket(web.WebSocketResponse[Literal[False]]):
         await self.prepare(request)
 
     def waiting_bytes(self) -> int:
-        """Tell how much of what was sent is still in this process."""
+        """Return how much of what was sent is still in this process."""
         return self._transport.get_write_buffer_size() if self._transport else 0
 
     async def leave(self, code: int) -> None:
@@ -143,7 +143,7 @@ class ClientProxy:
     async def run(self, rosbridge: RosbridgeSocket) -> None:
         """Pass frames until a side ends, or `end` is called; then end both."""
         try:
-            # A side that broke is told nothing, the other one is.
+            # A side that broke is not notified, the other one is.
             with suppress(ConnectionError):
                 await first_of(
                     self._to_robot(rosbridge), self._to_client(rosbridge), self._until_over()
@@ -172,7 +172,7 @@ class ClientProxy:
                 return
 
     async def _passes(self, data: bytes) -> bool:
-        """Tell whether a message may go on as it is; a drive message goes to the drive controller."""
+        """Return whether a message may go on as it is; a drive message goes to the drive controller."""
         try:
             message = drive_message(data, self._topics())
         except Unclear as unclear:

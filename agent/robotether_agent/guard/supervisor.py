@@ -26,7 +26,7 @@ from robotether_agent.guard.fork_server import ForkServer
 from robotether_agent.problems import GuardDown
 from robotether_agent.tasks import first_of
 
-# A guard that lived this long was a good one: its end is a new trouble, not the old one.
+# A guard that lived this long was a good one: its end is a new problem, not the old one.
 STABLE_S = 3.0
 FIRST_PAUSE_S = 0.1
 # A guard that dies while the robot moves is followed by one that stops it, and that within a second.
@@ -34,7 +34,7 @@ MAX_PAUSE_S = 0.4
 FORK_SERVER_CHECK_S = 1.0
 # Lines that a session has not sent yet; the guard says few.
 MAX_UNSENT_LINES = 64
-# The message that tells a guard of a stop that the one before it had confirmed.
+# The message that gives a guard a stop that the one before it had confirmed.
 KEPT = "kept"
 STATE = re.compile("ready|down")
 NO_STATUS = MappingProxyType({"moving": False, "refused": dict.fromkeys(REFUSED_KINDS, 0)})
@@ -59,7 +59,7 @@ def pause_before(restart: int) -> float:
 
 
 class GuardSupervisor:
-    """The guard of one robot, whichever process it is at the moment."""
+    """The guard of one robot, whichever process it is now."""
 
     def __init__(
         self,
@@ -79,7 +79,7 @@ class GuardSupervisor:
         self._fork_server = fork_server
         self._followers: set[asyncio.Queue[JsonObject]] = set()
         self._last_status: JsonObject | None = None
-        # What a new guard is told.
+        # What a new guard is sent.
         self._config_line = self._config({}, direct=False)
         self._session_up = False
         self._lease: JsonObject | None = None
@@ -134,7 +134,7 @@ class GuardSupervisor:
         self._send({"type": "session", "up": False})
 
     def on_lease(self, fence: int, *, held: bool) -> None:
-        """Tell the newest fencing number, and whether anybody holds it."""
+        """Send the newest fencing number, and whether anybody holds it."""
         self._lease = {"type": "lease", "fence": fence, "held": held}
         self._send(self._lease)
 
@@ -199,7 +199,7 @@ class GuardSupervisor:
         self._fork_server = None
 
     def _keep_stop(self) -> None:
-        """Have the stop of the last guard told to this one, which may not have found it: disks fail."""
+        """Send the stop of the last guard to this one, which may not have found it: disks fail."""
         if self.view.stopped and self._unanswered_stop is None:
             self._unanswered_stop = {"type": "stop", "id": KEPT, "by": self.view.by}
 

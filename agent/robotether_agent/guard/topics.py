@@ -122,7 +122,7 @@ class Topics:
         return iter(tuple(self._topics.values()))
 
     def __contains__(self, name: object) -> bool:
-        """Tell whether there is a topic of this name."""
+        """Return whether there is a topic of this name."""
         return name in self._topics
 
     def find(self, name: str) -> Topic | None:
@@ -244,15 +244,15 @@ class Deadman:
         return any(t.state == "zeroing" and t.left == ZEROS for t in self._topics.values())
 
     def is_moving(self, name: str) -> bool:
-        """Tell whether the robot was told on this topic last to move."""
+        """Return whether the last command on this topic moves the robot."""
         return self._is(name, "moving")
 
     def is_at_rest(self, name: str) -> bool:
-        """Tell whether the robot was told on this topic last to stand, and has got its zeros."""
+        """Return whether the last command on this topic was zero, and the robot has got its zeros."""
         return name not in self._topics or self._is(name, "idle")
 
     def moving(self) -> list[str]:
-        """Name the topics on which the robot was told to move last."""
+        """Name the topics whose last command moves the robot."""
         return [name for name, topic in self._topics.items() if topic.state == "moving"]
 
     def commanded(self, name: str, now: float, *, moves: bool) -> None:
@@ -275,7 +275,7 @@ class Deadman:
         return [n for n, t in self._topics.items() if t.state == "zeroing" and t.due <= now]
 
     def forget(self, known: Container[str]) -> None:
-        """Forget the topics that stand and are not `known` any more."""
+        """Forget the topics that are at rest and are not `known` any more."""
         gone = [n for n in self._topics if n not in known and self.is_at_rest(n)]
         for name in gone:
             del self._topics[name]
@@ -381,13 +381,13 @@ class MotionTracker:
 
     def __init__(self, file: MotionFile) -> None:
         self._file = file
-        # What stands in the file.
+        # What the file contains.
         self._recorded: dict[str, Driven] = {}
         self._remove_at = 0.0
 
     @property
     def ends_at(self) -> float | None:
-        """When the mark of a robot that stands is taken away; None: there is none."""
+        """When the file of a robot at rest is removed; None: there is none."""
         return self._remove_at if self._recorded else None
 
     def read_previous(self) -> list[Driven] | None:
@@ -413,14 +413,14 @@ class MotionTracker:
         return True
 
     def tend(self, now: float, *, moves: bool) -> None:
-        """Take the mark away when the robot has stood for a while."""
+        """Remove the file when the robot has been at rest for a while."""
         if moves or not self._recorded:
             self._remove_at = now + REMOVED_AFTER_S
         elif now >= self._remove_at:
             self.end(now)
 
     def end(self, now: float) -> None:
-        """Take the mark away: the robot stands. Another guard's mark, which this one never took over, stays."""
+        """Remove the file: the robot is at rest. Another guard's file, which this one never took over, stays."""
         if not self._recorded:
             return
         try:

@@ -15,7 +15,7 @@ from robotether_agent.problems import AgentProblem, NoAnswer, ServerBusy, Server
 
 T = TypeVar("T")
 Pause = Callable[[], Awaitable[None]]
-# Attempts may be without end; their last problems tell enough.
+# Attempts may be without end; their last problems say enough.
 MAX_PROBLEMS = 8
 
 
@@ -25,7 +25,7 @@ def after(seconds: float) -> Pause:
 
 
 class HappyEyeballs(Generic[T]):
-    """Attempts of which one wins; `pause` stands between two starts, and `drop` gets what came in too late.
+    """Attempts of which one wins; `pause` is between two starts, and `drop` gets what came in too late.
 
     The next attempt starts also when one has failed, if `eager`. Else they go on until something answers: that is for
     attempts without end, and a refusal ends them.

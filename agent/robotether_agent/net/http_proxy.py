@@ -60,7 +60,7 @@ def proxy_of(url: str | None) -> Proxy | None:
 
 
 async def ask_for(connection: socket.socket, proxy: Proxy, host: str, port: int) -> None:
-    """Make the proxy join `connection` to `host`; raise a problem that tells its answer."""
+    """Make the proxy join `connection` to `host`; raise a problem that has its answer."""
     where = f"SSH at {host} port {port}"
     try:
         # A request fits into the empty buffer of a connection that is new.
@@ -90,7 +90,7 @@ def request(proxy: Proxy, host: str, port: int) -> bytes:
 
 
 def refusal(head: bytes, proxy: Proxy, where: str) -> AgentProblem | None:
-    """Return what an answer means, or None when the connection stands."""
+    """Return what an answer means, or None when the connection is up."""
     line = STATUS_LINE.match(head)
     if line is None or END not in head:
         why = f"{proxy} answers with what is not HTTP"

@@ -48,7 +48,7 @@ def kinds_of(data: bytes) -> set[str]:
 
 
 class Network:
-    """What one listener has heard; `changed` waits for the next."""
+    """What one listener has received; `changed` waits for the next."""
 
     def __init__(self) -> None:
         self._event = asyncio.Event()

@@ -30,7 +30,7 @@ SSH = b"SSH-"
 # What sshd says in place of its banner when it lets no further log-in begin: OpenSSH 10, and those before it.
 FULL = (b"Not allowed at this time", b"Exceeded MaxStartups")
 CLIENT_BANNER = b"SSH-2.0-robotether\r\n"
-# A server that speaks first does so one round trip after the connection stands, unless it has much to do. To be spoken
+# A server that speaks first does so one round trip after the connection is up, unless it is overloaded. To be spoken
 # to by mistake costs it a second connection, so this is long; ports that are known to wait are spoken to at once.
 SPEAK_AFTER_S = 6.0
 # As long as sshd lets a login take.
@@ -41,14 +41,14 @@ NEXT_PORT_AFTER_S = 0.5
 # While nothing answers a fresh attempt starts that often, since the kernel's own retries become rare soon.
 TRY_EVERY_S = (0.4, 0.6)
 # A server that has taken a connection and says nothing yet has too much to do, and each further one is more of it: many
-# robots that ask twice a second keep it from ever answering. So while one stands, the next port and the next attempt
+# robots that ask twice a second keep it from ever answering. So while one is up, the next port and the next attempt
 # come later, and whoever asked waits longer: about as long as sshd lets a login take.
 BUSY_NEXT_PORT_AFTER_S = 6.0
 BUSY_TRY_AFTER_S = (5.0, 7.0)
 BUSY_FIND_TIMEOUT_S, BUSY_ANSWER_S = 15.0, 0.5
-# After a change of the network a moment passes until addresses and routes have settled.
+# After a change of the network it takes a while until addresses and routes have settled.
 SETTLED_AFTER_S = 0.05
-# Then whoever asked hears that nothing answers, and may ask again.
+# Then whoever asked gets the answer that nothing answers, and may ask again.
 FIND_TIMEOUT_S = 5.0
 SPARE_S = 3.0
 
@@ -134,7 +134,7 @@ class _Probed:
     since: float = field(default_factory=monotonic)
 
     def is_fresh(self) -> bool:
-        """Tell whether the server still waits for the first word on it."""
+        """Return whether the server still waits for the first word on it."""
         if self.connection is None or monotonic() - self.since > SPARE_S:
             return False
         return is_established(self.connection)
@@ -177,7 +177,7 @@ class ServerDialer:
         """Return the first of the targets at which an SSH server answers, and keep the connection for `open`.
 
         Raises ServerUnreachable when something refuses, and NoAnswer after FIND_TIMEOUT_S of silence, or after
-        BUSY_FIND_TIMEOUT_S of it on a connection that stands.
+        BUSY_FIND_TIMEOUT_S of it on a connection that is up.
         """
         for spare in self._spares:
             if spare.target in targets and spare.is_fresh():
@@ -259,7 +259,7 @@ class ServerDialer:
         await asyncio.sleep(FIND_TIMEOUT_S)
         with suppress(asyncio.TimeoutError):
             await within(BUSY_FIND_TIMEOUT_S - FIND_TIMEOUT_S, self._none_silent.wait())
-            # The last one may have ended because it was answered, of which HappyEyeballs knows a moment later.
+            # The last one may have ended because it was answered, of which HappyEyeballs knows a little later.
             await asyncio.sleep(BUSY_ANSWER_S)
 
     async def _pause_before_port(self) -> None:

@@ -64,13 +64,13 @@ def prepare_for_video(connection: socket.socket) -> None:
 
 
 def is_stuck(connection: socket.socket) -> bool:
-    """Tell whether what was sent waits for an acknowledgement for longer than the path ever took."""
+    """Return whether what was sent waits for an acknowledgement for longer than the path ever took."""
     _, timeouts = _info(connection)
     return timeouts > 0
 
 
 def is_established(connection: socket.socket) -> bool:
-    """Tell whether neither side has ended the connection."""
+    """Return whether neither side has ended the connection."""
     state, _ = _info(connection)
     return state == ESTABLISHED
 

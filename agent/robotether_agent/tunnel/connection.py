@@ -63,9 +63,9 @@ class Role:
     forward: Callable[[SessionConfig], Forward | None]
     # Set when the same configuration may ask for another forward now.
     moved: asyncio.Event = field(default_factory=asyncio.Event)
-    # Called when the forward stands, for the first time and after each change.
+    # Called when the forward is up, for the first time and after each change.
     on_up: Callable[[SshAddress, SessionConfig, Session], None]
-    # What tells the server how the robot is, for as long as the connection lasts; on the session only.
+    # Reports to the server how the robot is, for as long as the connection lasts; on the session only.
     reports: Sequence[Report] = ()
     # Set when the server's own view of the forwards may be another one; on the session only.
     recheck: asyncio.Event | None = None
@@ -154,7 +154,7 @@ def _log_forward(config: SessionConfig, forward: Forward) -> None:
 
 
 async def _ask_for_checks(session: Session, recheck: asyncio.Event) -> None:
-    """Ask how the robot looks from the server: when a forward stands, and now and then."""
+    """Ask how the robot looks from the server: when a forward is up, and now and then."""
     await recheck.wait()
     while True:
         recheck.clear()
@@ -229,9 +229,9 @@ class Connector:
         return True
 
     async def _ask_web(self) -> None:
-        """Learn the server's address and ports anew, if the web answers; the next attempt goes by them."""
+        """Learn the server's address and ports again, if the web answers; the next attempt goes by them."""
         await self._enroller.refresh()
-        # Ends with the attempt that it stands beside.
+        # Ends with the attempt beside it.
         await asyncio.Event().wait()
 
     async def _unless_unreachable(

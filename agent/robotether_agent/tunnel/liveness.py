@@ -29,7 +29,7 @@ SILENT_AFTER_S = 1.2
 # Whatever would still come on this connection, a new one is drivable earlier.
 HOPELESS_AFTER_S = 4.0
 CHECK_EVERY_S = 0.2
-# A look that comes so late was not delayed by other work: this process or the whole machine stood still.
+# A poll that comes so late was not delayed by other work: this process or the whole machine did not run.
 PAUSED_S = 1.5
 # From then on, and for so long, less silence is enough.
 DISTRUST_S = 3.0
@@ -51,7 +51,7 @@ class Path(Enum):
 
 
 def path_of(connection: socket.socket) -> Path:
-    """Return what became of the way of a connection that stands or stood."""
+    """Return what became of the path of a connection that is or was up."""
     try:
         here, there = connection.getsockname(), connection.getpeername()
     except OSError:
@@ -88,7 +88,7 @@ class MonitoredSession(Protocol):
 
     @property
     def silent_s(self) -> float:
-        """Seconds since the server was heard last."""
+        """Seconds since the server sent something."""
 
 
 async def watch(session: MonitoredSession, tunnel: Tunnel, target: SshAddress) -> NoReturn:
@@ -101,13 +101,13 @@ async def watch(session: MonitoredSession, tunnel: Tunnel, target: SshAddress) -
 
 @dataclass(frozen=True)
 class Signs:
-    """How a connection looks at one moment."""
+    """How a connection is at one time."""
 
     path: Path
     silent_s: float
     # What was sent is not acknowledged. Unknown behind a proxy, which acknowledges in the server's place.
     is_stuck: bool
-    # This machine has just stood still.
+    # This machine has just slept.
     is_distrusted: bool = False
 
 
@@ -127,13 +127,13 @@ def suspicion(signs: Signs) -> LinkProblem | None:
 
 
 def is_certain(signs: Signs) -> bool:
-    """Tell whether a suspicion needs no answer on another connection."""
+    """Return whether a suspicion needs no answer on another connection."""
     hopeless = signs.is_stuck and signs.silent_s >= HOPELESS_AFTER_S
     return signs.path is Path.GONE or hopeless
 
 
 class PauseClock:
-    """Tells how long this process stood still, the machine's sleep included."""
+    """Knows how long this process did not run, the machine's sleep included."""
 
     def __init__(self) -> None:
         self._at = robot_time()

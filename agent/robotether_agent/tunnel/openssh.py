@@ -71,7 +71,7 @@ PORT_TAKEN = re.compile(r"remote port forwarding failed for listen port|[Pp]ort 
 class SshFiles:
     """The files of one connection.
 
-    `keys` stand in the order in which they are shown to the server; the socket `control` takes forwards later.
+    `keys` are in the order in which they are shown to the server; the socket `control` accepts forwards later.
     """
 
     keys: tuple[Path, ...]

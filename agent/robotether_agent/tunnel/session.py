@@ -38,7 +38,7 @@ MESSAGE_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 SOMEBODY = "somebody"
 # Until the server has sent its own times: logging in, key look-up, and the end of an older session.
 FIRST_TIMEOUT_S = 30.0
-# A configuration may shorten the time at any moment.
+# A configuration may shorten the time at any time.
 CHECK_EVERY_S = 1.0
 MAX_UNSENT_BYTES = 64 * 1024
 MAX_PINGS = 16
@@ -60,7 +60,7 @@ class DriveMessageHandler(Protocol):
     """Who does what the server says about driving."""
 
     def on_config(self, guard: JsonObject, *, direct: bool) -> None:
-        """The session stands, and `guard` is what the guard goes by."""
+        """The session is up, and `guard` is the guard's configuration."""
 
     def on_lease(self, fence: int, *, held: bool) -> None:
         """The newest fencing number, and whether it is held; if not, all up to it are over."""
@@ -105,7 +105,7 @@ class RequestedFeatures:
     def apply(self, config: SessionConfig) -> None:
         """Follow a configuration."""
         _set(self.shell, self._allows_shell and config.shell_port is not None)
-        # A configuration may still say so for a moment after the key was changed: only a new request counts.
+        # A configuration may still say so shortly after the key was changed: only a new request counts.
         if config.rotate_key != self._key_was_requested:
             _set(self.new_key, config.rotate_key)
         self._key_was_requested = config.rotate_key
@@ -197,7 +197,7 @@ class Session:
 
     @property
     def silent_s(self) -> float:
-        """Seconds since the server was heard last, or since the start."""
+        """Seconds since the server sent something, or since the start."""
         return self._clock() - self._received_at
 
     @property
@@ -219,7 +219,7 @@ class Session:
             raise ProtocolBroken("lost the session: the server sent a line over 64 KiB") from error
 
     async def _end_silence(self) -> NoReturn:
-        """Raise ServerSilent when nothing was heard for too long; a time-out of each line would cost more."""
+        """Raise ServerSilent when nothing was received for too long; a time-out of each line would cost more."""
         while True:
             left_s = self._timeout_s - self.silent_s
             if left_s <= 0:

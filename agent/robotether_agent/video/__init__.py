@@ -1,4 +1,4 @@
-"""Frames to the server, which use the uplink without standing in front of control.
+"""Frames to the server, which use the uplink without delaying control.
 
 What is not wanted is dropped where it is made; nothing waits in between.
 

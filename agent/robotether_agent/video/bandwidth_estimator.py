@@ -144,7 +144,7 @@ class Burst:
         return self._bytes > 0 and reading.arrived >= self._end
 
     def rate(self, reading: Reading) -> float | None:
-        """Return the bytes a second that the path took, now that it has arrived; nothing if it was too little to tell.
+        """Return the bytes a second that the path took, now that it has arrived; nothing if it was too little to know.
 
         Rather too few than too many: what was under way before went first.
         """
@@ -243,7 +243,7 @@ class BandwidthEstimator:
         if rate is None or self._drains_left:
             return
         # A lost segment makes a frame late on a path that is no slower; a slower one has a queue. A single frame
-        # tells less than a round, so that none of them is believed alone.
+        # says less than a round, so that none of them is believed alone.
         if rate > self.rate or not self._shows_no_queue:
             self._learn_rate(rate)
 
@@ -291,7 +291,7 @@ class Startup:
         self._rounds_without_growth = 0
 
     def is_over(self, rate: float) -> bool:
-        """Learn the rate of another round, and tell whether rounds bring no more any more."""
+        """Learn the rate of another round, and return whether rounds bring no more any more."""
         if rate > self._best * START_GROWTH:
             self._best = rate
             self._rounds_without_growth = 0

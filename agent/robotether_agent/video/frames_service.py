@@ -29,7 +29,7 @@ from robotether_agent.video.sources import CameraFrame, SourceRequest, Sources, 
 
 ADDRESS = "127.0.0.1"
 MAX_TOPIC_LENGTH = 256
-# The relay has one a camera, and for a moment two when it connects anew.
+# The relay has one a camera, and briefly two when it reconnects.
 MAX_RECEIVERS = 2 * MAX_SHARED_SOURCES
 # What waits in the kernel is old when it leaves.
 SEND_BYTES = 16 * 1024
@@ -135,7 +135,7 @@ class FramesService:
         self._topics[source_request.topic] += 1
         newest = _Newest(self._shared_sources, source_request)
         try:
-            # A camera that gives nothing is an error, which a stream that has begun cannot tell.
+            # A camera that gives nothing is an error, which a stream that has begun cannot report.
             first = await newest.first()
             return await _pour(request, first, newest)
         finally:

@@ -2,7 +2,7 @@
 
 Used by the video proxy: each stream asks before it hands bytes to ssh. Never keeps the bytes themselves: who does not
 get its turn does not read from the camera either. Without a connection to look at, or on a kernel that does
-not tell enough (before Linux 4.6), everybody gets what it wants at once, and the log says so once. The
+not report enough (before Linux 4.6), everybody gets what it wants at once, and the log says so once. The
 connection is only looked at: it carries ssh, a process of its own.
 """
 
@@ -45,7 +45,7 @@ log = logging.getLogger(__name__)
 
 
 def read(connection: socket.socket, now_s: float) -> Reading | None:
-    """Look at `connection`; nothing if the kernel does not tell enough, or the connection is gone."""
+    """Look at `connection`; nothing if the kernel does not report enough, or the connection is gone."""
     try:
         info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _WANTED)
         queued = _INT.unpack(fcntl.ioctl(connection, termios.TIOCOUTQ, bytes(_INT.size)))[0]

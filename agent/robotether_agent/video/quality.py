@@ -52,7 +52,7 @@ class _Trial:
 
 
 class Steps:
-    """Which level is in force; told of each frame that was taken and, once a second, of the rates."""
+    """Which level is in force; it gets each frame that has arrived and, once a second, the rates."""
 
     def __init__(self, levels: tuple[Level, ...], latency_s: float, now_s: float) -> None:
         self._levels = levels
@@ -86,7 +86,7 @@ class Steps:
         self._begin(now_s)
 
     def on_taken(self, now_s: float, took_s: float) -> bool:
-        """A frame of this level took `took_s` to be taken; tell whether the level changed."""
+        """A frame of this level took `took_s` to be taken; return whether the level changed."""
         if took_s > self._latency_s:
             self._good_since_s = now_s
             very = took_s > VERY_LATE * self._latency_s
@@ -98,7 +98,7 @@ class Steps:
         return now_s - self._good_since_s >= self._up_after_s and self._up(now_s)
 
     def on_rates(self, now_s: float, offered: float, sent: float) -> bool:
-        """So many a second came in and went out; tell whether the level changed."""
+        """So many a second came in and went out; return whether the level changed."""
         if self._trial is not None:
             return now_s >= self._trial.until_s and self._judge(now_s, sent)
         if offered < FEW_OFFERED or sent >= FEW * offered:

@@ -48,7 +48,7 @@ IDLE_S = 2.0
 CHECK_EVERY_S = 0.25
 STATUS_EVERY_S = 1.0
 MAX_TEXTS = 8
-# Frames that went out and are not told of yet; more than a receiver that keeps the rules ever has.
+# Frames that went out and are not confirmed yet; more than a receiver that keeps the rules ever has.
 MAX_IN_FLIGHT = 8
 MIN_SIZE = 16
 
@@ -68,7 +68,7 @@ class FrameRateLimiter:
         self._at_s: float | None = None
 
     def allows(self, now_s: float) -> bool:
-        """Tell whether the frame that came now goes on."""
+        """Return whether the frame that came now goes on."""
         if self._at_s is not None:
             gained = max(0.0, now_s - self._at_s) * self.fps
             self._saved = min(MAX_SAVED, self._saved + gained)
@@ -279,7 +279,7 @@ class Receiver:
             self._check()
 
     def _check(self) -> None:
-        """Do what no message brings: let go of a source that nobody takes from, judge rates, tell the status."""
+        """Do what no message brings: let go of a source without credit, judge rates, send the status."""
         if self._stream_request is None:
             return
         now_s = self._clock()
@@ -324,7 +324,7 @@ class Receiver:
 
 @dataclass(frozen=True)
 class Header:
-    """What is told of a frame; `timestamp_ms` is on the sender's clock, `quality` 0 is unknown."""
+    """What a frame's header says; `timestamp_ms` is on the sender's clock, `quality` 0 is unknown."""
 
     sequence: int
     timestamp_ms: float
@@ -333,7 +333,7 @@ class Header:
     codec: int = JPEG
 
     def packed(self) -> bytes:
-        """Return the header as it stands on the wire."""
+        """Return the header as it is on the wire."""
         flags = STAMPED if self.is_stamped else 0
         return HEADER.pack(
             self.codec, flags, self.quality, self.sequence % SEQUENCES, self.timestamp_ms

@@ -73,7 +73,7 @@ class SharedSource:
         self._task = asyncio.ensure_future(self._keep_open())
 
     def condition(self) -> Condition:
-        """Tell how the source is now."""
+        """Report how the source is now."""
         if self._down:
             return Condition("down", self._down, self._kind)
         is_live = self._last_s is not None and self._clock() - self._last_s < WAITS_AFTER_S
@@ -171,7 +171,7 @@ class SourceSwitch:
         return None if self._shared is None else self._shared.source_request
 
     def condition(self) -> Condition:
-        """Tell how the source is."""
+        """Report how the source is."""
         return Condition() if self._shared is None else self._shared.condition()
 
     def follow(self, source_request: SourceRequest) -> None:
@@ -185,7 +185,7 @@ class SourceSwitch:
             self._next = self._shared_sources.follow(source_request, self, self._on_next)
 
     def give_up_late(self) -> bool:
-        """Go on with the old source if the new one gave nothing for GIVE_UP_S; tell whether that is so now."""
+        """Go on with the old source if the new one gave nothing for GIVE_UP_S; return whether that is so now."""
         if self._next is None or self._clock() - self._asked_s < GIVE_UP_S:
             return False
         if self._shared is not None and self._shared.condition().state != "live":

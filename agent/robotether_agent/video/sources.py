@@ -34,14 +34,14 @@ from robotether_agent.tasks import first_of, within
 # What is older than this was stamped by another clock than this robot's.
 NEAR_S = 10.0
 CONNECT_WITHIN_S = 3.0
-# Without a frame for so long a source is opened anew.
+# Without a frame for so long a source is opened again.
 STALL_S = 10.0
 # Where both kinds may be, so often is looked whether web_video_server has come back.
 RECHECK_S = 10.0
 COMPRESSED = "/compressed"
 MAX_HEAD_BYTES = 8 * 1024
 BLANK = b"\r\n"
-# As base64, and what stands around it.
+# As base64, and what is around it.
 MAX_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
 # rosbridge sends nothing sooner than this part of the time between two frames; all of it would drop every second one
 # of a camera that has just the wanted rate.
@@ -77,7 +77,7 @@ class SourceRequest:
 
 
 class SourceDownError(Exception):
-    """A source gives no frames; the message tells people why."""
+    """A source gives no frames; the message says why."""
 
     def __init__(self, message: str, *, answers: bool = True) -> None:
         super().__init__(message)
@@ -91,7 +91,7 @@ OnKind = Callable[[Source], None]
 
 @dataclass(frozen=True)
 class ClockReadings:
-    """One moment on three clocks: since the robot's start, in Unix time, and CLOCK_MONOTONIC."""
+    """One time on three clocks: since the robot's start, in Unix time, and CLOCK_MONOTONIC."""
 
     robot_s: float
     wall_s: float
@@ -121,7 +121,7 @@ class SourceSettings:
     video_url: str
     rosbridge_url: str
     source: str = "auto"
-    # URLs by name; a login may stand in them.
+    # URLs by name; they may contain a login.
     cameras: Mapping[str, str] = field(default_factory=dict, repr=False)
 
 
@@ -142,7 +142,7 @@ class Sources:
     async def run(
         self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
     ) -> NoReturn:
-        """Give frames, after telling of which kind the source is; SourceDownError when there are no more."""
+        """Give frames, after reporting of which kind the source is; SourceDownError when there are no more."""
         url = self._source_settings.cameras.get(source_request.topic)
         if url is not None:
             on_kind("mjpeg")
@@ -249,7 +249,7 @@ async def run_rosbridge(url: str, source_request: SourceRequest, on_frame: OnFra
             throttle_ms = int(1000 * THROTTLE / source_request.fps)
             await rosbridge.subscribe(topic, IMAGE_TYPE, throttle_ms=throttle_ms)
             while True:
-                # A topic slower than one frame in STALL_S is asked for anew, and that is all.
+                # A topic slower than one frame in STALL_S is requested again, and that is all.
                 message = await within(max(STALL_S, 3 / source_request.fps), rosbridge.message())
                 on_frame(_frame_of(message, topic))
     except asyncio.TimeoutError as error:
@@ -327,7 +327,7 @@ class Part:
 
 
 def boundary_of(content_type: str) -> bytes:
-    """Return the bytes that stand between parts; MultipartBrokenError for another type than multipart."""
+    """Return the bytes between parts; MultipartBrokenError for another type than multipart."""
     message = Message()
     message["Content-Type"] = content_type
     boundary = message.get_param("boundary")

@@ -125,7 +125,7 @@ class VideoProxy:
                 with await self._upstream_for(first) as upstream:
                     await Stream(viewer, upstream, self._pacer).run(first)
             except OSError as error:
-                # A viewer who left, or a web_video_server that does not run: health tells of the latter.
+                # A viewer who left, or a web_video_server that does not run: health reports the latter.
                 log.debug("a video connection ended: %r", error)
             except Exception:
                 log.exception("a video connection failed")
@@ -232,7 +232,7 @@ async def first_words(viewer: socket.socket) -> bytes:
             await within(deadline_s - loop.time(), readable(viewer))
         except asyncio.TimeoutError:
             return words
-        # Not sock_recv: when its time is over in the moment when something comes, that would be lost.
+        # Not sock_recv: when its time is over just when something comes, that would be lost.
         more = viewer.recv(LOCAL_PATH_BYTES - len(words))
         if not more:
             return words
@@ -257,6 +257,6 @@ async def readable(connection: socket.socket) -> None:
 
 
 def end_writing(connection: socket.socket) -> None:
-    """Tell the other end that no more comes, and go on reading."""
+    """Signal to the other end that no more comes, and go on reading."""
     with suppress(OSError):
         connection.shutdown(socket.SHUT_WR)

@@ -1,7 +1,7 @@
 """Serves the API's description: GET /api/v1/openapi.json, OpenAPI 3.1.
 
 What the operations take and answer is described by their own types (`operations`, `relayed`, `schemas`); only what
-they have in common stands here.
+they have in common is here.
 """
 
 import json

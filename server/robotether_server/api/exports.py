@@ -68,7 +68,7 @@ R = TypeVar("R", bound=Numbered)
 def everything(fetch: Callable[[int | None, int], list[R]], limit: int | None) -> Iterator[R]:
     """Return one record after the other, `limit` at most.
 
-    `fetch` returns as many as it is told, the newest first, that come before the one with this id.
+    `fetch` returns up to the given number, the newest first, that come before the one with this id.
     """
     before: int | None = None
     left = limit

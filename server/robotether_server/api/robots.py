@@ -1,6 +1,6 @@
 """/api/v1/robots: what users see of robots, and what admins change, with the keys that wait.
 
-What only admins may know of a robot stands in `_for_admins`, and nowhere else.
+What only admins may know of a robot is in `_for_admins`, and nowhere else.
 """
 
 from typing import Annotated, Any, Literal

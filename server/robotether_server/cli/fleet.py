@@ -132,7 +132,7 @@ class Runner(Remote):  # type: ignore[misc] # fabric has no types
 
     @property
     def timed_out(self) -> bool:
-        """Tell whether the timer ended the command; invoke asks whether its thread has ended, which may be too soon."""
+        """Whether the timer ended the command; invoke asks whether its thread has ended, which may be too soon."""
         return self._is_out_of_time
 
     def send_start_message(self, command: str) -> None:

@@ -303,7 +303,7 @@ def changed(target: Target) -> FleetProblem:
     """Return the sentence for a host with another key than it had."""
     return FleetProblem(
         f"cannot trust {target.name}: it shows another host key than the one known as "
-        f"{target.known_as}; if it was set up anew, forget the old one: "
+        f"{target.known_as}; if it was installed again, forget the old one: "
         f"ssh-keygen -R '{target.known_as}'; if not, somebody may be intercepting the connection"
     )
 

@@ -124,7 +124,7 @@ def recent_from(
 
 
 def recent_of(tx: Transaction, kind: str, actor: str, since: dt.datetime) -> list[dt.datetime]:
-    """Return the moments of one actor's events of one kind, from anywhere, the oldest first."""
+    """Return the times of one actor's events of one kind, from anywhere, the oldest first."""
     rows = tx.rows(
         "SELECT at FROM audit_events WHERE actor = %s AND kind = %s AND at > %s ORDER BY at",
         (actor, kind, since),
@@ -133,7 +133,7 @@ def recent_of(tx: Transaction, kind: str, actor: str, since: dt.datetime) -> lis
 
 
 def has_come_from(tx: Transaction, kind: str, actor: str, network: Network) -> bool:
-    """Tell whether the log has an event of that kind and actor from that network."""
+    """Return whether the log has an event of that kind and actor from that network."""
     found = tx.row(
         "SELECT 1 FROM audit_events WHERE actor = %s AND kind = %s "
         "AND INET6_ATON(address) BETWEEN %s AND %s LIMIT 1",

@@ -66,7 +66,7 @@ _CONVERSIONS: dict[Any, Any] = {
 
 
 class Transaction:
-    """One open transaction. Moments go in and come out as aware datetimes in UTC.
+    """One open transaction. Times go in and come out as aware datetimes in UTC.
 
     Every method raises StoreUnavailable, RecordExists or RecordRefused; other database errors are
     mistakes in a statement and pass as they are.

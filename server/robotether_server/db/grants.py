@@ -36,12 +36,12 @@ class Grant:
 
     @property
     def is_for_all(self) -> bool:
-        """Tell whether it is for all robots, future ones included."""
+        """Return whether it is for all robots, future ones included."""
         return self.robot is None and self.site is None
 
     @property
     def has_ended(self) -> bool:
-        """Tell whether it has ended."""
+        """Return whether it has ended."""
         return self.ends_at is not None and self.ends_at <= dt.datetime.now(dt.UTC)
 
     @property
@@ -87,7 +87,7 @@ class Pair:
 
 
 def includes(held: Level, asked: Level) -> bool:
-    """Tell whether one level includes what the other allows."""
+    """Return whether one level includes what the other allows."""
     return LEVELS.index(held) >= LEVELS.index(asked)
 
 

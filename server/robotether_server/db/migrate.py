@@ -102,7 +102,7 @@ def _applied(cursor: Cursor) -> set[str]:
 
 
 def _apply_one(cursor: Cursor, file: Path) -> None:
-    """Run all statements of a file, which the database itself tells apart: a routine's body has semicolons, too."""
+    """Run all statements of a file, which the database itself separates: a routine's body has semicolons, too."""
     try:
         cursor.execute(file.read_text(encoding="utf-8"))
         while cursor.nextset():

@@ -44,7 +44,7 @@ JOIN_PREFIX = "rj_"
 
 @dataclass(frozen=True)
 class Report:
-    """What a robot told about itself when it joined; `address` is where the join came from."""
+    """What a robot said about itself when it joined; `address` is where the join came from."""
 
     hostname: str
     agent_version: str
@@ -55,8 +55,8 @@ class Report:
 class Robot:
     """One robot's record.
 
-    No fingerprint: it has not shown a key yet; `report` and `joined_at` tell of the join that did.
-    `is_unknown`: no admin announced it or has dealt with it. `had_key`: this or another key stood here once.
+    No fingerprint: it has not shown a key yet; `report` and `joined_at` are of the join that did.
+    `is_unknown`: no admin announced it or has dealt with it. `had_key`: this or another key was here once.
     """
 
     id: int
@@ -79,7 +79,7 @@ class Robot:
 
     @property
     def key(self) -> PublicKey | None:
-        """The key that stands in the row, be it approved or not."""
+        """The key in the row, approved or not."""
         if self.public_key is None or self.fingerprint is None:
             return None
         return PublicKey(self.public_key, self.fingerprint)
@@ -110,7 +110,7 @@ def lock_enrolment(tx: Transaction) -> None:
 
     Held until the transaction's connection closes, after its commit. A join decides by several rows at once: whose the
     MAC is, whether another row or a claim has the key, how many wait, which name is free. Row locks in changing order
-    would end some of those who join at the same moment with a deadlock; with this lock each finds what the one before
+    would end some of those who join at the same time with a deadlock; with this lock each finds what the one before
     it left. Who needs it takes it first, before any row.
     """
     row = tx.row("SELECT GET_LOCK('robotether.enrolment', %s) AS held", (LOCK_WAIT_S,))
@@ -170,7 +170,7 @@ def list_waiting(tx: Transaction) -> list[Robot]:
 
 
 def name_is_taken(tx: Transaction, name: str) -> bool:
-    """Tell whether a robot has that name."""
+    """Return whether a robot has that name."""
     return tx.row("SELECT 1 FROM robots WHERE name = %s", (name,)) is not None
 
 
@@ -181,7 +181,7 @@ def unknown_addresses(tx: Transaction) -> list[str]:
 
 
 def remove_unknown(tx: Transaction, before: dt.datetime) -> None:
-    """Remove the unknown robots that joined before that moment, but for those that somebody has a grant for."""
+    """Remove the unknown robots that joined before that time, but for those that somebody has a grant for."""
     # Asked first without locks: mostly there is none, and a join must not wait for all other joins.
     expired = tx.rows(
         "SELECT id FROM robots WHERE state = 'pending' AND stranger AND joined_at < %s "
@@ -218,7 +218,7 @@ def set_state(tx: Transaction, robot_id: int, state: State) -> None:
 
 
 def set_key(tx: Transaction, robot_id: int, key: PublicKey, report: Report) -> None:
-    """Write down the key that a robot showed, and what it told with it. Raises RecordExists.
+    """Write down the key that a robot showed, and what it said with it. Raises RecordExists.
 
     What logged in with an earlier key ends; `rotate_key` is for a key whose connections live on.
     """
@@ -369,7 +369,7 @@ def remove_claim(tx: Transaction, claim_id: int) -> None:
 
 
 def remove_old_claims(tx: Transaction, before: dt.datetime) -> None:
-    """Remove the claims that came before that moment; rejected keys stay."""
+    """Remove the claims that came before that time; rejected keys stay."""
     tx.change("DELETE FROM key_claims WHERE rejected_at IS NULL AND claimed_at < %s", (before,))
 
 

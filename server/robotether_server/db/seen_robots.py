@@ -14,7 +14,7 @@ from robotether_server.db.robots import Robot
 from robotether_server.db.users import User
 from robotether_server.schemas import Timestamp
 
-# The newest session tells presence: one that has not ended is a robot that is online.
+# The newest session decides presence: one that has not ended is a robot that is online.
 SELECT_SEEN = (
     f"SELECT {robots.COLUMNS}, "  # noqa: S608 - the module's own text
     "s.id IS NOT NULL AND s.ended_at IS NULL AS online, "
@@ -148,7 +148,7 @@ def sessions_of(tx: Transaction, robot_id: int, limit: int) -> list[RecordedSess
 
 
 def is_online(tx: Transaction, robot_id: int) -> bool:
-    """Tell whether the robot has a session now."""
+    """Return whether the robot has a session now."""
     newest = sessions_of(tx, robot_id, 1)
     return bool(newest) and newest[0].ended_at is None
 

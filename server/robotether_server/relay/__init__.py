@@ -11,7 +11,7 @@ unbounded buffer for anybody.
 
     events       the fleet as operators see it, as server-sent events
     video/       a robot's cameras: the frames protocol, multipart streams, web_video_server passed through
-    rosbridge/   an operator's WebSocket joined to a robot's rosbridge; every message is checked and written anew
+    rosbridge/   an operator's WebSocket joined to a robot's rosbridge; every message is checked and written again
     drives/      a driver's commands on their way, and what the drive came to, for its record
     control/     who drives, who waits, who stopped; leases, stops, and the requests for them
     auth/        who asks and what for: tickets, logins, tokens, and the live connections that they opened

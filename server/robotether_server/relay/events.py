@@ -57,7 +57,7 @@ class FleetEvents:
 
     @contextmanager
     def subscribed(self, user_id: int) -> Iterator[Subscriber]:
-        """Make a subscriber for a user; it hears of changes inside the block."""
+        """Make a subscriber for a user; it is notified of changes inside the block."""
         subscriber = Subscriber(self, user_id)
         self._subscribers.add(subscriber)
         try:
@@ -79,7 +79,7 @@ class FleetEvents:
             subscriber.mark(robot_id)
 
     def on_robot_change(self, change: Change) -> None:
-        """Something happened to a robot; round trips are told at most every 2 s."""
+        """Something happened to a robot; round trips are sent at most every 2 s."""
         if change.what == "heartbeat":
             self._rtt_changed(change.robot_id)
         else:
@@ -136,7 +136,7 @@ class FleetEvents:
 
 
 class Subscriber:
-    """What one client has yet to be told."""
+    """What one client has yet to receive."""
 
     def __init__(self, fleet_events: FleetEvents, user_id: int) -> None:
         self._fleet_events = fleet_events
@@ -170,7 +170,7 @@ class Subscriber:
         self._wake.set()
 
     async def wait(self, timeout_s: float) -> None:
-        """Wait until something is to be told, at most so long."""
+        """Wait until something is to be sent, at most so long."""
         try:
             async with asyncio.timeout(timeout_s):
                 await self._wake.wait()
@@ -216,7 +216,7 @@ class EventsHandler:
         self._max_per_user = max_per_user
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
-        """Tell the fleet, then each change, until the client or its right is gone."""
+        """Send the fleet, then each change, until the client or its right is gone."""
         asked = request_of(request.headers, request.cookies, request.query)
         asker = await self._access.for_events(asked)
         mine = self._fleet_events.subscribers_of(asker.user.id)

@@ -130,10 +130,10 @@ class Relay:
         log.info("listening on %s: %d and %d", listen.host, self.http_port, self.session_port)
 
     async def stop(self) -> None:
-        """Tell operators, then robots, and write the rest down."""
+        """Notify operators, then robots, and write the rest down."""
         self.connections.end_all(close_reasons.relay_stopping())
         self.fleet_events.end_subscriptions()
-        # Operators first: they must hear that the relay stops, and not that a link was lost.
+        # Operators first: they must be notified that the relay stops, and not that a link was lost.
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))
         await self.feeds.close()
         await self._sessions.stop()
@@ -184,7 +184,7 @@ class Relay:
         self.control.listen(self.fleet_events.changed)
 
     def _on_snapshot(self, snapshot: Snapshot) -> None:
-        # Operators first: they must hear that their right ended, and not that a link was lost.
+        # Operators first: they must be notified that their right ended, and not that a link was lost.
         self.connections.end_unrighted(snapshot)
         self.control.on_snapshot(snapshot)
         self._sessions.on_snapshot(snapshot)

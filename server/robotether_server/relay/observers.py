@@ -20,7 +20,7 @@ from robotether_server.relay.rosbridge.handler import ConnectionReport
 
 log = logging.getLogger(__name__)
 
-# A guard tells what it refused a second later, or when its robot is back.
+# A guard reports what it refused a second later, or when its robot is back.
 GUARD_REPORTS_WITHIN_S = 10.0
 
 
@@ -142,7 +142,7 @@ class RelayObserver:
 
 
 def _accepts_refusals(drive: DriveLog) -> bool:
-    """Tell whether what a guard tells now may belong to the drive."""
+    """Return whether what a guard reports now may belong to the drive."""
     return drive.ended_s is None or time.monotonic() - drive.ended_s <= GUARD_REPORTS_WITHIN_S
 
 
@@ -174,7 +174,7 @@ class GuardCounts:
         self._reported: dict[int, dict[str, int]] = {}
 
     def new_refusals(self, robot_id: int, refused: Iterable[tuple[str, int]]) -> Counter[str]:
-        """Return how many more it refused, by kind; nothing of a robot that is heard for the first time."""
+        """Return how many more it refused, by kind; nothing of a robot that reports for the first time."""
         reported = dict(refused)
         if not reported:
             return Counter()
@@ -182,7 +182,7 @@ class GuardCounts:
         before = self._reported.get(robot_id, reported)
         self._reported[robot_id] = reported
         if any(reported.get(kind, 0) < count for kind, count in before.items()):
-            # Another guard, which began to count anew.
+            # Another guard, which began to count again.
             before = {}
         return +Counter({kind: count - before.get(kind, 0) for kind, count in reported.items()})
 

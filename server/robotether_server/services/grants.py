@@ -41,7 +41,7 @@ def give(
     *,
     ends_at: dt.datetime | None = None,
 ) -> tuple[Grant, bool]:
-    """Add a grant, which replaces an earlier one of the same pair; tell whether there was none before.
+    """Add a grant, which replaces an earlier one of the same pair; return whether there was none before.
 
     Raises RecordMissing, or FieldInvalid for an invalid end.
     """

@@ -51,7 +51,7 @@ ROBOT = "robot"
 
 @dataclass(frozen=True)
 class EnrolmentCredential:
-    """`actor` stands in the audit log; `token`: the join token that a use is counted of, or else `admin`."""
+    """`actor` is for the audit log; `token`: the join token that a use is counted of, or else `admin`."""
 
     actor: str
     token: JoinToken | None = None
@@ -67,7 +67,7 @@ class EnrolmentCredential:
 
 @dataclass(frozen=True)
 class PresentedKey:
-    """What a robot shows and tells: its MAC (normalised), its key, and about itself."""
+    """What a robot shows and says: its MAC (normalised), its key, and about itself."""
 
     mac: str
     key: PublicKey
@@ -87,7 +87,7 @@ class JoinAttempt:
 
 @dataclass(frozen=True)
 class Answer:
-    """What it is told: `robot` is its name, or the one that its MAC alone would give it."""
+    """What it is answered: `robot` is its name, or the one that its MAC alone would give it."""
 
     robot: str
     code: Literal["active", "approval_pending", "mac_in_use"]
@@ -266,7 +266,7 @@ def _credential_of(
 def find_credential(tx: Transaction, text: str) -> EnrolmentCredential:
     """Return whose token that is; raise TokenInvalid, TokenExpired or GrantMissing.
 
-    A join token that is used up still tells who asks: a use is counted when it admits a robot.
+    A join token that is used up still says who asks: a use is counted when it admits a robot.
     """
     if text.startswith(robots.JOIN_PREFIX):
         return EnrolmentCredential(ROBOT, token=_join_token(tx, text))
@@ -343,7 +343,7 @@ def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
 def check_key_is_free(
     tx: Transaction, source: Source, presented: PresentedKey, *, is_authorized: bool
 ) -> None:
-    """Raise KeyInUse when the key stands at another MAC; where it only waits there, an authorized robot gets it."""
+    """Raise KeyInUse when the key is at another MAC; where it only waits there, an authorized robot gets it."""
     holder = robots.find_by_key(tx, presented.key.fingerprint)
     claim = robots.find_claim(tx, presented.key.fingerprint)
     waits_elsewhere = holder is not None and holder.mac != presented.mac
@@ -388,7 +388,7 @@ def admit(
 
 
 def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:
-    """Write the key into the row, unless it stands there: a known key changes nothing. Raises KeyInUse."""
+    """Write the key into the row, unless it is there: a known key changes nothing. Raises KeyInUse."""
     claim = robots.find_claim(tx, presented.key.fingerprint)
     if claim is not None:
         robots.remove_claim(tx, claim.id)

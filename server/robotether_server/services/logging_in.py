@@ -43,7 +43,7 @@ class Guess:
 
 @dataclass(frozen=True)
 class Failures:
-    """Moments within WINDOW, the oldest first.
+    """Times within WINDOW, the oldest first.
 
     `of_pair`: of this user from this network since they last fitted; `of_network`: of any user from it;
     `of_user`: of this user from anywhere, empty where the user has logged in before.

@@ -39,7 +39,7 @@ def add(
 ) -> Robot:
     """Announce a robot before it joins; raise FieldInvalid, RecordExists or RecordRefused.
 
-    An unknown robot that waits with this MAC does not stand in the way: its row gets the name, and its key waits on.
+    An unknown robot that waits with this MAC does not matter: its row gets the name, and its key waits on.
     """
     robots.lock_enrolment(tx)
     normal = identity.normalise_mac(mac, allow_local=allow_local_mac)
@@ -54,7 +54,7 @@ def add(
 
 
 def register(tx: Transaction, source: Source, registration: Registration) -> tuple[Robot, bool]:
-    """Make a robot active with this key; tell whether its row was made for it. Asking again changes nothing.
+    """Make a robot active with this key; return whether its row was made for it. Asking again changes nothing.
 
     Raises FieldInvalid, RecordExists, MacInUse, KeyInUse, KeyRejected, RobotDisabled or TokenUsedUp.
     """
@@ -153,7 +153,7 @@ def set_mac(
 ) -> Robot:
     """Give a robot another MAC; raise FieldInvalid or RecordExists.
 
-    An unknown robot that waits with this MAC does not stand in the way: its row goes, and its key has to ask again.
+    An unknown robot that waits with this MAC does not matter: its row goes, and its key has to ask again.
     """
     found = _get(tx, name)
     normal = identity.normalise_mac(mac, allow_local=allow_local_mac)

@@ -21,7 +21,7 @@ def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -
 
 
 def add_first(tx: Transaction, source: Source, password: str) -> bool:
-    """Add the user admin if there are no users; tell whether it did. Of two concurrent calls one does."""
+    """Add the user admin if there are no users; return whether it did. Of two concurrent calls one does."""
     if users.list_all(tx):
         return False
     try:
@@ -83,7 +83,7 @@ def remove(tx: Transaction, source: Source, name: str) -> User:
 
 
 def _check_not_last(tx: Transaction, name: str, action: str) -> None:
-    # Locked, so that two admins who remove each other at once are not both heard.
+    # Locked, so that two admins who remove each other at once do not both succeed.
     if users.enabled_admins(tx) == [name]:
         raise LastAdmin(
             f"{action}: nobody else is an admin who is enabled; make another user an admin first"

@@ -18,7 +18,7 @@ from robotether_server.problems import FieldInvalid
 
 LENGTH_OF_DAY_TEXT = 10
 PER_PAGE = 50
-# One more than is shown: it tells whether there is an older page.
+# One more than is shown: it shows whether there is an older page.
 WANTED = PER_PAGE + 1
 Asked = dict[str, str]
 

@@ -104,7 +104,7 @@ def choice(name: str, label: str, allowed: tuple[T, ...]) -> T:
 
 
 def is_ticked(name: str) -> bool:
-    """Tell whether a checkbox is ticked."""
+    """Return whether a checkbox is ticked."""
     return bool(request.form.get(name))
 
 

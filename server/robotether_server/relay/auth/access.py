@@ -44,7 +44,7 @@ MAX_CREDENTIAL_LENGTH = 512
 
 @dataclass(frozen=True)
 class Request:
-    """What of an HTTP request tells who asks."""
+    """What of an HTTP request says who asks."""
 
     host: str
     origin: str | None
@@ -79,7 +79,7 @@ class UsedTickets:
     """The tickets that have opened a connection, as long as they could be shown again."""
 
     def __init__(self, started_at: datetime, ttl_s: int, capacity: int = MAX_USED_TICKETS) -> None:
-        # A signature's moment has whole seconds. Older ones may have been used at a relay before.
+        # A signature's timestamp has whole seconds. Older ones may have been used at a relay before.
         self._floor = started_at.replace(microsecond=0)
         self._ttl = timedelta(seconds=ttl_s)
         self._capacity = capacity
@@ -181,7 +181,7 @@ class Access:
         return asker
 
     async def asker(self, request: Request) -> AuthenticatedUser:
-        """Tell who asks by token or login; LoginMissing or TokenInvalid when nobody is known.
+        """Return who asks by token or login; LoginMissing or TokenInvalid when nobody is known.
 
         A page of another site shows a token: a login that its browser adds is not its word.
         """
@@ -250,7 +250,7 @@ class Access:
 def request_of(
     headers: Mapping[str, str], cookies: Mapping[str, str], query: Mapping[str, str]
 ) -> Request:
-    """Pick out of an HTTP request what tells who asks."""
+    """Pick out of an HTTP request what says who asks."""
     return Request(
         host=headers.get("Host", ""),
         origin=headers.get("Origin"),
@@ -261,7 +261,7 @@ def request_of(
 
 
 def _check_name(name: str) -> None:
-    """Refuse what is no robot's name, before it stands in any sentence or log."""
+    """Refuse what is no robot's name, before it is in any sentence or log."""
     if not ROBOT_NAME.fullmatch(name):
         raise RobotUnknown("cannot open the robot: a robot's name has a-z, 0-9 and - only")
 

@@ -51,7 +51,7 @@ class Connection:
     may_drive: bool = False
 
     def holds_in(self, snapshot: Snapshot) -> bool:
-        """Tell whether the user may still do this with this robot."""
+        """Return whether the user may still do this with this robot."""
         robot = snapshot.robots.get(self.robot.id)
         if robot is None or robot.state != "active" or robot.name != self.robot.name:
             return False
@@ -63,7 +63,7 @@ class Connection:
 
 
 def permits(level: Level | None, use: Use) -> bool:
-    """Tell whether a grant of this level is enough."""
+    """Return whether a grant of this level is enough."""
     return level is not None and includes(level, NEEDED[use])
 
 
@@ -77,7 +77,7 @@ class Connections:
         self._by_robot: dict[int, set[Connection]] = {}
 
     def listen(self, listener: Callable[[int], None]) -> None:
-        """Tell this of each robot whose drivers or observers change."""
+        """Notify this of each robot whose drivers or observers change."""
         self._listeners.append(listener)
 
     def no_room(self, connection: Connection) -> str | None:

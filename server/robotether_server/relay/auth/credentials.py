@@ -39,7 +39,7 @@ class Credentials:
         self._rechecks = 0
 
     async def user_of(self, credential: Credential) -> RelayUser | None:
-        """Tell who the credential belongs to; None: it does not hold. May raise StoreUnavailable."""
+        """Return who the credential belongs to; None: it does not hold. May raise StoreUnavailable."""
         if (live := self._live.get(credential)) is not None:
             # Else nobody could stop a robot over HTTP while the database is away.
             return live

@@ -1,6 +1,6 @@
 """The control of all robots: leases, stops, and the control object that describes them.
 
-`main` makes one; `rosbridge`, `control_api` and `fleet_events` use it. Whoever wants to hear of changes listens.
+`main` makes one; `rosbridge`, `control_api` and `fleet_events` use it. Listeners are notified of changes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ControlObject = dict[str, Any]
 
 
 class Control:
-    """Leases and stops, and who hears of them."""
+    """Leases and stops, and who is notified of them."""
 
     def __init__(
         self,
@@ -54,12 +54,12 @@ class Control:
         )
 
     def listen(self, listener: Callable[[int], None]) -> None:
-        """Tell this of each robot whose control changes."""
+        """Notify this of each robot whose control changes."""
         self._listeners.append(listener)
 
     @contextmanager
     def watched(self, robot_id: int, changed: Callable[[], None]) -> Iterator[None]:
-        """Tell of changes of one robot's control inside the block."""
+        """Notify of changes of one robot's control inside the block."""
         watchers = self._watchers.setdefault(robot_id, set())
         watchers.add(changed)
         try:
@@ -81,7 +81,7 @@ class Control:
         self.leasing.keep_only(lambda user_id, robot_id: _may_drive(snapshot, user_id, robot_id))
 
     def greeting(self, robot_id: int) -> list[bytes]:
-        """What a robot is told after its configuration."""
+        """What a robot is sent after its configuration."""
         return [self.leasing.line(robot_id), *self.stops.greeting(robot_id)]
 
     def driver(self, robot_id: int) -> str | None:

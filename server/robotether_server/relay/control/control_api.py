@@ -51,7 +51,7 @@ class ControlApi:
         app.router.add_post("/api/v1/stop", self.stop_many)
 
     async def show(self, request: web.Request) -> web.Response:
-        """Tell the control object."""
+        """Answer with the control object."""
         asked = request_of(request.headers, request.cookies, request.query)
         asker = await self._access.for_events(asked)
         return self._answer(self._access.visible_robot(asker.user, request.match_info["name"]))

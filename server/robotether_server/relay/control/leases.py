@@ -19,7 +19,7 @@ from robotether_server.relay.http.timing import RateLimiter
 
 PASSES_AFTER_S = 20.0
 RESERVED_FOR_S = 10.0
-# Of one user at one robot: each question stands before the eyes of who drives, and in the audit log.
+# Of one user at one robot: the driver sees each question, and the audit log has it.
 QUESTIONS_AT_ONCE = 3
 QUESTION_EVERY_S = 30.0
 
@@ -38,13 +38,13 @@ class Holder(Protocol):
 
 @dataclass(frozen=True)
 class Now:
-    """One moment on two clocks: seconds for durations, and the time for people."""
+    """One time on two clocks: seconds for durations, and the time for people."""
 
     s: float
     utc: datetime
 
     def later(self, seconds: float) -> Now:
-        """Return the moment so much later."""
+        """Return the time so much later."""
         return Now(self.s + seconds, self.utc + timedelta(seconds=seconds))
 
 
@@ -209,7 +209,7 @@ class Lease:
         return self._pass_to(self.waiting.user, now)
 
     def keep_only(self, may_drive: Callable[[int], bool]) -> bool:
-        """Forget who waits, and for whom it is kept, without the right to drive; tell whether anybody was."""
+        """Forget who waits, and for whom it is kept, without the right to drive; return whether anybody was."""
         before = (self.waiting, self._reserved)
         if self.waiting is not None and not may_drive(self.waiting.user.id):
             self.waiting = None

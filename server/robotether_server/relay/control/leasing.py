@@ -1,7 +1,7 @@
 """Grants and ends leases, with numbers from the database, lines to robots, and timers.
 
 `rosbridge` begins and ends leases, `control_api` does what people ask for, `stops` ends them. A lease is
-granted only after its number is committed, and is over for everybody at once: the robot is told before
+granted only after its number is committed, and is over for everybody at once: the robot is notified before
 the connection is closed. The rules themselves are in `leases`.
 """
 
@@ -76,7 +76,7 @@ class Leasing:
             self._disarm(robot_id)
 
     def line(self, robot_id: int) -> bytes:
-        """Build what a robot is told of its lease."""
+        """Build what a robot is sent of its lease."""
         lease = self.of(robot_id)
         return lines.lease_line(lease.fence, held=lease.driver is not None)
 
@@ -211,7 +211,7 @@ class Leasing:
         )
 
     def _notify(self, robot_id: int) -> None:
-        """Tell the robot and whoever watches, and look again when time changes something."""
+        """Notify the robot and whoever watches, and check again when time changes something."""
         link = self._registry.session_of(robot_id)
         if link is not None:
             link.send(self.line(robot_id))
@@ -253,7 +253,7 @@ class Leasing:
 
 
 def now() -> Now:
-    """Return this moment; the loop's clock is that of the timers."""
+    """Return the present time; the loop's clock is that of the timers."""
     return Now(asyncio.get_running_loop().time(), utc_now())
 
 

@@ -1,6 +1,6 @@
 """Which robots are stopped: written to the database, sent to their guards, and ended by a release.
 
-`control_api` and drivers' and observers' own operations stop robots, `main` hands it what guards tell. A
+`control_api` and drivers' and observers' own operations stop robots, `main` hands it what guards report. A
 stop needs no database: it holds in memory at once, its row is written when the database is there. A robot
 is stopped when either side says so. The newest stop takes the older one's place, so that a release which
 names what its person saw cannot end one unseen. Nothing here ever releases a robot that did not confirm it.
@@ -30,11 +30,11 @@ log = logging.getLogger(__name__)
 MESSAGE_ID_BYTES = 8
 CONFIRMED_WITHIN_S = 1.0
 RELEASED_WITHIN_S = 2.0
-# An order that a guard has not confirmed is told again: it may have been starting.
+# A stop or release that a guard has not confirmed is sent again: it may have been starting.
 REPEAT_EVERY_S = 1.0
 INSIST_EVERY_S = 0.2
-# A page tells one press on two ways; what comes so soon after another person's stop must not hide that one. No less
-# than what moments are shown in, so that two stops of one person never look alike.
+# A page sends one press on two paths; what comes so soon after another person's stop must not hide that one. No less
+# than the resolution in which times are shown, so that two stops of one person never look alike.
 SAME_PRESS_S = 1.0
 # No name of a user reads like this.
 AT_ROBOT = "somebody at the robot"
@@ -104,12 +104,12 @@ class Stops:
         return sum(entry.stop is not None for entry in self._entries.values())
 
     def confirmed(self, robot_id: int) -> bool:
-        """Tell whether the robot's guard has the stop."""
+        """Return whether the robot's guard has the stop."""
         presence = self._registry.presence(robot_id)
         return presence.online and presence.guard_mode == "on" and presence.report.stopped
 
     def greeting(self, robot_id: int) -> list[bytes]:
-        """What a robot is told when it comes."""
+        """What a robot is sent when it connects."""
         stop = self.of(robot_id)
         return [] if stop is None else [lines.stop_line(_message_id(), stop.by)]
 
@@ -130,7 +130,7 @@ class Stops:
         self._audit("robot_stopped", robot, by, address, details)
 
     async def confirmation(self, robot_id: int) -> bool:
-        """Wait a moment until the robot's guard has the stop; tell whether it does."""
+        """Wait shortly until the robot's guard has the stop; return whether it does."""
         presence = self._registry.presence(robot_id)
         if self.confirmed(robot_id) or not presence.online or presence.guard_mode != "on":
             return self.confirmed(robot_id)
@@ -158,7 +158,7 @@ class Stops:
     ) -> None:
         """Release the robot; RobotOffline or GuardSilent when it does not confirm.
 
-        NotPossible when another stop stands than the one that was `seen`.
+        NotPossible when another stop is in force than the one that was `seen`.
         """
         self._check_seen(robot, seen)
         presence, released = self._registry.presence(robot.id), self.of(robot.id)
@@ -192,7 +192,7 @@ class Stops:
         self._repeats.clear()
 
     def _same_press(self, robot_id: int, by: str) -> bool:
-        """Tell whether the robot is stopped by what this person did."""
+        """Return whether the robot is stopped by what this person did."""
         stop = self.of(robot_id)
         if stop is None or stop.by == by:
             return stop is not None
@@ -208,7 +208,7 @@ class Stops:
     def _begin(self, robot: RelayRobot, stop: Stop) -> None:
         entry = self._entries.setdefault(robot.id, StopEntry(robot.id))
         entry.stop = stop
-        # The robot first: nothing may stand before this line.
+        # The robot first: nothing may come before this line.
         self._send_stop(robot.id, stop)
         self._revoke(robot.id, close_reasons.robot_stopped(robot.name, stop.by, stop.at))
         self._event_writer.add(entry)
@@ -240,13 +240,13 @@ class Stops:
             self._repeats[robot_id] = loop.call_later(REPEAT_EVERY_S, self._repeat, robot_id)
 
     def _insist(self, robot_id: int) -> None:
-        """Somebody stops the robot once more: tell it, but a client that never ceases must not fill its session."""
+        """Somebody stops the robot once more: send that, but a client that never ceases must not fill its session."""
         now = asyncio.get_running_loop().time()
         if now - self._sent_at.get(robot_id, -math.inf) >= INSIST_EVERY_S:
             self._repeat(robot_id)
 
     def _repeat(self, robot_id: int) -> None:
-        """Tell the stop again, unless its guard has it or is being asked to release the robot."""
+        """Send the stop again, unless its guard has it or is being asked to release the robot."""
         timer = self._repeats.pop(robot_id, None)
         if timer is not None:
             timer.cancel()
@@ -310,7 +310,7 @@ class Stops:
 
 
 def _may_end_it(answered: asyncio.Future[None]) -> bool:
-    """Tell whether a release may still end the stop: it waits for its guard, or has just had the answer."""
+    """Return whether a release may still end the stop: it waits for its guard, or has just had the answer."""
     return not answered.done() or not (answered.cancelled() or answered.exception())
 
 

@@ -34,7 +34,7 @@ class RelayDatabase:
         self._open = 0
 
     async def changes(self) -> Changes:
-        """Tell whether anything changed."""
+        """Return whether anything changed."""
         return await self._ask(fleet.changes)
 
     async def load(self) -> Snapshot:
@@ -59,7 +59,7 @@ class RelayDatabase:
 
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
         """Write entries in one transaction; return new rows' ids by the entry's place."""
-        # Not cut short: a write that goes on in its thread and is tried again would stand twice.
+        # Not cut short: a write that goes on in its thread and is tried again would be there twice.
         return await self._in_thread(lambda tx: fleet.write(tx, entries))
 
     def close(self) -> None:
@@ -93,5 +93,5 @@ class RelayDatabase:
     def _answered(self, future: asyncio.Future[T]) -> None:
         self._open -= 1
         if not future.cancelled():
-            # Whoever asked may have stopped waiting; its problem has then been told already.
+            # Whoever asked may have stopped waiting; its problem has then been reported already.
             future.exception()

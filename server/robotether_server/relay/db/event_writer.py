@@ -89,7 +89,7 @@ class EventWriter:
             await self._write_together(batch)
         except StoreUnavailable:
             raise
-        except Exception:  # noqa: BLE001  # told by `_write_alone`, for the entry that it comes of
+        except Exception:  # noqa: BLE001  # reported by `_write_alone`, for the entry that caused it
             # One entry that cannot be written must not keep the others from it; a stop may be among them.
             for entry in batch:
                 await self._write_alone(entry)

@@ -57,14 +57,14 @@ class DriveCommand(NamedTuple):
 
 
 def stamped(command: DriveCommand, t_ms: float, fence: int) -> bytes:
-    """Write a command for the guard, with its moment on the robot's clock and the lease's number."""
+    """Write a command for the guard, with its timestamp on the robot's clock and the lease's number."""
     return _STAMPED % (command.data[:-1], t_ms, fence)
 
 
 class CommandTimestamps:
     """The earliest time at which each command of one connection can have been sent, so that its age is a bound.
 
-    A client that stamps its commands says the time itself, on our clock as its clock syncs tell it. Of another
+    A client that stamps its commands says the time itself, on our clock as its clock syncs give it. Of another
     one it is known that a message behind a pong is younger than that pong's ping. Times are seconds of
     time.monotonic().
     """
@@ -93,10 +93,10 @@ class CommandTimestamps:
         return self._earliest
 
     def of(self, stamp_ms: float | None, now: float) -> float | None:
-        """Return the earliest moment of a command that came now; None: it says one that is to come."""
+        """Return the earliest timestamp of a command that came now; None: it claims one in the future."""
         if stamp_ms is None:
             return self._earliest
-        # Such a client's clock is wrong, or ours stood still: its commands would never grow old.
+        # Such a client's clock is wrong, or ours stopped: its commands would never grow old.
         return None if stamp_ms / 1000 > now + AHEAD_S else min(stamp_ms / 1000, now)
 
 
@@ -126,13 +126,13 @@ class DrivePath:
         self._robot = robot
         self._timestamps = timestamps
         self._sent = sent
-        # By topic, in the order in which they came: the command and its moment.
+        # By topic, in the order in which they came: the command and its timestamp.
         self._waiting: dict[str, tuple[DriveCommand, float]] = {}
         self._wake = asyncio.Event()
         self._warnings = RateLimiter(time.monotonic(), per_s=1, at_once=1)
 
     async def submit(self, command: DriveCommand) -> str | None:
-        """Send the command or let it wait; return what a client is told whose command is refused."""
+        """Send the command or let it wait; return the answer to a client whose command is refused."""
         now = time.monotonic()
         timestamp = self._timestamps.of(command.stamp_ms, now)
         if timestamp is None:
@@ -200,10 +200,10 @@ class DrivePath:
 
 @dataclass(frozen=True)
 class DriveCounters:
-    """What others count while a drive lasts, as it stands now.
+    """What others count while a drive lasts, as it is now.
 
     Bytes that its connection passed; the robot's own round trip in ms, None: unknown; what the driver got of the
-    robot's video, counted from any moment before the drive.
+    robot's video, counted from any time before the drive.
     """
 
     passed_bytes: Callable[[], int] = lambda: 0
@@ -260,11 +260,11 @@ class DriveLog:
             self._latency.add(driver_ms + robot_ms)
 
     def refused_by_guard(self, more: Mapping[str, int]) -> None:
-        """The guard refused so many more messages, by kind; it may tell so after the drive's end."""
+        """The guard refused so many more messages, by kind; it may report that after the drive's end."""
         self._refused_by_guard.update(more)
 
     def written(self) -> DriveEntry:
-        """Return the entry as it stands."""
+        """Return the entry as it is now."""
         if self.ended_s is None:
             self._read_counters()
         guards = {f"{GUARD}{kind}": count for kind, count in self._refused_by_guard.items()}

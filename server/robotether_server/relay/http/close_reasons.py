@@ -1,6 +1,6 @@
 """Why an operator's connection ends: WebSocket close codes with reasons that a person can read.
 
-The site's page "Codes" is made from these functions; the short names stand in logs and metrics.
+The site's page "Codes" is made from these functions; the short names are in logs and metrics.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The two ends of a bridge: aiohttp WebSockets that pass bytes on.
 
-`rosbridge` makes one of each a connection. Text stays bytes, compression is off, and both tell how
+`rosbridge` makes one of each a connection. Text stays bytes, compression is off, and both know how
 much of what was sent is still in this program. Nothing here decides when a connection ends.
 """
 
@@ -71,15 +71,15 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
         await self.prepare(request)
 
     async def close(self, *, code: int = 1000, message: bytes = b"", drain: bool = True) -> bool:
-        """Do nothing: aiohttp calls this by itself, and knows no reason to tell the client."""
+        """Do nothing: aiohttp calls this by itself, and knows no reason to give the client."""
         return False
 
     def waiting_bytes(self) -> int:
-        """Tell how much of what was sent is still in this program."""
+        """Return how much of what was sent is still in this program."""
         return _waiting(self._transport)
 
     async def finish(self, close_reason: CloseReason) -> None:
-        """Send the close frame and give the client a moment to take it and to answer."""
+        """Send the close frame and give the client some time to read it and to answer."""
         transport = self._transport
         if transport is None or transport.is_closing():
             return
@@ -95,7 +95,7 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
             transport.abort()
 
     async def said_goodbye(self) -> bool:
-        """Tell of a connection that is gone whether a close frame was the last that came."""
+        """Return of a connection that is gone whether a close frame was the last that came."""
         if self._transport is None or not self._transport.is_closing():
             return False
         while True:
@@ -196,7 +196,7 @@ class RobotSocket(ClientWebSocketResponse[Literal[False]]):
         self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
 
     def waiting_bytes(self) -> int:
-        """Tell how much of what was sent is still in this program."""
+        """Return how much of what was sent is still in this program."""
         return _waiting(self._transport)
 
     def keep_little(self) -> None:

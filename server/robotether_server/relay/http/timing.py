@@ -5,7 +5,7 @@ for the answers to them and for what it refuses, a `Lease` for the questions of 
 `frames_handler` feed `Liveness` with what the sockets show, so that a message costs nothing. Clocks: `robot_link` feeds
 a `RobotClock` with the agent's pings, drivers' bridges ask it.
 
-Pure: no network, no clock of its own; each gets its moments from its caller.
+Pure: no network, no clock of its own; each gets its times from its caller.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Excess:
         self._since = now
 
     def add(self, now: float, count: int) -> bool:
-        """Count so many; tell whether the rate has been exceeded for long enough."""
+        """Count so many; return whether the rate has been exceeded for long enough."""
         if not self._reserve.free_in_s(now, self._capacity):
             self._since = now
         in_reserve = self._reserve.allow(now, min(count, self._capacity))
@@ -94,12 +94,12 @@ class Drain:
         self._left = left
 
     def stuck_for_s(self, now: float) -> float:
-        """Tell for how long nothing has moved; 0 when nothing waits."""
+        """Return for how long nothing has moved; 0 when nothing waits."""
         return now - self._moved_at
 
 
 class Liveness:
-    """Judges one connection from its two send buffers and the time it was last heard."""
+    """Judges one connection from its two send buffers and the time of its last message."""
 
     def __init__(self, limits: LivenessLimits, now: float) -> None:
         self._limits = limits
@@ -140,7 +140,7 @@ class WindowedMaximum:
         self._samples: deque[tuple[float, float]] = deque(maxlen=MAX_SAMPLES)
 
     def add(self, now: float, value: float) -> None:
-        """Take a value of this moment."""
+        """Add a value of this time."""
         while self._samples and self._samples[-1][1] <= value:
             self._samples.pop()
         self._samples.append((now, value))
@@ -153,10 +153,10 @@ class WindowedMaximum:
 
 
 class RobotClock:
-    """The agent's CLOCK_BOOTTIME, as its pings tell it, never too late: clocks are not synchronised.
+    """The agent's CLOCK_BOOTTIME, as its pings give it, never too late: clocks are not synchronised.
 
     A sample is how far the agent's clock was ahead of ours, less the time that its ping was under way; so the greatest
-    of the last ones is the truest, and still no greater than the truth. Moments of ours are in seconds of the loop's
+    of the last ones is the truest, and still no greater than the truth. Times of ours are in seconds of the loop's
     clock.
     """
 

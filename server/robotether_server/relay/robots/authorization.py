@@ -14,7 +14,7 @@ from robotether_server.relay.robots.session_messages import Preface
 
 
 class NotAuthorizedError(Exception):
-    """The robot may not connect, or stay; the agent is told why."""
+    """The robot may not connect, or stay; the agent is sent why."""
 
     def __init__(self, code: ByeCode, detail: str) -> None:
         super().__init__(detail)
@@ -40,7 +40,7 @@ def authorize(snapshot: Snapshot, preface: Preface) -> RelayRobot:
 
 
 def needs_config(before: RelayRobot, after: RelayRobot) -> bool:
-    """Tell whether a live link needs another configuration; NotAuthorizedError when it needs a new login."""
+    """Return whether a live link needs another configuration; NotAuthorizedError when it needs a new login."""
     if _lost_port(before, after):
         raise _ports_changed(after)
     return _config_of(before) != _config_of(after)

@@ -32,14 +32,14 @@ CHECKS_AT_ONCE = 64
 _REQUEST = (
     b"GET / HTTP/1.1\r\nHost: robot\r\nUser-Agent: robotether-relay\r\nConnection: close\r\n\r\n"
 )
-# How many bytes of an answer tell enough: of HTTP's its status, of SSH's its name.
+# How many bytes of an answer are enough: of HTTP's its status, of SSH's its name.
 _LOOKED_AT = {True: len(b"HTTP/1.1 2"), False: len(b"SSH-")}
 RELEASE_POLL_S = 0.02
 
 
 @dataclass(frozen=True)
 class PortHealth:
-    """What stood behind each port: the robot's service, nothing, or no forward at all."""
+    """What was behind each port: the robot's service, nothing, or no forward at all."""
 
     ros: ServiceState
     video: ServiceState

@@ -1,6 +1,6 @@
 """Connects to a robot's rosbridge, through its tunnel and its guard.
 
-`rosbridge` asks for one socket a connection. It tells in time why there is none, and shows the guard that
+`rosbridge` asks for one socket a connection. It reports in time why there is none, and shows the guard that
 the connection comes from this relay, what it may do, and with which number it drives.
 """
 
@@ -23,12 +23,12 @@ from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.http.sockets import RobotSocket, connect_robot
 from robotether_server.relay.robots.sessions import Presence, SessionRegistry, utc_now
 
-# An operator is told within a second when rosbridge does not answer; a robot far away gets as
+# An operator is notified within a second when rosbridge does not answer; a robot far away gets as
 # many of its round trips more as opening a channel and a WebSocket needs, and some to spare.
 MIN_CONNECT_TIMEOUT_S = 0.8
 CONNECT_ROUND_TRIPS = 8
 MAX_CONNECT_TIMEOUT_S = 5.0
-# The session is there some milliseconds before its forward is, and a guard hears of a new lease on
+# The session is there some milliseconds before its forward is, and a guard is notified of a new lease on
 # another channel than of the connection that has it.
 FORWARD_WITHIN_S = 0.6
 RETRY_S = 0.03
@@ -66,7 +66,7 @@ class RobotDialer:
         try:
             async with asyncio.timeout(connect_timeout_s(self._registry.presence(robot.id))):
                 while not isinstance(found := await self._open(robot, headers), RobotSocket):
-                    # What the last answer said tells more than that a later try had none.
+                    # The last answer says more than that a later try had none.
                     why = found
                     if loop.time() > deadline:
                         raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why))

@@ -42,7 +42,7 @@ FAREWELL_S = 0.5
 class LinkRules:
     """What is the same for all links of a relay.
 
-    `greeting` gives what a robot is told after its configuration: its lease, and whether it is stopped.
+    `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped.
     """
 
     tunnel_host: str
@@ -136,7 +136,7 @@ class RobotLink:
         self._close(code)
 
     def reconfigure(self, robot: RelayRobot) -> None:
-        """Take the robot's new row: tell what is new; NotAuthorizedError when that needs a new SSH login."""
+        """Use the robot's new row: send what is new; NotAuthorizedError when that needs a new SSH login."""
         if self._ended or robot == self._robot:
             return
         before, self._robot = self._robot, robot

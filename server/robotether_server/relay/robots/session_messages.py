@@ -71,7 +71,7 @@ class HelloLine(Struct, tag="hello"):
 
 
 class GuardLine(Struct, tag="guard"):
-    """What a guard tells of itself, and the id of the message that it answers."""
+    """What a guard reports of itself, and the id of the message that it answers."""
 
     state: GuardState
     stopped: bool
@@ -108,7 +108,7 @@ class BatteryState(Struct):
 
 
 class VitalsLine(Struct, tag="vitals"):
-    """What a robot tells of its battery; None: it has none, or nothing is heard of it."""
+    """What a robot reports of its battery; None: it has none, or it is silent."""
 
     battery: BatteryState | None = None
 
@@ -166,7 +166,7 @@ def _parse(decoder: msgspec.json.Decoder[T], line: bytes, kind: str) -> T:
     try:
         return decoder.decode(line)
     except (ValueError, RecursionError) as exc:
-        # A robot's own words may stand in it.
+        # It may contain a robot's own words.
         raise BrokenLineError(f"cannot read {kind}: {exc}"[:MAX_DETAIL]) from exc
 
 
@@ -195,7 +195,7 @@ def config_line(
 
 
 def lease_line(fence: int, *, held: bool) -> bytes:
-    """Tell the newest number, and whether somebody drives with it."""
+    """Write the newest number, and whether somebody drives with it."""
     return _line("lease", fence=fence, held=held)
 
 

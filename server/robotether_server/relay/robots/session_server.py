@@ -74,7 +74,7 @@ class SessionServer:
             await asyncio.gather(*running, return_exceptions=True)
 
     def on_snapshot(self, snapshot: Snapshot) -> None:
-        """End the links of robots that may no longer connect; tell others their new settings."""
+        """End the links of robots that may no longer connect; send others their new settings."""
         for link in list(self._live):
             _apply(snapshot, link)
 

@@ -51,7 +51,7 @@ class Link(Protocol):
 
 @dataclass(frozen=True)
 class GuardReport:
-    """What a robot's guard last told of itself; `refused` counts drive commands by kind since its start."""
+    """What a robot's guard last reported of itself; `refused` counts drive commands by kind since its start."""
 
     state: GuardState = "down"
     stopped: bool = False
@@ -103,7 +103,7 @@ class Change:
     answers: str | None = None
 
 
-# Hears of every change, in order; must not block.
+# Is notified of every change, in order; must not block.
 Listener = Callable[[Change], None]
 
 
@@ -122,11 +122,11 @@ class SessionRegistry:
         self._presences: dict[int, Presence] = {}
 
     def listen(self, *listeners: Listener) -> None:
-        """Tell these of every change from now on."""
+        """Notify these of every change from now on."""
         self._listeners.extend(listeners)
 
     def presence(self, robot_id: int) -> Presence:
-        """Tell what is known of a robot."""
+        """Return what is known of a robot."""
         return self._presences.get(robot_id, NEVER_SEEN)
 
     def session_of(self, robot_id: int) -> Link | None:
@@ -163,7 +163,7 @@ class SessionRegistry:
         return older
 
     def is_current(self, link: Link) -> bool:
-        """Tell whether no newer link took over."""
+        """Return whether no newer link took over."""
         return self._current.get((link.robot_id, link.kind)) is link
 
     def established(self, link: Link) -> None:
@@ -178,14 +178,14 @@ class SessionRegistry:
             self._forget(link, code)
 
     def on_hello(self, link: Link, agent_version: str, guard_mode: GuardMode) -> None:
-        """The agent told its version, and whether it has a guard."""
+        """The agent reported its version, and whether it has a guard."""
         if self._is_online(link):
             presence = self.presence(link.robot_id)
             after = replace(presence, agent_version=agent_version, guard_mode=guard_mode)
             self._update(link, after)
 
     def on_guard_status(self, link: Link, report: GuardReport, answers: str | None) -> None:
-        """The guard told of itself, or answered."""
+        """The guard reported its state, or answered."""
         if self._is_online(link):
             after = replace(self.presence(link.robot_id), report=report)
             self._notify(Change("guard_status", link.robot_id, after, answers=answers))
@@ -193,13 +193,13 @@ class SessionRegistry:
     def on_health(
         self, link: Link, ros: ServiceState, video: ServiceState, *, ros_exposed: bool
     ) -> None:
-        """The agent told whether rosbridge and web_video_server answer, and whom the former answers."""
+        """The agent reported whether rosbridge and web_video_server answer, and whom the former answers."""
         if self._is_online(link):
             before = self.presence(link.robot_id)
             self._update(link, replace(before, ros=ros, video=video, ros_exposed=ros_exposed))
 
     def on_battery(self, link: Link, battery: Battery | None) -> None:
-        """The agent told how full the robot's battery is."""
+        """The agent reported how full the robot's battery is."""
         if self._is_online(link):
             self._update(link, replace(self.presence(link.robot_id), battery=battery))
 

@@ -1,7 +1,7 @@
 """Passes messages between one operator's WebSocket and one robot's rosbridge.
 
 `rosbridge` makes a `Bridge` a connection, after `access` has let the operator in. What it sends to
-the robot is what its `MessageValidator` has written anew, and nothing else. It never parses what comes from a
+the robot is what its `MessageValidator` has written again, and nothing else. It never parses what comes from a
 robot, and a message makes no task, no timer and no queue entry of its own. Reading on one side waits
 for writing on the other, so that a connection's memory is bounded by the socket buffers.
 """
@@ -34,7 +34,7 @@ from robotether_server.relay.rosbridge.message_validator import (
 )
 
 # A tunnel that dies closes rosbridge's connection and the robot's session in either order; wait
-# so long for the second, to tell the operator which of the two it was.
+# so long for the second, to report to the operator which of the two it was.
 LINK_GRACE_S = 0.3
 
 
@@ -106,7 +106,7 @@ class Bridge(OperatorConnection):
         return close_reasons.client_vanished(self._name)
 
     async def farewell(self, close_reason: CloseReason) -> None:
-        """Tell both sides that it ended."""
+        """Notify both sides that it ended."""
         await asyncio.gather(self._leave_robot(), self._operator.finish(close_reason))
 
     def release(self) -> None:
@@ -296,7 +296,7 @@ class OwnOperations:
         self._update_due = asyncio.Event()
 
     def watched(self) -> AbstractContextManager[None]:
-        """Hear of changes inside the block."""
+        """Be notified of changes inside the block."""
         return self._control.watched(self._robot.id, self._changed)
 
     def answer(self, operation: str, own: Mapping[str, Any]) -> bytes | None:
@@ -312,7 +312,7 @@ class OwnOperations:
         return _written(operation, t_ms=own.get("t_ms"), relay_ms=relay_ms, **self._key)
 
     async def next_update(self) -> bytes:
-        """Wait until there is something to tell; return the control object's message."""
+        """Wait until there is something to send; return the control object's message."""
         await self._update_due.wait()
         self._update_due.clear()
         control = self._control.describe(self._robot.id)

@@ -1,7 +1,7 @@
 """Answers /robots/NAME/ros: authorizes an operator, reaches the robot, and runs a `Bridge`.
 
 What concerns ticket, origin or name is refused over HTTP; browsers cannot read such an answer's
-body, so all that concerns the robot is told after the upgrade, as a close code with a reason.
+body, so all that concerns the robot is reported after the upgrade, as a close code with a reason.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ class OperatorSession:
     drive: DriveLog | None = None
 
     async def run(self) -> CloseReason:
-        """Pass messages until the end; the lease is over before anybody is told."""
+        """Pass messages until the end; the lease is over before anybody is notified."""
         loop = asyncio.get_running_loop()
         begun_at, close_reason = (
             loop.time(),

@@ -1,4 +1,4 @@
-"""Checks every message from a client against the list of operations, and writes it anew for the robot.
+"""Checks every message from a client against the list of operations, and writes it again for the robot.
 
 An operation that is not in `operations`, or a field that its entry does not name, never reaches a robot: rosbridge
 takes `message_intervall` from any message, and would wait so long before everything that it sends. A robot's settings
@@ -66,7 +66,7 @@ TOO_MUCH: Collection[Kind] = ("rate", "size")
 class MessageRefusedError(Exception):
     """The message may not go to the robot.
 
-    `answer` is the status message for the client, None when it had enough of them this second; `floods` tells that
+    `answer` is the status message for the client, None when it had enough of them this second; `floods` says that
     it was refused for its amount so often that the connection should end.
     """
 
@@ -91,7 +91,7 @@ class ValidatedMessage(NamedTuple):
 
 
 class _RefusalError(Exception):
-    """What is wrong, before it is known whether the client is told."""
+    """What is wrong, before it is known whether the client is notified."""
 
     def __init__(self, kind: Kind, why: str, message_id: object = None) -> None:
         super().__init__(why)
@@ -160,7 +160,7 @@ class MessageValidator:
         return ValidatedMessage(write_json(written), operation)
 
     def _check_amount(self, data: bytes) -> bool:
-        """Tell whether the message may pass whatever it is; if not, it still may be a stop."""
+        """Return whether the message may pass whatever it is; if not, it still may be a stop."""
         size = len(data)
         if size > self._max_bytes:
             limit = self._max_bytes // KB
@@ -301,7 +301,7 @@ class Subscriptions:
         return self._count
 
     def add(self, topic: str, subscription_id: str | int | None) -> bool:
-        """Count a subscription, an old one anew for nothing; False when there are too many."""
+        """Count a subscription, an old one again for nothing; False when there are too many."""
         ids = self._ids.get(topic, set())
         if subscription_id in ids:
             return True

@@ -52,7 +52,7 @@ MAX_TEXT_LENGTH = 1024
 WHOLE_64_BIT = (-(2**63), 2**63 - 1)
 # Whole numbers that are the same as floats.
 WHOLE_53_BIT = (-(2.0**53), 2.0**53)
-# A field of a ROS message; `op` would make an operation of the object that it stands in.
+# A field of a ROS message; `op` would make an operation of the object that contains it.
 FIELD_NAME = re.compile(r"(?!op\Z)[A-Za-z][A-Za-z0-9_]{0,63}")
 _AXES = frozenset(AXES)
 # True is a number to Python only.
@@ -201,14 +201,14 @@ def timestamp(value: Any) -> float:
 
 
 def stamp(value: Any) -> float:
-    """Return the moment of a drive command, out of the object that stands beside `msg`."""
+    """Return the timestamp of a drive command, out of the object beside `msg`."""
     if not isinstance(value, dict) or "t_ms" not in value:
         raise FieldRefusedError("is no object with t_ms")
     return timestamp(value["t_ms"])
 
 
 def scalars(value: Any) -> dict[str, object] | list[object]:
-    """Pass an object or array of texts, numbers and truth values; nothing stands deeper."""
+    """Pass an object or array of texts, numbers and truth values; nothing is nested deeper."""
     if isinstance(value, list):
         return [_scalar(item) for item in value]
     if not isinstance(value, dict):
@@ -237,7 +237,7 @@ def _whole_64_bit(value: Any) -> int:
 def speeds(msg: Mapping[str, Any]) -> tuple[float, float | None]:
     """Return the speed in m/s and the turn in rad/s; raise FieldRefusedError when it is no command.
 
-    The shape tells the type: geometry_msgs/Twist and TwistStamped, ackermann_msgs/AckermannDriveStamped. A member
+    The shape decides the type: geometry_msgs/Twist and TwistStamped, ackermann_msgs/AckermannDriveStamped. A member
     that is missing is zero, as it is to rosbridge.
     """
     members = msg.keys()

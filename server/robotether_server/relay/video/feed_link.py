@@ -1,7 +1,7 @@
 """The WebSocket to a robot's frames service, from which one feed gets its frames.
 
 `main` gives `Feeds` the way to start one a feed. It opens the connection, opens it again when it breaks
-while the robot is there, asks for the robot's clock, and tells the robot what the feed wants and has taken.
+while the robot is there, asks for the robot's clock, and sends the robot what the feed requests and has received.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from robotether_server.relay.video.frame_protocol import (
 
 log = logging.getLogger(__name__)
 
-# The media connection of a robot that comes back stands a moment after its session.
+# The media connection of a robot that comes back is up a little after its session.
 FIRST_WITHIN_S = 2.0
 AGAIN_WITHIN_S = 10.0
 RETRY_S = 0.2
@@ -116,7 +116,7 @@ class FeedLink:
         name = self._feed.robot.name
         self._clock, self._received_s = SenderClock(), time.monotonic()
         self._feed.on_connected()
-        sending = asyncio.create_task(self._send_due(socket), name=f"feed {name} tells")
+        sending = asyncio.create_task(self._send_due(socket), name=f"feed {name} sends")
         try:
             await self._read(socket)
             log.info("robot %s: the connection of a feed broke", name)
@@ -162,7 +162,7 @@ class FeedLink:
                 now_s = time.monotonic()
                 if now_s - self._received_s > SILENT_AFTER_S:
                     break
-                # Before the first credit: a frame whose moment nobody can tell is of no use.
+                # Before the first credit: a frame whose timestamp nobody can convert is of no use.
                 if now_s - synced_s >= CLOCK_SYNC_EVERY_S:
                     synced_s = now_s
                     await _send(socket, clock_sync_text(now_s * 1000))

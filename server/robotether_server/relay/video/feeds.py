@@ -31,7 +31,7 @@ from robotether_server.relay.video.frame_protocol import (
 
 log = logging.getLogger(__name__)
 
-# A page that is loaded anew, or that swaps its cameras, finds its feed again; within 1 s it is closed.
+# A page that is loaded again, or that swaps its cameras, finds its feed again; within 1 s it is closed.
 LINGER_S = 0.5
 # Of one robot, whose agent has room for 8 cameras: who leaves one after the other must not use that up.
 MAX_LINGERING = 2
@@ -74,7 +74,7 @@ class Feed:
         self.status: dict[str, object] | None = None
         # None as long as nobody knows whether the robot has such a service; then why it has not.
         self.opened: asyncio.Future[CloseReason | None] = asyncio.get_running_loop().create_future()
-        # Something is to be told to the robot.
+        # Something is to be sent to the robot.
         self.due = asyncio.Event()
         self._traffic = traffic
         self._viewers: set[Viewer] = set()
@@ -82,16 +82,16 @@ class Feed:
         self._credits_due = 0
         self._credits_open = 0
         self._taken: int | None = None
-        # What the robot's numbers lack to ours, which go on when its agent begins anew.
+        # What the robot's numbers lack to ours, which continue when its agent restarts.
         self._shift: int | None = 0
 
     def join(self, viewer: Viewer) -> None:
-        """Tell this viewer of what is new."""
+        """Notify this viewer of what is new."""
         self._viewers.add(viewer)
         self.due.set()
 
     def leave(self, viewer: Viewer) -> None:
-        """Tell it nothing more."""
+        """Notify it no more."""
         self._viewers.discard(viewer)
         self.due.set()
 
@@ -101,7 +101,7 @@ class Feed:
         return bool(self._viewers)
 
     def end(self, close_reason: CloseReason) -> None:
-        """Tell all viewers that it is over."""
+        """Notify all viewers that it is over."""
         if not self.opened.done():
             self.opened.set_result(close_reason)
         for viewer in list(self._viewers):
@@ -118,7 +118,7 @@ class Feed:
         self.due.set()
 
     def fresh(self, now_s: float) -> bool:
-        """Tell whether the newest frame came so lately that somebody new shall see it."""
+        """Return whether the newest frame came so lately that somebody new shall see it."""
         return self.newest is not None and now_s - self.newest.received_s < FRESH_S
 
     def sent(self, frame: Frame, skipped: int) -> None:
@@ -154,7 +154,7 @@ class Feed:
         return frames, taken
 
     def on_frame(self, data: bytes, now_s: float, clock: SenderClock) -> None:
-        """A frame came, with a moment on the robot's clock."""
+        """A frame came, with a timestamp on the robot's clock."""
         codec, sequence, timestamp_ms = parse_frame(data)
         if not self._credits_open:
             raise BrokenFramesError("more frames came than were requested")
@@ -166,7 +166,7 @@ class Feed:
         sequence = (sequence + self._shift) % SEQUENCES
         self._untaken.append(sequence)
         if codec != JPEG or timestamp_s is None:
-            # Nobody here can show it, or tell how old it is.
+            # Nobody here can show it, or know how old it is.
             self.taken(sequence)
             return
         self._traffic.frames_in += 1
@@ -178,7 +178,7 @@ class Feed:
         self._notify()
 
     def on_status(self, status: dict[str, object]) -> None:
-        """The robot told how its source is."""
+        """The robot reported how its source is."""
         self.status = status
         self._notify()
 
@@ -206,7 +206,7 @@ class Feeds:
         self._start = start
         self._feeds: dict[tuple[int, str], Feed] = {}
         self._tasks: dict[Feed, asyncio.Task[CloseReason]] = {}
-        # A task that is cancelled takes a moment to end.
+        # A task that is cancelled needs some time to end.
         self._all: set[asyncio.Task[CloseReason]] = set()
 
     @contextmanager

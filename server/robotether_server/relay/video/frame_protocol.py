@@ -60,7 +60,7 @@ class Frame:
         header = HEADER.pack(codec, flags, quality, sequence, timestamp_s * 1000)
         start = websocket_header(WHOLE_BINARY, len(data))
         self._begins_at = len(start) + HEADER.size
-        # As it stands on each viewer's connection.
+        # As it is on each viewer's connection.
         self._part: bytes | None = None
         self.message = b"".join((start, header, memoryview(data)[HEADER.size :]))
 
@@ -103,7 +103,7 @@ class SenderClock:
 
 
 def parse_frame(data: bytes) -> tuple[int, int, float]:
-    """Read a frame's codec, number and moment in ms."""
+    """Read a frame's codec, number and timestamp in ms."""
     if not HEADER.size < len(data) <= HEADER.size + MAX_FRAME_BYTES:
         raise BrokenFramesError("a frame has no header, nothing after it, or more than 10 MiB")
     codec, _, _, sequence, timestamp_ms = HEADER.unpack_from(data)
@@ -214,7 +214,7 @@ def clock_sync_text(t_ms: float) -> bytes:
 
 
 def text_message(message: Mapping[str, object]) -> bytes:
-    """Write a text as it stands on a viewer's connection."""
+    """Write a text as it is on a viewer's connection."""
     text = _written(message)
     return websocket_header(WHOLE_TEXT, len(text)) + text
 

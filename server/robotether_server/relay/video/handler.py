@@ -144,7 +144,7 @@ def path_for_robot(raw_path: str, raw_query: str) -> str:
 
 
 def _is_ticket(part: str) -> bool:
-    """Tell whether a part of a query is a ticket, by its name as `access` reads it: in any spelling."""
+    """Return whether a part of a query is a ticket, by its name as `access` reads it: in any spelling."""
     return any(name == "ticket" for name, _ in parse_qsl(part, keep_blank_values=True))
 
 

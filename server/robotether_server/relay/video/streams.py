@@ -39,7 +39,7 @@ CHANGES_FRAME = frozenset({"default_transport", "invert", "qos_profile"})
 
 
 def is_for_feed(request: web.Request) -> bool:
-    """Tell whether a feed can answer the request."""
+    """Return whether a feed can answer the request."""
     query = request.query
     return (
         request.match_info.get("path") == "stream"

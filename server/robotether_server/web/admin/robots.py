@@ -53,7 +53,7 @@ class RobotSearch:
     state: str = ""
 
     def finds(self, seen: SeenRobot, control: ControlState = FREE) -> bool:
-        """Tell whether a robot matches."""
+        """Return whether a robot matches."""
         if self.state and self.state not in _states(seen, control):
             return False
         row = " ".join(_searched(seen)).lower()
