@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from page_users import release_all
-from pages import open_page, open_robot, take_control
+from pages import open_drawer, open_page, open_robot, take_control
 from playwright.sync_api import Page, expect
 from sim_service import frozen_cameras
 from stack import Stack
@@ -76,13 +76,14 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
     _assert_accessible(page, "the drive page of a watcher")
     take_control(page)
     _assert_accessible(page, "the drive page")
+    open_drawer(page)
     for opener in ("gamepad-open", "topics"):
         fold = page.get_by_test_id(opener)
         (fold if opener == "gamepad-open" else fold.locator("summary")).click()
     page.get_by_test_id("topic-list").get_by_role("button", name="/odom").first.click()
-    # Not under the stop bar, beneath which the page scrolls.
     page.get_by_test_id("topic-close").evaluate("e => e.scrollIntoView({block: 'center'})")
     _assert_accessible(page, "the drive page with gamepad and topics unfolded")
+    page.get_by_test_id("drawer-open").click()
     with frozen_cameras(stack, ROBOT):
         expect(page.get_by_test_id("state")).to_have_attribute("data-shown", "held", timeout=5_000)
         _assert_accessible(page, "the drive page while driving is held")
@@ -102,6 +103,7 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
 def test_each_slider_has_its_name(page: Page, stack: Stack) -> None:
     """What a screen reader says before the value, which axe does not miss while a label holds both."""
     open_robot(page, stack, ROBOT)
+    open_drawer(page)
     page.get_by_test_id("gamepad-open").click()
     page.locator("[data-part=pad-settings]").evaluate("e => (e.hidden = false)")
     for name in ("Forward limit", "Turn limit", "Dead zone", "Turbo limit"):

@@ -15,8 +15,9 @@ import page_holds
 import pytest
 from gamepad_double import LB, LEFT_X, LEFT_Y, RB, RIGHT_X, B, GamepadDouble
 from page_users import release_all
-from pages import drive_live, expect_armed, expect_no_sideways_scroll
+from pages import drive_live, expect_armed, expect_no_sideways_scroll, open_drawer
 from playwright.sync_api import Page, expect
+from sim_service import call_sim
 from sim_watch import SimWatch
 from stack import Stack
 from stopwatch import Stopwatch
@@ -192,6 +193,7 @@ def test_turbo_goes_beyond_the_sliders_but_not_beyond_the_robots_limit(
     page: Page, gamepad: GamepadDouble, watch: SimWatch
 ) -> None:
     """With the slider down the robot is slow; with turbo as fast as it may; and slow again."""
+    open_drawer(page)
     slider = page.get_by_test_id("limit-linear")
     most = float(slider.get_attribute("max") or "nan")
     slider.press("Home")
@@ -211,6 +213,44 @@ def test_turbo_goes_beyond_the_sliders_but_not_beyond_the_robots_limit(
     gamepad.release(RB)
     drives_at(least)
     gamepad.release(LB)
+    _stands(watch)
+
+
+def test_shift_is_faster_and_x_slower_as_long_as_they_are_held(
+    page: Page, stack: Stack, watch: SimWatch
+) -> None:
+    """By a step each; the knob and the caps of the keys show what is held, and after all is let go nothing drives."""
+    drive_live(page, stack, ROBOT)
+    call_sim(stack, ROBOT, "/reset")
+    most = float(page.get_by_test_id("limit-linear").get_attribute("max") or "nan")
+
+    def drives_at(share: float) -> None:
+        watch.wait_pose(
+            f"driving at {share} of its speed",
+            lambda pose: abs(abs(pose["linear_velocity"]) - share * most) < 1e-3,
+        )
+
+    expect_armed(page)
+    page.keyboard.down("w")
+    drives_at(0.6)
+    expect(page.locator("[data-key=KeyW]")).to_have_attribute("data-lit", "true")
+    knob = page.get_by_test_id("joystick").locator("[data-part=knob]")
+    assert "translate" in (knob.get_attribute("style") or "")
+    page.keyboard.down("Shift")
+    drives_at(1)
+    page.keyboard.up("Shift")
+    page.keyboard.down("x")
+    drives_at(0.3)
+    page.keyboard.up("x")
+    drives_at(0.6)
+    page.keyboard.up("w")
+    _stands(watch)
+    expect(page.locator("[data-lit=true]")).to_have_count(0)
+    page.get_by_test_id("speed-slow").click()
+    expect_armed(page)
+    page.keyboard.down("s")
+    drives_at(0.3)
+    page.keyboard.up("s")
     _stands(watch)
 
 
@@ -271,6 +311,7 @@ def test_an_unknown_gamepad_is_learnt_by_moving_it_and_kept_for_this_device(
     drive_live(page, stack, ROBOT)
     gamepad.plug_in("unknown", **device)
     _expect_gamepad(page, "unknown")
+    open_drawer(page)
     page.get_by_test_id("gamepad-open").click()
     page.get_by_test_id("gamepad-learn").click()
     ask = page.get_by_test_id("gamepad-ask")
@@ -302,12 +343,14 @@ def test_an_unknown_gamepad_is_learnt_by_moving_it_and_kept_for_this_device(
     _expect_gamepad(page, "unknown")
     gamepad.unplug()
     gamepad.plug_in("unknown", **device)
+    open_drawer(page)
     page.get_by_test_id("gamepad-open").click()
     page.get_by_test_id("gamepad-forget").click()
     _expect_gamepad(page, "unknown")
 
 
 def _choose_two_sticks(page: Page) -> None:
+    open_drawer(page)
     page.get_by_test_id("two-sticks").click()
     expect(page.get_by_test_id("joystick-turn")).to_be_visible()
     page.get_by_test_id("joystick-turn").scroll_into_view_if_needed()
@@ -391,7 +434,7 @@ def test_a_gamepad_goes_sideways_and_turns_on_a_robot_that_can(
         gamepad.push(RIGHT_X, 1)
         gamepad.press(LB)
         sent = _wait_command(watch, "that turns", lambda twist: twist["angular"]["z"] < 0)
-        most = float(page.get_by_test_id("limit-linear").get_attribute("max") or "nan")
+        most = float(page.get_by_test_id("limit-linear").input_value())
         assert sent["linear"]["x"] ** 2 + sent["linear"]["y"] ** 2 == pytest.approx(most**2)
         assert sent["linear"]["x"] == pytest.approx(sent["linear"]["y"])
         watch.wait_pose("turning as it goes", lambda pose: pose["angular_velocity"] < 0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 
 import pytest
-from pages import drive_live, expect_armed
+from pages import drive_live, expect_armed, open_drawer
 from playwright.sync_api import Locator, Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -25,6 +25,7 @@ def robot(page: Page, stack: Stack) -> Page:
     stack.wait_until_drivable(ROBOT)
     drive_live(page, stack, ROBOT)
     expect(page.get_by_test_id("camera").locator("option")).to_have_count(3)
+    open_drawer(page)
     expect_armed(page)
     return page
 

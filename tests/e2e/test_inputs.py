@@ -134,7 +134,7 @@ def test_what_is_held_through_a_cut_moves_nothing_until_pressed_anew(
 
 
 def _right_click(page: Page) -> None:
-    page.get_by_test_id("view").click(button="right", position={"x": 20, "y": 20})
+    page.get_by_test_id("view").click(button="right", position={"x": 300, "y": 300})
 
 
 def _drag_a_link(page: Page) -> None:
@@ -152,7 +152,7 @@ def _hold_control(page: Page) -> None:
 
 
 def _open_a_list(page: Page) -> None:
-    page.get_by_test_id("quality").click()
+    page.get_by_test_id("camera").click()
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,17 @@
-"""The layout of the drive page: video, stick and Stop on the screen at once, and nothing moves the stick.
+"""The layout of the drive page: the picture first, stick and Stop whole and uncovered, and nothing moves them.
 
 One page takes all sizes of a screen in turn, as a window does that is resized or a phone that is turned.
 """
 
 from __future__ import annotations
 
+import http.client
 from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
-from pages import drive_live, expect_no_sideways_scroll
+from page_users import PageUsers, release_all
+from pages import drive_live, expect_live, expect_mode, expect_no_sideways_scroll, open_drawer
 from playwright.sync_api import Browser, FloatRect, Page, ViewportSize, expect
 from sim_service import frozen_cameras
 from stack import Stack
@@ -20,42 +23,39 @@ SIZES = {
     "mouse": [(1280, 800), (1920, 1080), (2560, 1440)],
     "touch": [(360, 740), (740, 360), (390, 844), (844, 390), (820, 1180)],
 }
-# Shows by force what somebody is asked, with its words: where the questions are, and whether what may lie
-# over the picture can be seen over them.
+# What share of the screen the picture has at least; held upright it is as wide as the screen.
+PICTURE = {(1280, 800): 0.7, (1920, 1080): 0.7, (2560, 1440): 0.7, (740, 360): 0.5, (844, 390): 0.6}
+# Of each thing whether its corners and its middle are on the screen with nothing else over them.
+UNCOVERED = """(names) => names.filter((name) => {
+  const thing = document.querySelector(`[data-testid=${name}]`);
+  const box = thing.getBoundingClientRect();
+  // A stick is round: its corners are those of what can be touched.
+  const inset = name.startsWith('joystick') ? box.width * 0.16 : 3;
+  const across = [box.left + inset, box.left + box.width / 2, box.right - inset];
+  const along = [box.top + inset, box.top + box.height / 2, box.bottom - inset];
+  const is = (x, y) => document.elementFromPoint(x, y)?.closest(`[data-testid=${name}]`) === thing;
+  return box.width < 44 || box.height < 44 || !across.every((x) => along.every((y) => is(x, y)));
+})"""
+# Shows by force what somebody is asked, with its words: each alone, and both at once, which never comes.
 QUESTIONS = """() => {
   const questions = [...document.querySelectorAll('.question')];
-  const chips = [...document.querySelectorAll('[data-testid=battery], [data-testid=diagnostics]')];
   for (const question of questions) {
-    question.hidden = false;
     question.querySelector('[data-part=text]').textContent = 'ben asks for control.';
     const left = question.querySelector('[data-part=left]');
     if (left) left.textContent = 'If you neither reply nor drive, control passes to ben in 20 s.';
   }
-  const boxes = questions.map((question) => question.getBoundingClientRect());
-  const chipsAre = chips.map((chip) => {
-    chip.hidden = false;
-    if (!chip.textContent.trim()) chip.append('chip');
-    const a = chip.getBoundingClientRect();
-    return questions.map((question, place) => {
-      const b = boxes[place];
-      const [left, right] = [Math.max(a.left, b.left), Math.min(a.right, b.right)];
-      const [top, bottom] = [Math.max(a.top, b.top), Math.min(a.bottom, b.bottom)];
-      if (right <= left || bottom <= top) return 'beside';
-      return question.contains(document.elementFromPoint((left + right) / 2, (top + bottom) / 2)) ? 'under' : 'over';
+  const shown = (some) => {
+    for (const question of questions) question.hidden = !some.includes(question);
+    const parts = some.flatMap((one) => [one, ...one.querySelectorAll('button')]);
+    return parts.map((part) => {
+      const box = part.getBoundingClientRect();
+      const middle = document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2);
+      return { x: box.x, y: box.y, width: box.width, height: box.height, over: part.contains(middle) };
     });
-  });
-  const stick = document.querySelector('[data-testid=joystick]').getBoundingClientRect();
-  const [x, y] = [stick.left + stick.width / 2, stick.top + stick.height / 2];
-  const hit = [0, 6, 60].map((below) =>
-    document.elementFromPoint(x, y + below).closest('[data-testid]').dataset.testid);
-  for (const question of questions) question.hidden = true;
-  const alone = questions.map((question) => {
-    question.hidden = false;
-    const box = question.getBoundingClientRect();
-    question.hidden = true;
-    return box;
-  });
-  return { together: boxes, alone, chips: chipsAre.flat(), hit };
+  };
+  const found = { alone: questions.flatMap((one) => shown([one])), together: shown(questions) };
+  shown([]);
+  return found;
 }"""
 BOTH = pytest.mark.parametrize("context", [MOUSE, TOUCH], ids=list(SIZES), indirect=True)
 
@@ -90,43 +90,91 @@ def _overlap(one: FloatRect, other: FloatRect) -> bool:
     )
 
 
+def _places(page: Page, request: pytest.FixtureRequest, state: str) -> dict[str, list[FloatRect]]:
+    """Where picture, stick and Stop are at each size, each whole, uncovered and as large as it should be."""
+    places = {}
+    for size in _at_each_size(page, request):
+        where = f"{state} {size}"
+        expect_no_sideways_scroll(page)
+        assert page.evaluate(UNCOVERED, ["joystick", "stop"]) == [], where
+        assert page.evaluate("document.scrollingElement.scrollHeight <= innerHeight"), where
+        stage, screen = _box(page, "stage"), page.viewport_size
+        assert screen is not None
+        share = stage["width"] * stage["height"] / (screen["width"] * screen["height"])
+        least = PICTURE.get((screen["width"], screen["height"]))
+        assert stage["width"] == screen["width"] if least is None else share >= least, where
+        for name in ("joystick", "stop"):
+            assert not _overlap(stage, _box(page, name)), where
+        places[size] = [stage, _box(page, "joystick"), _box(page, "stop")]
+    return places
+
+
 @BOTH
-def test_picture_stick_and_stop_are_on_the_screen_at_once(
-    driven: Page, request: pytest.FixtureRequest
+def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
+    driven: Page, stack: Stack, browser: Browser, request: pytest.FixtureRequest
 ) -> None:
-    """Nobody who drives has to scroll for one of them, and Stop covers no part of the stick."""
-    for size in _at_each_size(driven, request):
-        expect_no_sideways_scroll(driven)
-        assert driven.viewport_size is not None
-        stage, stick, stop, bar = (
-            _box(driven, name) for name in ("stage", "joystick", "stop", "stop-bar")
-        )
-        assert stage["height"] >= 120, size
-        assert stage["y"] + stage["height"] <= bar["y"], size
-        assert stick["y"] + stick["height"] <= bar["y"], size
-        assert stop["y"] + stop["height"] <= driven.viewport_size["height"], size
-        assert min(stop["width"], stop["height"]) >= 44, size
+    """Driving, watching, asked, held, without a picture, stopped and offline: nothing covers, scrolls or moves them."""
+    before = _places(driven, request, "driving")
+    driven.get_by_test_id("control-leave").click()
+    expect_mode(driven, "observe")
+    assert _places(driven, request, "watching") == before
+    driven.get_by_test_id("control-drive").click()
+    expect_mode(driven, "drive")
+    # Another one at each kind of screen, as the server lets nobody ask again and again.
+    name = f"ludwig-{request.node.callspec.id}"
+    with closing(PageUsers(stack, browser)) as people:
+        people.let(name, "drive", ROBOT)
+    headers = {"Authorization": f"Bearer {stack.token('layout', user=name)}"}
+    lease = f"/api/v1/robots/{ROBOT}/lease"
+    status, told = stack.request("POST", lease, {"action": "ask"}, headers)
+    assert status == http.client.OK, told
+    expect(driven.get_by_test_id("question")).to_be_visible()
+    assert _places(driven, request, "asked") == before
+    stack.request("POST", lease, {"action": "withdraw"}, headers)
+    expect(driven.get_by_test_id("question")).to_be_hidden()
+    state = driven.get_by_test_id("state")
+    with frozen_cameras(stack, ROBOT):
+        expect(state).to_have_attribute("data-shown", "held", timeout=5_000)
+        assert _places(driven, request, "held") == before
+        driven.get_by_test_id("state-action").click()
+        expect(state).to_have_attribute("data-shown", "blind")
+        assert _places(driven, request, "without a picture") == before
+    expect_live(driven, seconds=10)
+    try:
+        driven.get_by_test_id("stop").click()
+        expect(driven.get_by_test_id("release")).to_be_visible()
+        assert _places(driven, request, "stopped") == before
+        release = driven.evaluate(UNCOVERED, ["release"])
+        assert release == []
+    finally:
+        release_all(stack, [ROBOT])
+    driven.context.set_offline(True)
+    expect(state).to_have_attribute("data-shown", "server_unreachable", timeout=30_000)
+    assert _places(driven, request, "offline") == before
+    driven.context.set_offline(False)
 
 
 @BOTH
 def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(
     driven: Page, request: pytest.FixtureRequest
 ) -> None:
-    """Each, and where they fit both at once, which never comes; battery and diagnostics are under them."""
-    expect(driven.get_by_test_id("battery")).to_be_visible(timeout=10_000)
+    """Each, and where they fit both at once, which never comes; nothing else of the picture's lies over them."""
+    expect(driven.get_by_test_id("battery")).to_contain_text("%", timeout=10_000)
+    open_drawer(driven)
     driven.get_by_test_id("two-sticks").click()
     for size in _at_each_size(driven, request):
         found = driven.evaluate(QUESTIONS)
         boxes = found["alone"]
-        if driven.viewport_size is not None and driven.viewport_size["height"] > 360:
+        if driven.viewport_size is not None and driven.viewport_size["height"] > 740:
             boxes += found["together"]
-        assert len(boxes) >= 2
+        assert len(boxes) >= 6
         for box in boxes:
             assert min(box["width"], box["height"]) > 40, f"{size} a question does not show"
+            assert box["over"], f"{size} something lies over a question"
             for name in ("joystick", "joystick-turn", "stop"):
                 assert not _overlap(box, _box(driven, name)), f"{size} it covers {name}"
-        assert "over" not in found["chips"], size
-        assert found["hit"] == ["joystick"] * 3, size
+        for name in ("joystick", "joystick-turn", "stop"):
+            assert driven.evaluate(UNCOVERED, [name]) == [], f"{size} {name}, with the drawer open"
 
 
 @BOTH
@@ -138,6 +186,13 @@ def test_stop_names_its_key_where_there_are_keys(
     assert has_keys == (request.node.callspec.id == "mouse")
     expect(driven.get_by_test_id("stop").locator("kbd")).to_be_visible(visible=has_keys)
     expect(driven.get_by_text("Space = Stop")).to_be_visible(visible=has_keys)
+
+
+def test_an_enlarged_page_keeps_stick_and_stop(driven: Page) -> None:
+    """At twice the size a screen of 1280 by 800 has room for 640 by 400."""
+    driven.set_viewport_size({"width": 640, "height": 400})
+    expect_no_sideways_scroll(driven)
+    assert driven.evaluate(UNCOVERED, ["joystick", "stop"]) == []
 
 
 def test_without_scripts_the_page_says_so_and_shows_no_dead_stop(
@@ -159,20 +214,3 @@ def test_without_scripts_the_page_says_so_and_shows_no_dead_stop(
         expect(dead.get_by_role("link", name="Robots").first).to_be_visible()
     finally:
         plain.close()
-
-
-@BOTH
-def test_what_appears_while_somebody_drives_does_not_move_the_stick(
-    driven: Page, stack: Stack, request: pytest.FixtureRequest
-) -> None:
-    """Held for a picture and driving without it: the stick stays where the finger is."""
-    state = driven.get_by_test_id("state")
-    before = {size: _box(driven, "joystick") for size in _at_each_size(driven, request)}
-    with frozen_cameras(stack, ROBOT):
-        expect(state).to_have_attribute("data-shown", "held", timeout=5_000)
-        held = {size: _box(driven, "joystick") for size in _at_each_size(driven, request)}
-        driven.get_by_test_id("state-action").click()
-        expect(state).to_have_attribute("data-shown", "blind")
-        blind = {size: _box(driven, "joystick") for size in _at_each_size(driven, request)}
-    assert held == before
-    assert blind == before

@@ -93,6 +93,8 @@ def test_a_manager_makes_a_button_and_a_driver_gets_it(
     """By keys alone; what is wrong in it is named first, and nothing that was typed is lost."""
     with _opened(browser, stack, "mia", people["mia"]) as mia:
         open_live(mia, stack, ROBOT)
+        mia.get_by_test_id("drawer-open").focus()
+        mia.keyboard.press("Enter")
         mia.get_by_test_id("page-settings").focus()
         mia.keyboard.press("Enter")
         mia.wait_for_url(f"**{SETTINGS}")

@@ -17,6 +17,7 @@ from pages import (
     expect_armed,
     expect_mode,
     expect_no_sideways_scroll,
+    open_drawer,
     open_live,
     wait_until,
 )
@@ -117,6 +118,7 @@ def _button(page: Page, place: int) -> Locator:
 
 
 def _open_topics(page: Page, search: str = "") -> Locator:
+    open_drawer(page)
     if not page.get_by_test_id("topic-search").is_visible():
         page.get_by_test_id("topics").locator("summary").first.click()
     page.get_by_test_id("topic-search").fill(search)
@@ -400,7 +402,7 @@ def test_a_stopped_drive_tells_of_the_stop(dora: Page, stack: Stack) -> None:
 
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
 def test_panels_fit_a_phone(page: Page, stack: Stack) -> None:
-    """Nothing is wider than the screen, and Stop stays on it."""
+    """Nothing is wider than the screen, and Stop stays on it, with nothing over it."""
     drive_live(page, stack, ROBOT)
     look = _look(page, "/odom")
     expect(look.get_by_test_id("topic-content")).to_contain_text("covariance", timeout=10_000)

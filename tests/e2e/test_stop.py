@@ -9,7 +9,13 @@ from contextlib import closing
 
 import pytest
 from page_users import PageUsers, release_all
-from pages import expect_armed, expect_mode, expect_no_sideways_scroll, take_control
+from pages import (
+    expect_armed,
+    expect_mode,
+    expect_no_sideways_scroll,
+    open_drawer,
+    take_control,
+)
 from playwright.sync_api import Browser, Page, WebSocketRoute, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -144,6 +150,7 @@ def test_an_observers_stop_is_seen_by_the_driver_at_once(
 
 def test_the_space_bar_stops_whatever_has_the_focus(ann: Page, stack: Stack) -> None:
     """It neither scrolls, nor changes, nor presses what has the focus."""
+    open_drawer(ann)
     for focus in ("limit-linear", "quality", "control-leave", "stop"):
         focused = ann.get_by_test_id(focus)
         focused.focus()
@@ -190,7 +197,7 @@ def test_a_release_by_somebody_else_leaves_the_control_free(
     _expect_released(ann)
     for page in (admin, ann):
         expect_mode(page, "observe")
-        expect(page.get_by_test_id("driver")).to_have_text("Nobody is driving.")
+        expect(page.get_by_test_id("driver")).to_have_text("Nobody is driving")
     take_control(ann)
 
 

@@ -114,11 +114,17 @@ def answer(page: Page, test_id: str) -> None:
     page.locator(f"[data-deaf=false] [data-testid={test_id}]").click()
 
 
+def open_drawer(page: Page) -> None:
+    """Open what is rarely needed on the drive page, if it is not open."""
+    if not page.get_by_test_id("drawer").is_visible():
+        page.get_by_test_id("drawer-open").click()
+
+
 def expect_mode(page: Page, mode: str, seconds: float = 10) -> None:
     """Wait until the page drives or watches, with a connection that stands."""
     # In one look: the connection may be that of the mode before, and the mode that of the connection to come.
     control = f"[data-testid=control][data-mode={mode}]"
-    stands = page.locator(f"main:has({control}):has({LIVE})")
+    stands = page.locator(f"body:has({control}):has({LIVE})")
     expect(stands).to_have_count(1, timeout=seconds * 1000)
 
 

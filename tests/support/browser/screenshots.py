@@ -15,7 +15,16 @@ from dataclasses import dataclass
 
 from demo import ROOT, Demo
 from local_network import insecure_tls
-from pages import Site, answer, chromium, expect_live, log_in, open_page, take_control
+from pages import (
+    Site,
+    answer,
+    chromium,
+    expect_live,
+    log_in,
+    open_drawer,
+    open_page,
+    take_control,
+)
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from sim_service import frozen_cameras
@@ -23,8 +32,8 @@ from sim_service import frozen_cameras
 FOLDER = ROOT / "docs" / "screenshots"
 SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
 LOOKS = (("desktop", "light"), ("phone", "dark"))
-# Enough for the pages' few colours; the pictures are kept in the repository.
-COLOURS = 128
+# The pictures are kept in the repository. A camera has more colours than the pages, whose few must stay.
+COLOURS = 256
 # Of the range that is kept for documentation: no machine has it.
 STRANGERS_MAC, STRANGERS_NAME = "00:00:5e:00:53:01", "robot-005301"
 SECOND_DRIVER, OBSERVER = "ben-of-pictures", "olga-of-pictures"
@@ -73,7 +82,9 @@ class Camera:
         """Take a picture of what is on the screen, or of the whole page."""
         path = FOLDER / f"{name}-{self.look}.png"
         self.page.screenshot(path=path, full_page=whole)
-        Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+        Image.open(path).convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(
+            path, optimize=True
+        )
 
     def open(self, path: str) -> None:
         """Go to a page."""
@@ -121,11 +132,12 @@ def shoot_driving(camera: Camera) -> None:
         page.wait_for_timeout(1000)  # the new stream's first pictures
         camera.shoot(f"drive-{layout}")
     page.get_by_test_id("layout").select_option("one")
+    open_drawer(page)
     page.get_by_test_id("two-sticks").click()
     camera.shoot("drive-two-sticks")
     page.get_by_test_id("two-sticks").click()
     page.get_by_test_id("gamepad-open").click()
-    camera.shoot("drive-gamepad", whole=True)
+    camera.shoot("drive-gamepad")
     page.get_by_test_id("gamepad-open").click()
     page.get_by_test_id("topics").locator("summary").click()
     page.get_by_test_id("topic-list").get_by_role("button", name="/odom").first.click()
@@ -133,6 +145,7 @@ def shoot_driving(camera: Camera) -> None:
     page.get_by_test_id("topics").scroll_into_view_if_needed()
     camera.shoot("drive-topics")
     page.get_by_test_id("topics").locator("summary").click()
+    page.get_by_test_id("drawer-open").click()
 
 
 def shoot_states(camera: Camera, demo: Demo, observer: Page) -> None:
@@ -175,7 +188,6 @@ def shoot_summary(camera: Camera) -> None:
     page.keyboard.up("a")
     page.get_by_test_id("control-leave").click()
     page.get_by_test_id("summary-save").wait_for()
-    page.get_by_test_id("summary").scroll_into_view_if_needed()
     camera.shoot("drive-summary")
     page.get_by_test_id("control-drive").click()
     page.wait_for_selector('[data-testid=joystick][data-armed="true"]')

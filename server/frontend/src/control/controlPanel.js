@@ -8,10 +8,12 @@ import { connection, control as texts, driveMode as notes, logIn, states } from 
 /** @typedef {import("./driveMode.js").Control} Control */
 
 const TICK_MS = 500;
+const FRESH_MS = 8000; // a note over the picture goes by itself
 
 export class ControlPanel {
   // `busy` as of Question.
   constructor(root, { robot, driveMode, busy }) {
+    this.root = root;
     this.robot = robot;
     this.driveMode = driveMode;
     this.live = false;
@@ -51,7 +53,7 @@ export class ControlPanel {
     const { driveMode } = this;
     this.element.dataset.mode = driveMode.mode;
     setText(part(this.element, "driver"), driverText(driveMode));
-    setText(part(this.element, "note"), [noteText(driveMode.note), guardText(driveMode.control)].join(" ").trim());
+    this.showNote(noteText(driveMode.note), guardText(driveMode.control));
     setText(this.button("drive"), driveMode.busy === "busy_window" ? texts.driveHere : texts.drive);
     const actions = driveMode.actions(live);
     this.showActions(actions);
@@ -60,9 +62,20 @@ export class ControlPanel {
     this.count();
   }
 
+  // What has happened goes from the picture after a while; that the robot is not guarded stays.
+  showNote(note, guard) {
+    const element = byTestId(this.root, "control-note");
+    const text = [note, guard].join(" ").trim();
+    if (text === element.textContent) return;
+    setText(element, text);
+    element.dataset.fresh = "true";
+    clearTimeout(this.fading);
+    if (!guard) this.fading = setTimeout(() => (element.dataset.fresh = "false"), FRESH_MS);
+  }
+
   // A button that goes while it has the focus hands it to what came in its place.
   showActions(actions) {
-    const buttons = [...part(this.element, "deeds").querySelectorAll("[data-deed]")];
+    const buttons = [...part(this.root, "deeds").querySelectorAll("[data-deed]")];
     const focused = buttons.find((button) => button === document.activeElement);
     for (const button of buttons) button.hidden = !actions.includes(button.dataset.deed);
     if (focused?.hidden) (buttons.find((button) => !button.hidden) ?? this.element).focus();
@@ -80,7 +93,7 @@ export class ControlPanel {
     const left = (waiting) => serverClock.secondsUntil(waiting.passes_at);
     setText(part(this.questionElement, "left"), asking ? texts.passes(asking.user, left(asking)) : "");
     const mine = asked && control.waiting?.user === me && control.driver ? control.waiting : null;
-    setText(part(this.element, "left"), mine ? texts.arrives(control.driver.user, left(mine)) : "");
+    setText(byTestId(this.root, "control-left"), mine ? texts.arrives(control.driver.user, left(mine)) : "");
   }
 
   async ask() {
@@ -138,7 +151,7 @@ function guardText({ guard }) {
 function driverText({ control, me, driving }) {
   const { driver, reserved, waiting } = control;
   if (driver) {
-    const also = waiting && waiting.user !== me && !driving ? ` ${texts.waiting(waiting.user)}` : "";
+    const also = waiting && waiting.user !== me && !driving ? texts.waiting(waiting.user) : "";
     return whoDrives(driver, me, driving) + also;
   }
   if (reserved) return reserved.user === me ? texts.reservedForYou : texts.reserved(reserved.user);
@@ -146,18 +159,19 @@ function driverText({ control, me, driving }) {
 }
 
 function whoDrives({ user, since }, me, driving) {
-  const time = localTime(since);
-  if (user !== me) return texts.other(user, time);
-  return driving ? texts.you(time) : texts.yourOther(time);
+  if (user !== me) return texts.other(user, localTime(since));
+  return driving ? texts.you : texts.yourOther;
 }
 
-// The banner shows the state and offers what a person can do about that.
+// The banner shows the state, in a word in the header and over the picture where something is wrong, and offers what a
+// person can do about that.
 const bannerTexts = { ...connection, ...states };
 
 export class Banner {
   // `onRetry()`: try to connect now; `onBlind()`: a person wants to drive without video.
   constructor(root, { onRetry, onBlind, now = () => performance.now() }) {
     this.element = byTestId(root, "state");
+    this.pill = byTestId(root, "control");
     this.button = part(this.element, "state-action");
     this.button.addEventListener("click", () => this.act());
     this.onRetry = onRetry;
@@ -173,6 +187,8 @@ export class Banner {
     const text = bannerTexts[this.shown];
     this.element.dataset.state = state.name;
     this.element.dataset.shown = this.shown;
+    this.pill.dataset.shown = this.shown;
+    setText(part(this.pill, "pill-state"), text.title);
     setText(part(this.element, "state-title"), text.title);
     setText(part(this.element, "state-detail"), text.detail({ ...facts, reason: state.reason }));
     this.offer(state.login ? logIn : text.action);

@@ -1,14 +1,15 @@
 // The summary of this page's last drive: in words, and as a file.
 
 import { api } from "../pages/calls.js";
-import { byTestId, download, make, part, setText, shortNumber, sizeText } from "../pages/page.js";
+import { download, make, part, setText, shortNumber, sizeText } from "../pages/page.js";
 import { summary as texts, endReasons, refusals } from "../texts/panels.js";
 
 const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });
+const ROOM = "(min-width: 860px) and (min-height: 621px)";
 const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 export class Summary {
-  // `root` is the panel, a <details>; `me` is the user's name.
+  // `root` is the panel over the picture, a <details>; `me` is the user's name.
   constructor(root, { robot, me }) {
     this.root = root;
     this.robot = robot;
@@ -34,17 +35,11 @@ export class Summary {
     if (fence !== null) this.driveEnded(fence);
   }
 
-  // Who drives again needs the room.
+  // Who drives again needs the picture.
   use({ live, driving }) {
     const drives = live && driving;
-    if (drives && !this.driving) this.fold();
+    if (drives && !this.driving) this.root.hidden = true;
     this.driving = drives;
-  }
-
-  fold() {
-    this.root.open = false;
-    if (this.scrolledTo) byTestId(document, "controls").scrollIntoView({ block: "nearest" });
-    this.scrolledTo = false;
   }
 
   async driveEnded(fence) {
@@ -56,17 +51,12 @@ export class Summary {
     if (typeof found === "string") return this.show(texts[found], []);
     this.drive = found;
     if (!moved(found)) return void (this.root.hidden = true);
+    this.root.open = matchMedia(ROOM).matches; // elsewhere it would hide the picture
     this.show(headline(found), driveRows(found));
-    if (this.driving) return;
-    this.root.open = true;
-    // Who lost the control, or the link, may be about to drive on: the stick stays where it is.
-    this.scrolledTo = found.end_code === "client_left";
-    if (this.scrolledTo) this.root.scrollIntoView({ block: "nearest" });
   }
 
-  // What comes while somebody drives must not move the stick, nor a button below.
   show(words, rows) {
-    if (this.driving && this.root.hidden) return;
+    if (this.driving) return;
     this.root.hidden = false;
     setText(part(this.root, "summary-headline"), words);
     part(this.root, "summary-save").hidden = !this.drive;

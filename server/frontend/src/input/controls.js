@@ -16,13 +16,18 @@ export function setUpControls(root, { kind, limits: highest, output, onTake, onW
   const limits = setUpLimits(root, highest);
   const inputs = [];
   const onDrop = () => inputs.forEach((input) => input.drop());
-  const teleop = new Teleop({ output, onTake, onWanted, limits, kind, onDrop });
+  const show = (twist) => {
+    onWanted(twist);
+    const { linear, angular } = limits.most;
+    sticks.follow({ forward: twist.forward / linear, left: twist.left / linear, turn: twist.turn / angular });
+  };
+  const teleop = new Teleop({ output, onTake, onWanted: show, limits, kind, onDrop });
   const sticks = new Sticks(root, { kind, teleop });
   const gamepad = new GamepadPanel(root, { kind, teleop, limits, onStop });
-  const keyboard = setUpKeyboard(root, teleop, kind);
+  const keyboard = setUpKeyboard(root, teleop, kind, (by) => limits.step(by));
   inputs.push(keyboard, sticks, gamepad);
   releaseOnFocusLoss(() => teleop.letGo());
-  const show = (armed, free = false) => {
+  const showArmed = (armed, free = false) => {
     sticks.arm(free ? "free" : armed);
     gamepad.free = free;
     keyboard.fields.onChange();
@@ -30,15 +35,15 @@ export function setUpControls(root, { kind, limits: highest, output, onTake, onW
   return {
     arm(armed) {
       teleop.arm(armed);
-      show(armed);
+      showArmed(armed);
     },
     watch(free) {
       teleop.watch();
-      show(false, free);
+      showArmed(false, free);
     },
     disarm() {
       teleop.disarm();
-      show(false);
+      showArmed(false);
     },
     letGo: () => teleop.letGo(),
     halt: () => teleop.halt(),
@@ -47,10 +52,10 @@ export function setUpControls(root, { kind, limits: highest, output, onTake, onW
   };
 }
 
-function setUpKeyboard(root, teleop, kind) {
+function setUpKeyboard(root, teleop, kind, onStep) {
   const fields = new FieldFocus({ onChange: () => showTaken(root, teleop.accepts && fields.taken) });
-  const keyboard = new Keyboard({ teleop, kind, fields });
-  part(root, "sideways-keys").hidden = kind !== "holonomic";
+  const keyboard = new Keyboard({ teleop, kind, fields, onStep, onKeys: (codes) => lightCaps(root, codes) });
+  for (const key of ["KeyQ", "KeyE"]) root.querySelector(`[data-key=${key}]`).hidden = kind !== "holonomic";
   keyboard.listen(window);
   fields.listen(window);
   return keyboard;
@@ -60,16 +65,45 @@ function showTaken(root, taken) {
   setText(part(root, "keys-taken"), taken ? hints.taken[taken] : "");
 }
 
-// How fast the inputs may ask for: the two sliders, and the higher limits of a gamepad's turbo button.
+// The caps beside the stick, which show what is held.
+const CAPS = { ArrowUp: "KeyW", ArrowLeft: "KeyA", ArrowDown: "KeyS", ArrowRight: "KeyD", ShiftLeft: "Shift", ShiftRight: "Shift" };
+
+function lightCaps(root, codes) {
+  const lit = codes.map((code) => CAPS[code] ?? code);
+  for (const cap of root.querySelectorAll("[data-key]")) cap.dataset.lit = String(lit.includes(cap.dataset.key));
+}
+
+// How fast the inputs may ask for: slow, normal or fast, the two sliders beside them, and the higher limits of a gamepad's
+// turbo button.
 const STEPS = 20;
+const SPEEDS = [0.3, 0.6, 1]; // slow, normal and fast, as shares of the robot's own (drive/_deck.html)
+const NORMAL = SPEEDS[1];
+const SAME = 0.01;
 
 // In m/s and rad/s, as of teleop.js. `most` is the robot's own, beyond which nothing goes.
 export class Limits {
-  constructor({ maxLinear, maxAngular }) {
+  // `onStep()` reports that a key for faster or slower is held, or no longer.
+  constructor({ maxLinear, maxAngular }, onStep = () => {}) {
     this.most = { linear: maxLinear, angular: maxAngular };
-    this.linear = maxLinear;
-    this.angular = maxAngular;
+    this.chosen = { linear: NORMAL, angular: NORMAL };
+    this.onStep = onStep;
+    this.by = 0;
     this.share = 1; // of the robot's own, with turbo
+  }
+
+  get linear() {
+    return this.most.linear * stepped(this.chosen.linear, this.by);
+  }
+
+  get angular() {
+    return this.most.angular * stepped(this.chosen.angular, this.by);
+  }
+
+  // One step faster (1) or slower (-1) than chosen, as long as that is held.
+  step(by) {
+    if (by === this.by) return;
+    this.by = by;
+    this.onStep();
   }
 
   // Never slower than without.
@@ -82,24 +116,52 @@ export class Limits {
   }
 }
 
-// The sliders go up to the robot's own limits and start there.
-function setUpLimits(root, { maxLinear, maxAngular }) {
-  const limits = new Limits({ maxLinear, maxAngular });
-  setUpSlider(root, "linear", maxLinear, (value) => (limits.linear = value));
-  setUpSlider(root, "angular", maxAngular, (value) => (limits.angular = value));
+// The next of the three steps, from a share of the robot's own; there is none beyond the first and the last.
+function stepped(share, by) {
+  if (by > 0) return SPEEDS.find((step) => step > share + SAME) ?? share;
+  if (by < 0) return SPEEDS.filter((step) => step < share - SAME).pop() ?? share;
+  return share;
+}
+
+function setUpLimits(root, highest) {
+  const buttons = [...root.querySelectorAll("[data-step]")];
+  const limits = new Limits(highest, () => showSteps(buttons, limits));
+  const sliders = ["linear", "angular"].map((name) => setUpSlider(root, name, limits, () => showSteps(buttons, limits)));
+  for (const button of buttons) {
+    button.addEventListener("click", () => sliders.forEach((choose) => choose(Number(button.dataset.step))));
+  }
+  showSteps(buttons, limits);
   return limits;
 }
 
-function setUpSlider(root, name, max, onValue) {
+// Which step is chosen, and which one counts now.
+function showSteps(buttons, { chosen, by }) {
+  const is = (step, by) => Object.values(chosen).every((share) => Math.abs(stepped(share, by) - step) < SAME);
+  for (const button of buttons) {
+    const step = Number(button.dataset.step);
+    button.setAttribute("aria-pressed", String(is(step, 0)));
+    button.dataset.now = String(is(step, by));
+  }
+}
+
+// The sliders go up to the robot's own limits. Gives what chooses a share of them.
+function setUpSlider(root, name, limits, onChange) {
   const slider = part(root, `limit-${name}`);
   const output = part(root, `limit-${name}-value`);
-  Object.assign(slider, { min: max / STEPS, max, step: max / STEPS, value: max });
-  const apply = () => {
-    onValue(Math.min(max, Number(slider.value)));
+  const max = limits.most[name];
+  const show = () => {
     output.textContent = texts[name](Number(slider.value).toFixed(2));
+    onChange();
   };
-  slider.addEventListener("input", apply);
-  apply();
+  const choose = (share) => {
+    limits.chosen[name] = share;
+    slider.value = share * max;
+    show();
+  };
+  Object.assign(slider, { min: max / STEPS, max, step: max / STEPS });
+  slider.addEventListener("input", () => choose(Math.min(1, Number(slider.value) / max)));
+  choose(limits.chosen[name]);
+  return choose;
 }
 
 // Lets go of all that is held at every sign that nobody may be looking at the page, or that the browser

@@ -6,6 +6,7 @@ import { DEAD_ZONE, Gamepad, GamepadLoop, MAX_POLL_GAP_MS, MOTIONS, fits, madeOf
 import { Learner, stepsOf } from "./gamepadLearn.js";
 
 const INPUT = "gamepad";
+const TROUBLE = ["lost", "stuck"]; // said over the picture, too
 const storedAs = ({ id }) => `gamepad ${id}`;
 
 export class GamepadPanel {
@@ -16,6 +17,7 @@ export class GamepadPanel {
     this.limits = limits;
     this.store = store;
     this.element = byTestId(root, "gamepad");
+    this.trouble = part(root, "pad-trouble");
     this.free = false; // whether its enable button would take the control
     this.device = null;
     this.learner = null;
@@ -161,7 +163,9 @@ export class GamepadPanel {
     if (this.shownState === state) return;
     this.shownState = this.element.dataset.state = state;
     const say = texts.gamepad[state] ?? texts.gamepad.ready; // also while it drives
-    setText(this.part("pad-state"), say({ enable: this.name(this.profile?.enable) }));
+    const words = say({ enable: this.name(this.profile?.enable) });
+    setText(this.part("pad-state"), words);
+    setText(this.trouble, TROUBLE.includes(state) ? words : "");
   }
 
   name(index) {

@@ -1,4 +1,4 @@
-// W A S D and the arrow keys, and Q and E for robots that go sideways, as an input of teleop.js. Keys go by their place on
+// W A S D and the arrow keys, Q and E for robots that go sideways, Shift and X for the speed, as an input of teleop.js. Keys go by their place on
 // the keyboard, so that other layouts than QWERTY drive with the same fingers. Only a press that it sees while it counts
 // does, never the repeats of a key that is down already, nor a key that is meant for a field of the page.
 
@@ -21,17 +21,26 @@ const DIRECTIONS = {
 };
 const SIDEWAYS = { KeyQ: { left: 1 }, KeyE: { left: -1 } };
 const ALL = { ...DIRECTIONS, ...SIDEWAYS };
+// Faster and slower while they are held. None of them is Ctrl, Alt or Meta: Ctrl+W closes the tab, and no page can prevent that.
+const STEPS = { ShiftLeft: 1, ShiftRight: 1, KeyX: -1 };
+
+/** @type {(told: any) => void} */
+const NOTHING = () => {};
 
 // A key held elsewhere repeats into a window that gets the focus, and not every browser says so.
 const FOCUS_MS = 300;
 
 export class Keyboard {
-  // `teleop` and `kind` as of teleop.js, `fields` is a FieldFocus.
-  constructor({ teleop, kind, fields = new FieldFocus() }) {
+  // `teleop` and `kind` as of teleop.js, `fields` is a FieldFocus. `onKeys(codes)` tells which keys count now, `onStep(by)`
+  // whether to go faster (1), slower (-1) or as chosen (0).
+  constructor({ teleop, kind, fields = new FieldFocus(), onKeys = NOTHING, onStep = NOTHING }) {
     this.teleop = teleop;
     this.fields = fields;
     this.directions = kind === "holonomic" ? ALL : DIRECTIONS;
+    this.onKeys = onKeys;
+    this.onStep = onStep;
     this.pressed = new Set();
+    this.steps = new Set();
     this.focusedAt = -Infinity;
   }
 
@@ -44,14 +53,28 @@ export class Keyboard {
   down(event) {
     // With a modifier it is a shortcut of the browser, which may also swallow the keyup of held keys.
     if (event.ctrlKey || event.metaKey || event.altKey) return this.teleop.letGo();
-    if (event.code in this.directions && !this.meantForField(event)) this.direction(event);
+    this.dropLostShift(event);
+    const { code } = event;
+    if ((code in this.directions || code in STEPS) && !this.meantForField(event)) this.direction(event);
+  }
+
+  // Of two Shift keys some systems report one release alone.
+  dropLostShift({ shiftKey }) {
+    const lost = shiftKey === false ? ["ShiftLeft", "ShiftRight"].filter((code) => this.steps.delete(code)) : [];
+    if (lost.length) this.notifyStep();
   }
 
   direction(event) {
     event.preventDefault();
     if (!this.isNewPress(event) || !this.teleop.accepts) return;
+    if (event.code in STEPS) return this.step(event.code);
     this.pressed.add(event.code);
     this.notify(event);
+  }
+
+  step(code) {
+    this.steps.add(code);
+    this.notifyStep();
   }
 
   isNewPress({ repeat, timeStamp }) {
@@ -59,11 +82,15 @@ export class Keyboard {
   }
 
   up(event) {
+    if (this.steps.delete(event.code)) this.notifyStep();
+    this.dropLostShift(event);
     if (this.pressed.delete(event.code)) this.notify(event);
   }
 
   drop() {
     this.pressed.clear();
+    this.steps.clear();
+    this.notifyStep();
   }
 
   // Not the repeats of a key that drives, whose hand took a slider meanwhile: they would push the limit to its end.
@@ -74,6 +101,12 @@ export class Keyboard {
   notify({ timeStamp }) {
     if (this.pressed.size === 0) this.teleop.release(INPUT);
     else this.teleop.hold(INPUT, direction(this.pressed), timeStamp);
+    this.onKeys([...this.pressed, ...this.steps]);
+  }
+
+  notifyStep() {
+    this.onStep(Math.sign([...this.steps].reduce((sum, code) => sum + STEPS[code], 0)));
+    this.onKeys([...this.pressed, ...this.steps]);
   }
 }
 

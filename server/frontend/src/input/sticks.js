@@ -55,7 +55,7 @@ export class Sticks {
     this.main.ways = throttle ? "upright" : "both";
     this.asks = two ? drive : both;
     this.second.element.hidden = !two;
-    this.area.dataset.sticks = two ? "two" : "one";
+    for (const element of [this.area, this.area.parentElement]) element.dataset.sticks = two ? "two" : "one"; // and the deck
     this.choice.setAttribute("aria-pressed", String(two));
     const words = hints.sticks;
     this.label(this.main, two ? words.two(this.kind) : words.one());
@@ -72,6 +72,13 @@ export class Sticks {
     for (const { element } of [this.main, this.second]) element.dataset.armed = String(armed);
   }
 
+  // Shows what is asked for by other inputs: `twist` in parts of the robot's own limits.
+  follow({ forward, left, turn }) {
+    const { two } = this;
+    this.main.follow(two ? left : turn, forward);
+    this.second.follow(two ? turn : 0, 0);
+  }
+
   drop() {
     this.main.drop();
     this.second.drop();
@@ -84,6 +91,7 @@ export class Sticks {
 // Which way a stick can go: a throttle only up and down, a rudder only to the sides.
 const WAYS = { both: [1, 1], upright: [0, 1], level: [1, 0] };
 
+const KNOB_TRAVEL = 81; // to the rim, in percent of the knob, which is 38 % as wide as its stick (drive-deck.css)
 const DEAD_ZONE = 0.08; // of the radius: a resting thumb must not creep the robot
 const PRESSED = 1; // in PointerEvent.buttons: the main button, a finger or a pen's tip
 
@@ -148,6 +156,13 @@ export class Joystick {
     delete this.element.dataset.held;
     this.place(0, 0, 1);
     if (this.element.hasPointerCapture(pointer)) this.element.releasePointerCapture(pointer);
+  }
+
+  // `left` and `up` from -1 to 1, of another input; who holds this one sees the own finger.
+  follow(left, up) {
+    if (this.pointer !== null) return;
+    const scale = KNOB_TRAVEL / Math.max(1, Math.hypot(left, up));
+    this.knob.style.transform = left || up ? `translate(${-left * scale}%, ${-up * scale}%)` : "";
   }
 
   place(x, y, radius) {

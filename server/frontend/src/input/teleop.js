@@ -190,13 +190,14 @@ export class Teleop {
     else this.drop();
   }
 
+  // It goes out first: what is shown takes its time, and may fail.
   sendWanted(at) {
     const wanted = this.wanted;
-    this.handlers.onWanted(wanted);
     if (this.output.mayQueue) this.pass(wanted, at);
+    this.handlers.onWanted(wanted);
   }
 
-  // Zero is meant whenever it is sent. It goes out first: what is shown may fail.
+  // Zero is meant whenever it is sent.
   sendZero() {
     this.zerosLeft -= 1;
     this.pass(STILL, this.timestamp());

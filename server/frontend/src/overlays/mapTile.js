@@ -9,8 +9,9 @@ const USUAL = 3;
 
 export class MapTile {
   // `world` as of world.js; `memory()` gives {zoom, scan, path, map} as the person left it, or undefined; `onMemory` gets it
-  // when that changes.
-  constructor(element, { world, memory, onMemory }) {
+  // when that changes. `small`: without tools, and of what comes anyway: the robot and the way that it came.
+  /** @param {any} element @param {{world: any, memory?: () => any, onMemory?: (map: object) => void, small?: boolean}} options */
+  constructor(element, { world, memory = () => ({}), onMemory = () => {}, small = false }) {
     this.element = element;
     this.world = world;
     this.onMemory = onMemory;
@@ -19,7 +20,8 @@ export class MapTile {
     this.canvas.setAttribute("aria-label", texts.label);
     this.zoom = left.zoom in ZOOMS ? left.zoom : USUAL;
     this.parts = { scan: left.scan !== false, path: left.path !== false, map: left.map !== false };
-    this.listen();
+    if (small) this.parts = { scan: false, path: true, map: false };
+    else this.listen();
   }
 
   listen() {
@@ -74,6 +76,8 @@ export class MapTile {
   // What is old is drawn no more, so that it is drawn anew also when nothing comes.
   showState() {
     this.draw();
+    const { robot } = this.world;
+    setText(part(this.element, "pose"), robot.old ? "" : texts.pose(robot));
   }
 
   draw() {
@@ -100,10 +104,12 @@ export class MapTile {
 }
 
 // Draws the robot from above: map, path, scan and itself, in the middle of a canvas. Draws only; world.js knows.
-const COLOURS = { grid: "#232b36", path: "#5aa9ff", scan: "#ff6b6b", robot: "#ffb000", old: "#8a94a3" };
+const COLOURS = { grid: "#232b36", path: "#5aa9ff", scan: "#ff6b6b", robot: "#ffb000", old: "#8a94a3", scale: "#c9d2de" };
 const ROBOT_M = 0.3;
 const ROBOT_LEAST_PX = 9;
 const GRID_LEAST_PX = 14;
+const SCALE_LEAST_PX = 30;
+const LARGE_PX = 260;
 
 // `zoom` in device pixels a metre. `parts` {scan, path, map}: what is wanted to be seen.
 function drawWorld(canvas, world, { zoom, parts }) {
@@ -120,7 +126,30 @@ function drawWorld(canvas, world, { zoom, parts }) {
     if (parts.scan && world.points) drawScan(context, world.points, zoom);
     drawRobot(context, robot.old, zoom);
   });
+  drawScale(context, canvas, zoom);
 }
+
+// How long a metre is, or five or more where one is too short to see.
+function drawScale(context, canvas, zoom) {
+  const ratio = window.devicePixelRatio || 1;
+  const step = stepOf(SCALE_LEAST_PX * ratio, zoom);
+  // Above the numbers, which lie over the foot of a large tile (drive-view.css).
+  const [right, bottom] = [canvas.width - 10 * ratio, canvas.height - (canvas.height > LARGE_PX * ratio ? 58 : 10) * ratio];
+  const left = right - step * zoom;
+  context.setTransform(1, 0, 0, 1, 0, 0);
+  context.beginPath();
+  context.moveTo(left, bottom - 6 * ratio);
+  context.lineTo(left, bottom);
+  context.lineTo(right, bottom);
+  context.lineTo(right, bottom - 6 * ratio);
+  stroke(context, COLOURS.scale, 2 * ratio);
+  context.fillStyle = COLOURS.scale;
+  context.font = `${12 * ratio}px system-ui, sans-serif`;
+  context.textAlign = "center";
+  context.fillText(texts.scale(step), (left + right) / 2, bottom - 4 * ratio);
+}
+
+const stepOf = (leastPx, zoom) => [1, 5, 10, 50, 100].find((metres) => metres * zoom >= leastPx) ?? 500;
 
 function within(context, { x, y, theta }, draw) {
   context.save();
@@ -132,7 +161,7 @@ function within(context, { x, y, theta }, draw) {
 
 // A line a metre, or every five or more where they would stand too close.
 function drawGrid(context, canvas, { x, y }, zoom) {
-  const step = [1, 5, 10, 50, 100].find((metres) => metres * zoom >= GRID_LEAST_PX) ?? 500;
+  const step = stepOf(GRID_LEAST_PX, zoom);
   const [across, up] = [canvas.width / zoom / 2, canvas.height / zoom / 2];
   context.beginPath();
   for (let at = Math.ceil((x - across) / step) * step; at <= x + across; at += step) {

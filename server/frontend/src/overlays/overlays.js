@@ -1,4 +1,4 @@
-// Battery and diagnostics of the robot, small beside the video.
+// Battery and diagnostics of the robot, beside the video.
 
 import { make, part, setText } from "../pages/page.js";
 import { battery as batteryTexts, diagnostics as texts } from "../texts/video.js";
@@ -44,9 +44,8 @@ export class Overlays {
   showBattery() {
     const { received } = this;
     const battery = received && this.now() - received.at < BATTERY_OLD_MS ? received.battery : null;
-    this.battery.hidden = !battery;
-    this.battery.dataset.low = String(Boolean(battery?.low));
-    setText(this.battery, battery ? batteryTexts.level(battery) : "");
+    this.battery.dataset.health = battery ? chargeHealth(battery) : "";
+    setText(this.battery, battery ? batteryTexts.level(battery) : batteryTexts.none);
   }
 
   showDiagnostics() {
@@ -69,6 +68,13 @@ export class Overlays {
 
 function row({ name, level, message }) {
   return make("li", { "data-level": level }, make("strong", {}, `${texts.levels[level]}: ${name}`), ` ${message}`);
+}
+
+const FAIR_PERCENT = 40;
+
+function chargeHealth({ percent, low, charging }) {
+  if (low && !charging) return "poor";
+  return percent === null || percent >= FAIR_PERCENT || charging ? "good" : "fair";
 }
 
 // What a robot's sensor_msgs/BatteryState says to a person. Pure.

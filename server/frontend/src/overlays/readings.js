@@ -1,71 +1,85 @@
-// The numbers of the drive page: measured and commanded speed, how old speed and video are, round trip and its parts.
+// The numbers of the drive page: speed as asked for and as measured, the age of the video, the round trip and its parts.
 
 import { poseReader, speedReader } from "../client/rosbridge.js";
 import { byTestId, part, setText } from "../pages/page.js";
-import { readings as texts, dataAge, latency } from "../texts/common.js";
+import { readings as texts, latency } from "../texts/common.js";
 import { Subscriptions } from "./subscriptions.js";
 
 const OLD_MS = 2500;
 const TICK_MS = 250;
+// The greatest values, in ms, that are good and that are fair.
+const LINK_MS = [100, 300];
+const GOOD_FRAME_MS = 250;
+const OLD_FRAME_MS = 1000;
 
 export class Readings {
-  // `frameAge()` gives the age of the main frame in ms, null for none.
-  constructor(root, { frameAge }) {
+  // `frameAge()` gives the age of the main frame in ms, null for none; `limits` and `holdAfterMs` as of settings.js.
+  constructor(root, { frameAge, limits, holdAfterMs }) {
     this.root = root;
     this.frameAge = frameAge;
-    this.speedAt = null;
-    this.wayMs = 0;
+    this.limits = { linear: limits.maxLinear, angular: limits.maxAngular };
+    this.frameMs = [GOOD_FRAME_MS, holdAfterMs ?? OLD_FRAME_MS];
     setInterval(() => this.tick(), TICK_MS);
   }
 
   speed(measured) {
-    if (measured) this.speedAt = performance.now();
     this.value("speed-linear", measured ? decimals(measured.forward) : texts.none);
-    this.value("speed-angular", measured ? decimals(measured.turn) : texts.none);
+    this.value("speed-angular", measured ? degrees(measured.turn) : texts.none);
+    this.bar("linear", "measured", measured?.forward ?? 0);
+    this.bar("angular", "measured", measured?.turn ?? 0);
   }
 
   wanted({ forward, turn }) {
-    this.write("wanted-linear", texts.wanted(decimals(forward)));
-    this.write("wanted-angular", texts.wanted(decimals(turn)));
+    setText(byTestId(this.root, "wanted-linear"), texts.wanted(decimals(forward)));
+    setText(byTestId(this.root, "wanted-angular"), texts.wanted(degrees(turn)));
+    this.bar("linear", "asked", forward);
+    this.bar("angular", "asked", turn);
+  }
+
+  // How much of the most it is: filled what is measured, a line at what is asked for.
+  bar(name, kind, value) {
+    const share = Math.min(1, Math.abs(value) / this.limits[name]);
+    part(this.root, `bar-${name}`).querySelector(`.bar-${kind}`).style.transform =
+      kind === "asked" ? `translateX(${share * 100}%)` : `scaleX(${share})`;
   }
 
   // `reading` as of rtt.js; `parts` are its known parts, {server, robot} in ms.
   rtt(reading, parts) {
     const old = reading && reading.ageMs > OLD_MS;
-    this.value("rtt", reading ? String(Math.round(reading.medianMs)) : texts.none);
-    this.wayMs = reading ? reading.medianMs / 2 : 0;
-    this.showParts(reading && !old ? latencyBreakdown({ total: reading.medianMs, ...parts }) : null);
-    setText(part(this.root, "rtt-age"), old ? texts.old(Math.round(reading.ageMs / 1000)) : "");
+    const ms = reading ? Math.round(reading.medianMs) : null;
+    this.value("rtt", ms === null ? texts.none : String(ms), old ? "poor" : health(ms, LINK_MS));
+    const breakdown = reading && !old ? latency.words(rounded(latencyBreakdown({ total: reading.medianMs, ...parts }))) : "";
+    const words = old ? texts.old(Math.round(reading.ageMs / 1000)) : breakdown;
+    setText(byTestId(this.root, "rtt-parts"), words);
+    part(this.root, "rtt-help").title = words;
   }
 
-  showParts(parts) {
-    const element = byTestId(this.root, "rtt-parts");
-    setText(part(element, "short"), parts ? latency.parts(rounded(parts)) : "");
-    setText(part(element, "words"), parts ? latency.words(rounded(parts)) : "");
-  }
-
-  // A speed was on its way for a while before it came here.
   tick() {
-    const frameAge = this.frameAge();
-    const speed = this.speedAt === null ? null : performance.now() - this.speedAt + this.wayMs;
-    this.value("picture-age", frameAge === null ? dataAge.none : dataAge.exact(Math.round(frameAge)));
-    this.write("speed-age", speed === null ? "" : ageText(speed));
+    const age = this.frameAge();
+    const ms = age === null ? null : Math.round(age);
+    this.value("picture-age", ms === null ? texts.none : String(ms), health(ms, this.frameMs));
   }
 
   // The unit beside the value stands in the template.
-  value(testId, text) {
-    setText(part(byTestId(this.root, testId), "value"), text);
+  value(testId, text, health = "") {
+    const element = byTestId(this.root, testId);
+    setText(part(element, "value"), text);
+    if (element.dataset.health !== health) element.dataset.health = health;
   }
+}
 
-  write(testId, text) {
-    setText(byTestId(this.root, testId), text);
-  }
+// "good", "fair" or "poor" by the greatest values that are good and that are fair; empty for what is not known.
+/** @type {(value: number | null, bounds: number[]) => string} */
+export function health(value, [good, fair]) {
+  if (value === null) return "";
+  if (value <= good) return "good";
+  return value <= fair ? "fair" : "poor";
 }
 
 // Two decimals, and no "-0.00" for a robot that stands still.
 const decimals = (value) => (Math.abs(value) < 0.005 ? 0 : value).toFixed(2);
 
-const ageText = (ms) => (ms < 10_000 ? dataAge.measured(Math.round(ms)) : dataAge.long(Math.round(ms / 1000)));
+const degrees = (radians) => String(Math.round((radians * 180) / Math.PI) + 0);
 
 function rounded(parts) {
   const texts = Object.entries(parts).map(([name, ms]) => [name, Number.isFinite(ms) ? Math.round(ms) : latency.unknown]);

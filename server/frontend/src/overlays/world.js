@@ -18,6 +18,7 @@ export class World {
     this.path = new Path();
     this.topics = {};
     this.shown = null;
+    this.ringShown = false;
     this.odometry = this.scan = this.map = this.located = null;
     this.offset = ORIGIN; // of the odometry's frame in the map's
   }
@@ -34,6 +35,12 @@ export class World {
     this.sync();
   }
 
+  // Whether the scan is seen beside the map, too.
+  showRing(shown) {
+    this.ringShown = shown;
+    this.sync();
+  }
+
   // The odometry's pose: comes with the speed, whether the map is seen or not.
   receivePose(pose) {
     this.odometry = { pose, at: this.now() };
@@ -45,7 +52,7 @@ export class World {
     const { topics, shown } = this;
     const follow = (kind, seen, handler) =>
       this.subscriptions.follow(kind, seen ? topics[kind] : undefined, { throttleMs: THROTTLE_MS[kind] }, handler);
-    follow("scan", shown?.scan, (message) => this.receiveScan(message));
+    follow("scan", shown?.scan || this.ringShown, (message) => this.receiveScan(message));
     follow("map", shown?.map, (message) => this.receiveMap(message));
     follow("located", shown?.map, (message) => this.receiveLocation(message));
   }

@@ -18,14 +18,15 @@ import { Topics } from "../topics/topicList.js";
 import { ObserverConnection } from "../topics/topicProbe.js";
 import { View } from "../video/view.js";
 import { LoginUse, api } from "./calls.js";
-import { byTestId, localTime, setText, part } from "./page.js";
+import { FIELDS, byTestId, localTime, matches, part, setText } from "./page.js";
 import { driveSettings } from "./settings.js";
 
 const CHECK_MS = 50;
 
-const root = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
-const { robot = "", level = "observe", user = "" } = root.dataset;
-const settings = JSON.parse(root.dataset.settings ?? "{}");
+const root = document.body; // the header has a part in it, too
+const main = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
+const { robot = "", level = "observe", user = "" } = main.dataset;
+const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
 const facts = { since: "" };
@@ -58,17 +59,16 @@ const banner = new Banner(root, {
   onRetry: () => connection.retryNow({ asked: true }),
   onBlind: () => interlock.allow(),
 });
-const readings = new Readings(root, { frameAge: () => interlock.ageMs });
+const readings = new Readings(root, { frameAge: () => interlock.ageMs, limits, holdAfterMs });
 const view = new View(root, {
   robot,
   settings,
-  limits,
   holdAfterMs,
   openFrames: (topic, options) => new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
   subscribe,
   onMain: (reading) => interlock.receive(reading),
 });
-const readback = new Readback({ subscribe, onSpeed: useSpeed, onPose: (pose) => view.pose(pose) });
+const readback = new Readback({ subscribe, onSpeed: (speed) => readings.speed(speed), onPose: (pose) => view.pose(pose) });
 const arming = new Arming({ interlock, output: session });
 const controls = driveMode.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
 arming.use(controls);
@@ -106,12 +106,6 @@ function controlOptions() {
 function useWanted(twist) {
   if (Object.values(twist).some((value) => value !== 0)) loginUse.note();
   readings.wanted(twist);
-  view.wanted(twist);
-}
-
-function useSpeed(speed) {
-  readings.speed(speed);
-  view.speed(speed);
 }
 
 function useControl(control) {
@@ -203,6 +197,22 @@ const feed = new Feed({
   onRobot: (update) => update.name === robot && receiveRobot(update),
 });
 
+// All that is rarely needed. It is left by its button and by Esc, which a field in it takes first.
+function setUpDrawer() {
+  const [drawer, opener] = [part(root, "drawer"), part(root, "drawer-open")];
+  const open = (opened) => {
+    drawer.hidden = !opened;
+    main.dataset.drawer = String(opened);
+    opener.setAttribute("aria-expanded", String(opened));
+    (opened ? drawer : opener).focus({ preventScroll: true });
+  };
+  opener.addEventListener("click", () => open(drawer.hidden));
+  window.addEventListener("keydown", ({ code, target }) => {
+    if (code === "Escape" && !drawer.hidden && !matches(target, FIELDS)) open(false);
+  });
+}
+
+setUpDrawer();
 loginUse.watch(window);
 window.addEventListener("offline", () => connection.cut());
 window.addEventListener("online", retryNow);

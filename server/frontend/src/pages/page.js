@@ -10,6 +10,7 @@ export const byTestId = (root, name) => root.querySelector(`[data-testid="${name
 // Where text is typed, and all that takes letters for itself.
 export const TEXT = "input:not([type=range]):not([type=checkbox]), textarea, [contenteditable]";
 export const TYPING = `${TEXT}, select`;
+export const FIELDS = `${TYPING}, input`;
 
 export const matches = (target, selector) => Boolean(target?.closest?.(selector));
 

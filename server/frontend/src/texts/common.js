@@ -48,13 +48,13 @@ export const connection = {
 export const control = {
   drive: "Drive",
   driveHere: "Drive here",
-  nobody: "Nobody is driving.",
-  you: (since) => `You have been driving since ${since}.`,
-  yourOther: (since) => `You have been driving in another window since ${since}.`,
-  other: (user, since) => `${user} has been driving since ${since}.`,
+  nobody: "Nobody is driving",
+  you: "You are driving",
+  yourOther: "You are driving in another window",
+  other: (user, since) => `${user} is driving (since ${since})`,
   reservedForYou: "Control is reserved for you.",
   reserved: (user) => `Control is reserved for ${user}.`,
-  waiting: (user) => `${user} asks for control.`,
+  waiting: (user) => `, ${user} asks`,
   guardDown: "The robot's guard does not answer. The robot accepts no commands until it is back.",
   guardOff: "This robot's guard is switched off. The robot does not stop by itself.",
   asks: (user) => `${user} asks for control.`,
@@ -90,8 +90,8 @@ export const stop = {
   unheard: () => "Not stopped: no answer from the server. Trying again.",
   failed: () => "Not stopped: no answer from the server. Press Stop again.",
   refused: ({ detail }) => `Not stopped: ${detail || "the server refused it"}.`,
-  stopping: ({ by, at }) => `Stopping: not confirmed by the robot yet. ${by} pressed Stop at ${at}.`,
-  stopped: ({ by, at }) => `Stopped by ${by} at ${at}.`,
+  stopping: ({ by, at }) => `Stopping (${by}, ${at}), not confirmed yet.`,
+  stopped: ({ by, at }) => `Stopped by ${by} at ${at}`,
 };
 
 export const release = {
@@ -167,18 +167,10 @@ export const states = {
 
 function afterStop(mayDrive, again) {
   if (!mayDrive) return "Somebody who may drive has to release it.";
-  return again ? "Hold the button below to drive again." : "Hold the button below to release it.";
+  return again ? "Hold the button beside Stop to drive again." : "Hold the button beside Stop to release it.";
 }
 
-export const dataAge = {
-  none: "-",
-  exact: (ms) => String(ms),
-  measured: (ms) => `speed ${ms} ms`,
-  long: (seconds) => `speed ${seconds} s`,
-};
-
 export const latency = {
-  parts: ({ server, robot, rosbridge }) => `${server}+${robot}+${rosbridge}`,
   words: ({ server, robot, rosbridge }) => `${server} ms to the server, ${robot} ms on to the robot, ${rosbridge} ms in its rosbridge`,
   unknown: "?",
 };

@@ -38,13 +38,16 @@ export const video = {
 export const map = {
   label: "The robot from above",
   nothing: "Nothing to draw yet.",
+  pose: ({ x, y, theta }) => `x ${x.toFixed(1)} y ${y.toFixed(1)} ${Math.round((theta * 180) / Math.PI)}°`,
+  scale: (metres) => `${metres} m`,
 };
 
 export const battery = {
+  none: "-",
   level: ({ percent, volts, charging, low }) => {
     const amount = percent === null ? `${volts} V` : `${percent} %`;
-    if (charging) return `Battery ${amount}, charging`;
-    return low ? `Battery low: ${amount}` : `Battery ${amount}`;
+    if (charging) return `${amount}, charging`;
+    return low ? `${amount}, low` : amount;
   },
 };
 

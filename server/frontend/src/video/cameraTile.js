@@ -136,11 +136,10 @@ export class CameraTile {
     return reason || texts.why.waiting();
   }
 
-  // A small tile has room for its age alone.
+  // A small tile has room for its age alone; that of the main one is among the page's numbers.
   facts(state) {
     if (state === "none") return "";
-    const age = texts.age(this.ageMs);
-    return this.element.dataset.main === "true" ? [age, ...this.details()].join(" · ") : age;
+    return this.element.dataset.main === "true" ? this.details().join(" · ") : texts.age(this.ageMs);
   }
 
   details() {

@@ -27,7 +27,6 @@ export class Tiles {
   arrange({ kind, main, shown, turned, playing, why }) {
     this.stage.dataset.layout = shown.length > 1 ? kind : "one";
     this.stage.dataset.tiles = shown.length;
-    this.stage.dataset.map = main === MAP;
     const ids = shown.map(({ topic }) => topic);
     for (const [id, tile] of this.tiles) if (!ids.includes(id)) this.drop(id, tile);
     shown.forEach((source, place) => this.place(source, place, main));

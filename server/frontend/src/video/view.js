@@ -3,7 +3,8 @@
 
 import { plainQuery } from "../client/api.js";
 import { Sleep } from "../control/arming.js";
-import { Hud } from "../overlays/hud.js";
+import { LaserRing } from "../overlays/laserRing.js";
+import { MapTile } from "../overlays/mapTile.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
 import { LocalStore, TEXT, byTestId, download, matches, part, setText } from "../pages/page.js";
@@ -18,12 +19,13 @@ const CHECK_MS = 100;
 const SHOW_EVERY = 2; // of these
 const NOTE_MS = 4000;
 const SETTLE_MS = 300;
+const ROOM_FOR_MAP = "(min-width: 600px) and (min-height: 700px)"; // as of drive-deck.css
 
 export class View {
-  // `limits` and `holdAfterMs` as of settings.js; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of
+  // `holdAfterMs` as of settings.js; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of
   // client/frames.js; `subscribe` as of connection.js; `onMain({offered, at})` reports the main frame as of VideoInterlock,
   // ten times a second and at each frame.
-  constructor(root, { robot, settings, limits, holdAfterMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
+  constructor(root, { robot, settings, holdAfterMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
     this.root = root;
     this.robot = robot;
     this.now = now;
@@ -42,9 +44,12 @@ export class View {
     this.hasMap = false;
     this.ticks = 0;
     this.tools = this.findTools();
-    this.world = new World({ subscribe, onChange: () => this.tiles.get(MAP)?.draw(), now });
-    this.overlays = new Overlays(part(this.element, "vitals"), { subscribe, now });
-    this.hud = new Hud(part(this.element, "hud"), { scale: { speed: limits.maxLinear, turn: limits.maxAngular } });
+    this.world = new World({ subscribe, onChange: () => this.drawMaps(), now });
+    this.smallMap = new MapTile(part(root, "small-map"), { world: this.world, small: true });
+    this.roomForMap = matchMedia(ROOM_FOR_MAP);
+    this.overlays = new Overlays(root, { subscribe, now });
+    const ring = part(root, "laser-ring"); // drivers have one
+    this.ring = ring && new LaserRing(ring, this.world);
     this.tiles = new Tiles(part(this.element, "stage"), this.tileOptions(openFrames, holdAfterMs ?? OLD_MS));
     this.setUpTools();
     this.listen();
@@ -92,15 +97,6 @@ export class View {
     this.tiles.each((tile) => tile.retryNow());
   }
 
-  // What is commanded and what the robot measures, {forward, left, turn}; null for unknown.
-  wanted(twist) {
-    this.hud.wanted(twist);
-  }
-
-  speed(measured) {
-    this.hud.measured(measured);
-  }
-
   // The pose {x, y, theta} by the robot's odometry.
   pose(pose) {
     this.world.receivePose(pose);
@@ -134,37 +130,39 @@ export class View {
   }
 
   findTools() {
-    const names = ["camera", "layout", "quality", "turn", "still", "full", "figure"];
-    return Object.fromEntries(names.map((name) => [name, part(this.element, name)]));
+    const names = ["camera", "layout", "quality", "turn", "still", "full", "laser"];
+    return Object.fromEntries(names.map((name) => [name, part(this.root, name)]));
   }
 
   setUpTools() {
-    const { layout, quality, full, figure } = this.tools;
+    const { layout, quality, full, laser } = this.tools;
     layout.value = this.layout.kind;
     if ([...quality.options].some(({ value }) => value === this.memory.quality)) quality.value = this.memory.quality;
-    full.hidden = !mayBeFull(this.root);
-    figure.checked = this.memory.figure !== false;
-    this.hud.show(figure.checked);
+    full.hidden = !mayBeFull();
+    if (!this.ring) return;
+    laser.checked = Boolean(this.memory.laser);
+    this.ring.show(laser.checked);
   }
 
   listen() {
-    const { camera, layout, quality, turn, still, full, figure } = this.tools;
+    const { camera, layout, quality, turn, still, full, laser } = this.tools;
     onChoice(camera, (id) => this.change(() => this.layout.choose(id)));
     onChoice(layout, (kind) => this.change(() => this.layout.use(kind)));
     onChoice(quality, (value) => {
       this.keep({ quality: value });
       this.tiles.each((tile) => tile.ask());
     });
-    figure.addEventListener("change", () => {
-      this.keep({ figure: figure.checked });
-      this.hud.show(figure.checked);
+    laser?.addEventListener("change", () => {
+      this.keep({ laser: laser.checked });
+      this.ring?.show(laser.checked);
     });
     turn.addEventListener("click", () => this.change(() => this.layout.turn(this.layout.main)));
     still.addEventListener("click", () => this.saveSnapshot());
-    markFull(this.root);
-    full.addEventListener("click", () => toggleFull(this.root));
+    full.addEventListener("click", toggleFull);
     window.addEventListener("keydown", (event) => this.press(event));
     document.addEventListener("visibilitychange", () => this.arrange());
+    this.roomForMap.addEventListener("change", () => this.arrange());
+    part(this.smallMap.element, "enlarge").addEventListener("click", () => this.change(() => this.layout.choose(MAP)));
     new ResizeObserver(() => this.resized()).observe(part(this.element, "stage"));
   }
 
@@ -172,7 +170,7 @@ export class View {
     const action = viewActionOf(event);
     if (!action) return;
     event.preventDefault(); // a menu that has the focus would look for the letter
-    if (action.fullscreen) toggleFull(this.root);
+    if (action.fullscreen) toggleFull();
     else this.change(() => (action.next ? this.layout.next() : this.layout.nth(action.nth)));
   }
 
@@ -197,8 +195,20 @@ export class View {
     return { ...requestedQuality(this.tools.quality.value, this.page), fps, latency_ms };
   }
 
+  // Beside the stick, where there is room and the map has no place among the pictures.
+  get showsSmallMap() {
+    return this.hasMap && this.roomForMap.matches && !document.hidden && !this.refused && !this.layout.shown.includes(MAP);
+  }
+
+  drawMaps() {
+    this.tiles.get(MAP)?.draw();
+    this.smallMap.draw();
+    this.ring?.draw();
+  }
+
   arrange() {
     const { layout, tools } = this;
+    if (!this.showsSmallMap) this.smallMap.stop(); // before the large one begins: they share what is subscribed to
     const turned = ({ topic, turned_deg }) => layout.turned(topic, turned_deg);
     this.tiles.arrange({
       kind: layout.arranged,
@@ -210,7 +220,16 @@ export class View {
     });
     if (layout.main) tools.camera.value = layout.main;
     tools.turn.disabled = tools.still.disabled = layout.main === MAP;
+    this.placeSmallMap();
     this.reportMain();
+  }
+
+  // Its place stays while the map is among the pictures, or what stands below would move.
+  placeSmallMap() {
+    const { smallMap, showsSmallMap } = this;
+    smallMap.element.hidden = !this.hasMap || !this.roomForMap.matches;
+    smallMap.element.dataset.shown = String(showsSmallMap);
+    if (showsSmallMap) smallMap.start();
   }
 
   // What the driver goes by: the main frame, or beside the map the first camera that is shown.
@@ -236,6 +255,7 @@ export class View {
     this.ticks += 1;
     if (this.ticks % SHOW_EVERY !== 0) return;
     this.tiles.each((tile) => tile.showState());
+    this.smallMap.showState();
     this.overlays.show();
   }
 
@@ -247,7 +267,7 @@ export class View {
   }
 
   note(text) {
-    const note = part(this.element, "sight-note");
+    const note = part(this.root, "sight-note");
     setText(note, text);
     clearTimeout(this.noting);
     this.noting = setTimeout(() => setText(note, ""), NOTE_MS);
@@ -288,25 +308,19 @@ function onChoice(choice, act) {
   });
 }
 
-// The whole drive page in fullscreen: the video alone would leave stick and Stop behind. Older Safari has names of its own.
+// The whole page in fullscreen: the video alone would leave stick, Stop and status behind. Older Safari has names of its own.
 const safari = () => /** @type {any} */ (document);
+const page = () => /** @type {any} */ (document.documentElement);
 
-const mayBeFull = (root) => Boolean(root.requestFullscreen ?? root.webkitRequestFullscreen);
+const mayBeFull = () => Boolean(page().requestFullscreen ?? page().webkitRequestFullscreen);
 
 const isFull = () => Boolean(document.fullscreenElement ?? safari().webkitFullscreenElement);
 
-// Tells the style sheets, which have no one name for it in all browsers.
-function markFull(root) {
-  for (const name of ["fullscreenchange", "webkitfullscreenchange"]) {
-    document.addEventListener(name, () => (root.dataset.full = isFull()));
-  }
-}
-
 // Refused when no key or click is behind it; then the page stays as it is.
-async function toggleFull(root) {
+async function toggleFull() {
   const act = isFull()
     ? (document.exitFullscreen ?? safari().webkitExitFullscreen).bind(document)
-    : (root.requestFullscreen ?? root.webkitRequestFullscreen)?.bind(root);
+    : (page().requestFullscreen ?? page().webkitRequestFullscreen)?.bind(page());
   try {
     await act?.();
   } catch {

@@ -154,3 +154,39 @@ test("Q and E go sideways, on a robot that can", () => {
     [1, 0, -1],
   );
 });
+
+test("Shift asks for a step faster and X for a slower one, as long as they are held and counted", () => {
+  const steps = [];
+  const lit = [];
+  keyboard = new Keyboard({ teleop, kind: "differential", onStep: (by) => steps.push(by), onKeys: (codes) => lit.push(codes) });
+  keyboard.down(key("ShiftLeft"));
+  keyboard.down(key("KeyW", { shiftKey: true }));
+  keyboard.down(key("KeyX", { shiftKey: true }));
+  assert.deepEqual(lit.at(-1), ["KeyW", "ShiftLeft", "KeyX"]);
+  keyboard.up(key("ShiftLeft", { shiftKey: false }));
+  keyboard.up(key("KeyX", { shiftKey: false }));
+  assert.deepEqual(steps, [1, 0, -1, 0]);
+  keyboard.down(key("ShiftLeft"));
+  keyboard.drop();
+  keyboard.down(key("ShiftLeft", { repeat: true }));
+  keyboard.down(key("KeyX", { target: TEXT_FIELD }));
+  teleop.accepts = false;
+  keyboard.down(key("ShiftRight"));
+  assert.deepEqual(steps.slice(4), [1, 0]);
+  assert.deepEqual(lit.at(-1), []);
+});
+
+test("a Shift whose release nobody reported is none with the next key", () => {
+  const steps = [];
+  keyboard = new Keyboard({ teleop, kind: "differential", onStep: (by) => steps.push(by) });
+  keyboard.down(key("ShiftLeft", { shiftKey: true }));
+  keyboard.down(key("ShiftRight", { shiftKey: true }));
+  keyboard.up(key("ShiftRight", { shiftKey: false }));
+  assert.equal(steps.at(-1), 0);
+});
+
+test("no step of the speed is on a key with which W closes the page", () => {
+  keyboard.down(key("ControlLeft", { ctrlKey: true }));
+  keyboard.down(key("KeyW", { ctrlKey: true }));
+  assert.deepEqual(told, ["let go", "let go"]);
+});

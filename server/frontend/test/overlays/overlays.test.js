@@ -29,11 +29,12 @@ beforeEach(() => {
 test("a battery is shown, low in words, and forgotten when it is silent", () => {
   overlays.follow({ battery: BATTERY });
   handlers["/battery_state"]({ percentage: 0.12 });
-  assert.equal(parts.battery.textContent, "Battery low: 12 %");
-  assert.equal(parts.battery.dataset.low, "true");
+  assert.equal(parts.battery.textContent, "12 %, low");
+  assert.equal(parts.battery.dataset.health, "poor");
   clock = 60_000;
   overlays.show();
-  assert.equal(parts.battery.hidden, true);
+  assert.equal(parts.battery.textContent, "-");
+  assert.equal(parts.battery.dataset.health, "");
 });
 
 test("the worst of the diagnostics is shown", () => {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { latencyBreakdown, Readback } from "../../src/overlays/readings.js";
+import { health, latencyBreakdown, Readback } from "../../src/overlays/readings.js";
 
 test("what is left of the round trip is the robot's rosbridge", () => {
   assert.deepEqual(latencyBreakdown({ total: 60, server: 12, robot: 40 }), { server: 12, robot: 40, rosbridge: 8 });
@@ -13,6 +13,13 @@ test("nothing takes less than no time, though the parts are measured apart", () 
 
 test("what is not known leaves the rest unknown", () => {
   assert.deepEqual(latencyBreakdown({ total: 60, server: null, robot: 40 }), { server: null, robot: 40, rosbridge: null });
+});
+
+test("a number is good, fair or poor by its bounds, and nothing when it is not known", () => {
+  assert.deepEqual(
+    [100, 101, 300, 301, null].map((ms) => health(ms, [100, 300])),
+    ["good", "fair", "fair", "poor", ""],
+  );
 });
 
 const ODOM = { name: "/odom", type: "nav_msgs/Odometry" };

@@ -38,6 +38,16 @@ test("only what is seen is subscribed to", () => {
   assert.equal(handlers.size, 0);
 });
 
+test("a scan that is seen round the stick comes with the map and without it", () => {
+  world.follow({ scan: SCAN, map: MAP });
+  world.showRing(true);
+  world.show({ scan: true, map: true });
+  world.show(null);
+  assert.deepEqual([...handlers.keys()], ["/scan"]);
+  world.showRing(false);
+  assert.equal(handlers.size, 0);
+});
+
 test("a topic that changes its name is followed to the new one", () => {
   world.show({ scan: true, map: true });
   world.follow({ scan: SCAN });

@@ -69,14 +69,17 @@ test("a picture that cannot be decoded is none", async () => {
   assert.equal(tile.at, null);
 });
 
-test("an old picture stays with words and its age", async () => {
+test("an old picture stays with words, and with its age where the page has none for it", async () => {
   await paint(900);
   streams[0].onStatus({ picture: "none", why: "link_lost", detail: "" });
   clock = 13_900;
   tile.showState();
   assert.equal(element.dataset.picture, "old");
   assert.match(parts.words.textContent, /^This video is old. The link to the robot was lost/);
-  assert.match(parts.facts.textContent, /^13 s old/);
+  assert.doesNotMatch(parts.facts.textContent, /13 s/);
+  element.dataset.main = "false";
+  tile.showState();
+  assert.equal(parts.facts.textContent, "13 s old");
 });
 
 test("why a tile was stopped is said, also of one that played nothing", async () => {
