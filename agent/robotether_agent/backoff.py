@@ -18,8 +18,8 @@ MIN_DELAY_S = 0.5
 MAX_DELAY_S = 15.0
 # Where the attempt itself waited for an answer, or the server is known to answer now.
 AT_ONCE_S = (0.02, 0.2)
-# After silence on a connection that was up: the network's, or this machine slept. A server that fell silent towards
-# its whole fleet has lost the others at the same time, which this spreads.
+# After silence on a connection that was up: the network's, or this machine slept. When the server itself was silent,
+# its whole fleet returns at the same time, which this spreads.
 AFTER_SILENCE_S = (0.02, 0.5)
 ASK_AGAIN_S = (5.0, 15.0)
 SLOWLY_S = (15.0, 30.0)

@@ -104,8 +104,8 @@ def same_type(kind: str) -> str:
 async def connected(url: str, *, max_message_bytes: int) -> AsyncIterator[Rosbridge]:
     """Connect, and leave at the end; raises what describe_error knows.
 
-    Whoever is cancelled leaves without a goodbye: a rosbridge that hangs must not hold up what waits for that, which
-    may be the word to the guard that the session is lost.
+    A cancelled one leaves without a close frame: a rosbridge that hangs must not delay what waits for that, which may
+    be the notice to the guard that the session is lost.
     """
     # As in guard/rosbridge.py: aiohttp's own socket cannot be dropped.
     made = cast("type[aiohttp.ClientWebSocketResponse]", _Socket)

@@ -1,7 +1,7 @@
 """What the agent is doing, as a JSON file in the run directory, and as text for a person.
 
 Written by the agent, read by `robotether-agent status`. The file is replaced whole, every 2 s and at each
-change, so that its age shows whether the agent lives. Holds no secret: everybody may read it.
+change, so that its age shows whether the agent is alive. Holds no secret: everybody may read it.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ class StatusWriter:
         )
 
     def refresh(self) -> None:
-        """Write the file, which also says that the agent lives."""
+        """Write the file, which also says that the agent is alive."""
         self.status = replace(self.status, written_at=self._clock())
         try:
             write_atomic(self._file, json.dumps(asdict(self.status)) + "\n", 0o644, lasts=False)

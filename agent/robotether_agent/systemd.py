@@ -88,7 +88,7 @@ class Notifier:
         self._send(f"STATUS={text}")
 
     async def keep_watchdog(self) -> None:
-        """Send a sign of life at half the watchdog's time, for as long as the event loop turns."""
+        """Send a heartbeat at half the watchdog's time, for as long as the event loop runs."""
         while self._watchdog_s is not None:
             self._send("WATCHDOG=1")
             await asyncio.sleep(self._watchdog_s / 2)

@@ -218,7 +218,7 @@ class Enroller:
 
     async def join(self) -> Enrolment:
         """Ask the server now and keep its answer; a host key that is not the pinned one is raised."""
-        # One at a time: a key that changes between two questions would come back as a stranger's.
+        # One at a time: a key that changes between two questions would come back as an unknown robot's.
         async with self._asking:
             return await self._join()
 

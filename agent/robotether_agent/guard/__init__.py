@@ -10,7 +10,7 @@ checked, never move the robot by itself, and never publish where nobody has driv
     process           the parts put together; reads and answers the agent (`agent_messages`), ends stopped
     server            lets operators in, and joins each to a rosbridge connection of its own
     drive_messages    finds what concerns drive topics, reads it field by field and limits it, or refuses it
-    drive_controller  decides who may drive: key, lease, stop, session, the agent's life; checks and sends commands, and
+    drive_controller  decides who may drive: key, lease, stop, session, a living agent; checks and sends commands, and
                       the zeros that are due
     topics            what it knows of each topic: the command, the deadman, the file that says that the robot moves
     rosbridge         the connections to it: each operator's, and the one on which commands and zeros go

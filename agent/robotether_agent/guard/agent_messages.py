@@ -56,7 +56,7 @@ class GuardConfig:
 
 @dataclass(frozen=True)
 class Tick:
-    """The agent lives."""
+    """The agent is alive."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class GuardReporter:
         self._line({"type": "ready", "port": port})
 
     def tick(self) -> None:
-        """Report that the guard lives."""
+        """Report that the guard is alive."""
         self._line({"type": "tick"})
 
     def state(

@@ -91,7 +91,7 @@ class Authorizer:
         return self._agent_at + AGENT_SILENT_S
 
     def on_agent_message(self, now: float) -> None:
-        """Note that the agent lives."""
+        """Note that the agent is alive."""
         self._agent_at = now
 
     def session(self, *, up: bool) -> None:
@@ -224,7 +224,7 @@ class DriveController:
         return self._deadman.state != "idle"
 
     def use(self, config: GuardConfig) -> None:
-        """Go by these settings from now on."""
+        """Use these settings from now on."""
         self._config = config
         self._deadman.timeout_s = config.deadman_s
         self._topics.named = frozenset(config.topics.plain())
@@ -343,7 +343,7 @@ class DriveController:
             self._wake.set()
 
     def _topic_for(self, source: CommandSource, name: str) -> Topic:
-        """Return the topic of this name; where all places are taken, only who may drive gets another's."""
+        """Return the topic of this name; when all are in use, only who may drive replaces another."""
         is_removable = (
             self._is_removable if self._authorizer.holds(source.authorization) else lambda _: False
         )

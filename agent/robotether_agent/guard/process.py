@@ -37,7 +37,7 @@ from robotether_agent.guard.topics import MotionFile
 from robotether_agent.tasks import first_of, within
 
 TICK_EVERY_S = 0.2
-# The zeros take 0.5 s; a rosbridge that does not take them must not keep the guard, which leaves its mark.
+# The zeros take 0.5 s; a rosbridge that does not read them must not delay the guard's end; the motion file stays.
 LAST_ZEROS_WITHIN_S = 1.0
 LAST_WRITE_WITHIN_S = 2.0
 MAX_LINE_BYTES = 64 * 1024
@@ -117,7 +117,7 @@ class Guard:
         await asyncio.Event().wait()
 
     def _on_line(self, line: bytes) -> None:
-        # Whatever it is, the agent lives.
+        # Whatever it is, the agent is alive.
         self._authorizer.on_agent_message(self._clock())
         try:
             message = parse(line)

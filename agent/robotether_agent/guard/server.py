@@ -42,8 +42,8 @@ from robotether_agent.tasks import first_of, within
 
 ADDRESS = "127.0.0.1"
 MAX_CONNECTIONS = 128
-# The others are the server's, whoever came first: for the 64 observers and the driver that its relay lets in, and for
-# those that left and are not gone yet when the next ones come. Its look-ups are no upgrades, and need no place.
+# The others are reserved for the server: for the 64 observers and the driver that its relay admits, and for
+# those that left and are not gone yet when the next ones come. Its look-ups are no upgrades, and do not count.
 MAX_DIRECT_CONNECTIONS = 32
 SHUTDOWN_S = 0.2
 

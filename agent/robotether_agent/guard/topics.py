@@ -39,14 +39,14 @@ from robotether_agent.guard.drive_messages import (
 from robotether_agent.problems import StateUnusable
 
 MAX_TOPICS = 16
-# A client advertises a topic once, so the type outlives the place. Without one, rosbridge takes what its graph says of
-# the topic: just after its start that is nothing, and it refuses the zeros. Nor does an empty message, which is a zero,
-# show what it is.
+# A client advertises a topic once, so the type outlives the topic here. Without one, rosbridge uses what its graph says
+# of the topic: just after its start that is nothing, and it refuses the zeros. Nor does an empty message, which is a
+# zero, show what it is.
 MAX_TYPES = 64
 ZERO_EVERY_S = 0.05
 ZEROS = 10
 MOTION_FILE = "motion.json"
-# A driver's clean stop is often followed by the next motion; the mark need not be written for each.
+# A driver's clean stop is often followed by the next motion; the file need not be written for each.
 REMOVED_AFTER_S = 1.0
 
 Mode = Literal["observe", "drive", "direct"]
@@ -79,7 +79,7 @@ class CommandSource(Protocol):
 
 @dataclass(frozen=True)
 class PendingCommand:
-    """A checked command on its way, which may be sent until `old_at`."""
+    """A checked command under way, which may be sent until `old_at`."""
 
     command: CheckedCommand
     source: CommandSource
@@ -109,7 +109,7 @@ class Topic:
 
 
 class Topics:
-    """All of them; their number is bounded, since operators name them. Those in `named` have places of their own."""
+    """All of them; their number is bounded, since operators name them. Those in `named` do not count."""
 
     def __init__(self) -> None:
         self.named: frozenset[str] = frozenset()
@@ -146,7 +146,7 @@ class Topics:
         return topic
 
     def free_unmoved(self, is_removable: Callable[[Topic], bool]) -> None:
-        """Free the places of topics that never moved anything, and forget the types of those that made room."""
+        """Free topics that never moved anything, and forget the types of those that made room."""
         for topic in self._guests():
             if not topic.moved and is_removable(topic):
                 self._forget(topic)
@@ -325,7 +325,7 @@ class Driven:
 
 
 class MotionFile:
-    """The mark of a robot that may move."""
+    """The motion file of a robot that may move."""
 
     def __init__(self, run_dir: Path) -> None:
         self._path = run_dir / MOTION_FILE
@@ -340,7 +340,7 @@ class MotionFile:
             return []
 
     def write(self, driven: Sequence[Driven]) -> None:
-        """Mark these topics; StateUnusable when that fails."""
+        """Write these topics; StateUnusable when that fails."""
         text = json.dumps({"topics": [asdict(topic) for topic in driven]}) + "\n"
         # Not synced to the disk, which would hold the first command up: it must outlive the process only.
         new = self._path.with_suffix(".new")
@@ -351,7 +351,7 @@ class MotionFile:
             raise StateUnusable(f"cannot write {self._path}: {error.strerror}") from error
 
     def remove(self) -> None:
-        """Take the mark away; StateUnusable when that fails."""
+        """Remove the file; StateUnusable when that fails."""
         try:
             self._path.unlink(missing_ok=True)
         except OSError as error:
@@ -377,7 +377,7 @@ def _topic(fields: JsonObject) -> Driven:
 
 
 class MotionTracker:
-    """The mark of one drive controller."""
+    """The motion file of one drive controller."""
 
     def __init__(self, file: MotionFile) -> None:
         self._file = file

@@ -40,15 +40,15 @@ HTTPS = 443
 NEXT_PORT_AFTER_S = 0.5
 # While nothing answers a fresh attempt starts that often, since the kernel's own retries become rare soon.
 TRY_EVERY_S = (0.4, 0.6)
-# A server that has taken a connection and says nothing yet has too much to do, and each further one is more of it: many
+# A server that accepts a connection but stays silent is overloaded, and each further one adds load: many
 # robots that ask twice a second keep it from ever answering. So while one is up, the next port and the next attempt
-# come later, and whoever asked waits longer: about as long as sshd lets a login take.
+# come later, and the caller waits longer: about as long as sshd gives a log-in.
 BUSY_NEXT_PORT_AFTER_S = 6.0
 BUSY_TRY_AFTER_S = (5.0, 7.0)
 BUSY_FIND_TIMEOUT_S, BUSY_ANSWER_S = 15.0, 0.5
 # After a change of the network it takes a while until addresses and routes have settled.
 SETTLED_AFTER_S = 0.05
-# Then whoever asked gets the answer that nothing answers, and may ask again.
+# Then the caller learns that nothing answers, and may ask again.
 FIND_TIMEOUT_S = 5.0
 SPARE_S = 3.0
 

@@ -24,7 +24,7 @@ from robotether_agent.tasks import within
 
 # A path that takes nothing for so long is given up, also by a client whose agent is gone.
 USER_TIMEOUT_MS = 8000
-# What the kernel holds beside what is on its way: more would only be older video when it leaves.
+# What the kernel holds beside what is under way: more would only be older video when it leaves.
 MEDIA_UNSENT_BYTES = 16 * 1024
 # Numbers of linux/tcp.h, of which not every Python has the names.
 TCP_INFO = 11

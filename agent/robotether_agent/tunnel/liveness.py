@@ -159,7 +159,7 @@ class _Watch:
         self._rest_until = 0.0
 
     async def watch_network(self, network: netlink.Network) -> NoReturn:
-        """Have a look at once whenever the network has changed."""
+        """Poll at once whenever the network has changed."""
         while True:
             await network.changed()
             await asyncio.sleep(SETTLED_AFTER_S)

@@ -127,7 +127,7 @@ class SessionConfig:
     video_port: int
     heartbeat_s: float
     timeout_s: float
-    # What the guard goes by, its key included.
+    # The guard's configuration, its key included.
     guard: JsonObject = field(repr=False)
     shell_port: int | None = None
     rotate_key: bool = False

@@ -139,7 +139,7 @@ async def _read(stderr: asyncio.StreamReader) -> bytes:
     try:
         return await stderr.read(4096)
     except ConnectionError:
-        # A client that ends while something is on its way to it resets its stderr, for that is a socket.
+        # A client that ends while something is under way to it resets its stderr, for that is a socket.
         return b""
 
 

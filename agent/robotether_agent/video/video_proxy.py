@@ -210,7 +210,7 @@ class Stream:
         end_writing(self._viewer)
 
     async def _drain(self, pour: asyncio.Task[None]) -> None:
-        """Pour on for a viewer who asks no more, while it gets something; one who left shows no other way."""
+        """Go on for a viewer who asks no more, while it gets something; nothing else shows that it left."""
         before = -1
         while not pour.done() and self._poured != before:
             before = self._poured

@@ -67,8 +67,8 @@ def remove_after_question(
 def harmless(text: str) -> str:
     """Return a text with what is not printable spelt out.
 
-    Strangers choose the name that a failed login leaves in the audit log, and robots what they say of themselves:
-    neither may steer the terminal of the admin who looks at it, nor feign a line of its own.
+    Anybody chooses the name that a failed login leaves in the audit log, and robots what they say of themselves:
+    neither may control the terminal of the admin who reads it, nor feign a line of its own.
     """
     return "".join(
         letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii")

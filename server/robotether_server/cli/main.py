@@ -109,7 +109,7 @@ def main() -> None:
     try:
         cli(prog_name="robotether")
     except Problem as problem:
-        # The sentence is for visitors of the site too; an admin may know which host and why.
+        # The sentence is for users of the site too; an admin may know which host and why.
         cause = f" ({problem.__cause__})" if isinstance(problem, StoreUnavailable) else ""
         click.echo(f"robotether: {problem.detail}{cause}", err=True)
         sys.exit(1)

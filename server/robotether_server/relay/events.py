@@ -2,7 +2,7 @@
 
 `app` runs one handler a client, which follows the fleet by one `Subscriber`. A subscriber remembers which robots
 changed and not how, so a slow client gets each robot's newest state once, and a subscriber is never larger than the
-fleet. A client that does not read is let go after a while.
+fleet. A client that does not read is disconnected after a while.
 """
 
 from __future__ import annotations

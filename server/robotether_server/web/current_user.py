@@ -48,7 +48,7 @@ def remember(tx: Transaction, user: User) -> None:
 
 
 def to_login() -> AnyResponse:
-    """Send the visitor to the log-in page, and back here afterwards; what a form held is lost."""
+    """Redirect to the log-in page, and back here afterwards; what a form held is lost."""
     here = request.full_path.rstrip("?") if request.method == "GET" else request.path
     return redirect(f"/login?next={quote(here)}")
 

@@ -46,7 +46,7 @@ class Connection:
     end: Callable[[CloseReason], None]
     connected: bool = False
     level: Level = "observe"
-    # Of a viewer: what it looks at, and whether it could drive.
+    # Of a viewer: what it views, and whether it could drive.
     camera: str = ""
     may_drive: bool = False
 

@@ -319,7 +319,7 @@ def _stopped_again(robot: RelayRobot, by: str) -> NotPossible:
 
 
 def _claimed_name(by: str) -> str:
-    """Name who stopped a robot by its own word alone, which must not read like a deed that was seen here."""
+    """Name who stopped a robot by its own word alone, which must not read like what was checked here."""
     if not by or by.startswith(AT_ROBOT):
         return by or AT_ROBOT
     return f"{AT_ROBOT} ({by[: MAX_NAME - len(AT_ROBOT) - len(' ()')]})"

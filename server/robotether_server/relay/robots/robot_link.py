@@ -227,7 +227,7 @@ class RobotLink:
         self._heartbeat_timer = self._loop.call_later(self._rules.heartbeat_s, self._heartbeat)
 
     def _ping(self, now: float) -> None:
-        """Measure the round trip; that a link of any kind lives, the agent's own pings show."""
+        """Measure the round trip; that a link of any kind is alive, the agent's own pings show."""
         self._seq += 1
         self._pings[self._seq] = now
         self._pings.pop(self._seq - MAX_PINGS_OPEN, None)

@@ -200,12 +200,12 @@ def lease_line(fence: int, *, held: bool) -> bytes:
 
 
 def stop_line(message_id: str, by: str) -> bytes:
-    """Build the order to stop."""
+    """Build the line that stops the robot."""
     return _line("stop", id=message_id, by=by)
 
 
 def release_line(message_id: str, by: str) -> bytes:
-    """Build the order to be stopped no more."""
+    """Build the line that releases the stop."""
     return _line("release", id=message_id, by=by)
 
 

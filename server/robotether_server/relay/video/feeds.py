@@ -65,7 +65,7 @@ class Viewer(Protocol):
 
 
 class Feed:
-    """The newest frame of one camera of one robot, and who looks at it."""
+    """The newest frame of one camera of one robot, and its viewers."""
 
     def __init__(self, robot: RelayRobot, topic: str, traffic: FeedTraffic) -> None:
         self.robot = robot

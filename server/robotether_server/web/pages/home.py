@@ -1,6 +1,6 @@
 """The pages that people see: log in, the fleet, one robot to drive.
 
-A visitor without a login is sent to the log-in page and back.
+Who has no login is redirected to the log-in page and back.
 """
 
 from http import HTTPStatus
@@ -45,7 +45,7 @@ def favicon() -> Response:
 
 @blueprint.get("/login")
 def show_login() -> AnyResponse:
-    """Show the form, or go on when the visitor has a login."""
+    """Show the form, or go on when there is a login."""
     with context().database.transaction() as tx:
         user = auth.page_user(tx, request)
     if user is not None:
