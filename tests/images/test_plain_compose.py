@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import ssl
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
@@ -57,6 +58,11 @@ def test_simulated_robots_join_by_themselves(site: PlainCompose) -> None:
     site.wait("online", lambda: all(one["online"] for one in site.robots().values()), *SIMS)
     before = site.robots()
     assert {name: one["state"] for name, one in before.items()} == dict.fromkeys(SIMS, "active")
+    kinds = [
+        json.loads(site.compose("exec", "-T", "web", "robotether", "robot", "settings", name))
+        for name in SIMS
+    ]
+    assert [one["page"]["kind"] for one in kinds] == ["differential", "holonomic", "ackermann"]
     tokens = site.compose("exec", "-T", "web", "robotether", "join-token", "list").splitlines()
     assert [line.split()[:4] for line in tokens[1:]] == [["demo", "3", "of", "3"]]
     assert "rj_" not in site.compose("logs")

@@ -112,7 +112,7 @@ class Simulator:
         self.robot = RobotNode(self.graph, settings.world_size_m, kind=settings.kind)
         self.feeds = {
             topic: FrameFeed(partial(self._scene, camera), settings.camera_fps)
-            for topic, camera in CAMERAS.items()
+            for topic, camera in list(CAMERAS.items())[: settings.cameras]
         }
         self.devices = Devices(self.graph, self.robot, tuple(self.feeds.values()))
         self._sensors = Sensors(self.graph, self.robot, World(settings.world_size_m))

@@ -79,6 +79,9 @@ class Stack:
             "SSH_PORT": self.ssh_port,
             "SECRETS_DIR": self.folder / "secrets",
             "ALLOWED_ORIGINS": LAB,
+            # Unlike the demo's, the robots of the tests are alike.
+            **{f"SIM{number}_KIND": "differential" for number in (1, 2, 3)},
+            **{f"SIM{number}_CAMERAS": 2 for number in (1, 2, 3)},
         }
         lines = [line for line in example.splitlines() if line.split("=")[0] not in ours]
         lines += [f"{name}={value}" for name, value in ours.items()]

@@ -13,9 +13,9 @@ def test_every_variable_is_read() -> None:
     settings = from_environment({
         "SIM_NAME": "r2", "SIM_WORLD_SIZE_M": "11.5", "SIM_KIND": "holonomic", "SIM_ROS_VERSION": "1",
         "SIM_BIND_ADDRESS": "127.0.0.1", "SIM_ROSBRIDGE_PORT": "1", "SIM_VIDEO_PORT": "2", "SIM_CAMERA_FPS": "5",
-        "SIM_LOG_LEVEL": "debug",
+        "SIM_LOG_LEVEL": "debug", "SIM_CAMERAS": "0",
     })  # fmt: skip
-    assert settings == SimSettings("r2", 11.5, "holonomic", 1, "127.0.0.1", 1, 2, 5.0, "debug")
+    assert settings == SimSettings("r2", 11.5, "holonomic", 1, 0, "127.0.0.1", 1, 2, 5.0, "debug")
 
 
 @pytest.mark.parametrize(
@@ -26,6 +26,7 @@ def test_every_variable_is_read() -> None:
         ("SIM_WORLD_SIZE_M", "1", "2 to 1000"),
         ("SIM_KIND", "legged", "differential or holonomic or ackermann"),
         ("SIM_ROS_VERSION", "3", "1 or 2"),
+        ("SIM_CAMERAS", "3", "0 or 1 or 2"),
         ("SIM_ROSBRIDGE_PORT", "http", "1 to 65535"),
         ("SIM_VIDEO_PORT", "65536", "1 to 65535"),
         ("SIM_VIDEO_PORT", "-1", "1 to 65535"),
