@@ -34,6 +34,7 @@ usage: join.sh --server HOST[:PORT] [options]     make this machine a robot of t
   --http-proxy URL         http://[USER:PASSWORD@]HOST:PORT that the agent goes through; this line itself goes by https_proxy
   --wheelhouse DIR         take Python packages from this folder, not from the internet
   --image                  prepare an SD card image: install and enable, but neither join nor start
+  --package DIR            as the .deb does: install from this folder, and neither join nor use the network
 TEXT
 }
 
@@ -66,7 +67,7 @@ at_exit() {
   if [ -n "$work" ]; then rm -rf "$work"; fi
   if [ "$status" != 0 ] && [ -n "$undo_steps" ]; then
     printf '%s' "$undo_steps" | while IFS= read -r step; do eval "$step" || true; done
-    say 'undid what this run had changed. Fix the cause, then run the same line again' >&2
+    say "undid what this run had changed. Fix the cause, then run ${package:+dpkg --configure -a, or }the same line again" >&2
   fi
   exit "$status"
 }
@@ -75,10 +76,10 @@ at_exit() {
 
 read_options() {
   server='' fingerprint='' token='' name='' interface='' mac='' local_mac='' rosbridge='' wheelhouse='' proxy='' no_guard=''
-  image='' uninstall='' yes=''
+  image='' package='' uninstall='' yes=''
   while [ $# -gt 0 ]; do
     case $1 in
-      --server | --tls-fingerprint | --token | --name | --interface | --mac | --rosbridge-url | --http-proxy | --wheelhouse)
+      --server | --tls-fingerprint | --token | --name | --interface | --mac | --rosbridge-url | --http-proxy | --wheelhouse | --package)
         [ $# -ge 2 ] || fail "cannot use $1: its value is missing"
         take_value "$1" "$2"
         shift
@@ -110,6 +111,7 @@ take_value() {
     --rosbridge-url) rosbridge=$2 ;;
     --http-proxy) proxy=$2 ;;
     --wheelhouse) wheelhouse=$2 ;;
+    --package) package=$2 wheelhouse=$2 ;;
   esac
 }
 
@@ -120,6 +122,8 @@ configured() { # key: its value in the settings of a robot that is installed alr
 check_options() {
   before=$(configured server)
   server=${server:-$before}
+  # The settings beside a package are a person's, and the agent itself checks them.
+  if [ -n "$package" ]; then return; fi
   [ -n "$server" ] || { usage >&2; fail 'cannot install: --server is missing'; }
   case $server in *://* | */*) fail "cannot use --server $server: allowed is HOST or HOST:PORT, without https:// and path" ;; esac
   # What an earlier run pinned still holds for the same server.
@@ -149,6 +153,8 @@ check_machine() {
   [ "$(id -u)" = 0 ] || fail 'cannot install as an ordinary user: run it with sudo'
   command -v systemctl >/dev/null 2>&1 ||
     fail 'cannot install: this machine has no systemd, which starts the agent at boot. Install by hand, as agent/README.md says'
+  # Nothing runs yet that had to be switched over: the package puts its version in place, as into an image.
+  if [ -n "$package" ] && { [ -z "$server" ] || [ ! -d /run/systemd/system ]; }; then image=1; fi
   # An image is often made in a chroot, where systemd is installed but does not run.
   [ -n "$image" ] || [ -d /run/systemd/system ] ||
     fail 'cannot install: systemd does not run here (in a container or chroot?). For an SD card image, add --image'
@@ -172,8 +178,8 @@ find_missing_packages() {
   if command -v python3 >/dev/null 2>&1; then check_python; else missing='python3'; fi
   python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv"
   if ! command -v ssh >/dev/null 2>&1 || ! command -v ssh-keygen >/dev/null 2>&1; then missing="$missing openssh-client"; fi
-  if [ -n "$missing" ] && ! command -v apt-get >/dev/null 2>&1; then
-    fail "cannot install: these are missing, and there is no apt-get to get them: $missing. Install them, then run this again"
+  if [ -n "$missing" ] && { [ -n "$package" ] || ! command -v apt-get >/dev/null 2>&1; }; then
+    fail "cannot install: these are missing, and apt-get cannot get them here: $missing. Install them, then run this again"
   fi
 }
 
@@ -222,28 +228,30 @@ PYTHON
 }
 
 get() { # path, file
+  # A package has all files.
+  if [ -n "$package" ]; then return; fi
   why=$(fetch "$1" "$2" 2>&1) || fail "cannot get https://$server$1: $why"
 }
 
-download() {
-  say "asking $server for the agent"
-  get /agent/manifest "$work/manifest"
-  wheel=$(awk '$2 ~ /^robotether_agent-[A-Za-z0-9.+_-]+\.whl$/ { print $2 }' "$work/manifest")
-  if grep -qvE '^[0-9a-f]{64}  [A-Za-z0-9._+-]+$' "$work/manifest" || [ -z "$wheel" ]; then
+find_agent() {
+  if [ -z "$package" ]; then say "asking $server for the agent"; fi
+  get /agent/manifest "$files/manifest"
+  wheel=$(awk '$2 ~ /^robotether_agent-[A-Za-z0-9.+_-]+\.whl$/ { print $2 }' "$files/manifest")
+  if grep -qvE '^[0-9a-f]{64}  [A-Za-z0-9._+-]+$' "$files/manifest" || [ -z "$wheel" ]; then
     fail "cannot install from $server: something other than a Robotether server answers there (a captive portal?)"
   fi
-  for file in "$wheel" requirements.txt; do get "/agent/$file" "$work/$file"; done
-  (cd "$work" && sha256sum --check --status --strict manifest) ||
+  for file in "$wheel" requirements.txt; do get "/agent/$file" "$files/$file"; done
+  (cd "$files" && sha256sum --check --status --strict manifest) ||
     fail "cannot use what $server sent: a file is not what its manifest says. Run this again"
   version=${wheel#robotether_agent-}
-  version=${version%%-*}-$(cut -c 1-64 "$work/manifest" | sha256sum | cut -c 1-12)
+  version=${version%%-*}-$(cut -c 1-64 "$files/manifest" | sha256sum | cut -c 1-12)
   venv=$ROOT/versions/$version
 }
 
 # The agent's own rule, taken from the wheel as it is: what it finds here names the robot later.
 check_mac() {
-  if [ -n "$image" ] || { [ -e "$STATE/identity.json" ] && [ -z "$mac$interface" ]; }; then return; fi
-  why=$(PYTHONPATH=$work/$wheel python3 - "$mac" "$interface" "${local_mac:-$(configured_flag allow_local_mac)}" 2>&1 <<'PYTHON'
+  if [ -n "$image$package" ] || { [ -e "$STATE/identity.json" ] && [ -z "$mac$interface" ]; }; then return; fi
+  why=$(PYTHONPATH=$files/$wheel python3 - "$mac" "$interface" "${local_mac:-$(configured_flag allow_local_mac)}" 2>&1 <<'PYTHON'
 import sys
 
 from robotether_agent.enrolment.identity import find_interface
@@ -293,9 +301,9 @@ ensure_agent() {
   rm -rf "$venv"
   mkdir -p "$ROOT/versions"
   python3 -m venv "$venv" || fail "cannot make $venv: see above"
-  pip_install --require-hashes -r "$work/requirements.txt"
+  pip_install --require-hashes -r "$files/requirements.txt"
   # Last, so that an agent that starts has all that it needs, even after a power cut. Its hash was checked above.
-  pip_install --no-deps "$work/$wheel"
+  pip_install --no-deps "$files/$wheel"
 }
 
 pip_install() {
@@ -332,18 +340,27 @@ write_config() { # file
   if [ -n "$token" ]; then remove_key "$1" token; set_text "$1" token_file "$TOKEN"; fi
 }
 
+# What holds a secret is root's and the agent's only.
+protect() { # file
+  if ! grep -qsE '^(rj_|rt_|token[[:space:]]*=|http_proxy.*@)' "$1"; then return; fi
+  chgrp "$ACCOUNT" "$1"
+  chmod 640 "$1"
+}
+
 ensure_config() {
+  changed=''
+  # A person wrote the settings, if there are any, before there was the agent's user.
+  if [ -n "$package" ]; then protect "$CONFIG"; protect "$TOKEN"; return; fi
   # A robot that is connected needs no token: the same line, run twice, changes nothing.
   if [ -n "$token" ] && [ -z "$image" ] && "$AGENT" status >/dev/null 2>&1; then token='' name=''; fi
   write_config "$work/agent.toml"
-  changed=''
   if [ -z "$token" ] && cmp -s "$work/agent.toml" "$CONFIG"; then return; fi
   changed=1
   step "writing $CONFIG"
   if [ -d /etc/robotether ]; then keep_copy "$CONFIG"; keep_copy "$TOKEN"; else on_failure 'rm -rf /etc/robotether'; fi
   install -d -m 755 /etc/robotether
   install -m 644 "$work/agent.toml" "$CONFIG"
-  if grep -q '^http_proxy.*@' "$CONFIG"; then chgrp "$ACCOUNT" "$CONFIG" && chmod 640 "$CONFIG"; fi
+  protect "$CONFIG"
   if [ -z "$token" ]; then return; fi
   install -m 640 -o root -g "$ACCOUNT" /dev/null "$TOKEN"
   printf '%s\n' "$token" > "$TOKEN"
@@ -351,7 +368,7 @@ ensure_config() {
 
 ensure_join() {
   answer='' pending=''
-  if [ -n "$image" ] || { [ -z "$changed" ] && [ -e "$STATE/enrolment.json" ]; }; then return; fi
+  if [ -n "$image$package" ] || { [ -z "$changed" ] && [ -e "$STATE/enrolment.json" ]; }; then return; fi
   if [ ! -d "$STATE" ]; then on_failure "rm -rf $STATE"; fi
   step "joining $server"
   result=0
@@ -371,6 +388,8 @@ forget_token() {
 
 ensure_unit() {
   unit=$venv/share/robotether-agent/robotether-agent.service
+  first=''
+  [ -e "$UNIT" ] || first=1
   # On a robot that runs, `switch` brings the new unit.
   if cmp -s "$unit" "$UNIT" || { [ -e "$UNIT" ] && [ -z "$image" ]; }; then return; fi
   step 'installing the boot service robotether-agent'
@@ -394,8 +413,10 @@ point_current_here() {
 
 ensure_running() {
   if [ ! -e "$ROOT/current" ] || [ -n "$image" ]; then point_current_here; fi
-  [ -n "$image" ] || systemctl daemon-reload
-  systemctl --quiet is-enabled robotether-agent 2>/dev/null || systemctl --quiet enable robotether-agent ||
+  if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi
+  # A package neither enables nor starts what a person disabled or stopped, or what has no server yet.
+  if [ -z "$package" ] || [ -n "$first" ]; then wanted=$server; else wanted=''; fi
+  [ -z "$wanted" ] || systemctl --quiet is-enabled robotether-agent 2>/dev/null || systemctl --quiet enable robotether-agent ||
     fail 'cannot enable the boot service: see above; fix it and run this again'
   if [ -n "$image" ]; then return; fi
   if ! is_current; then
@@ -403,16 +424,19 @@ ensure_running() {
     # Not a child of this shell: the connection over which it runs may be the robot's own tunnel.
     systemd-run --quiet --wait --pipe --collect "$AGENT" switch "$venv" ||
       fail "cannot upgrade: version $version does not start here, so the previous one runs again. See journalctl -u robotether-agent"
-  elif [ -n "$changed" ] || ! systemctl --quiet is-active robotether-agent; then
+  elif [ -n "$changed" ] || { [ -n "$wanted" ] && ! systemctl --quiet is-active robotether-agent; }; then
     step 'starting the agent'
-    systemctl restart robotether-agent || fail 'cannot start the agent: see journalctl -u robotether-agent'
+    # A wrong setting is no reason to leave a package half installed; systemctl says what to look at.
+    systemctl restart robotether-agent || [ -n "$package" ] || fail 'cannot start the agent: see journalctl -u robotether-agent'
   fi
 }
 
 # --- what comes next ---
 
 tell_result() {
-  if [ -n "$image" ]; then
+  if [ -n "$package" ]; then
+    tell_about_package
+  elif [ -n "$image" ]; then
     say 'done: the image is ready. Power off and copy the card; each clone makes its own key at its first boot (docs/howto/golden-image.md)'
   elif [ -n "$pending" ]; then
     tell_how_to_approve
@@ -425,6 +449,15 @@ tell_result() {
   else
     cat "$work/status" >&2
     fail "cannot see it connected after $WAIT_S s. The agent is installed and keeps trying; find out why: $AGENT doctor"
+  fi
+}
+
+tell_about_package() {
+  if [ -n "$server" ]; then
+    say "done: $version is installed; 'robotether-agent status' says how the agent is"
+  else
+    say "done: $version is installed, and has no server yet. Run the server's install line, or write $CONFIG and run:" \
+      'systemctl enable --now robotether-agent'
   fi
 }
 
@@ -491,7 +524,8 @@ main() {
   work=$(mktemp -d)
   # Without Python there is no looking at the server.
   case $missing in python3*) ensure_packages ;; esac
-  download
+  files=${package:-$work}
+  find_agent
   check_mac
   ensure_packages
   ensure_account

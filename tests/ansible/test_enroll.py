@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import io
-import json
 import re
 import subprocess
 import tarfile
@@ -15,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from playbooks import FROM_INDEX, Played, Site
-from programs import Program
+from programs import Program, drive_forward
 from robot_hosts import NEWER_IMAGE, ROOT, WHEELHOUSE, RobotHost, RobotHosts, newer_systemd_boots
 
 # The aim is 3 s after the network is up, which `make enrol-times` measures; here another module's hosts may boot or be
@@ -55,27 +54,6 @@ def _program(site: Site) -> Program:
     return Program(site.stack, site.token)
 
 
-async def _drive(site: Site, robot: str) -> float:
-    """Send a Twist through the server and return how far the simulated robot went, in metres."""
-    async with _program(site).connect(robot) as socket:
-        await socket.send_json({"op": "subscribe", "topic": "/pose", "type": "turtlesim/Pose"})
-        await socket.send_json(
-            {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
-        )
-        start = json.loads(await asyncio.wait_for(socket.receive_str(), 5))["msg"]["x"]
-        twist = {
-            "linear": {"x": 1.0, "y": 0.0, "z": 0.0},
-            "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
-        }
-        end = time.monotonic() + 5
-        x = start
-        while time.monotonic() < end and x - start < 0.5:
-            # Again and again, as a driver does: the guard stops a robot whose commands have stopped.
-            await socket.send_json({"op": "publish", "topic": "/cmd_vel", "msg": twist})
-            x = json.loads(await asyncio.wait_for(socket.receive_str(), 5))["msg"]["x"]
-        return float(x - start)
-
-
 def test_check_works_before_the_first_run(enrolled: Enrolled) -> None:
     """--check on a bare robot succeeds, says what it would do, and changes neither robot nor server."""
     assert enrolled.check.code == 0, enrolled.check.printed
@@ -100,7 +78,7 @@ def test_it_is_proved_from_the_controller(enrolled: Enrolled) -> None:
 async def test_a_twist_moves_the_robot(enrolled: Enrolled, site: Site) -> None:
     """A program that knows only server and token drives the robot."""
     assert enrolled.first.code == 0
-    assert await _drive(site, "turtle") >= 0.5
+    assert await drive_forward(_program(site), "turtle") >= 0.5
 
 
 def test_the_row_has_mac_key_and_name(enrolled: Enrolled, site: Site) -> None:

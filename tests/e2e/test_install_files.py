@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import io
 import shlex
+import subprocess
 import urllib.request
 import zipfile
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -49,6 +51,24 @@ def test_manifest_lists_the_agents_wheel_and_its_dependencies(stack: Stack) -> N
     assert name.startswith("robotether_agent-")
     with zipfile.ZipFile(io.BytesIO(wheel)) as packed:
         assert "robotether_agent/__main__.py" in packed.namelist()
+
+
+@pytest.mark.parametrize(("architecture", "machine"), [("amd64", "x86_64"), ("arm64", "aarch64")])
+def test_package_has_the_same_agent_and_the_wheels_of_each_python(
+    stack: Stack, tmp_path: Path, architecture: str, machine: str
+) -> None:
+    """So that the install line, run after it, has nothing to fetch; tests/ansible/test_agent_deb.py installs it."""
+    package = tmp_path / "agent.deb"
+    package.write_bytes(fetch(stack, f"/agent.deb?arch={architecture}"))
+    printed = subprocess.run(
+        ["dpkg-deb", "--field", package, "Architecture"], check=True, capture_output=True, text=True
+    )
+    assert printed.stdout.strip() == architecture
+    subprocess.run(["dpkg-deb", "--extract", package, tmp_path], check=True)
+    files = tmp_path / "usr" / "share" / "robotether-agent"
+    assert (files / "manifest").read_bytes() == fetch(stack, "/agent/manifest")
+    for version in ("cp310", "cp311", "cp312", "cp313"):
+        assert list(files.glob(f"aiohttp-*-{version}-*{machine}*.whl")), version
 
 
 def test_line_pins_the_certificate_that_nginx_shows(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar
@@ -75,3 +76,24 @@ async def open_echo(socket: aiohttp.ClientWebSocketResponse, topic: str = "/test
     await socket.send_json({"op": "advertise", "topic": topic, "type": "std_msgs/String"})
     await socket.send_json({"op": "subscribe", "topic": topic, "type": "std_msgs/String"})
     assert await echo(socket, "open", topic) == "open"
+
+
+async def drive_forward(program: Program, robot: str) -> float:
+    """Send a Twist through the server and return how far the simulated robot went, in metres; about 0.5."""
+    async with program.connect(robot) as socket:
+        await socket.send_json({"op": "subscribe", "topic": "/pose", "type": "turtlesim/Pose"})
+        await socket.send_json(
+            {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
+        )
+        start = json.loads(await asyncio.wait_for(socket.receive_str(), 5))["msg"]["x"]
+        twist = {
+            "linear": {"x": 1.0, "y": 0.0, "z": 0.0},
+            "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
+        }
+        end = time.monotonic() + 5
+        x = start
+        while time.monotonic() < end and x - start < 0.5:
+            # Again and again, as a driver does: the guard stops a robot whose commands have stopped.
+            await socket.send_json({"op": "publish", "topic": "/cmd_vel", "msg": twist})
+            x = json.loads(await asyncio.wait_for(socket.receive_str(), 5))["msg"]["x"]
+        return float(x - start)

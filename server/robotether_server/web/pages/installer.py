@@ -1,13 +1,13 @@
-"""Serves the installer: the script, and the agent with the hashes of its files.
+"""Serves the installer: the script, the agent with the hashes of its files, and its Debian packages.
 
 Public, and the same for everybody. The image holds the files (images/server/Dockerfile); the manifest is
-written where the wheel is built. Must never serve a file that neither of the two routes names.
+written where the wheel is built. Must never serve a file that none of these routes names.
 """
 
 import hashlib
 from http import HTTPStatus
 
-from flask import Blueprint, Response, request
+from flask import Blueprint, Response, request, send_file
 
 from robotether_server.api.context import context
 from robotether_server.problems import HttpProblem
@@ -17,6 +17,8 @@ blueprint = Blueprint("installer", __name__)
 SCRIPT = "join.sh"
 MANIFEST = "manifest"
 TEXT = "text/plain; charset=utf-8"
+# Of the packages; the first where none is asked for.
+ARCHITECTURES = ("amd64", "arm64")
 
 
 @blueprint.get("/join.sh")
@@ -42,6 +44,26 @@ def agent_file(name: str) -> Response:
     return _send(name, kind)
 
 
+@blueprint.get("/agent.deb")
+def package() -> Response:
+    """Send the Debian package for `?arch=`."""
+    architecture = request.args.get("arch", ARCHITECTURES[0])
+    if architecture not in ARCHITECTURES:
+        known = " or ".join(ARCHITECTURES)
+        why = f"cannot send a package for this arch: it must be {known}"
+        raise HttpProblem(HTTPStatus.NOT_FOUND, why)
+    found = sorted(context().agent_files_dir.glob(f"*_{architecture}.deb"))
+    if not found:
+        raise _missing(f"agent.deb for {architecture}")
+    # In pieces: it is some 12 MB, and a robot's link may be slow.
+    return send_file(
+        found[-1],
+        "application/vnd.debian.binary-package",
+        download_name=found[-1].name,
+        max_age=0,
+    )
+
+
 def listed(text: str) -> dict[str, str]:
     """Return the SHA-256 of each file of a manifest, by name."""
     pairs = (line.split("  ", 1) for line in text.splitlines())
@@ -52,10 +74,14 @@ def _read(name: str) -> bytes:
     try:
         return (context().agent_files_dir / name).read_bytes()
     except FileNotFoundError as error:
-        raise HttpProblem(
-            HTTPStatus.NOT_FOUND,
-            f"cannot send {name}: this server was started outside of its image, which holds it",
-        ) from error
+        raise _missing(name) from error
+
+
+def _missing(what: str) -> HttpProblem:
+    return HttpProblem(
+        HTTPStatus.NOT_FOUND,
+        f"cannot send {what}: this server was started outside of its image, which holds it",
+    )
 
 
 def _send(name: str, kind: str) -> Response:

@@ -25,6 +25,8 @@ def folder(web_settings: WebSettings) -> Path:
     (made / "manifest").write_text("".join(lines))
     (made / "join.sh").write_text("#!/bin/sh\necho 'Grüße'\n")
     (made / "secret").write_text("not listed")
+    for architecture in ("amd64", "arm64"):
+        (made / f"robotether-agent_0.1.0_{architecture}.deb").write_text(architecture)
     return made
 
 
@@ -45,13 +47,33 @@ def test_listed_files_have_the_listed_hashes(program: Browser, folder: Path) -> 
         assert hashlib.sha256(program.ask("GET", f"/agent/{name}").data).hexdigest() == digest
 
 
-@pytest.mark.parametrize("path", ["/join.sh", "/agent/manifest", f"/agent/{WHEEL}"])
+@pytest.mark.parametrize(
+    ("query", "architecture"), [("", "amd64"), ("?arch=amd64", "amd64"), ("?arch=arm64", "arm64")]
+)
+def test_package_is_for_the_asked_architecture(
+    program: Browser, folder: Path, query: str, architecture: str
+) -> None:
+    """And for the usual one where none is asked for."""
+    with program.ask("GET", f"/agent.deb{query}") as answer:
+        assert (answer.status_code, answer.text) == (200, architecture)
+        assert answer.content_type == "application/vnd.debian.binary-package"
+
+
+def test_package_of_another_architecture_is_a_sentence(program: Browser, folder: Path) -> None:
+    """It says which ones there are."""
+    answer = program.ask("GET", "/agent.deb?arch=../secret")
+    assert answer.status_code == 404
+    assert "amd64 or arm64" in answer.text
+
+
+@pytest.mark.parametrize("path", ["/join.sh", "/agent/manifest", f"/agent/{WHEEL}", "/agent.deb"])
 def test_caches_ask_again(program: Browser, folder: Path, path: str) -> None:
     """After an upgrade no cache mixes old and new files; what is the same is not sent again."""
-    answer = program.ask("GET", path)
-    assert answer.headers["Cache-Control"] == "no-cache"
-    again = program.ask("GET", path, headers={"If-None-Match": answer.headers["ETag"]})
-    assert (again.status_code, again.data) == (304, b"")
+    with program.ask("GET", path) as answer:
+        assert answer.cache_control.no_cache
+        known = {"If-None-Match": answer.headers["ETag"]}
+    with program.ask("GET", path, headers=known) as again:
+        assert (again.status_code, again.data) == (304, b"")
 
 
 @pytest.mark.parametrize("name", ["secret", "join.sh", "ghost", "..%2fsecret", "%2e%2e/manifest"])
@@ -60,7 +82,9 @@ def test_nothing_else_is_served(program: Browser, folder: Path, name: str) -> No
     assert program.ask("GET", f"/agent/{name}").status_code == 404
 
 
-@pytest.mark.parametrize("path", ["/join.sh", "/agent/manifest", "/agent/requirements.txt"])
+@pytest.mark.parametrize(
+    "path", ["/join.sh", "/agent/manifest", "/agent/requirements.txt", "/agent.deb"]
+)
 def test_server_outside_of_its_image_says_so(program: Browser, path: str) -> None:
     """404 with a sentence, not a mistake of the server."""
     answer = program.ask("GET", path)

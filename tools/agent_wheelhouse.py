@@ -1,0 +1,73 @@
+#!/usr/bin/env python3
+"""Downloads what the agent needs on robots of one architecture: tools/agent_wheelhouse.py amd64|arm64 FOLDER.
+
+The wheels of agent/requirements.txt, checked by its hashes, for each Python that the agent's Debian package supports:
+a robot without a package index installs from the folder. Needs pip, and no other package.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tempfile
+from operator import ge, lt
+from pathlib import Path
+
+LOCK = Path(__file__).resolve().parents[1] / "agent" / "requirements.txt"
+MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
+# Of Python 3; the bounds of the dependency in tools/build_agent_deb.
+MINORS = (10, 11, 12, 13)
+# The oldest C library among the robots' distributions, Ubuntu 22.04's, knows all of these.
+PLATFORMS = ("manylinux2014", "manylinux_2_17", "manylinux_2_28")
+MARKER = re.compile(r" ; python_full_version (<|>=) '3\.(\d+)'")
+COMPARE = {"<": lt, ">=": ge}
+
+
+def lock_for(minor: int, lock: str) -> str:
+    """Return the lock's entries for this Python, without markers: pip would compare those with its own Python."""
+    kept = []
+    for entry in re.split(r"^(?=\S)", lock, flags=re.MULTILINE):
+        found = MARKER.search(entry)
+        if found is None or COMPARE[found[1]](minor, int(found[2])):
+            kept.append(MARKER.sub("", entry))
+    return "".join(kept)
+
+
+def download(machine: str, minor: int, folder: Path) -> None:
+    """Fill the folder; CalledProcessError after pip has said why not."""
+    platforms = [word for name in PLATFORMS for word in ("--platform", f"{name}_{machine}")]
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as lock:
+        lock.write(lock_for(minor, LOCK.read_text()))
+        lock.flush()
+        command = [
+            sys.executable,
+            "-m",
+            "pip",
+            "download",
+            "--quiet",
+            "--disable-pip-version-check",
+        ]
+        command += ["--no-deps", "--only-binary", ":all:", "--require-hashes", "-r", lock.name]
+        command += ["--implementation", "cp", "--python-version", f"3.{minor}", *platforms]
+        subprocess.run([*command, "--dest", str(folder)], check=True)
+
+
+def main() -> int:
+    """Return the exit code."""
+    if len(sys.argv) != 3 or sys.argv[1] not in MACHINES:  # noqa: PLR2004 - the two arguments
+        print(__doc__.splitlines()[0], file=sys.stderr)
+        return 2
+    folder = Path(sys.argv[2])
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        for minor in MINORS:
+            download(MACHINES[sys.argv[1]], minor, folder)
+    except subprocess.CalledProcessError:
+        print(f"cannot fill {folder}: see pip's message above", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
