@@ -150,6 +150,7 @@ def _shown(page: Page) -> list[str]:
     return names
 
 
+@pytest.mark.release
 def test_a_search_among_500_robots_takes_no_time(fleet: Page) -> None:
     """Each key press is done within a tenth of a second, and what fits is counted."""
     texts = ["c", "cr", "crowd-1", "crowd-12", "crowd-123", "", "odd", "even 49", "nothing", ""]
@@ -163,6 +164,7 @@ def test_a_search_among_500_robots_takes_no_time(fleet: Page) -> None:
     expect(_card(fleet, "sim1")).to_be_visible()
 
 
+@pytest.mark.release
 def test_changes_of_500_robots_at_once_hold_up_nobody(fleet: Page, stack: Stack) -> None:
     """The page goes on while each robot moves to another site and back."""
     fleet.evaluate(NOTE_LONG_TASKS)
@@ -177,6 +179,7 @@ def test_changes_of_500_robots_at_once_hold_up_nobody(fleet: Page, stack: Stack)
     assert longest < 250, f"the page did nothing else for {tasks} ms"
 
 
+@pytest.mark.release
 def test_500_online_robots_are_followed_without_lag(browser: Browser, stack: Stack) -> None:
     """With a change each 4 ms the page still draws, and answers a search within a tenth of a second."""
     context = browser.new_context(ignore_https_errors=True, viewport={"width": 1280, "height": 800})
