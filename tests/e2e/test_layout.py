@@ -36,6 +36,10 @@ UNCOVERED = """(names) => names.filter((name) => {
   const is = (x, y) => document.elementFromPoint(x, y)?.closest(`[data-testid=${name}]`) === thing;
   return box.width < 44 || box.height < 44 || !across.every((x) => along.every((y) => is(x, y)));
 })"""
+# Parts that follow the size of another (ResizeObserver) have their place one frame after it.
+NEXT_FRAMES = (
+    "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+)
 # Shows by force what somebody is asked, with its words: each alone, and both at once, which never comes.
 QUESTIONS = """() => {
   const questions = [...document.querySelectorAll('.question')];
@@ -72,6 +76,7 @@ def _at_each_size(page: Page, request: pytest.FixtureRequest) -> Iterator[str]:
     """Resize the page, and say to what."""
     for width, height in SIZES[request.node.callspec.id]:
         page.set_viewport_size(ViewportSize(width=width, height=height))
+        page.evaluate(NEXT_FRAMES)
         yield f"at {width}x{height}"
 
 
