@@ -51,7 +51,9 @@ export class MapTile {
     this.draw();
   }
 
+  // Of what another tile shows of the same world it takes nothing away.
   stop() {
+    if (!this.running) return;
     this.running = false;
     this.world.show(null);
   }
