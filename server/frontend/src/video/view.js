@@ -256,6 +256,7 @@ export class View {
     if (this.ticks % SHOW_EVERY !== 0) return;
     this.tiles.each((tile) => tile.showState());
     this.smallMap.showState();
+    this.ring?.draw(); // without the points of a scan that has grown old
     this.overlays.show();
   }
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { MainTimestamp, chosenBefore, viewActionOf, snapshotName, snapshotUrl } from "../../src/video/view.js";
+import { MainTimestamp, View, chosenBefore, viewActionOf, snapshotName, snapshotUrl } from "../../src/video/view.js";
 
 const within = (...selectors) => ({ closest: (asked) => selectors.some((one) => asked.includes(one)) || null });
 const page = within();
@@ -61,4 +61,12 @@ test("a picture that stalled before it was made the main one is as old as it is"
   const timestamp = new MainTimestamp();
   timestamp.read("/a", 100);
   assert.equal(timestamp.read("/b", 20), 20);
+});
+
+test("the laser in the stick is drawn again also when nothing comes, as its scan grows old", () => {
+  let drawn = 0;
+  const others = { reportMain() {}, tiles: { each() {} }, smallMap: { showState() {} }, overlays: { show() {} } };
+  const view = { ...others, ticks: 0, ring: { draw: () => (drawn += 1) } };
+  for (let i = 0; i < 4; i += 1) View.prototype.tick.call(view);
+  assert.equal(drawn, 2);
 });
