@@ -247,10 +247,7 @@ class Bridge(OperatorConnection):
             # Behind data that waits a ping would only wait too.
             if self._operator.waiting_bytes() and not self._limits.strict:
                 continue
-            try:
-                await self._operator.ping(self._timestamps.ping(time.monotonic()))
-            except ConnectionError as exc:
-                raise ConnectionClosedError(close_reasons.client_vanished(self._name)) from exc
+            await self._operator.ping(self._timestamps.ping(time.monotonic()))
 
     def _close_reason_by_operator(self, kind: WSMsgType, data: object) -> CloseReason:
         if kind is WSMsgType.CLOSE:
