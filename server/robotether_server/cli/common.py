@@ -24,10 +24,8 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 YES = click.option("--yes", is_flag=True, help="Remove it without asking.")
 
 
-class NotDone(Problem):
+class NotDone(Problem, code="not_done"):
     """A command that understood its arguments cannot do what they ask."""
-
-    code = "not_done"
 
 
 def open_database() -> Database:
