@@ -246,7 +246,7 @@ const NEW_MS = 700;
 const CHECK_MS = 100;
 
 // Whether a press comes too soon to be meant for what is shown now.
-export class Deafness {
+class Deafness {
   constructor(now) {
     this.now = now;
     this.since = -Infinity;

@@ -1,6 +1,7 @@
-// W A S D and the arrow keys, Q and E for robots that go sideways, Shift and X for the speed, as an input of teleop.js. Keys go by their place on
-// the keyboard, so that other layouts than QWERTY drive with the same fingers. Only a press that it sees while it counts
-// does, never the repeats of a key that is down already, nor a key that is meant for a field of the page.
+// W A S D and the arrow keys, Q and E for robots that go sideways, Shift and X for the speed, as an input of teleop.js.
+// Keys go by their place on the keyboard, so that other layouts than QWERTY drive with the same fingers. Only a press that
+// it sees while it counts does, never the repeats of a key that is down already, nor a key that is meant for a field of the
+// page.
 
 import { TEXT, matches } from "../pages/page.js";
 
