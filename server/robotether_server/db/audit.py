@@ -55,18 +55,22 @@ class AuditSearch:
 
 @dataclass(frozen=True)
 class Occurrence:
-    """One event that was found: what, whose, when."""
+    """One event that was found: what, whose, when; `id` is None where the log does not have it yet."""
 
     kind: str
     actor: str
     at: dt.datetime
+    id: int | None = None
 
 
 def record(
     tx: Transaction, source: Source, kind: str, robot: str | None = None, /, **details: object
-) -> None:
-    """Add one event, as of now: a short code, perhaps a robot's name, and details that JSON can hold."""
-    tx.insert(
+) -> int:
+    """Add one event, as of now, and return its id.
+
+    `kind` is a short code; there may be a robot's name, and details that JSON can hold.
+    """
+    return tx.insert(
         "INSERT INTO audit_events (actor, kind, robot, address, details) "
         "VALUES (%s, %s, %s, %s, %s)",
         (source.actor[:MAX_ACTOR_LENGTH], kind, robot, source.address, json.dumps(details)),
@@ -116,20 +120,21 @@ def recent_from(
 ) -> list[Occurrence]:
     """Return the events of these kinds that came from one network, the oldest first."""
     rows = tx.rows(
-        "SELECT kind, actor, at FROM audit_events WHERE kind IN %s AND at > %s "
+        "SELECT kind, actor, at, id FROM audit_events WHERE kind IN %s AND at > %s "
         "AND INET6_ATON(address) BETWEEN %s AND %s ORDER BY at, id",
         (tuple(kinds), since, *_bounds(network)),
     )
-    return [Occurrence(row["kind"], row["actor"], row["at"]) for row in rows]
+    return [Occurrence(**row) for row in rows]
 
 
-def recent_of(tx: Transaction, kind: str, actor: str, since: dt.datetime) -> list[dt.datetime]:
-    """Return the times of one actor's events of one kind, from anywhere, the oldest first."""
+def recent_of(tx: Transaction, kind: str, actor: str, since: dt.datetime) -> list[Occurrence]:
+    """Return one actor's events of one kind, from anywhere, the oldest first."""
     rows = tx.rows(
-        "SELECT at FROM audit_events WHERE actor = %s AND kind = %s AND at > %s ORDER BY at",
+        "SELECT kind, actor, at, id FROM audit_events "
+        "WHERE actor = %s AND kind = %s AND at > %s ORDER BY at",
         (actor, kind, since),
     )
-    return [row["at"] for row in rows]
+    return [Occurrence(**row) for row in rows]
 
 
 def has_come_from(tx: Transaction, kind: str, actor: str, network: Network) -> bool:

@@ -2,7 +2,8 @@
 
 Used by the log-in page and the profile. An unknown name, a disabled user and a wrong password look the same, and
 take as long. A guess counts as a failure from before its check until its outcome is in the log, or guesses sent at
-once would all pass the throttle before the first of them is recorded. Three limits, each against one attacker:
+once would all pass the throttle before the first of them is recorded; and only once, also in the moment in which
+it is both open and in the log. Three limits, each against one attacker:
 
 * one network that tries many passwords of one user; a success clears the failures of that pair;
 * one network that tries many users;
@@ -32,13 +33,15 @@ PER_NETWORK = 30
 PER_USER = 50
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Guess:
-    """A password that is being checked."""
+    """A password that is being checked; `outcome` is its event's id from before others can read that in the log."""
 
     user: str
     network: Network
     at: dt.datetime
+    checked: User | None = None
+    outcome: int | None = None
 
 
 @dataclass(frozen=True)
@@ -79,11 +82,11 @@ _open_guesses = OpenGuesses()
 
 def log_in(database: Database, source: Source, password: str, lifetime: dt.timedelta) -> str:
     """Return the text for the cookie; raise LoginFailed or Throttled. `source` has the claimed name."""
-    with _guessed(database, source, password) as user, database.transaction() as tx:
-        if user is not None:
-            audit.record(tx, source, SUCCEEDED)
-            return credentials.create_login(tx, user, source.address or "", lifetime)
-        audit.record(tx, source, FAILED)
+    with _guessed(database, source, password) as guess, database.transaction() as tx:
+        if guess.checked is not None:
+            guess.outcome = audit.record(tx, source, SUCCEEDED)
+            return credentials.create_login(tx, guess.checked, source.address or "", lifetime)
+        guess.outcome = audit.record(tx, source, FAILED)
     raise LoginFailed("cannot log in: the name or the password is wrong")
 
 
@@ -92,17 +95,17 @@ def confirm(database: Database, source: Source, password: str) -> None:
 
     A browser that was left open must not be a way to guess it, so a failure counts as one of a login does.
     """
-    with _guessed(database, source, password) as user:
-        if user is not None:
+    with _guessed(database, source, password) as guess:
+        if guess.checked is not None:
             return
         with database.transaction() as tx:
-            audit.record(tx, source, FAILED)
+            guess.outcome = audit.record(tx, source, FAILED)
     raise LoginFailed("cannot continue: the current password is wrong")
 
 
 @contextmanager
-def _guessed(database: Database, source: Source, password: str) -> Iterator[User | None]:
-    """Give the user of that name if the password is right; raise Throttled. The block writes the outcome to the log.
+def _guessed(database: Database, source: Source, password: str) -> Iterator[Guess]:
+    """Give the guess, `checked` if it is right; raise Throttled. The block writes the outcome to the log.
 
     No transaction stays open while the password is hashed, which takes long on purpose.
     """
@@ -112,7 +115,9 @@ def _guessed(database: Database, source: Source, password: str) -> Iterator[User
             _check_throttle(tx, guess, before)
             user = users.find(tx, guess.user)
         right = passwords.matches(password, user.password_hash if user else None)
-        yield user if user is not None and right and not user.disabled else None
+        if user is not None and right and not user.disabled:
+            guess.checked = user
+        yield guess
 
 
 def log_out(database: Database, source: Source, text: str) -> None:
@@ -138,18 +143,24 @@ def _failures(tx: Transaction, guess: Guess, before: list[Guess]) -> Failures:
     """Return the failures of the log, and as the newest of them the guesses that are open."""
     user, network, since = guess.user, guess.network, guess.at - WINDOW
     tries = audit.recent_from(tx, (FAILED, SUCCEEDED), network, since)
-    tries += [Occurrence(FAILED, one.user, one.at) for one in before if one.network == network]
+    tries += _still_open([one for one in before if one.network == network], tries)
     own = [one for one in tries if one.actor == user]
     since_success = takewhile(lambda one: one.kind == FAILED, reversed(own))
-    of_user: list[dt.datetime] = []
+    of_user: list[Occurrence] = []
     if not audit.has_come_from(tx, SUCCEEDED, user, network):
         of_user = audit.recent_of(tx, FAILED, user, since)
-        of_user += [one.at for one in before if one.user == user]
+        of_user += _still_open([one for one in before if one.user == user], of_user)
     return Failures(
         of_pair=[one.at for one in since_success][::-1],
         of_network=[one.at for one in tries if one.kind == FAILED],
-        of_user=of_user,
+        of_user=[one.at for one in of_user],
     )
+
+
+def _still_open(guesses: list[Guess], logged: list[Occurrence]) -> list[Occurrence]:
+    """Return as failures the guesses whose outcome is not among what has just been read of the log."""
+    known = {one.id for one in logged}
+    return [Occurrence(FAILED, one.user, one.at) for one in guesses if one.outcome not in known]
 
 
 def free_at(failures: Failures) -> dt.datetime | None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import pytest
 from robotether_server import passwords
-from robotether_server.db import Database, audit, credentials, users
+from robotether_server.db import Database, Transaction, audit, credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import LoginFailed, Throttled
 from robotether_server.services.logging_in import (
@@ -67,6 +69,34 @@ def test_throttled_try_costs_no_hash(database: Database, monkeypatch: pytest.Mon
         log_in(database, ANN, PASSWORD, HOUR)
 
 
+class AfterCommits(Database):
+    """Calls `then` after each commit, before anything else happens."""
+
+    def __init__(self, database: Database, then: Callable[[], None]) -> None:
+        super().__init__(database._settings)
+        self._then = then
+
+    @contextmanager
+    def transaction(self) -> Iterator[Transaction]:
+        with super().transaction() as tx:
+            yield tx
+        self._then()
+
+
+def test_guess_counts_once_when_its_outcome_has_just_come_into_the_log(database: Database) -> None:
+    """The last try that is left is somebody's who comes in that moment."""
+    fail(database, "ann", "192.0.2.1", PER_USER_AND_NETWORK - 2)
+    outcomes: list[bool] = []
+
+    def come_after_the_failure() -> None:
+        if failures(database) == PER_USER_AND_NETWORK - 1:
+            outcomes.append(is_heard(database, "ann", "192.0.2.1"))
+
+    with pytest.raises(LoginFailed):
+        log_in(AfterCommits(database, come_after_the_failure), ANN, "wrong", HOUR)
+    assert outcomes == [True]
+
+
 def test_confirming_makes_no_login(database: Database) -> None:
     """A failure counts as one of a login does."""
     confirm(database, ANN, PASSWORD)
@@ -84,6 +114,11 @@ def fail(database: Database, name: str, address: str, times: int = 1) -> None:
     with database.transaction() as tx:
         for _ in range(times):
             audit.record(tx, Source(name, address), "login_failed")
+
+
+def failures(database: Database) -> int:
+    with database.transaction() as tx:
+        return len(audit.recent_of(tx, "login_failed", "ann", START))
 
 
 def is_heard(database: Database, name: str, address: str) -> bool:
