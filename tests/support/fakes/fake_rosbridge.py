@@ -3,6 +3,9 @@
 `good` keeps what it gets and echoes what is published on /echo; `silent` takes connections and answers no ping;
 `slow_reader` reads nothing from the first message on, until `read_on`; `drops` closes each connection with its first
 message; `refuses` takes no WebSocket.
+
+With `discovery_s` it is one of ROS 2: its publisher of a topic reaches no subscriber until it has found it, so long
+after the topic's first advertisement. `reached` is what came through.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ class FakeRosbridge:
         self.got: list[tuple[float, dict[str, Any]]] = []
         self.raw: list[bytes | str] = []
         self.connections = 0
+        self.discovery_s = 0.0
         self.sockets: list[web.WebSocketResponse] = []
         self._reads = asyncio.Event()
         self._reads.set()
@@ -69,6 +73,12 @@ class FakeRosbridge:
     def speeds(self) -> list[float]:
         """The speeds that /cmd_vel got."""
         return [message["linear"]["x"] for _, message in self.published()]
+
+    def reached(self) -> list[float]:
+        """Those that the robot's controller got."""
+        on_topic = [at for at, m in self.got if m.get("topic") == "/cmd_vel"]
+        found_at = min(on_topic, default=0.0) + self.discovery_s
+        return [message["linear"]["x"] for at, message in self.published() if at >= found_at]
 
     async def _serve(self, request: web.Request) -> web.StreamResponse:
         if self.mode == "refuses":

@@ -146,12 +146,15 @@ export class Robot {
     return this.session.connection.subscribe({ name: topic, type, throttleMs }, handler);
   }
 
+  // Lets the robot know the topic before the first message: ROS loses what is published before subscribers have found it.
+  advertise(topic, type) {
+    if (topic === this.driveTopic) throw new Error(`cannot publish on ${topic}: drive() does, with each command's moment`);
+    if (!this.publishers.has(topic)) this.publishers.set(topic, this.session.connection.advertise({ name: topic, type }));
+  }
+
   // Gives whether it went.
   publish(topic, type, message) {
-    if (topic === this.driveTopic) throw new Error(`cannot publish on ${topic}: drive() does, with each command's moment`);
-    if (!this.publishers.has(topic)) {
-      this.publishers.set(topic, this.session.connection.advertise({ name: topic, type }));
-    }
+    this.advertise(topic, type);
     return this.publishers.get(topic).publish(message);
   }
 

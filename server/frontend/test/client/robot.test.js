@@ -288,9 +288,20 @@ test("a topic is advertised once, and the drive topic is drive()'s", async () =>
   await goLive(robot);
   robot.publish("/lights", "std_msgs/Bool", { data: true });
   robot.publish("/lights", "std_msgs/Bool", { data: false });
+  robot.advertise("/lights", "std_msgs/Bool");
   const lights = sockets[0].said("advertise").filter(({ topic }) => topic === "/lights");
   assert.equal(lights.length, 1);
   assert.throws(() => robot.publish("/cmd_vel", "geometry_msgs/Twist", {}), /drive\(\) does/);
+  robot.close();
+});
+
+test("a topic that is advertised before there is a connection stands when it is live", async () => {
+  const robot = make();
+  robot.advertise("/lights", "std_msgs/Bool");
+  await goLive(robot);
+  const [lights] = sockets[0].said("advertise").filter(({ topic }) => topic === "/lights");
+  assert.equal(lights.type, "std_msgs/Bool");
+  assert.deepEqual(sockets[0].said("publish"), []);
   robot.close();
 });
 

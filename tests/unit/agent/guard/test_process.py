@@ -310,10 +310,25 @@ async def test_the_publisher_comes_back_and_zeroes_first(place: Path) -> None:
         rosbridge.got.clear()
         await rosbridge.stop()
         rosbridge.got.clear()
+        rosbridge.discovery_s = 0.3
         await rosbridge.start()
-        await until("zeros came", lambda: 0.0 in rosbridge.speeds())
+        await until("the robot got a zero", lambda: 0.0 in rosbridge.reached())
         assert [message["op"] for _, message in rosbridge.got][:2] == ["advertise", "publish"]
         assert set(rosbridge.speeds()) == {0.0}
+
+
+async def test_a_stop_needs_no_new_publisher(place: Path) -> None:
+    """The guard advertises when the driver does, so the zeros are not what ROS 2 loses of a new publisher."""
+    async with FakeRosbridge() as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+        rosbridge.discovery_s = 0.3
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await client.send(op="advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
+            await until("advertised", lambda: bool(rosbridge.got))
+            await drive_on(client, 0.5)
+        await until("the robot got ten zeros", lambda: rosbridge.reached()[-10:] == [0.0] * 10)
+        assert [message["op"] for _, message in rosbridge.got].count("advertise") == 1
+        assert rosbridge.got[0][1]["op"] == "advertise"
 
 
 @pytest.mark.parametrize("mode", ["refuses", "drops"])
