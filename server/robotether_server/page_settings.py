@@ -16,6 +16,9 @@ from robotether_server.problems import FieldInvalid
 from robotether_server.schemas import RosName
 
 Kind = Literal["differential", "holonomic", "ackermann"]
+DriveType = Literal[
+    "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "ackermann_msgs/AckermannDriveStamped"
+]
 Turn = Literal[0, 90, 180, 270]
 
 TURNS: tuple[Turn, ...] = get_args(Turn)
@@ -51,12 +54,14 @@ class Camera(Struct, frozen=True, forbid_unknown_fields=True):
 class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
     """The drive page's settings of a robot; a missing member has its default.
 
-    null means: a topic is found by its type; a speed is the guard's limit, or the page's usual one; `width` and
-    `height` are the camera's own; `hold_after_ms`: driving is never paused because of old video.
+    null means: a topic is found by its type; `drive_type` follows the robot's ROS; a speed is the guard's limit, or
+    the page's usual one; `width` and `height` are the camera's own; `hold_after_ms`: driving is never paused
+    because of old video.
     """
 
     kind: Kind = "differential"
     drive_topic: RosName | None = None
+    drive_type: DriveType | None = None
     max_speed_m_s: Speed | None = None
     max_turn_rad_s: Speed | None = None
     wheelbase_m: Annotated[float, Meta(ge=0.01, le=100)] | None = None

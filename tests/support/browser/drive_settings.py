@@ -83,8 +83,9 @@ def filled(browser: Browser) -> dict[str, Any]:
             found.setdefault(name, []).append(value)
         else:
             found[name] = value
-    for name, options in re.findall(r'<select id="[^"]+" name="(\w+)">(.*?)</select>', form, re.S):
-        chosen = re.findall(r'<option value="(\w+)" selected', options)[0]
+    selects = r'<select id="[^"]+" name="(\w+)"[^>]*>(.*?)</select>'
+    for name, options in re.findall(selects, form, re.S):
+        chosen = re.findall(r'<option value="([^"]*)" selected', options)[0]
         if name == "turned_deg":
             found.setdefault(name, []).append(chosen)
         else:

@@ -10,10 +10,10 @@ from robotether_server.problems import FieldInvalid
 
 # As docs/reference/robot-settings.md shows them.
 DOCUMENTED = """
-{"kind": "differential", "drive_topic": null, "max_speed_m_s": null, "max_turn_rad_s": null, "wheelbase_m": null,
- "cameras": [], "quality_min": 20, "quality_max": 80, "fps": 15, "latency_ms": 300, "width": null, "height": null,
- "hold_after_ms": 1000, "odometry_topic": null, "scan_topic": null, "map_topic": null, "battery_topic": null,
- "diagnostics_topic": null}
+{"kind": "differential", "drive_topic": null, "drive_type": null, "max_speed_m_s": null, "max_turn_rad_s": null,
+ "wheelbase_m": null, "cameras": [], "quality_min": 20, "quality_max": 80, "fps": 15, "latency_ms": 300, "width": null,
+ "height": null, "hold_after_ms": 1000, "odometry_topic": null, "scan_topic": null, "map_topic": null,
+ "battery_topic": null, "diagnostics_topic": null}
 """
 FRONT = {"topic": "/camera/image_raw", "name": "Front", "turned_deg": 180}
 
@@ -29,6 +29,7 @@ def test_everything_comes_back_as_it_was_given():
     given = {
         "kind": "ackermann",
         "drive_topic": "/car/cmd_vel",
+        "drive_type": "ackermann_msgs/AckermannDriveStamped",
         "max_speed_m_s": 0.5,
         "max_turn_rad_s": 1.5,
         "wheelbase_m": 0.32,
@@ -70,6 +71,8 @@ def test_a_camera_need_not_say_how_it_is_turned():
         ("kind", None),
         ("drive_topic", "cmd_vel"),
         ("drive_topic", "/cmd_*"),
+        ("drive_type", "geometry_msgs/Pose"),
+        ("drive_type", ""),
         ("max_speed_m_s", 0),
         ("max_speed_m_s", "fast"),
         ("wheelbase_m", -1),

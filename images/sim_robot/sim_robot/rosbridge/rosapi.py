@@ -8,9 +8,11 @@ from collections.abc import Callable
 from functools import partial
 
 from sim_robot.graph import Graph, Service
-from sim_robot.messages import ROS_1, Fields, TypeUnknown, Values
+from sim_robot.messages import ROS_1, ROS_2, Fields, TypeUnknown, Values
 
 NODE = "/rosapi"
+# The last of each that takes a Twist.
+DISTROS = {ROS_1: "noetic", ROS_2: "iron"}
 _NOTHING: Fields = ()
 _TOPIC: Fields = (("topic", "string"),)
 _TYPE: Fields = (("type", "string"),)
@@ -93,7 +95,8 @@ def _get_time(graph: Graph, _request: Values) -> Values:
 
 
 def _get_ros_version(graph: Graph, _request: Values) -> Values:
-    return {"version": graph.types.ros_version, "distro": "simulated"}
+    version = graph.types.ros_version
+    return {"version": version, "distro": DISTROS[version]}
 
 
 _SERVICES: tuple[tuple[str, str, Fields, Answer], ...] = (

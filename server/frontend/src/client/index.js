@@ -4,8 +4,8 @@
 import { csrfToken } from "../pages/page.js";
 import { Api, TicketRefused, framesUrl, requestTicket, rosUrl, streamUrl } from "./api.js";
 import { Driver } from "./driver.js";
+import { DriveTypeQuery } from "./driveType.js";
 import { FrameStream } from "./frames.js";
-import { twistType } from "./rosbridge.js";
 import { Session } from "./session.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
@@ -29,6 +29,7 @@ export class Robot {
     this.getTicket = getTicket;
     this.driveTopic = driveTopic;
     this.driveType = driveType;
+    this.driveTypeQuery = new DriveTypeQuery({ topic: driveTopic });
     this.api = getTicket && !token ? null : new Api({ server, headers: credentials(token) });
     this.handlers = { state: new Set(), control: new Set() };
     this.mode = "drive";
@@ -202,8 +203,8 @@ export class Robot {
   }
 
   async readDriveType(call) {
-    const { ok, values } = await call("/rosapi/topic_type", { topic: this.driveTopic });
-    this.session.useType(this.driveType ?? twistType((ok && values.type) || "", []));
+    const found = await this.driveTypeQuery.find(call);
+    this.session.useType(this.driveType ?? found);
   }
 
   showState(state) {

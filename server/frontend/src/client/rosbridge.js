@@ -150,12 +150,8 @@ export const plainType = (type) => type.replace("/msg/", "/");
 // Whether the robot takes speed and steering angle: only a car does.
 export const isSteered = (type) => plainType(type ?? "") === ACKERMANN_STAMPED;
 
-// The type to advertise the drive topic with. rosbridge of either ROS takes the ROS 1 name, of ROS 2 both;
-// what the robot says itself comes first, for bridges that are stricter.
-export function twistType(topicType, typesSeen) {
-  if (DRIVE_TYPES.includes(plainType(topicType || ""))) return topicType;
-  return typesSeen.some((type) => type.includes("/msg/")) ? "geometry_msgs/msg/Twist" : TWIST;
-}
+// Whether messages of this type drive a robot.
+export const isDriveType = (type) => DRIVE_TYPES.includes(plainType(type));
 
 // `forward` and `left` in m/s, `turn` in rad/s, left positive (REP-103); `wheelbase` in m.
 export function driveMessage(type, { forward, left = 0, turn }, /** @type {{wheelbase?: number | null}} */ { wheelbase } = {}) {

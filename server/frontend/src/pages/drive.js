@@ -28,7 +28,7 @@ const main = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
 const { robot = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
-const { driveTopic, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
+const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
 const facts = { since: "" };
 
 const loginUse = new LoginUse();
@@ -41,7 +41,7 @@ const driveMode = new DriveMode({
   onChange: showDriveMode,
 });
 const interlock = new VideoInterlock({ afterMs: holdAfterMs, onChange: showDriveMode });
-const discovery = new Discovery({ driveTopic, odometryTopic, onFound: useTopics });
+const discovery = new Discovery({ driveTopic, driveType, odometryTopic, onFound: useTopics });
 const session = new Session({
   driveTopic,
   wheelbase,

@@ -2,12 +2,14 @@
 
 const USUAL = { topic: "/cmd_vel", linear: 1.0, angular: 1.5, holdAfterMs: 1000 };
 
-// Gives {driveTopic, kind, wheelbase, limits: {maxLinear, maxAngular}, holdAfterMs}, in m, m/s and rad/s; the limits are
-// never more than the robot's guard allows. `holdAfterMs` null: old video does not pause driving.
+// Gives {driveTopic, driveType, kind, wheelbase, limits: {maxLinear, maxAngular}, holdAfterMs}, in m, m/s and rad/s; the limits
+// are never more than the robot's guard allows. `holdAfterMs` null: old video does not pause driving, `driveType` null: it
+// follows the robot.
 /** @param {{guard?: Record<string, any>, page?: Record<string, any>}} settings */
 export function driveSettings({ guard = {}, page = {} }) {
   const { kind = "differential", wheelbase_m: wheelbase = null, hold_after_ms: holdAfterMs = USUAL.holdAfterMs } = page;
-  return { driveTopic: topic(page, guard), kind, wheelbase, limits: limits(page, guard), holdAfterMs };
+  const { drive_type: driveType = null } = page;
+  return { driveTopic: topic(page, guard), driveType, kind, wheelbase, limits: limits(page, guard), holdAfterMs };
 }
 
 function topic({ drive_topic = "" }, { drive_topics = [] }) {

@@ -1,18 +1,19 @@
 // Asks the robot which topics it has, through rosapi, and asks again until it knows what the page needs: which of them
 // are cameras, and which ones map and readouts are made of.
 
-import { plainType, speedReader, speedTopic, twistType } from "../client/rosbridge.js";
+import { DriveTypeQuery, ask } from "../client/driveType.js";
+import { plainType, speedReader, speedTopic } from "../client/rosbridge.js";
 
 const AGAIN_MS = 5000;
 
 export class Discovery {
-  // `onFound` gets {twistType, speed, cameras, topics}, all topics as {name, type}. `odometryTopic` is the setting's, or null.
-  constructor({ driveTopic, odometryTopic = null, onFound }) {
-    this.driveTopic = driveTopic;
+  // `onFound` gets {twistType, speed, cameras, topics}, all topics as {name, type}. `driveType` and `odometryTopic` are
+  // the settings', or null.
+  constructor({ driveTopic, driveType = null, odometryTopic = null, onFound }) {
+    this.driveType = new DriveTypeQuery({ topic: driveTopic, set: driveType });
     this.odometryTopic = odometryTopic;
     this.onFound = onFound;
     this.round = 0;
-    this.knownType = "";
   }
 
   // `call(service, request)` as of connection.js. Resolves when the robot has answered.
@@ -20,19 +21,16 @@ export class Discovery {
     this.stop();
     this.call = call;
     const round = this.round;
-    const [topics, driveType] = await Promise.all([allTopics(call), this.driveType(call)]);
+    const [topics, twistType] = await Promise.all([allTopics(call), this.driveType.find(call)]);
     if (round !== this.round) return;
     const found = {
-      twistType: twistType(
-        driveType,
-        topics.map(({ type }) => type),
-      ),
+      twistType,
       speed: this.speed(topics),
       cameras: cameraTopics(topics),
       topics,
     };
     this.onFound(found);
-    if (!found.speed || found.cameras.length === 0) {
+    if (!found.speed || found.cameras.length === 0 || !this.driveType.reported) {
       this.timer = setTimeout(() => this.run(call), AGAIN_MS);
     }
   }
@@ -53,24 +51,11 @@ export class Discovery {
     const named = topicOf("odometry", topics, this.odometryTopic);
     return speedReader(named.type) ? named : undefined;
   }
-
-  // What the robot reported once holds while it reports nothing: another type in mid-drive would stop it.
-  async driveType(call) {
-    const { type } = await ask(call, "/rosapi/topic_type", { topic: this.driveTopic });
-    this.knownType = type || this.knownType;
-    return this.knownType;
-  }
 }
 
 async function allTopics(call) {
   const { topics = [], types = [] } = await ask(call, "/rosapi/topics", {});
   return topics.map((name, i) => ({ name, type: types[i] || "" }));
-}
-
-// A robot without rosapi is no error: the page then goes by the usual names.
-async function ask(call, service, request) {
-  const { ok, values } = await call(service, request);
-  return (ok && values) || {};
 }
 
 // What the drive page can show, from the robot's settings or else from its topics. Pure.

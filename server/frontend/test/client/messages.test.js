@@ -1,26 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { driveMessage, isSteered, speedReader, speedTopic, twistType } from "../../src/client/rosbridge.js";
-
-test("what the robot says of cmd_vel decides the type", () => {
-  assert.equal(twistType("geometry_msgs/Twist", ["std_msgs/msg/String"]), "geometry_msgs/Twist");
-  assert.equal(twistType("geometry_msgs/msg/Twist", []), "geometry_msgs/msg/Twist");
-  assert.equal(twistType("geometry_msgs/msg/TwistStamped", []), "geometry_msgs/msg/TwistStamped");
-});
-
-test("without an answer the other types decide, and without any the ROS 1 name is taken", () => {
-  assert.equal(twistType("", ["nav_msgs/msg/Odometry"]), "geometry_msgs/msg/Twist");
-  assert.equal(twistType("", ["nav_msgs/Odometry"]), "geometry_msgs/Twist");
-  assert.equal(twistType("", []), "geometry_msgs/Twist");
-  assert.equal(twistType("std_msgs/String", []), "geometry_msgs/Twist");
-});
-
-test("a car's own type is taken as the robot says it", () => {
-  for (const type of ["ackermann_msgs/AckermannDriveStamped", "ackermann_msgs/msg/AckermannDriveStamped"]) {
-    assert.equal(twistType(type, []), type);
-  }
-});
+import { driveMessage, isSteered, speedReader, speedTopic } from "../../src/client/rosbridge.js";
 
 test("a stamped type gets the same twist in an envelope", () => {
   const speed = { forward: 1, left: 0.5, turn: 2 };

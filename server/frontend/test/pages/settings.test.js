@@ -6,6 +6,7 @@ import { driveSettings } from "../../src/pages/settings.js";
 test("a robot without settings drives on /cmd_vel with usual limits", () => {
   assert.deepEqual(driveSettings({}), {
     driveTopic: "/cmd_vel",
+    driveType: null,
     kind: "differential",
     wheelbase: null,
     limits: { maxLinear: 1, maxAngular: 1.5 },
@@ -18,6 +19,10 @@ test("the drive topic is the one that is set, or the guard's first that is a nam
   assert.equal(driveSettings({ guard, page: { drive_topic: null } }).driveTopic, "/base/move");
   assert.equal(driveSettings({ guard, page: { drive_topic: "/a/cmd_vel" } }).driveTopic, "/a/cmd_vel");
   assert.equal(driveSettings({ guard: { drive_topics: ["*/cmd_vel"] } }).driveTopic, "/cmd_vel");
+});
+
+test("the type of drive commands may be set", () => {
+  assert.equal(driveSettings({ page: { drive_type: "geometry_msgs/TwistStamped" } }).driveType, "geometry_msgs/TwistStamped");
 });
 
 test("the sliders end where the guard's limit is", () => {

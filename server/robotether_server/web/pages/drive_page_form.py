@@ -13,7 +13,7 @@ from robotether_server import robot_settings
 from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
-from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, TURNS, Kind
+from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, TURNS, DriveType, Kind
 from robotether_server.problems import FieldInvalid, Problem
 from robotether_server.robot_settings import Settings
 from robotether_server.services import drive_pages
@@ -24,6 +24,12 @@ KIND_WORDS: tuple[tuple[Kind, str], ...] = (
     ("differential", "Drives and turns (differential)"),
     ("holonomic", "Moves sideways too (holonomic)"),
     ("ackermann", "Steers like a car (Ackermann)"),
+)
+TYPE_WORDS: tuple[tuple[DriveType | Literal[""], str], ...] = (
+    ("", "Automatic: TwistStamped from ROS 2 Jazzy on, else Twist"),
+    ("geometry_msgs/Twist", "Twist"),
+    ("geometry_msgs/TwistStamped", "TwistStamped"),
+    ("ackermann_msgs/AckermannDriveStamped", "AckermannDriveStamped"),
 )
 _BY_TYPE = "found by its type"
 MAX_FIELD_LENGTH = 300
@@ -99,6 +105,7 @@ def show(name: str, problem: Problem | None = None) -> str:
         problem=problem,
         words={
             "kinds": KIND_WORDS,
+            "types": TYPE_WORDS,
             "moving": MOVING,
             "video": VIDEO,
             "topics": TOPICS,
@@ -133,6 +140,7 @@ def _texts(page: Settings) -> dict[str, object]:
     usual = hold if hold is not None else DEFAULTS.hold_after_ms
     return texts | {
         "kind": sent.get("kind", page["kind"]),
+        "drive_type": sent.get("drive_type", page["drive_type"] or ""),
         "holds": "hold" in sent if sent else hold is not None,
         "hold_after_ms": sent.get("hold_after_ms", forms.value_text(usual)),
         "cameras": _camera_rows(page["cameras"]),
@@ -164,6 +172,7 @@ def _from_form() -> Settings:
     """Return the page of the form, unchecked."""
     page: Settings = {field.name: _value(field) for field in FIELDS}
     page["kind"] = _sent("kind")
+    page["drive_type"] = _sent("drive_type") or None
     page["hold_after_ms"] = (
         forms.number_or_text(_sent("hold_after_ms")) if "hold" in request.form else None
     )

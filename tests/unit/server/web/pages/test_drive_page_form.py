@@ -9,8 +9,8 @@ import pytest
 from admin_visitor import send
 from drive_settings import SETTINGS, audited, filled, kept, problem_of
 from robotether_server.db import Database
-from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, Kind, PageSettings
-from robotether_server.web.pages.drive_page_form import FIELDS, KIND_WORDS
+from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, DriveType, Kind, PageSettings
+from robotether_server.web.pages.drive_page_form import FIELDS, KIND_WORDS, TYPE_WORDS
 from web_visitor import Browser
 
 
@@ -29,6 +29,7 @@ def test_manager_sets_the_page(manager: Browser, database: Database) -> None:
         "kind": "ackermann",
         "wheelbase_m": "0.32",
         "drive_topic": "/cmd_vel",
+        "drive_type": "geometry_msgs/TwistStamped",
         "quality_max": "60",
         "topic": ["", "/rear/image_raw"],
         "name": ["", "Rear"],
@@ -40,6 +41,7 @@ def test_manager_sets_the_page(manager: Browser, database: Database) -> None:
         "kind": "ackermann",
         "wheelbase_m": 0.32,
         "drive_topic": "/cmd_vel",
+        "drive_type": "geometry_msgs/TwistStamped",
         "quality_max": 60,
         "cameras": [{"topic": "/rear/image_raw", "name": "Rear", "turned_deg": 180}],
     }
@@ -85,6 +87,7 @@ def test_browser_asks_only_for_what_may_not_be_empty(manager: Browser) -> None:
         ("width", "640", "page.width: give width and height"),
         ("drive_topic", "/wheels", "an admin adds it to guard.drive_topics"),
         ("kind", "tank", "cannot use page.kind"),
+        ("drive_type", "geometry_msgs/Pose", "cannot use page.drive_type"),
         ("scan_topic", "x" * 301, "page.scan_topic: it is missing or too long"),
         ("max_speed_m_s", "-1", "cannot use page.max_speed_m_s"),
         ("name", "Front", "cannot use page.cameras.1.topic"),
@@ -140,10 +143,11 @@ def test_drive_page_leads_managers_to_it(browser: Browser, manager: Browser) -> 
 
 
 def test_every_member_of_the_page_has_a_field() -> None:
-    """The three others have controls of their own kinds."""
-    own = {"kind", "cameras", "hold_after_ms"}
+    """The four others have controls of their own kinds."""
+    own = {"kind", "drive_type", "cameras", "hold_after_ms"}
     assert {field.name for field in FIELDS} == set(PageSettings.__struct_fields__) - own
     assert tuple(kind for kind, _ in KIND_WORDS) == get_args(Kind)
+    assert tuple(one for one, _ in TYPE_WORDS) == ("", *get_args(DriveType))
 
 
 def test_what_may_be_empty_says_what_that_means() -> None:
@@ -151,4 +155,4 @@ def test_what_may_be_empty_says_what_that_means() -> None:
     empty = {field.name for field in FIELDS if field.empty}
     assert empty == {
         name for name in PageSettings.__struct_fields__ if getattr(DEFAULTS, name) is None
-    }
+    } - {"drive_type"}
