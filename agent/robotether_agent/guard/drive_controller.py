@@ -234,7 +234,7 @@ class DriveController:
         left = self._motion.read_previous()
         if left is None:
             return
-        left = left or [Driven(name, "twist") for name in self._config.topics.plain()]
+        left = left or [Driven(name, "unknown") for name in self._config.topics.plain()]
         for driven in left:
             topic = self._topics.add(driven.topic)
             topic.type, topic.sent = driven.type, zero(driven.shape, driven.frame_id)

@@ -36,7 +36,8 @@ from robotether_agent.fields import printable
 
 Operation = Literal["publish", "advertise", "unadvertise"]
 MessageId = str | int | None
-Shape = Literal["twist", "twist_stamped", "ackermann"]
+# Of an unknown topic only the zero can be written: the empty message, which rosbridge completes by the topic's type.
+Shape = Literal["twist", "twist_stamped", "ackermann", "unknown"]
 Vector = tuple[float, float, float]
 
 PATTERN = re.compile(rf"[A-Za-z0-9_/*]{{1,{MAX_GLOB_LENGTH}}}")
@@ -63,6 +64,7 @@ _MEMBERS: Mapping[Shape, frozenset[str]] = {
     "twist": TWIST,
     "twist_stamped": TWIST_STAMPED,
     "ackermann": ACKERMANN_STAMPED,
+    "unknown": frozenset(),
 }
 _STAMP_MEMBERS = frozenset({"secs", "nsecs", "sec", "nanosec"})
 MAX_WHOLE = 2**63 - 1
@@ -232,7 +234,8 @@ class CheckedCommand:
 
 def zero(shape: Shape, frame_id: str = "") -> CheckedCommand:
     """Return the zero command."""
-    return CheckedCommand(shape, header=None if shape == "twist" else _header_of(frame_id))
+    has_header = shape in ("twist_stamped", "ackermann")
+    return CheckedCommand(shape, header=_header_of(frame_id) if has_header else None)
 
 
 def read_command(message: object, declared: Shape | None) -> CheckedCommand:
@@ -252,6 +255,8 @@ def read_command(message: object, declared: Shape | None) -> CheckedCommand:
 
 def write_command(command: CheckedCommand) -> dict[str, Any]:
     """Return the `msg` that says what `command` says."""
+    if command.shape == "unknown":
+        return {}
     if command.shape == "ackermann":
         drive = {"steering_angle": command.steering, "speed": command.linear[0]}
         drive |= dict(zip(ACKERMANN_RATES, command.rates, strict=True))

@@ -14,7 +14,7 @@ import logging
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal, Protocol, cast
+from typing import Literal, Protocol
 
 from robotether_common.guard import RefusedKind
 from robotether_common.ros import NAME, full_name
@@ -367,13 +367,13 @@ def _driven(file: JsonObject) -> list[Driven]:
 
 def _topic(fields: JsonObject) -> Driven:
     shape, type_name = get_text(fields, "shape"), get_text(fields, "type")
-    if shape not in SHAPES.values() or (type_name and type_name not in SHAPES):
+    if shape not in (*SHAPES.values(), "unknown") or (type_name and type_name not in SHAPES):
         raise FieldError(f"{shape!r} or {type_name!r} is no drive type")
     name = full_name(get_match(fields, "topic", NAME, "a topic's name"))
     if name is None:
         raise FieldError("field topic is too long")
     frame_id = get_text(fields, "frame_id", default="", limit=MAX_FRAME_ID_LENGTH)
-    return Driven(name, cast("Shape", shape), type_name, frame_id)
+    return Driven(name, shape, type_name, frame_id)
 
 
 class MotionTracker:

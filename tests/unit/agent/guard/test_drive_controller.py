@@ -271,12 +271,13 @@ async def test_the_next_guard_zeroes_what_this_one_left(world: World) -> None:
 
 
 async def test_motion_nobody_knows_is_zeroed_by_the_settings(world: World) -> None:
-    """A mark that cannot be read stands for the topics that have plain names."""
+    """A mark that cannot be read stands for the topics that have plain names, by a zero of whatever type they have."""
     assert isinstance(world.motion_file, MemoryMotionFile)
     world.motion_file.driven = []
     world.controller.resume()
     await world.pass_time(3)
-    assert [m["topic"] for m in world.publisher.sent] == ["/cmd_vel"] * 10
+    zero = {"op": "publish", "topic": "/cmd_vel", "msg": {}}
+    assert world.publisher.sent == [zero] * 10
 
 
 async def test_a_last_zero_that_may_be_lost_is_sent_again(world: World) -> None:

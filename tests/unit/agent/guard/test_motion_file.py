@@ -11,6 +11,7 @@ from robotether_agent.problems import StateUnusable
 DRIVEN = [
     Driven("/cmd_vel", "twist"),
     Driven("/base/cmd_vel", "ackermann", "ackermann_msgs/AckermannDriveStamped", "base"),
+    Driven("/other/cmd_vel", "unknown"),
 ]
 A, B = Driven("/a", "twist"), Driven("/b", "twist")
 
