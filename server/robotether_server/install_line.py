@@ -80,20 +80,57 @@ class SiteCertificates:
             return found
 
 
-def install_line(certificates: SiteCertificates, asked: str, token: str) -> str:
-    """Return the line; raise SiteCertificateUnavailable or FieldInvalid.
+@dataclass(frozen=True)
+class EnrolmentLines:
+    """The ways to enrol a robot, each a line for a shell.
 
-    `asked`: HOST[:PORT] of who asks, which counts where PUBLIC_HOST is not set.
+    `install`: on the robot. `package`: before it, where the robot has no internet. `containers`: in ros/ of a checkout
+    on the robot. `playbook`: in ansible/ of a checkout.
+    """
+
+    install: str
+    package: str
+    containers: str
+    playbook: str
+
+
+def enrolment_lines(
+    certificates: SiteCertificates, asked: str, token: str, name: str | None = None
+) -> EnrolmentLines:
+    """Return the lines; raise SiteCertificateUnavailable or FieldInvalid.
+
+    `asked`: HOST[:PORT] of who asks, which counts where PUBLIC_HOST is not set. `name`: which the robot asks for.
     """
     site = site_of(certificates.settings, asked)
     certificate = certificates.certificate(site.host)
     fetch, run = ["curl", "-fsS"], ["sudo", "sh", "-s", "--", "--server", site.authority]
+    variables = {"SERVER": site.authority}
     if not certificate.is_known:
         # -k stops curl from asking the system's authorities; the pin is then what is checked.
         fetch[1:] = ["-fsSk", "--pinnedpubkey", f"sha256//{certificate.pin}"]
         run += ["--tls-fingerprint", certificate.fingerprint]
-    fetch.append(f"https://{site.authority}/join.sh")
-    return f"{shlex.join(fetch)} | {shlex.join([*run, '--token', token])}"
+        variables["TLS_FINGERPRINT"] = certificate.fingerprint
+    if name is not None:
+        run += ["--name", name]
+        variables["NAME"] = name
+    url = f"https://{site.authority}"
+    package = shlex.join([*fetch, "-o", "agent.deb", f"{url}/agent.deb"])
+    return EnrolmentLines(
+        install=f"{shlex.join([*fetch, f'{url}/join.sh'])} | {shlex.join([*run, '--token', token])}",
+        package=f"{package} && sudo apt install ./agent.deb",
+        containers=f"{_assignments(variables | {'TOKEN': token})} docker compose up -d",
+        playbook=f"{_assignments({'ROBOTETHER_TOKEN': token})} ansible-playbook enroll.yml",
+    )
+
+
+def _assignments(variables: dict[str, str]) -> str:
+    # Quoted as a whole it would be the name of a command.
+    return " ".join(f"{name}={shlex.quote(value)}" for name, value in variables.items())
+
+
+def install_line(certificates: SiteCertificates, asked: str, token: str) -> str:
+    """Return the line for the robot alone; raise as `enrolment_lines` does."""
+    return enrolment_lines(certificates, asked, token).install
 
 
 def parse_site_address(text: str) -> SiteAddress:

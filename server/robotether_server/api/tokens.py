@@ -11,9 +11,9 @@ from robotether_server.api import auth
 from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import credentials, robots, users
+from robotether_server.db import credentials, join_tokens, users
 from robotether_server.db.credentials import Token
-from robotether_server.db.robots import JoinToken
+from robotether_server.db.join_tokens import JoinToken
 from robotether_server.db.users import User
 from robotether_server.install_line import install_line
 from robotether_server.problems import RecordMissing, StoreUnavailable
@@ -105,7 +105,7 @@ def _owner(caller: Caller, name: str) -> User:
 @operation("GET", "/join-tokens", "admin")
 def list_join_tokens(caller: Caller) -> JoinTokenList:
     """List join tokens, without their texts."""
-    return JoinTokenList(robots.list_join_tokens(caller.tx))
+    return JoinTokenList(join_tokens.list_all(caller.tx))
 
 
 @operation("POST", "/join-tokens", "admin", problems=(409,))
@@ -115,7 +115,7 @@ def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoin
     text = token_service.create_join_token(
         caller.tx, caller.source, body.name, body.uses, expires_at
     )
-    made = robots.find_join_token(caller.tx, text)
+    made = join_tokens.find(caller.tx, text)
     if made is None:
         raise StoreUnavailable("cannot make the join token: it is gone already; try again")
     # This may raise: without an install line there is no token.

@@ -15,7 +15,7 @@ from robotether_server.cli.common import (
     print_records,
     timestamp,
 )
-from robotether_server.db import credentials, robots, users
+from robotether_server.db import credentials, join_tokens, users
 from robotether_server.install_line import (
     HTTPS_PORT,
     SiteAddress,
@@ -135,7 +135,7 @@ def join_token() -> None:
 def list_join_tokens(as_json: bool) -> None:
     """List the join tokens, without their texts, the newest first."""
     with open_database().transaction() as tx:
-        found = robots.list_join_tokens(tx)
+        found = join_tokens.list_all(tx)
     print_records(
         found,
         ("NAME", "USED", "CREATED", "BY", "ENDS"),
@@ -155,7 +155,7 @@ def list_join_tokens(as_json: bool) -> None:
 def delete_join_token(name: str) -> None:
     """Delete a join token; robots that it admitted stay."""
     with open_database().transaction() as tx:
-        token_id = next((one.id for one in robots.list_join_tokens(tx) if one.name == name), None)
+        token_id = next((one.id for one in join_tokens.list_all(tx) if one.name == name), None)
         if token_id is None:
             raise NotDone(f"cannot delete join token {name}: there is none of that name")
         tokens.delete_join_token(tx, SOURCE, token_id)

@@ -1,4 +1,4 @@
-"""Robots: their records, their keys, and the join tokens that admit them. Written by services.
+"""Robots: their records and their keys. Written by services.
 
 The database itself normalises MACs and allots ports.
 
@@ -11,11 +11,9 @@ import json
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from robotether_server.db import credentials
 from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordExists, RecordMissing, StoreUnavailable
-from robotether_server.schemas import Label, Timestamp
 
 State = Literal["pending", "active", "disabled"]
 
@@ -35,11 +33,6 @@ SELECT_CLAIM = (
     "c.hostname, c.agent_version, c.address, c.claimed_at, c.rejected_at, c.rejected_by "
     "FROM key_claims c LEFT JOIN robots r ON r.id = c.robot_id "
 )
-
-SELECT_JOIN_TOKENS = (
-    "SELECT id, name, uses, used, created_at, created_by, expires_at FROM join_tokens "
-)
-JOIN_PREFIX = "rj_"
 
 
 @dataclass(frozen=True)
@@ -396,81 +389,3 @@ def get_rejected_key(tx: Transaction, claim_id: int) -> Claim:
     if row is None:
         raise RecordMissing(f"cannot find rejected key {claim_id}: there is none of that number")
     return _claim(row)
-
-
-@dataclass(frozen=True)
-class JoinToken:
-    """A join token without its text, which only its creator knows."""
-
-    id: int
-    name: Label
-    uses: int
-    used: int
-    created_at: Timestamp
-    created_by: str
-    expires_at: Timestamp
-
-
-def create_join_token(
-    tx: Transaction, name: str, uses: int, expires_at: dt.datetime, by: str
-) -> str:
-    """Make a token; return its text, which cannot be had again. Raises RecordExists."""
-    text = credentials.new_secret(JOIN_PREFIX)
-    with unique(
-        f"cannot create join token {name}: there is one of that name; delete it or choose another name"
-    ):
-        tx.insert(
-            "INSERT INTO join_tokens (name, token_hash, uses, expires_at, created_by) "
-            "VALUES (%s, %s, %s, %s, %s)",
-            (name, credentials.digest(text), uses, expires_at, by),
-        )
-    return text
-
-
-def find_join_token(tx: Transaction, text: str) -> JoinToken | None:
-    """Return the token of that text, be it used up or over."""
-    row = tx.row(SELECT_JOIN_TOKENS + "WHERE token_hash = %s", (credentials.digest(text),))
-    return JoinToken(**row) if row else None
-
-
-def get_join_token(tx: Transaction, token_id: int) -> JoinToken:
-    """Return the token of that id, locked until the transaction ends; raise RecordMissing."""
-    row = tx.row(SELECT_JOIN_TOKENS + "WHERE id = %s FOR UPDATE", (token_id,))
-    if row is None:
-        raise RecordMissing(f"cannot find join token {token_id}: there is none of that number")
-    return JoinToken(**row)
-
-
-def list_join_tokens(tx: Transaction) -> list[JoinToken]:
-    """Return every join token, the newest first."""
-    return [JoinToken(**row) for row in tx.rows(SELECT_JOIN_TOKENS + "ORDER BY id DESC")]
-
-
-def has_admitted(tx: Transaction, token_id: int, fingerprint: str) -> bool:
-    """Return whether this token has admitted that key before."""
-    found = tx.row(
-        "SELECT 1 FROM join_token_uses WHERE token_id = %s AND fingerprint = %s",
-        (token_id, fingerprint),
-    )
-    return found is not None
-
-
-def use_join_token(tx: Transaction, token_id: int, fingerprint: str) -> bool:
-    """Count one use, for that key; return False when none is left, its time is over or it is deleted."""
-    counted = tx.change(
-        "UPDATE join_tokens SET used = used + 1 "
-        "WHERE id = %s AND used < uses AND expires_at > CURRENT_TIMESTAMP(6)",
-        (token_id,),
-    )
-    if not counted:
-        return False
-    tx.change(
-        "INSERT INTO join_token_uses (token_id, fingerprint) VALUES (%s, %s)",
-        (token_id, fingerprint),
-    )
-    return True
-
-
-def delete_join_token(tx: Transaction, token_id: int) -> None:
-    """Delete a token; the robots that it admitted stay."""
-    tx.change("DELETE FROM join_tokens WHERE id = %s", (token_id,))

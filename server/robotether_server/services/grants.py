@@ -57,6 +57,11 @@ def give(
     return given, before is None
 
 
+def is_given(tx: Transaction, grantee: Grantee, scope: Scope) -> bool:
+    """Return whether there is a grant of this pair, ended or not; raise RecordMissing."""
+    return grants.find(tx, _pair(tx, grantee, scope)) is not None
+
+
 def revoke_by_id(tx: Transaction, source: Source, grant_id: int) -> Grant:
     """Take a grant away; return it as it was. Raises RecordMissing."""
     found = grants.get(tx, grant_id)

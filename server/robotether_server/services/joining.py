@@ -16,9 +16,10 @@ from typing import Literal
 from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_message
 
 from robotether_server import identity
-from robotether_server.db import Transaction, audit, credentials, robots, seen_robots
+from robotether_server.db import Transaction, audit, credentials, join_tokens, robots, seen_robots
 from robotether_server.db.audit import Source, network_of
-from robotether_server.db.robots import Claim, JoinToken, Report, Robot
+from robotether_server.db.join_tokens import JoinToken, Place
+from robotether_server.db.robots import Claim, Report, Robot
 from robotether_server.db.users import User
 from robotether_server.identity import PublicKey
 from robotether_server.problems import (
@@ -35,6 +36,8 @@ from robotether_server.problems import (
     TokenUsedUp,
     TooManyPending,
 )
+from robotether_server.services import grants
+from robotether_server.services.grants import Grantee, Scope
 from robotether_server.settings import JoinSettings
 
 # What nobody announced: how much one network may leave waiting, and for how long.
@@ -198,7 +201,7 @@ class _Joining:
             next(usual_names(presented.mac)),
             "mac_in_use",
             f"the robot with MAC {presented.mac} has another key and keeps it; an admin "
-            f"decides about this key, {presented.key.fingerprint}, in the page of waiting robots",
+            f"decides about this key, {presented.key.fingerprint}, on the page that adds robots",
         )
 
     def _check_room(self) -> None:
@@ -268,7 +271,7 @@ def find_credential(tx: Transaction, text: str) -> EnrolmentCredential:
 
     A join token that is used up still says who asks: a use is counted when it admits a robot.
     """
-    if text.startswith(robots.JOIN_PREFIX):
+    if text.startswith(join_tokens.PREFIX):
         return EnrolmentCredential(ROBOT, token=_join_token(tx, text))
     user = credentials.find_token_user(tx, text)
     if user is None:
@@ -284,7 +287,7 @@ def credential_of_admin(user: User) -> EnrolmentCredential:
 
 
 def _join_token(tx: Transaction, text: str) -> JoinToken:
-    token = robots.find_join_token(tx, text)
+    token = join_tokens.find(tx, text)
     if token is None:
         raise TokenInvalid("cannot accept the join token: it is unknown or deleted; make another")
     if token.expires_at <= dt.datetime.now(dt.UTC):
@@ -384,7 +387,18 @@ def admit(
         hostname=presented.report.hostname,
         **(credential.details if credential else {"by": "first key"}),
     )
+    if credential is not None and credential.token is not None:
+        _put_in_place(tx, source, robot, join_tokens.place_of(tx, credential.token.id))
     return robots.get(tx, robot.name)
+
+
+def _put_in_place(tx: Transaction, source: Source, robot: Robot, place: Place) -> None:
+    """Follow the token's place where an admin has not said another for this robot."""
+    if place.site is not None and robot.site is None:
+        grants.place_robot(tx, source, robot.name, place.site)
+    group, scope = Grantee("group", place.group or ""), Scope("robot", robot.name)
+    if place.group is not None and not grants.is_given(tx, group, scope):
+        grants.give(tx, source, group, scope, "drive")
 
 
 def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:
@@ -405,7 +419,7 @@ def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:
 
 def is_spent(tx: Transaction, credential: EnrolmentCredential, key: PublicKey) -> bool:
     """Return whether the join token admitted this key before, and an admin has undone that since."""
-    return credential.token is not None and robots.has_admitted(
+    return credential.token is not None and join_tokens.has_admitted(
         tx, credential.token.id, key.fingerprint
     )
 
@@ -429,12 +443,12 @@ def usual_names(mac: str) -> Iterator[str]:
 
 
 def _count_use(tx: Transaction, token: JoinToken, key: PublicKey) -> None:
-    if robots.has_admitted(tx, token.id, key.fingerprint):
+    if join_tokens.has_admitted(tx, token.id, key.fingerprint):
         raise TokenUsedUp(
             f"cannot join with this token: it has admitted key {key.fingerprint} before, and an admin has undone "
             "that; get another token, or an admin's approval"
         )
-    if not robots.use_join_token(tx, token.id, key.fingerprint):
+    if not join_tokens.use(tx, token.id, key.fingerprint):
         raise TokenUsedUp(
             f"cannot join with this token: it was good for {token.uses} "
             f"{'robot' if token.uses == 1 else 'robots'}, and has admitted them; get another"

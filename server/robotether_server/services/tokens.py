@@ -3,10 +3,10 @@
 import datetime as dt
 
 from robotether_server import schemas
-from robotether_server.db import Transaction, audit, credentials, robots
+from robotether_server.db import Transaction, audit, credentials, join_tokens
 from robotether_server.db.audit import Source
 from robotether_server.db.credentials import Token
-from robotether_server.db.robots import JoinToken
+from robotether_server.db.join_tokens import NOWHERE, JoinToken, Place
 from robotether_server.db.users import User
 from robotether_server.problems import FieldInvalid, NotPossible
 from robotether_server.schemas import Label
@@ -51,17 +51,26 @@ def delete(tx: Transaction, source: Source, token_id: int) -> Token:
 
 
 def create_join_token(
-    tx: Transaction, source: Source, name: str, uses: int, expires_at: dt.datetime
+    tx: Transaction,
+    source: Source,
+    name: str,
+    uses: int,
+    expires_at: dt.datetime,
+    *,
+    place: Place = NOWHERE,
 ) -> str:
-    """Make a token and return its text, which cannot be had again; raise FieldInvalid or RecordExists."""
+    """Make a token and return its text, which cannot be had again.
+
+    Raises FieldInvalid, RecordExists or RecordMissing.
+    """
     schemas.check("name", name, Label)
     if not 1 <= uses <= MAX_USES:
         raise FieldInvalid(f"cannot use uses: it must be 1 to {MAX_USES}")
     lifetime = expires_at - dt.datetime.now(dt.UTC)
     if not dt.timedelta() < lifetime <= MAX_LIFETIME:
         raise FieldInvalid("cannot use hours: the token's time must end within 1 to 8760 hours")
-    text = robots.create_join_token(
-        tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH]
+    text = join_tokens.create(
+        tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH], place=place
     )
     audit.record(
         tx,
@@ -70,20 +79,21 @@ def create_join_token(
         token=name,
         uses=uses,
         expires_at=expires_at.isoformat(timespec="seconds"),
+        **{name: value for name, value in vars(place).items() if value is not None},
     )
     return text
 
 
 def delete_join_token(tx: Transaction, source: Source, token_id: int) -> JoinToken:
     """Delete a token and return it; the robots that it admitted stay. Raises RecordMissing."""
-    token = robots.get_join_token(tx, token_id)
-    robots.delete_join_token(tx, token_id)
+    token = join_tokens.get(tx, token_id)
+    join_tokens.delete(tx, token_id)
     audit.record(tx, source, "join_token_deleted", token=token.name, used=token.used)
     return token
 
 
 def delete_join_tokens_of(tx: Transaction, source: Source, maker: str) -> None:
     """Delete all tokens that this admin made."""
-    for token in robots.list_join_tokens(tx):
+    for token in join_tokens.list_all(tx):
         if token.created_by == maker:
             delete_join_token(tx, source, token.id)

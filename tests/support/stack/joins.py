@@ -12,6 +12,7 @@ from robotether_server.db import (
     Transaction,
     audit,
     credentials,
+    join_tokens,
     robots,
     seen_robots,
     users,
@@ -96,12 +97,12 @@ class Site:
         """The text of a new join token."""
         ends_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
         with self.database.transaction() as tx:
-            return robots.create_join_token(tx, "lab", uses, ends_at, "root")
+            return join_tokens.create(tx, "lab", uses, ends_at, "root")
 
     def used(self) -> int:
         """How many robots the newest join token has admitted."""
         with self.database.transaction() as tx:
-            return robots.list_join_tokens(tx)[0].used
+            return join_tokens.list_all(tx)[0].used
 
     def claimed(self) -> list[str]:
         """The fingerprints of the keys that are claims."""

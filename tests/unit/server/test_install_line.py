@@ -16,6 +16,7 @@ from robotether_server.install_line import (
     MAX_CACHED,
     Certificate,
     SiteCertificates,
+    enrolment_lines,
     install_line,
     parse_site_address,
     site_of,
@@ -61,6 +62,21 @@ def test_token_is_one_word_whatever_it_is() -> None:
     """The shell sees it as one argument."""
     line = install_line(KnownCertificate("a", 443, is_known=True), "", "rj_$(reboot) '; x")
     assert shlex.split(line)[-1] == "rj_$(reboot) '; x"
+
+
+def test_each_way_has_its_line() -> None:
+    """All pin the certificate; the robot's name goes where it enrols itself."""
+    certificates = KnownCertificate("2001:db8::1", 8443, is_known=False)
+    lines = enrolment_lines(certificates, "", "rj_abc", "turtle")
+    assert shlex.split(lines.install)[-4:] == ["--name", "turtle", "--token", "rj_abc"]
+    assert lines.package == (
+        f"curl -fsSk --pinnedpubkey sha256//{PIN} -o agent.deb 'https://[2001:db8::1]:8443/agent.deb' "
+        "&& sudo apt install ./agent.deb"
+    )
+    assert lines.containers == (
+        f"SERVER='[2001:db8::1]:8443' TLS_FINGERPRINT={FINGERPRINT} NAME=turtle TOKEN=rj_abc docker compose up -d"
+    )
+    assert lines.playbook == "ROBOTETHER_TOKEN=rj_abc ansible-playbook enroll.yml"
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import datetime as dt
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, credentials, robots
+from robotether_server.db import Transaction, credentials, join_tokens
 from robotether_server.db.audit import Source
 from robotether_server.install_line import install_line
 from robotether_server.problems import Problem
@@ -31,7 +31,7 @@ def show() -> str:
 def show_join_tokens(problem: Problem | None = None) -> str:
     """Show every join token."""
     with context().database.transaction() as tx:
-        found = robots.list_join_tokens(tx)
+        found = join_tokens.list_all(tx)
     return render_template(
         "admin/join_tokens.html",
         tokens=found,
@@ -69,7 +69,7 @@ def _found(token_id: int) -> Words:
 
 def _found_join_token(token_id: int) -> Words:
     with context().database.transaction() as tx:
-        found = robots.list_join_tokens(tx)
+        found = join_tokens.list_all(tx)
     token = confirmation.pick(
         found, token_id, "cannot find that join token: it was already deleted"
     )

@@ -8,7 +8,7 @@ import json
 import pytest
 from admin_records import Run, kinds
 from robotether_server.cli import tokens
-from robotether_server.db import Database, credentials, robots
+from robotether_server.db import Database, credentials, join_tokens
 from robotether_server.install_line import Certificate, SiteCertificates
 from robotether_server.problems import SiteCertificateUnavailable
 
@@ -72,7 +72,7 @@ def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
     assert words[words.index("--server") + 1] == "robots.example"
     assert words[words.index("--tls-fingerprint") + 1] == "ab" * 32
     with database.transaction() as tx:
-        token = robots.find_join_token(tx, words[words.index("--token") + 1])
+        token = join_tokens.find(tx, words[words.index("--token") + 1])
     assert token is not None
     assert (token.name, token.uses, token.created_by) == ("lab", 3, "cli")
     lifetime = token.expires_at - dt.datetime.now(dt.UTC)
@@ -118,7 +118,7 @@ def test_no_token_stays_behind_when_there_is_no_line(
     monkeypatch.setattr(tokens, "install_line", fail)
     assert "nginx is away" in run("robot", "invite").err
     with database.transaction() as tx:
-        assert robots.list_join_tokens(tx) == []
+        assert join_tokens.list_all(tx) == []
 
 
 def test_join_tokens_are_listed_and_deleted(run: Run) -> None:

@@ -6,7 +6,7 @@ import datetime as dt
 import threading
 
 import pytest
-from allotment import at_once, mac, pair_owners
+from allotment import mac, pair_owners
 from granted import give
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -427,67 +427,3 @@ def test_who_waits_too_long_is_told_to_try_again(
         robots.lock_enrolment(first)
         with pytest.raises(StoreUnavailable, match="try again"):
             robots.lock_enrolment(second)
-
-
-NOW = dt.datetime.now(dt.UTC)
-LATER = NOW + dt.timedelta(hours=1)
-
-
-def test_token_is_found_by_its_text_alone(database: Database) -> None:
-    """Which the database does not keep."""
-    with database.transaction() as tx:
-        text = robots.create_join_token(tx, "lab", 3, LATER, "root")
-        token = robots.find_join_token(tx, text)
-        assert token is not None
-        assert text.startswith("rj_")
-        assert (token.name, token.uses, token.used, token.created_by) == ("lab", 3, 0, "root")
-        assert token.expires_at == LATER
-        assert robots.find_join_token(tx, text + "x") is None
-        assert robots.get_join_token(tx, token.id) == token
-        assert text not in repr(tx.rows("SELECT * FROM join_tokens"))
-        with pytest.raises(RecordExists, match="join token lab"):
-            robots.create_join_token(tx, "lab", 1, LATER, "root")
-
-
-def test_each_key_uses_a_token_once(database: Database) -> None:
-    """After the last use it lets nobody in; a deleted token is forgotten with its uses."""
-    with database.transaction() as tx:
-        token = robots.find_join_token(tx, robots.create_join_token(tx, "lab", 2, LATER, "root"))
-        assert token is not None
-        assert robots.use_join_token(tx, token.id, "SHA256:a")
-        assert robots.has_admitted(tx, token.id, "SHA256:a")
-        assert not robots.has_admitted(tx, token.id, "SHA256:b")
-        assert robots.use_join_token(tx, token.id, "SHA256:b")
-        assert not robots.use_join_token(tx, token.id, "SHA256:c")
-        assert robots.get_join_token(tx, token.id).used == 2
-        robots.delete_join_token(tx, token.id)
-        assert robots.list_join_tokens(tx) == []
-        assert not robots.use_join_token(tx, token.id, "SHA256:d")
-        with pytest.raises(RecordMissing, match="join token"):
-            robots.get_join_token(tx, token.id)
-
-
-def test_token_whose_time_is_over_lets_nobody_in(database: Database) -> None:
-    """Also one that ended while its robot was on the way."""
-    with database.transaction() as tx:
-        text = robots.create_join_token(tx, "lab", 2, NOW - dt.timedelta(seconds=1), "root")
-        token = robots.find_join_token(tx, text)
-        assert token is not None
-        assert not robots.use_join_token(tx, token.id, "SHA256:a")
-
-
-def test_last_use_is_counted_once_when_many_ask_at_once(database: Database) -> None:
-    """One wins, whoever it is."""
-    with database.transaction() as tx:
-        token = robots.find_join_token(tx, robots.create_join_token(tx, "lab", 1, LATER, "root"))
-    assert token is not None
-    won: list[int] = []
-
-    def use(tx: Transaction, number: int) -> None:
-        if robots.use_join_token(tx, token.id, f"SHA256:{number}"):
-            won.append(number)
-
-    assert at_once(database, 8, use) == []
-    assert len(won) == 1
-    with database.transaction() as tx:
-        assert robots.get_join_token(tx, token.id).used == 1

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime as dt
 
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
 from robot_signer import RobotSigner
 from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_message
 from robotether_server.db import Database, credentials, robots, users
+from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
+from robotether_server.db.join_tokens import Place
 from robotether_server.db.robots import Report
 from robotether_server.problems import (
     FieldInvalid,
@@ -17,6 +20,7 @@ from robotether_server.problems import (
     KeyInUse,
     KeyRejected,
     MacElsewhere,
+    RecordMissing,
     RobotDisabled,
     TokenExpired,
     TokenInvalid,
@@ -24,7 +28,9 @@ from robotether_server.problems import (
     TokenUsedUp,
     TooManyPending,
 )
+from robotether_server.services import grants, tokens
 from robotether_server.services import robots as robot_service
+from robotether_server.services.grants import Grantee, Scope
 from robotether_server.services.joining import (
     MAX_UNKNOWN_PER_NETWORK,
     Answer,
@@ -278,6 +284,40 @@ def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
     event, _ = site.events("robot_approved")
     assert event.actor == "robot"
     assert (event.details["by"], event.details["token"]) == ("join token", "lab")
+
+
+def test_token_puts_a_robot_in_its_place(site: Site) -> None:
+    """At its site and with its group's grant, unless an admin has said another for this robot."""
+    site.announce("sim2", OTHER_MAC)
+    ends_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
+    crew = Grantee("group", "crew")
+    with site.database.transaction() as tx:
+        for name in ("lab", "yard"):
+            grants.add_site(tx, ADMIN, name)
+        grants.add_group(tx, ADMIN, "crew")
+        grants.place_robot(tx, ADMIN, "sim2", "yard")
+        grants.give(tx, ADMIN, crew, Scope("robot", "sim2"), "observe")
+        place = Place("lab", "crew")
+        token = tokens.create_join_token(tx, ADMIN, "lab", 2, ends_at, place=place)
+    site.ask(token=token)
+    site.ask(OTHER_MAC, OTHER_KEY, token=token)
+    with site.database.transaction() as tx:
+        placed = {name: robots.get(tx, name).site for name in ("robot-006101", "sim2")}
+        given = {(one.robot, one.group, one.level) for one in db_grants.list_all(tx)}
+    assert placed == {"robot-006101": "lab", "sim2": "yard"}
+    assert given == {("robot-006101", "crew", "drive"), ("sim2", "crew", "observe")}
+
+
+def test_token_outlives_its_place(site: Site) -> None:
+    """A robot is then at no site, and nobody's."""
+    ends_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
+    with site.database.transaction() as tx:
+        with pytest.raises(RecordMissing, match="site lab"):
+            tokens.create_join_token(tx, ADMIN, "lab", 1, ends_at, place=Place("lab"))
+        grants.add_site(tx, ADMIN, "lab")
+        token = tokens.create_join_token(tx, ADMIN, "lab", 1, ends_at, place=Place("lab"))
+        grants.remove_site(tx, ADMIN, "lab")
+    assert site.ask(token=token).code == "active"
 
 
 def test_token_does_not_undo_what_an_admin_did(site: Site) -> None:

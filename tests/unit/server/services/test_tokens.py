@@ -6,7 +6,7 @@ import datetime as dt
 
 import pytest
 from joins import Site
-from robotether_server.db import credentials, robots, users
+from robotether_server.db import credentials, join_tokens, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     FieldInvalid,
@@ -72,7 +72,7 @@ def test_token_is_made_listed_and_deleted(site: Site) -> None:
     """The log names it and never has its text."""
     with site.database.transaction() as tx:
         text = tokens.create_join_token(tx, ADMIN, "lab", 10000, hours(8760))
-        (token,) = robots.list_join_tokens(tx)
+        (token,) = join_tokens.list_all(tx)
         assert (token.name, token.uses, token.created_by) == ("lab", 10000, "root")
         assert tokens.delete_join_token(tx, ADMIN, token.id) == token
         with pytest.raises(RecordMissing):

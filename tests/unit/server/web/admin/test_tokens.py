@@ -10,7 +10,7 @@ import pytest
 import tls_front
 from admin_visitor import send
 from flask import Flask
-from robotether_server.db import Database, robots
+from robotether_server.db import Database, join_tokens
 from robotether_server.install_line import SiteCertificates
 from robotether_server.settings import SiteAddressSettings
 from web_visitor import Browser, audit_kinds, bearer
@@ -51,7 +51,7 @@ def site_certificate(app: Flask, tmp_path: Path) -> Iterator[None]:
 def names(database: Database) -> list[str]:
     """The names of all join tokens."""
     with database.transaction() as tx:
-        return [token.name for token in robots.list_join_tokens(tx)]
+        return [token.name for token in join_tokens.list_all(tx)]
 
 
 @pytest.mark.usefixtures("site_certificate")

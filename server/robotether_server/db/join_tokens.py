@@ -1,0 +1,126 @@
+"""Join tokens, which admit robots: how many, until when, and where the robots belong. Written by services."""
+
+import datetime as dt
+from dataclasses import dataclass
+
+from robotether_server.db import credentials, grants
+from robotether_server.db.database import Transaction, unique
+from robotether_server.problems import RecordMissing
+from robotether_server.schemas import Label, Timestamp
+
+SELECT = "SELECT id, name, uses, used, created_at, created_by, expires_at FROM join_tokens "
+PREFIX = "rj_"
+
+
+@dataclass(frozen=True)
+class JoinToken:
+    """A join token without its text, which only its creator knows."""
+
+    id: int
+    name: Label
+    uses: int
+    used: int
+    created_at: Timestamp
+    created_by: str
+    expires_at: Timestamp
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where robots that a token admits belong: at a site, and driven by a group of users; None: nowhere, by nobody."""
+
+    site: str | None = None
+    group: str | None = None
+
+
+NOWHERE = Place()
+
+
+def create(
+    tx: Transaction,
+    name: str,
+    uses: int,
+    expires_at: dt.datetime,
+    by: str,
+    *,
+    place: Place = NOWHERE,
+) -> str:
+    """Make a token; return its text, which cannot be had again. Raises RecordExists or RecordMissing."""
+    site_id = grants.get_site(tx, place.site).id if place.site else None
+    group_id = grants.get_group(tx, place.group).id if place.group else None
+    text = credentials.new_secret(PREFIX)
+    with unique(
+        f"cannot create join token {name}: there is one of that name; delete it or choose another name"
+    ):
+        tx.insert(
+            "INSERT INTO join_tokens (name, token_hash, uses, expires_at, created_by, site_id, group_id) "
+            "VALUES (%s, %s, %s, %s, %s, %s, %s)",
+            (name, credentials.digest(text), uses, expires_at, by, site_id, group_id),
+        )
+    return text
+
+
+def find(tx: Transaction, text: str) -> JoinToken | None:
+    """Return the token of that text, be it used up or over."""
+    row = tx.row(SELECT + "WHERE token_hash = %s", (credentials.digest(text),))
+    return JoinToken(**row) if row else None
+
+
+def get(tx: Transaction, token_id: int) -> JoinToken:
+    """Return the token of that id, locked until the transaction ends; raise RecordMissing."""
+    row = tx.row(SELECT + "WHERE id = %s FOR UPDATE", (token_id,))
+    if row is None:
+        raise RecordMissing(f"cannot find join token {token_id}: there is none of that number")
+    return JoinToken(**row)
+
+
+def list_all(tx: Transaction) -> list[JoinToken]:
+    """Return every join token, the newest first."""
+    return [JoinToken(**row) for row in tx.rows(SELECT + "ORDER BY id DESC")]
+
+
+def place_of(tx: Transaction, token_id: int) -> Place:
+    """Return where the robots that a token admits belong."""
+    row = tx.row(
+        "SELECT s.name AS site, g.name AS `group` FROM join_tokens t "
+        "LEFT JOIN sites s ON s.id = t.site_id LEFT JOIN user_groups g ON g.id = t.group_id "
+        "WHERE t.id = %s",
+        (token_id,),
+    )
+    return Place(**row) if row else NOWHERE
+
+
+def admitted(tx: Transaction, token_id: int) -> set[str]:
+    """Return the fingerprints of the keys that a token has admitted."""
+    rows = tx.rows("SELECT fingerprint FROM join_token_uses WHERE token_id = %s", (token_id,))
+    return {row["fingerprint"] for row in rows}
+
+
+def has_admitted(tx: Transaction, token_id: int, fingerprint: str) -> bool:
+    """Return whether this token has admitted that key before."""
+    found = tx.row(
+        "SELECT 1 FROM join_token_uses WHERE token_id = %s AND fingerprint = %s",
+        (token_id, fingerprint),
+    )
+    return found is not None
+
+
+def use(tx: Transaction, token_id: int, fingerprint: str) -> bool:
+    """Count one use, for that key; return False when none is left, its time is over or it is deleted."""
+    counted = tx.change(
+        "UPDATE join_tokens SET used = used + 1 "
+        "WHERE id = %s AND used < uses AND expires_at > CURRENT_TIMESTAMP(6)",
+        (token_id,),
+    )
+    if not counted:
+        return False
+    tx.change(
+        "INSERT INTO join_token_uses (token_id, fingerprint) VALUES (%s, %s)",
+        (token_id, fingerprint),
+    )
+    return True
+
+
+def delete(tx: Transaction, token_id: int) -> None:
+    """Delete a token; the robots that it admitted stay."""
+    tx.change("DELETE FROM join_tokens WHERE id = %s", (token_id,))
