@@ -473,7 +473,7 @@ wait_connected() {
 tell_how_to_approve() {
   say "$answer"
   say "the key of this robot is $(ssh-keygen -lf "$STATE/id_ed25519.pub" | cut -d ' ' -f 2)"
-  say "done: an admin approves it at https://$server/admin/pending, or with 'robotether robot approve', after comparing that key." \
+  say "done: an admin approves it at https://$server/admin/add-robot, or with 'robotether robot approve', after comparing that key." \
     'The agent runs and asks by itself'
 }
 

@@ -4,6 +4,7 @@ import { build, context } from "esbuild";
 
 const options = {
   entryPoints: {
+    addRobot: "src/pages/addRobot.js",
     copy: "src/pages/copy.js",
     drive: "src/pages/drive.js",
     fleet: "src/pages/fleet.js",

@@ -40,7 +40,7 @@ STILL_PAGES = (
     "/admin/robots",
     "/admin/robots/sim1",
     "/admin/robots/sim1/settings",
-    "/admin/pending",
+    "/admin/add-robot",
     "/admin/users",
     "/admin/users/admin",
     "/admin/groups",

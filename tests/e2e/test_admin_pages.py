@@ -68,6 +68,7 @@ def test_a_robot_that_waits_is_approved_under_another_name(
     card.get_by_label("Name").fill("turtle")
     card.get_by_test_id("approve-robot-005311").click()
     _done(page, "Robot turtle is approved. It connects by itself within a minute.")
+    expect(page.get_by_test_id("arrived-turtle")).to_contain_text("It has joined")
     assert _state(stack, "turtle") == [["active", key.fingerprint]]
     status, answer = key.join(mac)
     assert (status, answer["robot"]) == (200, "turtle")
@@ -81,14 +82,14 @@ def test_a_rejected_robot_may_ask_again_when_an_admin_says_so(
     mac, key = "00:00:5e:00:53:12", RobotKey(stack, tmp_path, "stranger")
     assert key.join(mac)[0] == 202
 
-    page.goto(f"{stack.url}/admin/pending")
+    page.goto(f"{stack.url}/admin/add-robot")
     page.get_by_test_id("reject-robot-005312").click()
     expect(page.get_by_test_id("effects")).to_contain_text(key.fingerprint)
     page.get_by_test_id("deed-do").click()
     _done(page, "The key that waited for robot robot-005312 is rejected.")
     status, answer = key.join(mac)
     assert (status, answer["code"]) == (403, "key_rejected")
-    page.goto(f"{stack.url}/admin/pending")
+    page.get_by_test_id("advanced").locator("> summary").click()
     page.get_by_role("link", name="Allow the key of stranger to ask again").click()
     page.get_by_test_id("deed-do").click()
     _done(page, "The key may ask again.")
@@ -100,8 +101,9 @@ def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
     """A name that is taken comes back in the form."""
     page.goto(f"{stack.url}/admin/robots")
     page.get_by_test_id("add-robot").click()
-    page.get_by_label("Name").fill("lift")
-    page.get_by_label("MAC address").fill("00-00-5E-00-53-13")
+    page.get_by_test_id("advanced").locator("> summary").click()
+    page.get_by_label("Name of the robot").fill("lift")
+    page.get_by_label("MAC address", exact=True).fill("00-00-5E-00-53-13")
     page.get_by_test_id("add-submit").click()
     expect(page.get_by_test_id("robot-name")).to_have_text("lift")
     page.goto(f"{stack.url}/admin/robots/lift")
@@ -153,13 +155,12 @@ def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> Non
 
 
 @pytest.mark.parametrize("context", [COPIES], indirect=True, ids=["clipboard"])
-def test_an_install_line_lets_a_robot_in(page: Page, stack: Stack, tmp_path: Path) -> None:
-    """The button copies it, and its token is one that a robot joins with, as often as it says."""
-    page.goto(f"{stack.url}/admin/robots")
-    page.get_by_test_id("invite").click()
-    page.get_by_label("Name").fill("hall")
+def test_a_robot_is_added_in_three_steps(page: Page, stack: Stack, tmp_path: Path) -> None:
+    """From the fleet page; the button copies the line, and the page shows who waits and who comes by itself."""
+    page.goto(f"{stack.url}/")
+    page.get_by_test_id("add-robot").click()
+    page.get_by_label("Name (optional)").fill("clone")
     page.get_by_test_id("token-make").click()
-    expect(page.get_by_test_id("install-line")).to_be_visible()
     line = page.get_by_test_id("install-line").text_content() or ""
     page.get_by_role("button", name="Copy").first.click()
     expect(page.get_by_role("button", name="Copied")).to_be_visible()
@@ -167,24 +168,34 @@ def test_an_install_line_lets_a_robot_in(page: Page, stack: Stack, tmp_path: Pat
     words = shlex.split(line)
     assert words[0] == "curl"
     assert f"https://localhost:{stack.https_port}/join.sh" in words
+    assert words[-4:-1] == ["--name", "clone", "--token"]
+    expect(page.get_by_test_id("waits")).to_be_visible()
+    stranger = RobotKey(stack, tmp_path, "stranger")
+    assert stranger.join("00:00:5e:00:53:16")[0] == 202
+    expect(page.get_by_test_id("waiting-robot-005316")).to_be_visible()
     key = RobotKey(stack, tmp_path, "clone")
     body = {
         "mac": "00:00:5e:00:53:14",
         "public_key": key.public,
         "hostname": "clone",
         "agent_version": "0.1.0",
+        "name": "clone",
         "token": words[-1],
     }
     status, answer = stack.request("POST", "/api/v1/join", body)
-    assert (status, answer["state"]) == (200, "active")
-    open_page(page, stack, "/admin/join-tokens")
-    expect(page.get_by_test_id("join-tokens")).to_contain_text("0 of 1")
-    _remove(page, stack, str(answer["robot"]))
+    assert (status, answer["state"], answer["robot"]) == (200, "active", "clone")
+    arrived = page.get_by_test_id("arrived-clone")
+    expect(arrived).to_contain_text("It has joined and connects within a minute.")
+    expect(page.get_by_test_id("waits")).to_have_count(0)
+    arrived.get_by_test_id("arrived-open").click()
+    expect(page.get_by_test_id("robot-name")).to_have_text("clone")
+    _remove(page, stack, "clone")
+    _remove(page, stack, "robot-005316")
 
 
 PAGES = (
-    "/", "/admin/robots", "/admin/add-robot", "/admin/pending", "/admin/robots/sim1", "/admin/robots/sim1/remove",
-    "/admin/robots/sim1/ports", "/admin/users", "/admin/users/admin", "/admin/join-tokens", "/admin/tokens",
+    "/", "/admin/robots", "/admin/add-robot", "/admin/robots/sim1", "/admin/robots/sim1/remove",
+    "/admin/robots/sim1/ports", "/admin/users", "/admin/users/admin", "/admin/tokens",
     "/admin/audit", "/profile", "/profile/password", "/admin/robots/nobody", "/admin/groups", "/admin/sites",
     "/admin/robots/sim1/settings", "/admin/robots/sim1/settings/defaults", "/drives",
 )  # fmt: skip

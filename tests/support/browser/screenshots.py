@@ -45,14 +45,13 @@ BUTTONS_POLICY = {"drive": {"publish": ["/lights"], "call": ["/dock"]}}
 STRANGERS_KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAB"
 ADMIN_PAGES = {
     "robots": "/admin/robots",
-    "pending": "/admin/pending",
+    "add-robot": "/admin/add-robot",
     "robot": "/admin/robots/sim1",
     "robot-settings": "/admin/robots/sim1/settings",
     "robot-page": "/robots/sim1/settings",
     "remove": "/admin/robots/sim1/remove",
     "users": "/admin/users",
     "user": "/admin/users/admin",
-    "join-tokens": "/admin/join-tokens",
     "tokens": "/admin/tokens",
     "groups": "/admin/groups",
     "sites": "/admin/sites",
@@ -243,16 +242,16 @@ def shoot_admin_pages(camera: Camera) -> None:
     for name, path in ADMIN_PAGES.items():
         camera.open(path)
         camera.shoot(name, whole=True)
-    page, token = camera.page, f"picture {camera.look}"
-    camera.open("/admin/join-tokens")
-    page.get_by_label("Name").fill(token)
+    page = camera.page
+    camera.open("/admin/add-robot")
     page.get_by_test_id("token-make").click()
     try:
         page.wait_for_selector("[data-testid=install-line]")
         camera.shoot("install-line", whole=True)
     finally:
-        camera.open("/admin/join-tokens")
-        page.get_by_role("link", name=f"Delete join token {token}").click()
+        camera.open("/admin/add-robot")
+        page.get_by_test_id("advanced").locator("> summary").click()
+        page.get_by_role("link", name="Revoke join token").first.click()
         page.get_by_test_id("deed-do").click()
         page.wait_for_selector("[data-testid=done]")
 

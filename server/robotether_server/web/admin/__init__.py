@@ -1,4 +1,4 @@
-"""The admin pages under /admin: robots, waiting keys, users, groups, sites and grants, tokens, the audit log.
+"""The admin pages under /admin: robots and how they are added, users, groups, sites and grants, tokens, the audit log.
 
 Plain forms over robotether_server.services, which checks, changes and writes the audit log. Every path that
 takes a POST also answers a GET, so that a log-in after an expired login leads back to it.
@@ -9,6 +9,7 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.web import current_user
 from robotether_server.web.admin import (
+    add_robot,
     audit_log,
     grants,
     groups,
@@ -25,6 +26,7 @@ blueprint.before_request(current_user.require_admin)
 for part in (
     robots,
     robot_settings,
+    add_robot,
     pending,
     users,
     groups,

@@ -1,43 +1,31 @@
-"""/admin/pending: keys that wait for an admin, and rejected keys.
+"""What an admin does about keys that wait, and rejected ones; /admin/add-robot shows them.
 
 A join proves nothing but that somebody knows a MAC, so the page shows the fingerprint to compare, and approves that
 key and no other.
 """
 
-from flask import Blueprint, render_template, request
+from urllib.parse import urlencode
+
+from flask import Blueprint, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, seen_robots
+from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
-from robotether_server.problems import Problem, RecordMissing
+from robotether_server.problems import RecordMissing
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import pending, robots
-from robotether_server.web import confirmation, current_user, forms
+from robotether_server.web import confirmation, forms
+from robotether_server.web.admin import add_robot
 from robotether_server.web.confirmation import ConfirmedAction, Words
 from robotether_server.web.forms import Saved, form
 
 blueprint = Blueprint("pending", __name__, url_prefix="/pending")
 
 MAX_FINGERPRINT_LENGTH = 100
-PAGE = "/admin/pending"
+PAGE = f"{add_robot.PAGE}#waiting"
 
 
-def show(problem: Problem | None = None) -> str:
-    """Show who waits and who was rejected."""
-    with context().database.transaction() as tx:
-        seen = seen_robots.list_seen(tx, current_user.get())
-        return render_template(
-            "admin/pending.html",
-            online={one.robot.name for one in seen if one.online},
-            waiting=pending.waiting(tx),
-            rejected=pending.rejected(tx),
-            policy=context().join.policy,
-            problem=problem,
-            values=request.form,
-        )
-
-
-@form(blueprint, "", show)
+@form(blueprint, "", add_robot.show)
 def approve(tx: Transaction, source: Source) -> Saved:
     """Approve one key that waits, perhaps under another name."""
     name = forms.text("robot", "Robot", MAX_NAME_LENGTH)
@@ -45,7 +33,8 @@ def approve(tx: Transaction, source: Source) -> Saved:
     new_name = forms.text("name", "Name", MAX_NAME_LENGTH)
     robots.approve(tx, source, name, fingerprint)
     robots.rename(tx, source, name, new_name)
-    return PAGE, f"Robot {new_name} is approved. It connects by itself within a minute."
+    onward = f"{add_robot.PAGE}?{urlencode({'robot': new_name})}#waiting"
+    return onward, f"Robot {new_name} is approved. It connects by itself within a minute."
 
 
 def _shown() -> str:
@@ -73,7 +62,7 @@ def _found_waiting(name: str) -> Words:
                 )
                 return {"key": one, "stays": stays}
     raise RecordMissing(
-        f"cannot find that key of robot {name}: it no longer waits; see {PAGE} for the keys that do"
+        f"cannot find that key of robot {name}: it no longer waits; see {add_robot.PAGE} for the keys that do"
     )
 
 

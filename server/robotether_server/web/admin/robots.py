@@ -1,4 +1,4 @@
-"""/admin/robots: every robot, found by words and state; /admin/add-robot: announce one.
+"""/admin/robots: every robot, found by words and state.
 
 /admin/robots/NAME: one of them, and what an admin changes after a question.
 """
@@ -89,26 +89,6 @@ def show_all() -> str:
         search=search,
         states=STATES,
         control=control,
-    )
-
-
-def show_form(problem: Problem | None = None) -> str:
-    """Show the form that announces a robot."""
-    policy = context().join.policy
-    return render_template(
-        "admin/add_robot.html", problem=problem, values=request.form, policy=policy
-    )
-
-
-@form(blueprint, "/add-robot", show_form)
-def add(tx: Transaction, source: Source) -> Saved:
-    """Announce a robot by its MAC and name."""
-    mac = forms.text("mac", "MAC address", MAX_MAC_LENGTH)
-    name = forms.text("name", "Name", MAX_NAME_LENGTH)
-    robot = robots.add(tx, source, mac, name, allow_local_mac=forms.is_ticked("local_mac"))
-    return (
-        page_of(robot.name),
-        f"Robot {robot.name} is announced. It waits for the machine with MAC {robot.mac}.",
     )
 
 

@@ -66,7 +66,7 @@ def test_admins_see_everywhere_how_many_wait(browser: Browser, program: Browser,
     """The badge stands beside the menu's Admin; users have neither."""
     assert join(program, "02:00:00:00:51:77", 1).status_code == 202
     browser.log_in("root")
-    assert "1 waiting for approval" in browser.ask("GET", path).text
+    assert "1 awaiting approval" in browser.ask("GET", path).text
 
 
 def test_users_have_no_menu_for_admins(browser: Browser) -> None:

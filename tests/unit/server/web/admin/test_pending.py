@@ -30,10 +30,9 @@ def asked(action: str, robot: str, key: int) -> str:
 
 
 def test_nobody_waits_at_first(admin: Browser) -> None:
-    """The page says how somebody comes to."""
-    page = admin.ask("GET", "/admin/pending").text
-    assert "No key waits" in page
-    assert "/admin/join-tokens" in page
+    """The page says how somebody comes to; it is at the old address, too."""
+    for path in ("/admin/add-robot", "/admin/pending"):
+        assert 'data-testid="nobody-waits"' in admin.ask("GET", path).text
 
 
 def test_a_key_is_shown_in_full_with_what_to_compare(admin: Browser, program: Browser) -> None:

@@ -1,4 +1,4 @@
-"""The robots' list, search and pages, the form that announces one, and what an admin changes after a question."""
+"""The robots' list, search and pages, and what an admin changes after a question."""
 
 from __future__ import annotations
 
@@ -84,54 +84,22 @@ def test_list_shows_what_the_search_finds(admin: Browser) -> None:
 
 
 def test_an_empty_fleet_says_what_to_do_first(admin: Browser, database: Database) -> None:
-    """With a link for each way."""
+    """With a link to it."""
     with database.transaction() as tx:
         for name in ("sim1", "sim2"):
             robots.remove(tx, robots.get(tx, name).id)
     page = admin.ask("GET", "/admin/robots").text
     assert "There is no robot yet" in page
-    assert "/admin/join-tokens" in page
+    assert 'href="/admin/add-robot">Add robot' in page
 
 
 def test_what_an_unknown_robot_calls_itself_is_text(admin: Browser, program: Browser) -> None:
     """A host name is anybody's; it becomes no markup, on no page."""
     assert join(program, "02:00:00:00:51:77", 7, "<script>alert(1)</script>").status_code == 202
-    for path in ("/admin/robots", "/admin/pending", "/admin/robots/robot-005177", "/admin/audit"):
+    for path in ("/admin/robots", "/admin/add-robot", "/admin/robots/robot-005177", "/admin/audit"):
         page = admin.ask("GET", path).text
         assert "&lt;script&gt;alert(1)" in page, path
         assert "<script>alert" not in page, path
-
-
-def test_a_robot_is_announced(admin: Browser, database: Database) -> None:
-    """Its page follows, and its row is there; a local MAC may be allowed by a box."""
-    answer = send(admin, "/admin/add-robot", name="lift", mac="00-1B-44-11-3A-B7")
-    assert (answer.status_code, answer.location) == (303, "/admin/robots/lift")
-    assert "Robot lift is announced" in admin.ask("GET", "/admin/robots/lift").text
-    with database.transaction() as tx:
-        assert robots.get(tx, "lift").mac == "00:1b:44:11:3a:b7"
-    assert ("robot_added", "root", "198.51.100.7") in audit_kinds(database)
-    answer = send(admin, "/admin/add-robot", name="vm", mac="06:00:00:00:00:01", local_mac="yes")
-    assert answer.status_code == 303
-
-
-@pytest.mark.parametrize(
-    ("name", "mac", "sentence"),
-    [
-        ("", "00:1b:44:11:3a:b7", "fill in Name"),
-        ("lift", "rubbish", "no MAC address"),
-        ("-x-", "00:1b:44:11:3a:b7", "a name has a-z"),
-        ("sim1", "00:1b:44:11:3a:b7", "name sim1"),
-        ("lift", "06:00:00:00:00:01", "locally administered"),
-    ],
-)
-def test_a_wrong_form_comes_back_filled_in(
-    admin: Browser, name: str, mac: str, sentence: str
-) -> None:
-    """With the sentence that says what is wrong."""
-    answer = send(admin, "/admin/add-robot", name=name, mac=mac)
-    assert answer.status_code >= 400
-    assert sentence in answer.text
-    assert f'value="{mac}"' in answer.text
 
 
 def test_page_tells_all_that_is_known(

@@ -191,7 +191,7 @@ def test_fleet_page_names_each_robots_first_camera(browser: Browser, database: D
 def test_fleet_page_leads_an_admin_to_the_first_robot(browser: Browser) -> None:
     """And tells a user whom to ask."""
     browser.log_in("root")
-    assert "Add the first one" in browser.ask("GET", "/").text
+    assert "add-first-robot" in browser.ask("GET", "/").text
     browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
     browser.log_in("ann")
     assert "Ask your administrator for access" in browser.ask("GET", "/").text

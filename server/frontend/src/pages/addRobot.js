@@ -1,0 +1,46 @@
+// The page that adds a robot: fetches itself again and again, and puts in place what changed of step 3.
+
+import { part } from "./page.js";
+
+const EVERY_MS = 2000;
+// Each fetch counts as a use of the login, and a page that nobody touches must not keep it.
+const UNTOUCHED_MS = 15 * 60_000;
+const EVENTS = ["pointerdown", "keydown", "focus"];
+
+class Arrivals {
+  constructor(section) {
+    this.section = section;
+    this.touchedAt = performance.now();
+  }
+
+  touch() {
+    this.touchedAt = performance.now();
+  }
+
+  async poll() {
+    if (document.hidden || performance.now() - this.touchedAt > UNTOUCHED_MS) return;
+    // Without an answer, or with that of a login that ended, what stands there stays.
+    const answer = await fetch(this.section.dataset.live, { cache: "no-store" }).catch(() => null);
+    if (answer?.ok) this.show(new DOMParser().parseFromString(await answer.text(), "text/html"));
+  }
+
+  // Never under somebody's keyboard.
+  show(page) {
+    for (const name of ["arrivals", "waiting"]) {
+      const [shown, fresh] = [part(this.section, name), part(page, name)];
+      if (!fresh || shown.contains(document.activeElement) || withoutTokens(shown) === withoutTokens(fresh)) continue;
+      shown.replaceChildren(...fresh.childNodes);
+    }
+  }
+}
+
+// Each page has its own token in its forms.
+const withoutTokens = (element) => element.innerHTML.replace(/(name="csrf_token" value=")[^"]*/g, "$1");
+
+const section = /** @type {HTMLElement} */ (document.querySelector("[data-live]"));
+const arrivals = new Arrivals(section);
+for (const name of EVENTS) window.addEventListener(name, () => arrivals.touch());
+part(section, "reload").hidden = true;
+// Reloading the answer to the form would make another token.
+if (location.pathname === "/admin/join-tokens") history.replaceState(null, "", section.dataset.live);
+setInterval(() => arrivals.poll(), EVERY_MS);

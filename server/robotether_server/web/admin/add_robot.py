@@ -1,0 +1,181 @@
+"""/admin/add-robot: a robot in three steps: which one, the line to run on it, and its arrival.
+
+A form of the page makes the line (/admin/join-tokens), another announces a robot by its MAC, and pending.py approves
+who comes without a token. The answer that holds a line is the only one that ever does.
+"""
+
+import datetime as dt
+import secrets
+from dataclasses import dataclass
+
+from flask import Blueprint, render_template, request
+
+from robotether_server.api.context import context
+from robotether_server.db import Transaction, join_tokens, robots, seen_robots
+from robotether_server.db import grants as db_grants
+from robotether_server.db.audit import Source
+from robotether_server.db.join_tokens import JoinToken, Place
+from robotether_server.db.seen_robots import SeenRobot
+from robotether_server.install_line import EnrolmentLines, enrolment_lines
+from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.schemas import MAX_NAME_LENGTH
+from robotether_server.services import joining, pending, tokens
+from robotether_server.services import robots as robot_service
+from robotether_server.web import confirmation, forms
+from robotether_server.web.confirmation import ConfirmedAction, Words
+from robotether_server.web.forms import Saved, form
+
+blueprint = Blueprint("add_robot", __name__)
+
+PAGE = "/admin/add-robot"
+MAX_MAC_LENGTH = 17
+MAX_HOURS = 8760
+# A token's own name is the robot's, and this many bytes in hex: a robot may be added again.
+SUFFIX_BYTES = 3
+
+
+@dataclass(frozen=True)
+class Invitation:
+    """A join token, where its robots belong, and what only the answer that makes it has: name, text and lines."""
+
+    token: JoinToken
+    place: Place
+    name: str | None = None
+    text: str = ""
+    lines: EnrolmentLines | None = None
+
+
+def show(problem: Problem | None = None) -> str:
+    """Show the page with nothing made yet, perhaps with the problem of one of its forms."""
+    with context().database.transaction() as tx:
+        return _page(tx, problem=problem)
+
+
+@blueprint.get("/add-robot/<int:token_id>")
+def show_arrivals(token_id: int) -> str:
+    """Show who came with a token; its line was shown before."""
+    with context().database.transaction() as tx:
+        token = join_tokens.get(tx, token_id)
+        return _page(tx, Invitation(token, join_tokens.place_of(tx, token_id)))
+
+
+@form(blueprint, "/join-tokens", show)
+def create_line(tx: Transaction, source: Source) -> Saved:
+    """Create a join token; the answer shows its lines once."""
+    uses = forms.number("uses", "Robots", 1, tokens.MAX_USES)
+    hours = forms.number("hours", "Hours", 1, MAX_HOURS)
+    name = _robot_name(tx, uses)
+    place = Place(
+        forms.optional_text("site", "Site", MAX_NAME_LENGTH),
+        forms.optional_text("group", "Group", MAX_NAME_LENGTH),
+    )
+    suffix = secrets.token_hex(SUFFIX_BYTES)
+    label = f"{(name or 'robot')[: MAX_NAME_LENGTH - len(suffix) - 1]} {suffix}"
+    expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
+    text = tokens.create_join_token(tx, source, label, uses, expires_at, place=place)
+    # This may raise: without a certificate to pin there is no install line, and so no token.
+    lines = enrolment_lines(context().site_certificates, request.host, text, name)
+    # A name is unique among join tokens.
+    [token] = [one for one in join_tokens.list_all(tx) if one.name == label]
+    return _page(tx, Invitation(token, place, name, text, lines))
+
+
+@form(blueprint, "/add-robot", show)
+def announce(tx: Transaction, source: Source) -> Saved:
+    """Announce a robot by its MAC and name."""
+    mac = forms.text("mac", "MAC address", MAX_MAC_LENGTH)
+    name = forms.text("name", "Name", MAX_NAME_LENGTH)
+    robot = robot_service.add(tx, source, mac, name, allow_local_mac=forms.is_ticked("local_mac"))
+    return (
+        f"/admin/robots/{robot.name}",
+        f"Robot {robot.name} is announced. It waits for the machine with MAC {robot.mac}.",
+    )
+
+
+def _robot_name(tx: Transaction, uses: int) -> str | None:
+    """Return the name that the robot is to ask for; the server would ignore one that it cannot have."""
+    name = forms.optional_text("name", "Name", MAX_NAME_LENGTH)
+    if name is None:
+        return None
+    if not joining.ROBOT_NAME.fullmatch(name):
+        raise FieldInvalid(
+            "cannot use this name: it must be of a-z, 0-9 and -, neither first nor last a -", "name"
+        )
+    if uses > 1:
+        raise FieldInvalid(
+            "cannot give one name to several robots: leave it empty, and rename them later", "name"
+        )
+    if robots.name_is_taken(tx, name):
+        raise FieldInvalid(
+            f"cannot name it {name}: a robot has that name; if this is that robot, leave the name empty and it "
+            "keeps its own",
+            "name",
+        )
+    return name
+
+
+def _page(
+    tx: Transaction, invitation: Invitation | None = None, problem: Problem | None = None
+) -> str:
+    everyone = seen_robots.list_all(tx)
+    return render_template(
+        "admin/add_robot.html",
+        made=invitation,
+        arrived=_arrived(tx, everyone, invitation),
+        live=f"{PAGE}/{invitation.token.id}" if invitation else request.full_path.rstrip("?"),
+        sites=_choices("no site", [site.name for site in db_grants.list_sites(tx)]),
+        groups=_choices("no group", [group.name for group in db_grants.list_groups(tx)]),
+        waiting=pending.waiting(tx),
+        rejected=pending.rejected(tx),
+        online={one.robot.name for one in everyone if one.online},
+        tokens=_usable(join_tokens.list_all(tx)),
+        policy=context().join.policy,
+        problem=problem,
+        values=request.form,
+    )
+
+
+def _choices(none: str, names: list[str]) -> list[tuple[str, str]]:
+    """Return the values and words of a choice; empty when there is nothing to choose."""
+    return [("", none), *((name, name) for name in names)] if names else []
+
+
+def _arrived(
+    tx: Transaction, everyone: list[SeenRobot], invitation: Invitation | None
+) -> list[SeenRobot]:
+    """Return the robots that a token admitted; without one, the robot that an admin has just approved."""
+    keys = join_tokens.admitted(tx, invitation.token.id) if invitation else set()
+    approved = None if invitation else request.args.get("robot")
+    return [one for one in everyone if one.robot.fingerprint in keys or one.robot.name == approved]
+
+
+def _usable(listed: list[JoinToken]) -> list[JoinToken]:
+    now = dt.datetime.now(dt.UTC)
+    return [one for one in listed if one.used < one.uses and one.expires_at > now]
+
+
+def _found_token(token_id: int) -> Words:
+    with context().database.transaction() as tx:
+        found = join_tokens.list_all(tx)
+    missing = "cannot find that join token: it was already revoked"
+    token = confirmation.pick(found, token_id, missing)
+    return {"token": token, "uses_left": token.uses - token.used}
+
+
+confirmation.register(
+    blueprint,
+    PAGE,
+    _found_token,
+    ConfirmedAction(
+        path="/join-tokens/<int:token_id>/delete",
+        title="Revoke join token {token.name}?",
+        effects=(
+            "No robot can join with it from now on; {uses_left} of {token.uses} uses are left.",
+            "Robots that joined with it stay.",
+        ),
+        undo="A revoked token cannot be restored; add the robot again.",
+        button="Revoke",
+        done="Join token {token.name} is revoked.",
+        do=tokens.delete_join_token,
+    ),
+)

@@ -1,0 +1,198 @@
+"""A robot is added in three steps: which one, the line to run on it, its arrival; or announced by its MAC."""
+
+from __future__ import annotations
+
+import dataclasses
+import shlex
+from collections.abc import Iterator
+from html import unescape
+from pathlib import Path
+
+import pytest
+import tls_front
+from admin_visitor import fingerprint, join, public_key, send
+from flask import Flask
+from robotether_server.db import Database, join_tokens, robots
+from robotether_server.db.audit import Source
+from robotether_server.install_line import SiteCertificates
+from robotether_server.services import grants
+from robotether_server.settings import SiteAddressSettings
+from web_visitor import Browser, audit_kinds
+
+FORM = {"name": "", "uses": "1", "hours": "1"}
+NEW_MAC = "00:1b:44:11:3a:b7"
+
+
+@pytest.fixture
+def site_certificate(app: Flask, tmp_path: Path) -> Iterator[None]:
+    """A certificate that the site can tell."""
+    with tls_front.running(tmp_path) as running:
+        context = app.extensions["robotether"]
+        seen = SiteCertificates(SiteAddressSettings("robots.example", 443, running.endpoint))
+        app.extensions["robotether"] = dataclasses.replace(context, site_certificates=seen)
+        yield
+
+
+def names(database: Database) -> list[str]:
+    """The names of all join tokens, without the end that tells them apart."""
+    with database.transaction() as tx:
+        return [token.name.rpartition(" ")[0] for token in join_tokens.list_all(tx)]
+
+
+def words_of(page: str) -> list[str]:
+    """The words of the install line of a page."""
+    line = unescape(page.split('data-testid="install-line">')[1].split("<", maxsplit=1)[0])
+    assert line.startswith("curl -fsSk --pinnedpubkey")
+    assert " https://robots.example/join.sh | sudo sh -s -- " in line
+    return shlex.split(line)
+
+
+def arrives(program: Browser, words: list[str], hostname: str = "turtle") -> str:
+    """A new machine joins with what the line gives it; the name that it gets."""
+    body = {
+        "mac": NEW_MAC,
+        "public_key": public_key(9),
+        "hostname": hostname,
+        "agent_version": "0.1.0",
+        "token": words[-1],
+    }
+    if "--name" in words:
+        body["name"] = words[words.index("--name") + 1]
+    answer = program.ask("POST", "/api/v1/join", json=body)
+    assert answer.status_code == 200, answer.text
+    return str(answer.json["robot"])
+
+
+@pytest.mark.usefixtures("site_certificate")
+def test_the_line_is_shown_once(admin: Browser, database: Database) -> None:
+    """In the answer to the form; it is in no address and no cookie, and no other page has it."""
+    answer = send(admin, "/admin/join-tokens", **FORM)
+    assert answer.status_code == 200
+    token = words_of(answer.text)[-1]
+    assert token.startswith("rj_")
+    assert f'data-testid="join-token">{token}<' in answer.text
+    assert token not in str(answer.headers)
+    live = answer.text.split('data-live="')[1].split('"')[0]
+    for path in (live, "/admin/add-robot"):
+        page = admin.ask("GET", path).text
+        assert token not in page
+        assert "1 of 1" in page
+    assert names(database) == ["robot"]
+    assert audit_kinds(database)[-1] == ("join_token_created", "root", "198.51.100.7")
+
+
+@pytest.mark.usefixtures("site_certificate")
+def test_a_robot_arrives_as_it_was_said(
+    admin: Browser, program: Browser, database: Database
+) -> None:
+    """With its name, at its site, driven by its group; the page then leads to it, and waits no more."""
+    with database.transaction() as tx:
+        grants.add_site(tx, Source("root"), "lab")
+        grants.add_group(tx, Source("root"), "crew")
+    form = FORM | {"name": "lift", "site": "lab", "group": "crew"}
+    page = send(admin, "/admin/join-tokens", **form).text
+    assert "at site lab" in page
+    live = page.split('data-live="')[1].split('"')[0]
+    assert 'data-testid="waits"' in admin.ask("GET", live).text
+    assert arrives(program, words_of(page)) == "lift"
+    page = admin.ask("GET", live).text
+    assert 'data-testid="arrived-lift"' in page
+    assert 'href="/admin/robots/lift" data-testid="arrived-open"' in page
+    assert 'data-testid="waits"' not in page
+    page = admin.ask("GET", "/admin/robots/lift").text
+    assert "<option selected>lab</option>" in page
+    assert 'data-testid="grant-group crew"' in page
+    assert "No token can admit a robot now" in admin.ask("GET", "/admin/add-robot").text
+
+
+@pytest.mark.usefixtures("site_certificate")
+def test_a_robot_that_was_added_may_be_added_again(admin: Browser) -> None:
+    """Its line may be lost."""
+    for _ in range(2):
+        assert send(admin, "/admin/join-tokens", **(FORM | {"name": "lift"})).status_code == 200
+
+
+def test_a_site_that_cannot_tell_its_certificate_makes_no_token(
+    admin: Browser, database: Database
+) -> None:
+    """The form comes back, filled in, with the reason."""
+    answer = send(admin, "/admin/join-tokens", **(FORM | {"name": "lift"}))
+    assert (answer.status_code, 'value="lift"' in answer.text) == (503, True)
+    assert "certificate" in answer.text
+    assert names(database) == []
+
+
+@pytest.mark.parametrize(
+    ("wrong", "field"),
+    [
+        ({"name": "-x-"}, "name"),
+        ({"name": "sim1"}, "name"),
+        ({"name": "lift", "uses": "2"}, "name"),
+        ({"uses": "0"}, "uses"),
+        ({"uses": "10001"}, "uses"),
+        ({"hours": "8761"}, "hours"),
+        ({"hours": "x"}, "hours"),
+    ],
+)
+def test_a_wrong_form_comes_back(
+    admin: Browser, database: Database, wrong: dict[str, str], field: str
+) -> None:
+    """With the sentence at its field; no token is made."""
+    answer = send(admin, "/admin/join-tokens", **(FORM | wrong))
+    assert (answer.status_code, "form-problem" in answer.text) == (422, True)
+    assert f'id="{field}-problem"' in answer.text
+    assert answer.text.count('class="wrong"') == 1
+    assert names(database) == []
+
+
+@pytest.mark.usefixtures("site_certificate")
+def test_a_token_is_revoked_after_a_question(admin: Browser, database: Database) -> None:
+    """Which says how many uses are left; the others stay."""
+    send(admin, "/admin/join-tokens", **(FORM | {"uses": "3"}))
+    page = admin.ask("GET", "/admin/add-robot").text
+    path = page.split('href="/admin/join-tokens/')[1].split('"')[0]
+    send(admin, "/admin/join-tokens", **(FORM | {"name": "yard"}))
+    assert "3 of 3 uses are left" in admin.ask("GET", f"/admin/join-tokens/{path}").text
+    assert send(admin, f"/admin/join-tokens/{path}").location == "/admin/add-robot"
+    assert names(database) == ["yard"]
+    assert admin.ask("GET", f"/admin/join-tokens/{path}").status_code == 404
+
+
+def test_an_approved_robot_is_led_to(admin: Browser, program: Browser) -> None:
+    """By the page that approval leads back to."""
+    join(program, "02:00:00:00:51:01", 1)
+    form = {"robot": "sim1", "fingerprint": fingerprint(1), "name": "sim1"}
+    onward = str(send(admin, "/admin/pending", **form).location)
+    assert 'data-testid="arrived-sim1"' in admin.ask("GET", onward.partition("#")[0]).text
+
+
+def test_a_robot_is_announced(admin: Browser, database: Database) -> None:
+    """Its page follows, and its row is there; a local MAC may be allowed by a box."""
+    answer = send(admin, "/admin/add-robot", name="lift", mac="00-1B-44-11-3A-B7")
+    assert (answer.status_code, answer.location) == (303, "/admin/robots/lift")
+    assert "Robot lift is announced" in admin.ask("GET", "/admin/robots/lift").text
+    with database.transaction() as tx:
+        assert robots.get(tx, "lift").mac == "00:1b:44:11:3a:b7"
+    assert ("robot_added", "root", "198.51.100.7") in audit_kinds(database)
+    answer = send(admin, "/admin/add-robot", name="vm", mac="06:00:00:00:00:01", local_mac="yes")
+    assert answer.status_code == 303
+
+
+@pytest.mark.parametrize(
+    ("name", "mac", "sentence"),
+    [
+        ("", "00:1b:44:11:3a:b7", "fill in Name"),
+        ("lift", "rubbish", "no MAC address"),
+        ("-x-", "00:1b:44:11:3a:b7", "a name has a-z"),
+        ("sim1", "00:1b:44:11:3a:b7", "name sim1"),
+        ("lift", "06:00:00:00:00:01", "locally administered"),
+    ],
+)
+def test_a_wrong_form_comes_back_filled_in(
+    admin: Browser, name: str, mac: str, sentence: str
+) -> None:
+    """With the sentence that says what is wrong."""
+    answer = send(admin, "/admin/add-robot", name=name, mac=mac)
+    assert answer.status_code >= 400
+    assert sentence in answer.text
+    assert f'value="{mac}"' in answer.text
