@@ -8,6 +8,7 @@ const options = {
     copy: "src/pages/copy.js",
     drive: "src/pages/drive.js",
     fleet: "src/pages/fleet.js",
+    grants: "src/pages/grants.js",
     "robotether-client": "src/client/index.js",
   },
   outdir: "../robotether_server/web/static/dist",

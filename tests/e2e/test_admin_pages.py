@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ from robot_key import RobotKey
 from stack import Stack
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+SYDNEY = {**PHONE, "timezone_id": "Australia/Sydney"}
+MAX_GRANT_PX = 110
 COPIES = {"permissions": ["clipboard-read", "clipboard-write"]}
 
 
@@ -151,6 +154,41 @@ def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> Non
         page.get_by_test_id("deed-do").click()
         _done(page, gone)
         expect(petra.get_by_test_id("robot-card-sim2")).to_have_count(0, timeout=10_000)
+    _do(page, stack, "/admin/users/petra/remove", "User petra is removed.")
+
+
+@pytest.mark.parametrize(
+    "context",
+    [SYDNEY, {**SYDNEY, "java_script_enabled": False}],
+    indirect=True,
+    ids=["", "no script"],
+)
+def test_a_grant_ends_by_the_readers_clock(page: Page, stack: Stack) -> None:
+    """Without the page's script by UTC, as it says; a new level leaves the end. On a phone a grant is two lines."""
+    stack.admin.add_user("petra")
+    stack.admin.grant("petra", "sim2", "drive")
+    page.goto(f"{stack.url}/admin/users/petra")
+    is_local = page.get_by_role("columnheader", name="Until (local time)").count() == 1
+    row = page.get_by_test_id("grant-sim2")
+    box = row.bounding_box()
+    assert box is not None
+    assert box["height"] <= MAX_GRANT_PX
+    end = row.get_by_label("Until when")
+    year = dt.datetime.now(dt.UTC).year + 1
+    end.fill(f"{year}-01-31T09:30")
+    end.press("Enter")
+    _done(
+        page,
+        "User petra may drive robot sim2 until "
+        + (f"{year}-01-30 22:30 UTC." if is_local else f"{year}-01-31 09:30 UTC."),
+    )
+    expect(end).to_have_value(f"{year}-01-31T09:30")
+    row.get_by_role("button", name="manage").click()
+    expect(row.get_by_role("button", name="manage")).to_have_attribute("aria-pressed", "true")
+    expect(end).to_have_value(f"{year}-01-31T09:30")
+    end.fill("")
+    row.get_by_role("button", name="Save").click()
+    _done(page, "User petra may manage robot sim2.")
     _do(page, stack, "/admin/users/petra/remove", "User petra is removed.")
 
 

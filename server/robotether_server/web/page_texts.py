@@ -131,7 +131,8 @@ SENTENCES: Mapping[str, str] = {
 def register(app: Flask) -> None:
     """Give the templates their filters."""
     app.add_template_filter(timestamp_words, "timestamp")
-    app.add_template_filter(end_text, "end_text")
+    app.add_template_filter(end_value, "end_value")
+    app.add_template_filter(rfc3339, "rfc3339")
     app.add_template_filter(sentence, "sentence")
     app.add_template_filter(drive_end, "drive_end")
     app.add_template_filter(session_end, "session_end")
@@ -146,9 +147,9 @@ def timestamp_words(timestamp: dt.datetime) -> str:
     return timestamp.astimezone(dt.UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
-def end_text(timestamp: dt.datetime | None) -> str:
-    """Return the text of an end in a form: 2026-01-31 for the last second of a day, else 2026-01-31T12:00:00Z."""
-    return (rfc3339(timestamp) or "").replace("T23:59:59Z", "")
+def end_value(timestamp: dt.datetime | None) -> str:
+    """Return an end as a field of time has it: in UTC, to the minute, without its zone."""
+    return timestamp.astimezone(dt.UTC).strftime("%Y-%m-%dT%H:%M") if timestamp else ""
 
 
 def key_groups(fingerprint: str) -> list[str]:

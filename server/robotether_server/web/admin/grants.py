@@ -1,5 +1,7 @@
 """Grants on the pages of robots, users, groups and sites: which each shows, and the forms to give and remove them."""
 
+import datetime as dt
+import re
 from collections.abc import Callable
 
 from flask import Blueprint, request
@@ -23,6 +25,8 @@ from robotether_server.web.page_texts import timestamp_words
 blueprint = Blueprint("grants", __name__)
 
 MAX_CHOICE_LENGTH = 80
+# What a field of time sends without the page's script.
+WITHOUT_ZONE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d{1,3})?)?", re.ASCII)
 # Title, and value and words of what there is to choose from.
 Choices = list[tuple[str, list[tuple[str, str]]]]
 
@@ -90,11 +94,20 @@ def _give(tx: Transaction, source: Source) -> str:
     """Add the form's grant; return what is said of it."""
     grantee, scope = _grantee(), _scope()
     level = forms.choice("level", "May", LEVELS)
-    text = forms.optional_text("ends_at", "Until", times.MAX_TEXT_LENGTH)
-    ends_at = times.day_or_timestamp("Until", text, is_end=True) if text else None
-    given, _ = grants.give(tx, source, grantee, scope, level, ends_at=ends_at)
+    given, _ = grants.give(tx, source, grantee, scope, level, ends_at=_ends_at())
     words = f"{given.holder_words} may {level} {given.scope_words}{_end_words(given)}."
     return words[0].upper() + words[1:]
+
+
+def _ends_at() -> dt.datetime | None:
+    """Return the end: with its offset from the script of the page, or else in UTC."""
+    text = forms.optional_text("ends_at", "Until", times.MAX_TEXT_LENGTH)
+    if text is None:
+        return None
+    try:
+        return times.timestamp("ends_at", f"{text}Z" if WITHOUT_ZONE.fullmatch(text) else text)
+    except FieldInvalid as error:
+        raise FieldInvalid("cannot use Until: choose a day and a time", "ends_at") from error
 
 
 def _grantee() -> Grantee:

@@ -121,14 +121,32 @@ def test_groups_sites_and_all_can_be_chosen(
     assert given in all_grants(database)
 
 
-def test_a_grant_ends_with_its_day(admin: Browser, database: Database) -> None:
-    """The last second of that day in UTC; the form shows the day again."""
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("{day}T12:30", "{day}T12:30"),
+        ("{day}T23:59:59", "{day}T23:59"),
+        ("{day}T12:30:00.000Z", "{day}T12:30"),
+        ("{day}T12:30:00+02:00", "{day}T10:30"),
+    ],
+)
+def test_an_end_comes_with_its_offset_or_in_utc(admin: Browser, text: str, shown: str) -> None:
+    """From the page's script, or without it; the field has it in UTC."""
     day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=3)).date()
-    send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": str(day)}))
-    with database.transaction() as tx:
-        ends = {one.scope_words: one.ends_at for one in list_all(tx)}
-    assert ends["robot sim2"] == dt.datetime.combine(day, dt.time(23, 59, 59), dt.UTC)
-    assert f'value="{day}"' in admin.ask("GET", "/admin/users/ann").text
+    expected = f'value="{shown.format(day=day)}"'
+    for typed in (text.format(day=day), shown.format(day=day)):
+        send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": typed}))
+        assert expected in admin.ask("GET", "/admin/users/ann").text
+
+
+def test_a_wrong_end_is_said_at_its_field(admin: Browser) -> None:
+    """Which keeps what was typed."""
+    form = FORM | {"ends_at": "2020-01-01T00:00:00.000Z"}
+    page = send(admin, "/admin/users/ann/grants", **form).text
+    field = page.split('id="grant-end"')[1].split(">")[0]
+    assert 'value="2020-01-01T00:00:00.000"' in field
+    assert 'aria-describedby="grant-problem"' in field
+    assert "it has passed" in page.split('id="grant-problem"')[1].split("<")[0]
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -144,7 +162,7 @@ def test_a_wrong_grant_comes_back_with_the_page(
         {"scope": "all:x"},
         {"level": "own"},
         {"holder": ""},
-        {"ends_at": "2020-01-01"},
+        {"ends_at": "2020-01-01T12:00"},
         {"ends_at": "soon"},
     ):
         answer = send(admin, f"{page}/grants", **(FORM | wrong))
@@ -178,7 +196,7 @@ def test_the_question_names_the_end(
 ) -> None:
     """A grant that is over is not said to give anything now."""
     day = f"{dt.datetime.now(dt.UTC) + dt.timedelta(days=7):%Y-%m-%d}"
-    send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": day}))
+    send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}T23:59"}))
     path = f"/admin/grants/{number_of(database, 'user ann', 'robot sim2')}/take"
     page = admin.ask("GET", path).text
     for words in (f"may drive now until {day}", f"robot sim2 until {day} 23:59 UTC again"):
