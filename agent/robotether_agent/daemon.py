@@ -46,6 +46,8 @@ STATUS_EVERY_S = 2.0
 LOCALHOST = "127.0.0.1"
 # The server's word for a shell that an admin has switched off.
 SHELL_OFF = "shell_off"
+# And for a media connection that nobody needs until there is a viewer again.
+UNWATCHED = "unwatched"
 
 log = logging.getLogger(__name__)
 
@@ -192,7 +194,10 @@ class Agent:
             await within(most_s, self._next_session.wait())
 
     async def _media_attempt(self, uptime: Uptime) -> None:
-        await self._session_up.wait()
+        # A robot that comes back may be watched no more.
+        while not (self._features.media.is_set() and self._session_up.is_set()):
+            await self._features.media.wait()
+            await self._session_up.wait()
         frames = FramesService(
             self._source_settings, has_video=lambda: self._health.report.video == "ok"
         )
@@ -208,6 +213,13 @@ class Agent:
                 video_proxy=video_proxy,
             )
             await self._connect(role)
+        except SessionEnded as problem:
+            if problem.code != UNWATCHED:
+                raise
+            self._status_writer.set(video_tunnel=self._video_state(is_open=False))
+            log.info(
+                "robot %s: nobody watches its video any more", self._status_writer.status.robot
+            )
         finally:
             await video_proxy.close()
             await frames.close()
@@ -290,13 +302,21 @@ class Agent:
         self._features.apply(config)
         self._recheck.set()
         shell = self._shell_state(is_open=self._status_writer.status.shell_tunnel == "open")
-        self._status_writer.set(state=CONNECTED, robot=config.robot, shell_tunnel=shell)
+        video = self._video_state(is_open=self._status_writer.status.video_tunnel == "open")
+        self._status_writer.set(
+            state=CONNECTED, robot=config.robot, shell_tunnel=shell, video_tunnel=video
+        )
         log.info("robot %s: connected to %s", config.robot, target)
 
     def _shell_state(self, *, is_open: bool) -> str:
         if not self._features.shell.is_set():
             return "off"
         return "open" if is_open else "closed"
+
+    def _video_state(self, *, is_open: bool) -> str:
+        if is_open:
+            return "open"
+        return "closed" if self._features.media.is_set() else UNWATCHED
 
     def _media_is_up(
         self, uptime: Uptime, _: SshAddress, config: SessionConfig, __: Session
@@ -323,7 +343,9 @@ class Agent:
 
     def _no_media(self, problem: AgentProblem) -> None:
         self._status_writer.report_problem(
-            problem, self._status_writer.status.state, video_tunnel="closed"
+            problem,
+            self._status_writer.status.state,
+            video_tunnel=self._video_state(is_open=False),
         )
 
     def _no_shell(self, problem: AgentProblem) -> None:

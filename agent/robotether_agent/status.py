@@ -61,6 +61,7 @@ class Status:
     guard_detail: str = ""
     # Who stopped the robot; empty while it is not stopped.
     stopped_by: str = ""
+    # unwatched: it opens for the next viewer; else open or closed.
     video_tunnel: str = "closed"
     # off: nobody wants one; else open or closed.
     shell_tunnel: str = "off"
@@ -182,7 +183,7 @@ def render(status: Status, now: float) -> str:
         rtt = "unknown" if status.rtt_ms < 0 else f"{status.rtt_ms:.1f} ms"
         rows += [
             ("round trip", rtt),
-            ("video tunnel", status.video_tunnel),
+            ("video tunnel", video_tunnel(status)),
             ("shell tunnel", status.shell_tunnel),
             ("end to end", _end_to_end(status)),
         ]
@@ -220,8 +221,15 @@ def _sentence(status: Status) -> str:
 
 def _is_whole(status: Status) -> bool:
     """Return whether all that the agent keeps open is open."""
-    tunnels = status.video_tunnel == "open" and status.shell_tunnel != "closed"
+    tunnels = status.video_tunnel != "closed" and status.shell_tunnel != "closed"
     return status.state == CONNECTED and tunnels
+
+
+def video_tunnel(status: Status) -> str:
+    """Return the video tunnel's state for a person."""
+    if status.video_tunnel == "unwatched":
+        return "closed until somebody watches"
+    return status.video_tunnel
 
 
 def _mac(status: Status) -> str:
@@ -232,7 +240,8 @@ def _mac(status: Status) -> str:
 
 def _end_to_end(status: Status) -> str:
     shell = "" if status.shell_tunnel == "off" else f", shell {status.end_to_end_shell}"
-    return f"rosbridge {status.end_to_end_ros}, video {status.end_to_end_video}{shell}"
+    video = "" if status.video_tunnel == "unwatched" else f", video {status.end_to_end_video}"
+    return f"rosbridge {status.end_to_end_ros}{video}{shell}"
 
 
 def _service(state: str, detail: str) -> str:

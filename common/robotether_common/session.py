@@ -25,6 +25,7 @@ ByeCode = Literal[
     "port_taken",  # another SSH connection holds it: connect again; sshd drops a dead one within 15 s
     "key_changed",  # it is neither the robot's key nor the one before its rotation
     "shell_off",
+    "unwatched",  # nobody watches any more: the media connection opens again for the next viewer
     "not_ready",  # the relay has not read the database yet
     "relay_stopping",
     "protocol_error",

@@ -20,7 +20,7 @@ from robotether_agent.problems import (
     SshMissing,
 )
 from robotether_agent.settings import Settings
-from robotether_agent.status import CONNECTED, Status, has_problem
+from robotether_agent.status import CONNECTED, Status, has_problem, video_tunnel
 from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import (
     SshFiles,
@@ -110,7 +110,7 @@ def check_session(status: Status | None) -> Finding:
         return fail(
             "connection", f"the agent is {status.state}", "wait some seconds and check again"
         )
-    return ok("connection", f"connected as {status.robot}, video tunnel {status.video_tunnel}")
+    return ok("connection", f"connected as {status.robot}, video tunnel {video_tunnel(status)}")
 
 
 def check_end_to_end(status: Status | None) -> Finding:
@@ -119,8 +119,8 @@ def check_end_to_end(status: Status | None) -> Finding:
     if status is None or status.state != CONNECTED:
         return skipped(step, "not connected")
     answers = {"rosbridge": status.end_to_end_ros}
-    # Without web_video_server, as on a robot without a camera, there is nothing that the server could reach.
-    if status.video != "down":
+    # Without web_video_server there is nothing that the server could reach, and without viewers no tunnel to it.
+    if status.video != "down" and status.video_tunnel != "unwatched":
         answers["video"] = status.end_to_end_video
     if status.shell_tunnel != "off":
         answers["shell"] = status.end_to_end_shell

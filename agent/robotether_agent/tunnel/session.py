@@ -97,6 +97,7 @@ class RequestedFeatures:
     """What a configuration asks for: one event a feature, set for as long as it is requested."""
 
     def __init__(self, *, allows_shell: bool) -> None:
+        self.media = asyncio.Event()
         self.shell = asyncio.Event()
         self.new_key = asyncio.Event()
         self._allows_shell = allows_shell
@@ -104,6 +105,7 @@ class RequestedFeatures:
 
     def apply(self, config: SessionConfig) -> None:
         """Follow a configuration."""
+        _set(self.media, config.media)
         _set(self.shell, self._allows_shell and config.shell_port is not None)
         # A configuration may still say so shortly after the key was changed: only a new request counts.
         if config.rotate_key != self._key_was_requested:
@@ -131,6 +133,7 @@ class SessionConfig:
     guard: JsonObject = field(repr=False)
     shell_port: int | None = None
     rotate_key: bool = False
+    media: bool = True
     direct: bool = False
 
 
@@ -250,6 +253,7 @@ class Session:
             timeout_s=get_number(message, "timeout_s", 0.1, 600),
             shell_port=get_optional_port(message, "shell_port"),
             rotate_key=get_flag(message, "rotate_key", default=False),
+            media=get_flag(message, "media", default=True),
             guard=get_object(message, "guard"),
             direct=get_flag(message, "direct", default=False),
         )

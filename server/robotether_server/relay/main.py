@@ -36,6 +36,7 @@ from robotether_server.relay.http.sockets import RobotSocket, refuse_redirects
 from robotether_server.relay.http.timing import DRIVER_LIMITS, LivenessLimits
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver
+from robotether_server.relay.robots.media_demand import MediaDemand
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
@@ -136,6 +137,7 @@ class Relay:
         # Operators first: they must be notified that the relay stops, and not that a link was lost.
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))
         await self.feeds.close()
+        self.media_demand.close()
         await self._sessions.stop()
         self.control.close()
         await self.event_writer.flush(EVENTS_WRITTEN_WITHIN_S)
@@ -152,6 +154,8 @@ class Relay:
         self.event_writer = EventWriter(database)
         self.credentials = Credentials(database)
         self.registry = SessionRegistry()
+        # Published ports, as in the paper, are there for whoever connects to them.
+        self.media_demand = MediaDemand(self.registry.on_media_demand, always=self._settings.direct)
         self.connections = Connections()
         self.viewer_stats = ViewerStats()
         self.control = Control(
@@ -219,6 +223,7 @@ class Relay:
             rules=LinkRules(
                 settings.tunnel_host,
                 greeting=self.control.greeting,
+                needs_media=self.media_demand.needs,
                 heartbeat_s=timing.heartbeat_s,
                 timeout_s=timing.timeout_s,
                 direct=settings.direct,
@@ -244,6 +249,7 @@ class Relay:
             client=self._client,
             tunnel_host=settings.tunnel_host,
             feeds=self.feeds,
+            media_demand=self.media_demand,
             viewer_stats=self.viewer_stats,
         )
         rosbridge = RosbridgeHandler(

@@ -114,6 +114,7 @@ class FakeCloud:
         self.mode = mode
         self.timeout_s = TIMEOUT_S
         self.shell_port: int | None = None
+        self.media = True
         self.rotate_key = False
         # What the agent's guard is to go by.
         self.guard: dict[str, Any] = {"key": GUARD_KEY}
@@ -171,7 +172,7 @@ class FakeCloud:
         self.ssh.refuse_all()
 
     def configure(self, **changes: Any) -> None:
-        """Change `shell_port`, `rotate_key` or `guard`, and tell the session, as the relay does."""
+        """Change `shell_port`, `media`, `rotate_key` or `guard`, and tell the session, as the relay does."""
         for name, value in changes.items():
             setattr(self, name, value)
         self.authorize(self.robot_key)
@@ -307,6 +308,7 @@ class FakeCloud:
             "heartbeat_s": HEARTBEAT_S,
             "timeout_s": self.timeout_s,
             "shell_port": self.shell_port,
+            "media": self.media,
             "rotate_key": self.rotate_key,
             "guard": self.guard,
             "direct": False,

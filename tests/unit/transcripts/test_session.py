@@ -198,18 +198,22 @@ async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
     await line("relay", "ping")
     await line("agent", "pong")
     await line("agent", "check")
-    await line("session command", "preface", "media")
-    await line("relay", "config", "media", at=0)
-    await line("agent", "ping", "media")
-    await line("relay", "pong", "media")
-    # Once both tunnels are open.
-    await line("relay", "checked", ros="ok", video="ok")
+    await line("relay", "checked", ros="ok", video="unknown")
     robot = session.database.robots[7]
     token = session.database.add_credential("token", RelayUser(1, "ann"))
     connector = aiohttp.TCPConnector(force_close=True)
     async with aiohttp.ClientSession(
         connector=connector, headers={"Authorization": f"Bearer {token}"}
     ) as http:
+        session.happens("ann asks what cameras there are")
+        async with http.get(f"{relay.url}/robots/sim1/video/") as answer:
+            assert answer.status == 200
+        await line("relay", "config", media=True)
+        await line("session command", "preface", "media")
+        await line("relay", "config", "media")
+        await line("agent", "ping", "media")
+        await line("relay", "pong", "media")
+        await line("relay", "checked", ros="ok", video="ok")
         session.happens("ann drives")
         async with http.ws_connect(relay.ros_url(robot)):
             await line("relay", "lease", held=True)

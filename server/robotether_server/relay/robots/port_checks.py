@@ -57,16 +57,17 @@ class PortChecker:
         self._answer_within_s = answer_within_s
         self._slots = asyncio.Semaphore(CHECKS_AT_ONCE)
 
-    async def check(self, robot: RelayRobot) -> PortHealth:
-        """Try the robot's three ports beside each other."""
+    async def check(self, robot: RelayRobot, *, video: bool) -> PortHealth:
+        """Try the robot's ports beside each other; not the one of `video` when its connection is not open."""
+        video_port = robot.video_port if video else None
         async with self._slots:
-            ros, video, shell = await asyncio.gather(
+            found = await asyncio.gather(
                 # The guard answers 426, or 502 when rosbridge behind it does not.
                 self._try("ros", robot.ros_port, _REQUEST, re.compile(rb"HTTP/1\.[01] [1-4]")),
-                self._try("video", robot.video_port, _REQUEST, re.compile(rb"HTTP/1\.[01] [1-5]")),
+                self._try("video", video_port, _REQUEST, re.compile(rb"HTTP/1\.[01] [1-5]")),
                 self._try("shell", robot.shell_port, b"", re.compile(rb"SSH-")),
             )
-        return PortHealth(ros, video, shell)
+        return PortHealth(*found)
 
     async def _try(
         self, service: Service, port: int | None, request: bytes, beginning: re.Pattern[bytes]

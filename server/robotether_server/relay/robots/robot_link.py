@@ -43,10 +43,12 @@ class LinkRules:
     """What is the same for all links of a relay.
 
     `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped.
+    `needs_media` says of a robot whether somebody watches its video.
     """
 
     tunnel_host: str
     greeting: Callable[[int], Iterable[bytes]]
+    needs_media: Callable[[int], bool]
     heartbeat_s: float = 0.5
     timeout_s: float = 5.0
     release_wait_s: float = 1.0
@@ -143,6 +145,17 @@ class RobotLink:
         if needs_config(before, robot) and self._configured:
             self._configure()
 
+    def on_media_demand(self) -> None:
+        """Have the agent open the media connection for viewers, or end it when there are none."""
+        if self.kind == "session" and self._configured:
+            self._configure()
+        elif self.kind == "media" and not self._needs_media:
+            self.end("unwatched", f"nobody watches robot {self._robot.name}")
+
+    @property
+    def _needs_media(self) -> bool:
+        return self._rules.needs_media(self.robot_id)
+
     async def _replace_older(self) -> None:
         """End the older link, and this one too if somebody else still holds the robot's port."""
         older = self._registry.make_current(self)
@@ -164,6 +177,7 @@ class RobotLink:
                 timeout_s=self._rules.timeout_s,
                 guard_key=self.guard_key,
                 direct=self._rules.direct,
+                media=self._needs_media,
             )
         )
 
@@ -207,7 +221,7 @@ class RobotLink:
                 self._checks.ask()
 
     async def _check(self) -> None:
-        found = await self._checker.check(self._robot)
+        found = await self._checker.check(self._robot, video=self._needs_media)
         self._send(lines.checked_line(ros=found.ros, video=found.video, shell=found.shell))
 
     def _on_pong(self, seq: int) -> None:

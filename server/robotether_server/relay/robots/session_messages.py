@@ -177,7 +177,13 @@ def _check_printable(name: str, value: str) -> None:
 
 
 def config_line(
-    robot: RelayRobot, *, heartbeat_s: float, timeout_s: float, guard_key: str, direct: bool
+    robot: RelayRobot,
+    *,
+    heartbeat_s: float,
+    timeout_s: float,
+    guard_key: str,
+    direct: bool,
+    media: bool,
 ) -> bytes:
     """Build the settings that the agent works with."""
     return _line(
@@ -191,6 +197,7 @@ def config_line(
         timeout_s=timeout_s,
         guard={"key": guard_key, **robot.settings.guard.as_dict()},
         direct=direct,
+        media=media,
     )
 
 

@@ -45,6 +45,9 @@ class Link(Protocol):
     def send(self, line: bytes) -> None:
         """Send a line to the agent, if the link still is."""
 
+    def on_media_demand(self) -> None:
+        """Viewers of the robot's video came, or the last one left."""
+
     def end(self, code: ByeCode, detail: str) -> None:
         """Say bye and close; afterwards the registry knows the link no more."""
 
@@ -132,6 +135,12 @@ class SessionRegistry:
     def session_of(self, robot_id: int) -> Link | None:
         """Return the link of a robot that is online."""
         return self._current.get((robot_id, "session")) if self.presence(robot_id).online else None
+
+    def on_media_demand(self, robot_id: int) -> None:
+        """Viewers of the robot's video came, or the last one left a while ago."""
+        for kind in ("session", "media"):
+            if (link := self._current.get((robot_id, kind))) is not None:
+                link.on_media_demand()
 
     def count(self, kind: Kind) -> int:
         """Count the current links of a kind."""

@@ -25,6 +25,7 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import RobotSocket, connect_robot
 from robotether_server.relay.http.timing import RateLimiter, delays
+from robotether_server.relay.robots.media_demand import OPENS_WITHIN_S, RETRY_S
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
 from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
 from robotether_server.relay.video.feeds import Feed
@@ -41,10 +42,8 @@ from robotether_server.relay.video.frame_protocol import (
 
 log = logging.getLogger(__name__)
 
-# The media connection of a robot that comes back is up a little after its session.
-FIRST_WITHIN_S = 2.0
 AGAIN_WITHIN_S = 10.0
-RETRY_S = 0.2
+FIRST_PAUSE_S = 0.2
 # A connection that held for so long was none that breaks again and again.
 STEADY_S = 10.0
 CLOCK_SYNC_EVERY_S = 1.0
@@ -94,7 +93,7 @@ class FeedLink:
 
     async def run(self) -> CloseReason:
         """Bring frames until there is no way to the robot; return why."""
-        within_s, pauses = FIRST_WITHIN_S, delays(RETRY_S)
+        within_s, pauses = OPENS_WITHIN_S, delays(FIRST_PAUSE_S)
         while True:
             try:
                 socket = await self._dial(within_s)
@@ -108,7 +107,7 @@ class FeedLink:
             self._feed.on_status(dict(LINK_BROKE))
             within_s = AGAIN_WITHIN_S
             if time.monotonic() - opened_s > STEADY_S:
-                pauses = delays(RETRY_S)
+                pauses = delays(FIRST_PAUSE_S)
             await pause(next(pauses))
 
     async def _listen(self, socket: RobotSocket) -> None:

@@ -11,11 +11,12 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from urllib.parse import parse_qsl
 
-from aiohttp import ClientError, ClientResponse, ClientTimeout, web
+from aiohttp import ClientConnectorError, ClientError, ClientResponse, ClientTimeout, web
 from yarl import URL
 
 from robotether_server.db.fleet import RelayRobot
@@ -23,6 +24,7 @@ from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnect
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.robots.media_demand import OPENS_WITHIN_S, RETRY_S
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
 from robotether_server.relay.robots.sessions import Presence, utc_now
 from robotether_server.relay.video.headers import (
@@ -111,13 +113,7 @@ class VideoHandler:
         )
         try:
             async with asyncio.timeout(HEADERS_WITHIN_S):
-                answer = await self._context.client.request(
-                    request.method,
-                    url,
-                    headers=headers_for_robot(request.headers),
-                    allow_redirects=False,
-                    timeout=timeout,
-                )
+                answer = await self._ask(request, url, timeout)
         except (ClientError, OSError) as exc:
             raise VideoDown(
                 f"cannot show video of robot {robot.name}: its web_video_server does not answer"
@@ -130,6 +126,23 @@ class VideoHandler:
         finally:
             # Not `release`, which would first read a stream that has no end.
             answer.close()
+
+    async def _ask(self, request: web.Request, url: URL, timeout: ClientTimeout) -> ClientResponse:
+        """Ask the robot, whose media connection may open only for this."""
+        deadline_s = time.monotonic() + OPENS_WITHIN_S
+        while True:
+            try:
+                return await self._context.client.request(
+                    request.method,
+                    url,
+                    headers=headers_for_robot(request.headers),
+                    allow_redirects=False,
+                    timeout=timeout,
+                )
+            except ClientConnectorError:
+                if time.monotonic() > deadline_s:
+                    raise
+            await asyncio.sleep(RETRY_S)
 
 
 def path_for_robot(raw_path: str, raw_query: str) -> str:

@@ -18,6 +18,7 @@ from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.robots.media_demand import MediaDemand
 from robotether_server.relay.video.feeds import Feed, Feeds
 from robotether_server.relay.video.frame_protocol import Frame
 
@@ -26,9 +27,10 @@ MAX_TOPIC = 255
 
 @dataclass(frozen=True)
 class VideoContext(HandlerContext):
-    """What the handlers of video need besides: the cameras' feeds, and who got how much of them."""
+    """What the handlers of video need besides: feeds, who needs media connections, and who got how much."""
 
     feeds: Feeds
+    media_demand: MediaDemand
     viewer_stats: ViewerStats
 
 
@@ -48,10 +50,14 @@ def connection_of(permit: Permit, camera: str, end: Callable[[CloseReason], None
 
 
 @contextmanager
-def counted(context: HandlerContext, permit: Permit, connection: Connection) -> Iterator[None]:
-    """Count a viewer inside the block, and have it ended when it may see no more."""
+def counted(context: VideoContext, permit: Permit, connection: Connection) -> Iterator[None]:
+    """Count a viewer inside the block, have it ended when it may see no more, and the robot send video."""
     gone = partial(connection.end, close_reasons.rights_ended(permit.robot.name))
-    with context.connections.joined(connection), context.credentials.held(permit.credential, gone):
+    with (
+        context.connections.joined(connection),
+        context.credentials.held(permit.credential, gone),
+        context.media_demand.watched(permit.robot.id),
+    ):
         yield
 
 

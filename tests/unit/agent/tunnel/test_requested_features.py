@@ -52,6 +52,27 @@ async def test_a_shell_is_a_connection_of_its_own(make_cloud, start_agent, servi
     assert [len(cloud.of_kind(kind, live=False)) for kind in ("session", "media")] == [1, 1]
 
 
+async def test_video_has_a_connection_while_somebody_watches(make_cloud, start_agent):
+    """It opens on request, and goes with unwatched; that is no problem, and the session never notices."""
+    cloud = await make_cloud()
+    cloud.media = False
+    agent = start_agent(cloud)
+    await agent.until(lambda status: status.video_tunnel == "unwatched", "nobody watches")
+    assert agent.status().state == "connected"
+    assert cloud.of_kind("media", live=False) == []
+    cloud.configure(media=True)
+    await agent.until(lambda status: status.video_tunnel == "open", "the video tunnel is open")
+    media = await cloud.link("media")
+    cloud.configure(media=False)
+    media.send({"type": "bye", "code": "unwatched", "detail": "nobody watches"})
+    await agent.until(lambda status: status.video_tunnel == "unwatched", "it is closed again")
+    await eventually(lambda: not listens(cloud.ports[1]), lambda: "the video port is closed")
+    assert agent.status().problem == ""
+    cloud.configure(media=True)
+    await cloud.link("media", number=2)
+    assert len(cloud.of_kind("session", live=False)) == 1
+
+
 async def test_a_shell_that_fails_leaves_the_others_alone(make_cloud, start_agent, services):
     """When the shell's connection drops it comes back by itself, and until then that is a problem."""
     cloud = await make_cloud()

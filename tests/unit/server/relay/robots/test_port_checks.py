@@ -56,8 +56,16 @@ async def test_each_service_is_known_by_its_first_bytes(serve):
     noted: list[tuple[str, str]] = []
     checker = PortChecker(HOST, lambda service, health: noted.append((service, health)))
     ports = (await serve(HTTP, 0), await serve(HTTP, 0), await serve(SSH, 0))
-    assert await checker.check(robot(*ports)) == PortHealth("ok", "ok", "ok")
+    assert await checker.check(robot(*ports), video=True) == PortHealth("ok", "ok", "ok")
     assert sorted(noted) == [("ros", "ok"), ("shell", "ok"), ("video", "ok")]
+
+
+async def test_video_without_a_connection_is_unknown(serve):
+    """Nobody watches, so nothing is asked."""
+    checker = PortChecker(HOST, lambda _service, _health: None)
+    ports = (await serve(HTTP, 0), await serve(HTTP, 0), await serve(SSH, 0))
+    found = await checker.check(robot(*ports), video=False)
+    assert found == PortHealth("ok", "unknown", "ok")
 
 
 async def test_a_guard_without_its_rosbridge_is_down(serve):
@@ -65,22 +73,22 @@ async def test_a_guard_without_its_rosbridge_is_down(serve):
     checker = PortChecker(HOST, lambda _service, _health: None)
     bad = b"HTTP/1.1 502 Bad Gateway\r\n\r\n"
     ports = (await serve(bad, 0), await serve(bad, 0), await serve(SSH, 0))
-    assert await checker.check(robot(*ports)) == PortHealth("down", "ok", "ok")
+    assert await checker.check(robot(*ports), video=True) == PortHealth("down", "ok", "ok")
     ports = (await serve(b"HTTP/1.1 426 Upgrade Required\r\n\r\n", 0), *ports[1:])
-    assert (await checker.check(robot(*ports))).ros == "ok"
+    assert (await checker.check(robot(*ports), video=True)).ros == "ok"
 
 
 async def test_another_service_or_none_is_down(serve):
     """What answers in another tongue, or closes without a word, as a tunnel to nothing does."""
     checker = PortChecker(HOST, lambda _service, _health: None)
     ports = (await serve(SSH, 0), await serve(b"", 0), await serve(HTTP, 0))
-    assert await checker.check(robot(*ports)) == PortHealth("down", "down", "down")
+    assert await checker.check(robot(*ports), video=True) == PortHealth("down", "down", "down")
 
 
 async def test_no_forward_is_unknown():
     """A port that nobody listens on says nothing about the robot's service."""
     checker = PortChecker(HOST, lambda _service, _health: None)
-    found = await checker.check(robot(free_port(), free_port()))
+    found = await checker.check(robot(free_port(), free_port()), video=True)
     assert found == PortHealth("unknown", "unknown", "unknown")
 
 
@@ -89,7 +97,9 @@ async def test_a_check_takes_a_bounded_time(serve):
     checker = PortChecker(HOST, lambda _service, _health: None, answer_within_s=0.2)
     slow = await serve(HTTP, 0.6)
     with Stopwatch() as stopwatch:
-        assert await checker.check(robot(slow, slow, slow)) == PortHealth("down", "down", "down")
+        assert await checker.check(robot(slow, slow, slow), video=True) == PortHealth(
+            "down", "down", "down"
+        )
     assert stopwatch.s < 0.5
 
 

@@ -46,6 +46,7 @@ async def test_a_session_gets_its_configuration(relay, sim1, connect):
             "timeout_s": FAST.timeout_s,
             "guard": {"key": ANY, **DEFAULTS.guard.as_dict()},
             "direct": False,
+            "media": False,
         }
     ]
     assert presence(relay, sim1).online
@@ -165,8 +166,9 @@ async def test_what_answers_behind_the_ports_is_told_on_request(
 ):
     """The relay tries the forwards from its own side, and says what it found."""
     with_shell = await give_shell(relay, memory_database, sim1)
-    robot.session.send(type="check")
-    await until(lambda: robot.session.checked, "the answer is there")
+    with relay.relay.media_demand.watched(sim1.id):
+        robot.session.send(type="check")
+        await until(lambda: robot.session.checked, "the answer is there")
     assert robot.session.checked == [
         {"type": "checked", "ros": "ok", "video": "ok", "shell": "unknown"}
     ]
@@ -257,6 +259,29 @@ async def test_of_many_sessions_at_once_one_stays(relay, connect):
     await configured(sessions[-1])
     assert [await ended(session) for session in sessions[:-1]] == ["superseded"] * 4
     assert sessions[-1].bye is None
+
+
+async def test_a_robot_is_asked_for_video_while_somebody_watches(relay, sim1, connect):
+    """The first viewer asks for the connection; some time after the last one it ends, and may come again."""
+    demand = relay.relay.media_demand
+    demand._kept_s = 0.2
+    session = await configured(await connect())
+    with demand.watched(sim1.id), demand.watched(sim1.id):
+        await until(lambda: session.configs[-1]["media"], "video is asked for")
+        media = await configured(await connect("media"))
+    with demand.watched(sim1.id):
+        await asyncio.sleep(0.3)
+    assert media.bye is None
+    assert await ended(media) == "unwatched"
+    await until(lambda: not session.configs[-1]["media"], "video is asked for no more")
+    assert [config["media"] for config in session.configs] == [False, True, False]
+
+
+async def test_a_robot_that_returns_while_somebody_watches_is_asked_at_once(relay, sim1, connect):
+    """The viewer waits."""
+    with relay.relay.media_demand.watched(sim1.id):
+        session = await configured(await connect())
+    assert session.configs[0]["media"]
 
 
 @pytest.mark.parametrize("silent", [False, True])

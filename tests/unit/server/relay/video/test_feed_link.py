@@ -157,7 +157,7 @@ async def test_a_connection_that_breaks_is_opened_again(camera, watch):
 
 async def test_a_robot_without_a_video_port(robot, watch, monkeypatch):
     """A tunnel to nothing is 4506."""
-    monkeypatch.setattr("robotether_server.relay.video.feed_link.FIRST_WITHIN_S", 0.1)
+    monkeypatch.setattr("robotether_server.relay.video.feed_link.OPENS_WITHIN_S", 0.1)
     await robot._close_ports()
     code, reason = await closing((await watch()).socket)
     assert (code, "frames_unknown" in reason) == (4506, False)

@@ -158,7 +158,7 @@ async def test_a_camera_without_a_frame_is_video_down(
 
 async def test_a_robot_that_refuses_is_video_down(*, relay, sim1, http, login, camera, monkeypatch):
     """502, and it is not asked for the same in another way."""
-    monkeypatch.setattr("robotether_server.relay.video.feed_link.FIRST_WITHIN_S", 0.1)
+    monkeypatch.setattr("robotether_server.relay.video.feed_link.OPENS_WITHIN_S", 0.1)
     camera.mode = "full"
     async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
         assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
