@@ -46,6 +46,15 @@ COUNT_PIXELS = """(canvas, [red, green, blue]) => {
   return count;
 }"""
 
+FIND_PIXELS = """(canvas, [red, green, blue]) => {
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const found = [];
+  for (let i = 0; i < data.length; i += 4)
+    if (Math.abs(data[i] - red) + Math.abs(data[i + 1] - green) + Math.abs(data[i + 2] - blue) < 24)
+      found.push([(i / 4) % canvas.width, Math.floor(i / 4 / canvas.width)]);
+  return found;
+}"""
+
 
 @pytest.fixture
 def robot(page: Page, stack: Stack) -> Page:
@@ -246,7 +255,24 @@ def test_the_map_shows_walls_scan_and_the_way(robot: Page, stack: Stack) -> None
     expect(robot.get_by_test_id("map-scan")).not_to_be_checked()
     # Two metres of 16 pixels, two pixels wide, less what the robot hides.
     _wait_pixels(robot.get_by_test_id("video"), PATH, 30)
+    _expect_scan_on_walls(robot)
     call_sim(stack, ROBOT, "/reset")
+
+
+def _expect_scan_on_walls(page: Page) -> None:
+    """The scan of a turned laser off the middle lies on what the map has, within four pixels: a quarter of a metre."""
+    canvas = page.get_by_test_id("video")
+    shown = {"scan": SCAN, "map": WALL}
+    pixels: dict[str, set[tuple[int, int]]] = {}
+    for part, colour in shown.items():
+        page.get_by_test_id(f"map-{part}").check()
+        _wait_pixels(canvas, colour, 50)
+        pixels[part] = {(x, y) for x, y in canvas.evaluate(FIND_PIXELS, list(colour))}
+        page.get_by_test_id(f"map-{part}").uncheck()
+    reach = range(-4, 5)
+    near = {(x + a, y + b) for x, y in pixels["map"] for a in reach for b in reach}
+    astray = pixels["scan"] - near
+    assert len(astray) < 0.02 * len(pixels["scan"])
 
 
 def _drive_ahead(page: Page, stack: Stack, metres: float) -> None:
@@ -269,6 +295,7 @@ def _drive_ahead(page: Page, stack: Stack, metres: float) -> None:
             )
             had_to_let_go = page_holds.had_to_let_go(page)
             page.keyboard.up("w")
+            watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
             if is_there(watch.pose) or not had_to_let_go:
                 break
         assert is_there(watch.pose), f"from {start} only to {watch.pose}"

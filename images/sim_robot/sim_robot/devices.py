@@ -1,8 +1,8 @@
 """What the robot has beside wheels and camera: scanner and map, battery, lights, a dock, diagnostics, and services.
 
 Called by simulator.py, `Sensors` five times a second and `Devices` once. Nothing is measured while nobody listens.
-Ranges beyond the scanner's reach are infinite, which rosbridge writes as null. The frame `map` coincides with `odom`:
-its origin is the start pose. `/sim/freeze_camera` is the simulator's own and on no real robot: while it is on, no
+Ranges beyond the scanner's reach are infinite, which rosbridge writes as null. transforms.py says where the scanner
+is. `/sim/freeze_camera` is the simulator's own and on no real robot: while it is on, no
 camera gives a new picture, so that tests see what a stalled camera does.
 """
 
@@ -15,7 +15,8 @@ from sim_robot.camera import FrameFeed
 from sim_robot.graph import Graph, Handler, Node, Service, TopicMessage
 from sim_robot.kinematics import STANDING
 from sim_robot.messages import Fields, Values
-from sim_robot.robot import BASE_FRAME, RobotNode
+from sim_robot.robot import RobotNode
+from sim_robot.transforms import LASER_FRAME, MAP_FRAME, Mount
 from sim_robot.world import World
 
 NODE = Node("/sim_devices")
@@ -29,7 +30,6 @@ HEALTH_GOOD, TECHNOLOGY_LION = 1, 2
 OK, WARN = 0, 1
 SENSORS_NODE = Node("/sim_sensors")
 SCAN, MAP = "/scan", "/map"
-MAP_FRAME = "map"
 SCAN_HZ = 5.0
 RAYS = 180
 RANGE_MIN_M, RANGE_MAX_M = 0.1, 12.0
@@ -175,9 +175,10 @@ def _status(name: str, level: int, message: str, values: dict[str, str]) -> Valu
 class Sensors:
     """Looks around from where the robot is."""
 
-    def __init__(self, graph: Graph, robot: RobotNode, world: World) -> None:
+    def __init__(self, graph: Graph, robot: RobotNode, world: World, laser: Mount) -> None:
         self._graph = graph
         self._robot = robot
+        self._laser = laser
         self._world = world
         self._seq = 0
         graph.bus.advertise(SCAN, "sensor_msgs/LaserScan", SENSORS_NODE)
@@ -191,10 +192,10 @@ class Sensors:
             self._graph.bus.publish(SCAN, self._scan())
 
     def _scan(self) -> Values:
-        pose, step = self._robot.turtle.pose, 2 * math.pi / RAYS
-        angles = (pose.theta - math.pi + number * step for number in range(RAYS))
+        eye, step = self._laser.placed(self._robot.turtle.pose), 2 * math.pi / RAYS
+        rays = (self._laser.heading(number * step - math.pi) for number in range(RAYS))
         return {
-            "header": self._graph.types.header(BASE_FRAME, time.time_ns(), self._seq),
+            "header": self._graph.types.header(LASER_FRAME, time.time_ns(), self._seq),
             "angle_min": -math.pi,
             "angle_max": math.pi - step,
             "angle_increment": step,
@@ -202,7 +203,9 @@ class Sensors:
             "scan_time": 1 / SCAN_HZ,
             "range_min": RANGE_MIN_M,
             "range_max": RANGE_MAX_M,
-            "ranges": [_in_range(self._world.distance(pose.x, pose.y, angle)) for angle in angles],
+            "ranges": [
+                _in_range(self._world.distance(eye.x, eye.y, eye.theta + ray)) for ray in rays
+            ],
             "intensities": [],
         }
 

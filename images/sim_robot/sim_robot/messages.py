@@ -43,6 +43,9 @@ _COMMON = {
     "geometry_msgs/PoseStamped": "std_msgs/Header header, geometry_msgs/Pose pose",
     "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose, float64[36] covariance",
     "geometry_msgs/Quaternion": "float64 x, float64 y, float64 z, float64 w",
+    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation, geometry_msgs/Quaternion rotation",
+    "geometry_msgs/TransformStamped": "std_msgs/Header header, string child_frame_id,"
+    " geometry_msgs/Transform transform",
     "geometry_msgs/Twist": "geometry_msgs/Vector3 linear, geometry_msgs/Vector3 angular",
     "geometry_msgs/TwistStamped": "std_msgs/Header header, geometry_msgs/Twist twist",
     "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist, float64[36] covariance",
@@ -62,6 +65,7 @@ _COMMON = {
     "sensor_msgs/LaserScan": "std_msgs/Header header, float32 angle_min, float32 angle_max,"
     " float32 angle_increment, float32 time_increment, float32 scan_time, float32 range_min,"
     " float32 range_max, float32[] ranges, float32[] intensities",
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "turtlesim/Pose": "float32 x, float32 y, float32 theta,"
     " float32 linear_velocity, float32 angular_velocity",
 }

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 
 from sim_robot.graph import Graph, Node, Service, TopicMessage
-from sim_robot.kinematics import DRIVETRAINS, Turtle
+from sim_robot.kinematics import DRIVETRAINS, Pose, Turtle
 from sim_robot.messages import Values, float32
 
 log = logging.getLogger(__name__)
@@ -66,6 +66,12 @@ class RobotNode:
         """Count the steps since the start; a reset does not set it back."""
         return self._seq
 
+    @property
+    def odometry_pose(self) -> Pose:
+        """The pose in the frame `odom`."""
+        pose, start = self.turtle.pose, self.turtle.start
+        return Pose(pose.x - start.x, pose.y - start.y, pose.theta - start.theta)
+
     def go_home(self) -> None:
         """Stand at the start at once; the path so far stays."""
         self.turtle.reset()
@@ -106,10 +112,8 @@ class RobotNode:
         }
 
     def _odometry(self) -> Values:
-        pose, start, speed = self.turtle.pose, self.turtle.start, self.turtle.velocity
-        half = (pose.theta - start.theta) / 2
-        rotation = {"x": 0.0, "y": 0.0, "z": math.sin(half), "w": math.cos(half)}
-        position = {"x": pose.x - start.x, "y": pose.y - start.y, "z": 0.0}
+        pose, speed = self.odometry_pose, self.turtle.velocity
+        position = {"x": pose.x, "y": pose.y, "z": 0.0}
         twist = {
             "linear": {"x": speed.linear_x, "y": speed.linear_y, "z": 0.0},
             "angular": {"x": 0.0, "y": 0.0, "z": speed.angular_z},
@@ -118,8 +122,13 @@ class RobotNode:
             "header": self._graph.types.header(ODOM_FRAME, time.time_ns(), self._seq),
             "child_frame_id": BASE_FRAME,
             "pose": {
-                "pose": {"position": position, "orientation": rotation},
+                "pose": {"position": position, "orientation": yaw_rotation(pose.theta)},
                 "covariance": _COVARIANCE,
             },
             "twist": {"twist": twist, "covariance": _COVARIANCE},
         }
+
+
+def yaw_rotation(yaw: float) -> Values:
+    """Write a turn about z as a geometry_msgs/Quaternion."""
+    return {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}

@@ -24,6 +24,7 @@ from sim_robot.robot import RobotNode
 from sim_robot.rosbridge import rosapi
 from sim_robot.rosbridge.server import RosbridgeServer
 from sim_robot.settings import SimSettings
+from sim_robot.transforms import LASERS, TF_HZ, Transforms
 from sim_robot.video_server import VideoServer
 from sim_robot.world import World
 
@@ -115,11 +116,14 @@ class Simulator:
             for topic, camera in list(CAMERAS.items())[: settings.cameras]
         }
         self.devices = Devices(self.graph, self.robot, tuple(self.feeds.values()))
-        self._sensors = Sensors(self.graph, self.robot, World(settings.world_size_m))
+        laser = LASERS[settings.kind]
+        self._sensors = Sensors(self.graph, self.robot, World(settings.world_size_m), laser)
+        self._transforms = Transforms(self.graph, self.robot, laser)
         self._compressed = [CompressedCamera(self.graph, *camera) for camera in self.feeds.items()]
         self._slower = (
             (_steps(devices.STEP_S), self.devices.step),
             (_steps(1 / devices.SCAN_HZ), self._sensors.step),
+            (_steps(1 / TF_HZ), self._transforms.step),
         )
         self.rate = FixedRate(STEP_S, self._step)
         self.rosbridge = Listener("rosbridge", RosbridgeServer(self.graph).app)

@@ -59,15 +59,17 @@ async def test_topics_are_those_of_the_readme(simulator: Simulator) -> None:
 
 
 async def test_slower_parts_are_stepped_at_their_rates(simulator: Simulator) -> None:
-    """In a second a listener gets one battery message and five scans."""
+    """In a second a listener gets one battery message, five scans and where the robot is ten times."""
     async with SocketClient(simulator.rosbridge.port) as client:
-        for topic in ("/battery_state", "/scan", "/diagnostics"):
+        for topic in ("/battery_state", "/scan", "/diagnostics", "/tf", "/tf_static"):
             await client.send(op="subscribe", topic=topic)
         seen: list[str] = []
         while seen.count("/battery_state") < 3:
             seen.append((await client.receive())["topic"])
     between = seen[seen.index("/battery_state") :]
     assert 9 <= between.count("/scan") <= 11
+    assert 19 <= between.count("/tf") <= 22
+    assert seen.count("/tf_static") == 1
     assert between.count("/diagnostics") in (2, 3)
 
 

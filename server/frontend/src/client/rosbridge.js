@@ -193,9 +193,9 @@ export function speedTopic(topics) {
   return topics.filter(({ type }) => speedReader(type)).sort((a, b) => rank(a) - rank(b))[0];
 }
 
-// Poses in the plane are {x, y, theta} in m and rad (REP-103).
+// Poses in the plane are {x, y, theta} in m and rad (REP-103); odometry names the frame that it is in, and the robot's own.
 const POSE_READERS = {
-  "nav_msgs/Odometry": ({ pose }) => planar(pose.pose),
+  "nav_msgs/Odometry": ({ header, child_frame_id, pose }) => ({ ...planar(pose.pose), frame: header?.frame_id, base: child_frame_id }),
   "geometry_msgs/PoseWithCovarianceStamped": ({ pose }) => planar(pose.pose),
   "turtlesim/Pose": ({ x, y, theta }) => ({ x, y, theta }),
 };

@@ -2,9 +2,20 @@
 
 import { planar, poseReader } from "../client/rosbridge.js";
 import { Subscriptions } from "./subscriptions.js";
+import { Transforms, plainFrame, projected } from "./transforms.js";
 
-// A map is large, and comes on the connection that the robot is driven by: one that is being made comes seldom.
-const THROTTLE_MS = { scan: 150, map: 10_000, located: 200 };
+const LIMITS = {
+  scan: { throttleMs: 150 },
+  // A map is large, and comes on the connection that the robot is driven by: one that is being made comes seldom.
+  map: { throttleMs: 10_000 },
+  located: { throttleMs: 200 },
+  // Each publisher of /tf_static has a message of its own, and sends it once.
+  tfStatic: { throttleMs: 0 },
+  // Many publish on /tf, most of them in step with 10 Hz: a period that is not lets each of them be the next at times.
+  tf: { throttleMs: 101, queueLength: 0 },
+};
+const [MAP_FRAME, ODOM_FRAME] = ["map", "odom"];
+const BASE_FRAMES = ["base_link", "base_footprint"];
 const OLD_MS = 1000;
 const ORIGIN = { x: 0, y: 0, theta: 0 };
 
@@ -21,9 +32,11 @@ export class World {
     this.ringShown = false;
     this.odometry = this.scan = this.map = this.located = null;
     this.offset = ORIGIN; // of the odometry's frame in the map's
+    this.transforms = new Transforms();
+    this.laserFixed = false; // whether /tf_static alone says where the laser is
   }
 
-  // `topics` {scan, map, located}, each {name, type} or undefined.
+  // `topics` {scan, map, located, tf, tfStatic}, each {name, type} or undefined.
   follow(topics) {
     this.topics = topics;
     this.sync();
@@ -44,22 +57,64 @@ export class World {
   // The odometry's pose: comes with the speed, whether the map is seen or not.
   receivePose(pose) {
     this.odometry = { pose, at: this.now() };
+    this.locate();
     if (this.path.add(pose) || this.shown) this.onChange();
   }
 
-  // Only what is seen and is there. Only the map needs to know where in it the robot is.
+  // Only what is seen and is there.
   sync() {
-    const { topics, shown } = this;
-    const follow = (kind, seen, handler) =>
-      this.subscriptions.follow(kind, seen ? topics[kind] : undefined, { throttleMs: THROTTLE_MS[kind] }, handler);
-    follow("scan", shown?.scan || this.ringShown, (message) => this.receiveScan(message));
-    follow("map", shown?.map, (message) => this.receiveMap(message));
-    follow("located", shown?.map, (message) => this.receiveLocation(message));
+    const { topics, wanted } = this;
+    const follow = (kind, handler) => this.subscriptions.follow(kind, wanted[kind] ? topics[kind] : undefined, LIMITS[kind], handler);
+    follow("scan", (message) => this.receiveScan(message));
+    follow("map", (message) => this.receiveMap(message));
+    follow("located", (message) => this.receiveLocation(message));
+    follow("tfStatic", (message) => this.receiveTransforms(message, true));
+    follow("tf", (message) => this.receiveTransforms(message, false));
   }
 
+  // Only the map needs to know where in it the robot is, and only a laser that moves needs more than /tf_static.
+  get wanted() {
+    const map = Boolean(this.shown?.map);
+    const scan = Boolean(this.shown?.scan || this.ringShown);
+    return { scan, map, located: map, tfStatic: scan || map, tf: map || (scan && !this.laserFixed) };
+  }
+
+  // A laser whose place is not known is taken to be where the robot is.
   receiveScan(message) {
-    this.scan = { points: scanPoints(message), at: this.now() };
+    const points = scanPoints(message);
+    const place = this.inBase(message.header?.frame_id);
+    this.scan = { points: place ? projected(points, place) : points, at: this.now() };
+    const { laserFixed } = this;
+    this.laserFixed = Boolean(place?.fixed);
+    if (laserFixed !== this.laserFixed) this.sync();
     this.onChange();
+  }
+
+  receiveTransforms(message, fixed) {
+    this.transforms.receive(message, { fixed, at: this.now() });
+    this.locate();
+    if (this.shown) this.onChange();
+  }
+
+  // Where the frame is in the robot's own, which its odometry names or has a usual name; null for unknown.
+  inBase(frame) {
+    for (const base of [this.odometry?.pose.base, ...BASE_FRAMES]) {
+      const place = base && this.transforms.find(base, frame);
+      if (place) return place;
+    }
+    return null;
+  }
+
+  // The frames tell where in the map the odometry began. Says whether they do.
+  locate() {
+    const frame = this.odometry?.pose.frame;
+    const begun = frame && this.transforms.find(this.mapFrame, frame);
+    if (begun) this.offset = planarOf(begun);
+    return Boolean(begun);
+  }
+
+  get mapFrame() {
+    return this.map?.frame || MAP_FRAME;
   }
 
   async receiveMap(message) {
@@ -69,16 +124,17 @@ export class World {
     const bitmap = await this.makeBitmap(grid);
     if (grid !== this.newestGrid) return bitmap.close?.();
     this.map?.bitmap.close?.();
-    this.map = { ...grid, pixels: null, bitmap };
+    this.map = { ...grid, frame: plainFrame(message.header?.frame_id), pixels: null, bitmap };
+    this.locate();
     this.onChange();
   }
 
-  // Where the localization says that the robot is tells where the odometry began.
+  // Where the localization says that the robot is tells where the odometry began, unless the frames do, which are newer.
   receiveLocation(message) {
     const pose = poseReader(this.topics.located.type)?.(message);
     if (!pose) return;
     this.located = pose;
-    if (this.odometry) this.offset = compose(pose, inverse(this.odometry.pose));
+    if (this.odometry && !this.locate()) this.offset = compose(pose, inverse(this.odometry.pose));
     this.onChange();
   }
 
@@ -87,7 +143,15 @@ export class World {
     if (this.odometry) {
       return { ...compose(this.offset, this.odometry.pose), old: this.isOld(this.odometry) };
     }
+    const place = this.inMap();
+    if (place) return { ...planarOf(place), old: this.isOld(place) };
     return { ...(this.located ?? ORIGIN), old: true };
+  }
+
+  // Where the robot is in the map, by its frames alone; null for unknown.
+  inMap() {
+    const places = BASE_FRAMES.map((base) => this.transforms.find(this.mapFrame, base) ?? this.transforms.find(ODOM_FRAME, base));
+    return places.find(Boolean) ?? null;
   }
 
   // The newest scan; an old one is none.
@@ -99,6 +163,8 @@ export class World {
     return this.now() - at > OLD_MS;
   }
 }
+
+const planarOf = ({ translation, rotation }) => planar({ position: translation, orientation: rotation });
 
 const bitmapOf = ({ pixels, width, height }) => createImageBitmap(new ImageData(pixels, width, height));
 

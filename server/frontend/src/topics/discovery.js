@@ -82,6 +82,16 @@ export function topicOf(kind, topics, named = null) {
   return fit.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name))[0];
 }
 
+const FRAME_TYPES = ["tf2_msgs/TFMessage", "tf/tfMessage"];
+
+// The topics of the robot's frames, each {name, type} or undefined; a robot in a namespace may have them there.
+export function frameTopics(topics) {
+  const known = topics.filter(({ type }) => FRAME_TYPES.includes(plainType(type)));
+  const named = (last) =>
+    known.filter(({ name }) => name.endsWith(last)).sort((a, b) => a.name.length - b.name.length || a.name.localeCompare(b.name))[0];
+  return { tf: named("/tf"), tfStatic: named("/tf_static") };
+}
+
 // The names of the topics that are cameras; a compressed twin is no camera of its own.
 export function cameraTopics(topics) {
   return [...new Set(topics.flatMap(cameraName))].sort();

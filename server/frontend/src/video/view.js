@@ -9,7 +9,7 @@ import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
 import { LocalStore, TEXT, byTestId, download, matches, part, setText } from "../pages/page.js";
 import { video as texts } from "../texts/video.js";
-import { cameraTopics, offeredCameras, topicOf } from "../topics/discovery.js";
+import { cameraTopics, frameTopics, offeredCameras, topicOf } from "../topics/discovery.js";
 import { requestedQuality } from "./cameraTile.js";
 import { Layout, MAP } from "./layout.js";
 import { Tiles } from "./tiles.js";
@@ -81,7 +81,7 @@ export class View {
     cameraTopics(topics).forEach((topic) => this.known.add(topic));
     const of = (kind) => topicOf(kind, topics, page[`${kind}_topic`]);
     this.followed = { scan: of("scan"), map: of("map"), located: of("located") };
-    this.world.follow(this.followed);
+    this.world.follow({ ...this.followed, ...frameTopics(topics) });
     this.overlays.follow({ battery: of("battery"), diagnostics: of("diagnostics") });
     this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || of("odometry"));
     this.offer();

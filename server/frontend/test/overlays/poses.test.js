@@ -10,6 +10,12 @@ test("a pose in a frame that is turned left lies to the left", () => {
   near(compose({ x: 1, y: 2, theta: Math.PI / 2 }, { x: 3, y: 0, theta: 0 }), { x: 1, y: 5, theta: Math.PI / 2 });
 });
 
+test("odometry says in which frame it is, and what the robot's own is called", () => {
+  const message = { header: { frame_id: "odom" }, child_frame_id: "base_link", pose: { pose: {} } };
+  const { frame, base } = poseReader("nav_msgs/Odometry")(message);
+  assert.deepEqual([frame, base], ["odom", "base_link"]);
+});
+
 test("there and back is where it began", () => {
   const pose = { x: 1.5, y: -2, theta: 0.7 };
   near(compose(pose, inverse(pose)), { x: 0, y: 0, theta: 0 });

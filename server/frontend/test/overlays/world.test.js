@@ -6,8 +6,19 @@ import { World } from "../../src/overlays/world.js";
 const SCAN = { name: "/scan", type: "sensor_msgs/LaserScan" };
 const MAP = { name: "/map", type: "nav_msgs/OccupancyGrid" };
 const PLACE = { name: "/amcl_pose", type: "geometry_msgs/PoseWithCovarianceStamped" };
-const scan = { angle_min: 0, angle_increment: 1, range_min: 0, range_max: 9, ranges: [1] };
+const TF = { name: "/tf", type: "tf2_msgs/TFMessage" };
+const TF_STATIC = { name: "/tf_static", type: "tf2_msgs/TFMessage" };
+const scan = { header: { frame_id: "laser" }, angle_min: 0, angle_increment: 1, range_min: 0, range_max: 9, ranges: [1] };
 const grid = (value) => ({ info: { width: 1, height: 1, resolution: 1 }, data: [value] });
+
+const LEFT = { x: 0, y: 0, z: Math.SQRT1_2, w: Math.SQRT1_2 };
+const link = (parent, child, x, rotation = LEFT) => ({
+  header: { frame_id: parent },
+  child_frame_id: child,
+  transform: { translation: { x, y: 0, z: 0 }, rotation },
+});
+const tf = (...transforms) => ({ transforms });
+const rounded = (values) => [...values].map((value) => Math.round(value * 1000) / 1000 + 0);
 
 let clock, handlers, closed, world, changes;
 
@@ -91,4 +102,55 @@ test("a newer map takes the place of the one before, whose picture is given back
   assert.deepEqual([closed.length, world.map.pixels], [1, null]);
   await handlers.get("/map")({ info: {}, data: [] });
   assert.equal(world.map.bitmap.of.width, 1);
+});
+
+test("a scan is where the laser is on the robot, which the odometry names or is called as usual", () => {
+  for (const base of [undefined, "rover/base"]) {
+    world.receivePose({ x: 0, y: 0, theta: 0, frame: "odom", base });
+    world.follow({ scan: SCAN, tfStatic: TF_STATIC });
+    world.show({ scan: true });
+    handlers.get("/scan")({ ...scan, header: { frame_id: base ? "rover/laser" : "laser" } });
+    assert.deepEqual(rounded(world.points), [1, 0], "while nothing is known of it");
+    handlers.get("/tf_static")(tf(link(base ?? "base_link", base ? "rover/laser" : "laser", 0.5)));
+    handlers.get("/scan")({ ...scan, header: { frame_id: base ? "/rover/laser" : "/laser" } });
+    assert.deepEqual(rounded(world.points), [0.5, 1]);
+  }
+});
+
+test("the frames that move are followed for the map, and for a laser that may move", () => {
+  const topics = () => [...handlers.keys()].filter((name) => name.startsWith("/tf")).sort();
+  world.follow({ scan: SCAN, map: MAP, tf: TF, tfStatic: TF_STATIC });
+  assert.deepEqual(topics(), []);
+  world.showRing(true);
+  assert.deepEqual(topics(), ["/tf", "/tf_static"]);
+  handlers.get("/scan")(scan);
+  assert.deepEqual(topics(), ["/tf", "/tf_static"]);
+  handlers.get("/tf_static")(tf(link("base_link", "laser", 0)));
+  handlers.get("/scan")(scan);
+  assert.deepEqual(topics(), ["/tf_static"]);
+  world.show({ map: true });
+  assert.deepEqual(topics(), ["/tf", "/tf_static"]);
+});
+
+test("the frames say where the odometry began, in whatever frame the map is, and the localization then no more", async () => {
+  world.follow({ map: MAP, located: PLACE, tf: TF });
+  world.show({ map: true });
+  await handlers.get("/map")({ header: { frame_id: "/site" }, ...grid(0) });
+  world.receivePose({ x: 1, y: 0, theta: 0, frame: "odom", base: "base_link" });
+  handlers.get("/tf")(tf(link("site", "odom", 3)));
+  handlers.get("/amcl_pose")({ pose: { pose: { position: { x: 9, y: 9, z: 0 } } } });
+  const { x, y, theta, old } = world.robot;
+  assert.deepEqual([rounded([x, y]), old], [[3, 1], false]);
+  assert.ok(Math.abs(theta - Math.PI / 2) < 1e-9);
+});
+
+test("a robot without odometry is where its frames say, and old when they are silent", () => {
+  world.follow({ map: MAP, tf: TF });
+  world.show({ map: true });
+  for (const parent of ["odom", "map"]) {
+    handlers.get("/tf")(tf(link(parent, "base_link", 2)));
+    assert.deepEqual([world.robot.x, world.robot.old], [2, false]);
+  }
+  clock = 1001;
+  assert.equal(world.robot.old, true);
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { cameraTopics, Discovery, offeredCameras, topicOf } from "../../src/topics/discovery.js";
+import { cameraTopics, Discovery, frameTopics, offeredCameras, topicOf } from "../../src/topics/discovery.js";
 
 let found, discovery;
 
@@ -118,6 +118,14 @@ test("the settings' topic comes first, then the usual name, then any of the type
   assert.equal(topicOf("scan", topics.slice(0, 1)).name, "/a/scan");
   assert.deepEqual(topicOf("scan", topics, "/hidden"), topic("/hidden", "sensor_msgs/LaserScan"));
   assert.equal(topicOf("map", topics), undefined);
+});
+
+test("frames come on the usual topics, or on those of the robot's namespace", () => {
+  const usual = [topic("/tf", "tf2_msgs/msg/TFMessage"), topic("/tf_static", "tf2_msgs/msg/TFMessage")];
+  const own = [topic("/a1/tf", "tf/tfMessage"), topic("/a1/tf_static", "tf2_msgs/TFMessage"), topic("/x/tf", "std_msgs/String")];
+  assert.deepEqual(frameTopics([...own, ...usual]), { tf: usual[0], tfStatic: usual[1] });
+  assert.deepEqual(frameTopics(own), { tf: own[0], tfStatic: own[1] });
+  assert.deepEqual(frameTopics([]), { tf: undefined, tfStatic: undefined });
 });
 
 test("the aggregated diagnostics come before the raw ones", () => {
