@@ -5,7 +5,7 @@ import { build, context } from "esbuild";
 const options = {
   entryPoints: {
     addRobot: "src/pages/addRobot.js",
-    copy: "src/pages/copy.js",
+    desk: "src/pages/desk.js",
     drive: "src/pages/drive.js",
     fleet: "src/pages/fleet.js",
     grants: "src/pages/grants.js",

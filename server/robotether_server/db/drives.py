@@ -47,6 +47,11 @@ class Drive:
     viewed_s: Amount | None
 
     @property
+    def lasted_s(self) -> float | None:
+        """How long it lasted; None: it still does."""
+        return (self.ended_at - self.started_at).total_seconds() if self.ended_at else None
+
+    @property
     def frames_per_s(self) -> float | None:
         """The frame rate while a video was open; None: none was."""
         if not self.pictures or not self.viewed_s:

@@ -1,7 +1,7 @@
 """Long lists: their pages and files, the filters in the query, and the links that keep them."""
 
 import datetime as dt
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Generic, cast
@@ -21,6 +21,8 @@ PER_PAGE = 50
 # One more than is shown: it shows whether there is an older page.
 WANTED = PER_PAGE + 1
 Asked = dict[str, str]
+# What a filter offers, by its name: pairs of value and words.
+Offered = dict[str, list[tuple[str, str]]]
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,8 @@ def register(
     names: tuple[str, ...],
     find: Callable[[Transaction, Asked], list[R]],
     send: Callable[[Asked, exports.Format], Response],
+    *,
+    offer: Callable[[Transaction], Offered],
 ) -> None:
     """Make the page of a list, and /download, which sends all that matches as a file.
 
@@ -46,15 +50,15 @@ def register(
 
     def show() -> str | tuple[str, int]:
         given = asked(names)
-        links = {"asked": given, "files": files(request.path, given)}
-        try:
-            with context().database.transaction() as tx:
+        with context().database.transaction() as tx:
+            shown = {"asked": given, "offered": offer(tx), "files": files(request.path, given)}
+            try:
                 found = page(request.path, given, find(tx, given))
-        except FieldInvalid as problem:
-            empty = Page[R]([], None, None)
-            answer = render_template(template, page=empty, problem=problem, **links)
-            return answer, HTTPStatus.UNPROCESSABLE_ENTITY
-        return render_template(template, page=found, **links)
+            except FieldInvalid as problem:
+                empty = Page[R]([], None, None)
+                answer = render_template(template, page=empty, problem=problem, **shown)
+                return answer, HTTPStatus.UNPROCESSABLE_ENTITY
+        return render_template(template, page=found, **shown)
 
     blueprint.add_url_rule("", "show", show)
     blueprint.add_url_rule("/download", "save", lambda: send(asked(names), file_kind()))
@@ -100,6 +104,11 @@ def page(path: str, given: Asked, found: list[R]) -> Page[R]:
     older = link(path, given, before=shown[-1].id) if len(found) > PER_PAGE else None
     newest = link(path, given) if before() is not None else None
     return Page(shown, older, newest)
+
+
+def offered_names(found: Iterable[str]) -> list[tuple[str, str]]:
+    """Return what a filter by name offers."""
+    return [(name, name) for name in sorted(found)]
 
 
 def files(path: str, given: Asked) -> list[tuple[str, str]]:

@@ -33,29 +33,29 @@ KINDS: Mapping[str, str] = {
     "guard_shape": "not understood by the robot's guard",
     "guard_held": "while the robot could not accept them",
 }
-# They follow on "ended by". The codes are those of docs/reference/protocols.md, and one that a new relay writes
-# for what the relay before it left open.
+# How a drive ended. The codes are those of docs/reference/protocols.md, and one that a new relay writes for what the
+# relay before it left open.
 DRIVES: Mapping[str, str] = {
-    "client_left": "the driver",
-    "client_vanished": "loss of the driver's connection",
-    "client_silent": "silence of the driver's connection",
-    "client_slow": "a driver's connection that was too slow",
-    "client_floods": "a driver's connection that sent too much",
-    "superseded": "a newer connection of the driver",
-    "rights_ended": "a change of rights or settings",
-    "robot_stopped": "a stop of the robot",
-    "lease_held": "somebody else, who drove already",
-    "lease_lost": "a change of driver",
-    "lease_unavailable": "a database that did not answer",
+    "client_left": "left the page",
+    "client_vanished": "driver's connection lost",
+    "client_silent": "driver's connection went silent",
+    "client_slow": "driver's connection too slow",
+    "client_floods": "driver's connection sent too much",
+    "superseded": "continued in another window",
+    "rights_ended": "permissions or settings changed",
+    "robot_stopped": "Stop pressed",
+    "lease_held": "somebody else was driving",
+    "lease_lost": "somebody else got control",
+    "lease_unavailable": "database unavailable",
     "too_many_connections": "too many connections",
-    "robot_offline": "the robot, which was offline",
-    "rosbridge_down": "a rosbridge that did not answer",
-    "link_lost": "loss of the link to the robot",
-    "message_too_big": "a message that was too big",
-    "protocol_broken": "a breach of the WebSocket protocol",
-    "relay_stopping": "a shutdown of the server",
-    "relay_restarted": "a restart of the server",
-    "relay_failed": "a defect of the server",
+    "robot_offline": "robot offline",
+    "rosbridge_down": "rosbridge did not answer",
+    "link_lost": "link to the robot lost",
+    "message_too_big": "message too large",
+    "protocol_broken": "protocol error",
+    "relay_stopping": "server shut down",
+    "relay_restarted": "server restarted",
+    "relay_failed": "server error",
 }
 SESSIONS: Mapping[str, str] = {
     "superseded": "a newer session took over",
@@ -72,59 +72,69 @@ SESSIONS: Mapping[str, str] = {
     "timeout": "nothing came from the robot, or it took nothing",
     "link_lost": "its connection ended",
 }
-# {robot} is the line's robot; the others are its details, `?` where one is missing.
-SENTENCES: Mapping[str, str] = {
-    "login": "logged in",
-    "login_failed": "failed to log in",
-    "logout": "logged out",
-    "logins_ended": "logged {user} out everywhere",
-    "password_set": "set a new password for {user}",
-    "user_added": "added {role} {user}",
-    "user_removed": "removed {role} {user}",
-    "user_disabled": "disabled user {user}",
-    "user_enabled": "enabled user {user}",
-    "user_role_set": "changed the role of {user} from {was} to {role}",
-    "group_added": "added group {group}",
-    "group_removed": "removed group {group}",
-    "group_member_added": "added {user} to group {group}",
-    "group_member_removed": "removed {user} from group {group}",
-    "site_added": "added site {site}",
-    "site_removed": "removed site {site}",
-    "token_created": "created API token {token}",
-    "token_deleted": "deleted API token {token}",
-    "join_token_created": "created join token {token}",
-    "join_token_deleted": "deleted join token {token}",
-    "ssh_key_added": "added an SSH key",
-    "ssh_key_deleted": "deleted an SSH key",
-    "robot_added": "announced {robot}",
-    "robot_pending": "{robot} joined and waits for approval",
-    "robot_approved": "approved {robot}",
-    "robot_disabled": "disabled {robot}",
-    "robot_enabled": "enabled {robot}",
-    "robot_removed": "removed {robot}",
-    "robot_renamed": "renamed {was} to {robot}",
-    "robot_mac_set": "changed the MAC of {robot}",
-    "robot_ports_moved": "changed the ports of {robot}",
-    "robot_rekeyed": "forgot the key of {robot}",
-    "robot_rotation_requested": "asked {robot} for a new key",
-    "robot_settings_set": "changed the policy, guard or shell user of {robot}",
-    "robot_page_set": "changed the drive page of {robot}",
-    "robot_buttons_set": "changed the buttons of {robot}",
-    "key_rejected": "rejected a key that claimed to be {robot}",
-    "key_forgiven": "allowed a rejected key to ask again",
-    "key_refused": "refused an unknown key",
-    "key_rotated": "{robot} changed its key",
-    "key_claimed": "another machine claims to be {robot}",
-    "drive_started": "started to drive {robot}",
-    "drive_ended": "no longer drives {robot}",
-    "lease_asked": "asked for control of {robot}",
-    "lease_refused": "refused {to} control of {robot}",
-    "lease_handed_over": "handed control of {robot} over to {to}",
-    "lease_passed": "got control of {robot}, because {driver} did not reply",
-    "lease_taken": "took control of {robot} from {driver}",
-    "robot_stopped": "stopped {robot}",
-    "robot_released": "released {robot} after a stop",
-    "operations_refused": "sent messages that the policy of {robot} refused",
+# Each kind's name in the filter, and what its line says after who did it. {robot} is the line's robot; the others are
+# its details, `?` where one is missing. A sentence that needs more than that is in _BY_DETAILS.
+EVENTS: Mapping[str, tuple[str, str]] = {
+    "login": ("Log-in", "logged in"),
+    "login_failed": ("Log-in failed", "failed to log in"),
+    "logout": ("Log-out", "logged out"),
+    "logins_ended": ("Log-out everywhere", "logged {user} out everywhere"),
+    "password_set": ("Password set", "set a new password for {user}"),
+    "user_added": ("User added", "added {role} {user}"),
+    "user_removed": ("User removed", "removed {role} {user}"),
+    "user_disabled": ("User disabled", "disabled user {user}"),
+    "user_enabled": ("User enabled", "enabled user {user}"),
+    "user_role_set": ("User's role changed", "changed the role of {user} from {was} to {role}"),
+    "group_added": ("Group added", "added group {group}"),
+    "group_removed": ("Group removed", "removed group {group}"),
+    "group_member_added": ("Group member added", "added {user} to group {group}"),
+    "group_member_removed": ("Group member removed", "removed {user} from group {group}"),
+    "grant_given": ("Grant given", ""),
+    "grant_taken": ("Grant removed", ""),
+    "site_added": ("Site added", "added site {site}"),
+    "site_removed": ("Site removed", "removed site {site}"),
+    "token_created": ("API token created", "created API token {token}"),
+    "token_deleted": ("API token deleted", "deleted API token {token}"),
+    "join_token_created": ("Join token created", "created join token {token}"),
+    "join_token_deleted": ("Join token deleted", "deleted join token {token}"),
+    "ssh_key_added": ("SSH key added", "added an SSH key"),
+    "ssh_key_deleted": ("SSH key deleted", "deleted an SSH key"),
+    "robot_added": ("Robot announced", "announced {robot}"),
+    "robot_pending": ("Robot joined", "{robot} joined and waits for approval"),
+    "robot_approved": ("Robot approved", "approved {robot}"),
+    "robot_disabled": ("Robot disabled", "disabled {robot}"),
+    "robot_enabled": ("Robot enabled", "enabled {robot}"),
+    "robot_removed": ("Robot removed", "removed {robot}"),
+    "robot_renamed": ("Robot renamed", "renamed {was} to {robot}"),
+    "robot_mac_set": ("Robot's MAC changed", "changed the MAC of {robot} from {was} to {mac}"),
+    "robot_ports_moved": ("Robot's ports changed", "changed the ports of {robot}"),
+    "robot_rekeyed": ("Robot's key forgotten", "forgot the key of {robot}"),
+    "robot_rotation_requested": ("Robot's new key requested", "asked {robot} for a new key"),
+    "robot_settings_set": (
+        "Robot's settings changed",
+        "changed safety, permissions or shell user of {robot}",
+    ),
+    "robot_page_set": ("Robot's drive page changed", "changed the drive page of {robot}"),
+    "robot_buttons_set": ("Robot's buttons changed", "changed the buttons of {robot}"),
+    "robot_site_set": ("Robot's site changed", ""),
+    "robot_shell_set": ("Robot's shell turned on or off", ""),
+    "key_rejected": ("Key rejected", "rejected a key that claimed to be {robot}"),
+    "key_forgiven": ("Key allowed again", "allowed a rejected key to ask again"),
+    "key_refused": ("Key refused", "refused an unknown key"),
+    "key_rotated": ("Key changed", "{robot} changed its key"),
+    "key_claimed": ("Key claimed", "another machine claims to be {robot}"),
+    "key_released": ("Key released", "released the key of {robot} for another robot"),
+    "mac_changed": ("MAC differs", "{robot} joined with its key from another MAC"),
+    "drive_started": ("Drive started", "started driving {robot}"),
+    "drive_ended": ("Drive ended", ""),
+    "lease_asked": ("Control asked for", "asked for control of {robot}"),
+    "lease_refused": ("Control refused", "refused {to} control of {robot}"),
+    "lease_handed_over": ("Control handed over", "handed control of {robot} to {to}"),
+    "lease_passed": ("Control passed on", "got control of {robot}, because {driver} did not reply"),
+    "lease_taken": ("Control taken", "took control of {robot} from {driver}"),
+    "robot_stopped": ("Robot stopped", "stopped {robot}"),
+    "robot_released": ("Robot released", "released {robot} after a stop"),
+    "operations_refused": ("Messages blocked", ""),
 }
 
 
@@ -135,6 +145,7 @@ def register(app: Flask) -> None:
     app.add_template_filter(rfc3339, "rfc3339")
     app.add_template_filter(sentence, "sentence")
     app.add_template_filter(drive_end, "drive_end")
+    app.add_template_filter(duration_words, "duration")
     app.add_template_filter(session_end, "session_end")
     app.add_template_filter(refusal)
     app.add_template_filter(key_groups, "key_groups")
@@ -143,8 +154,17 @@ def register(app: Flask) -> None:
 
 
 def timestamp_words(timestamp: dt.datetime) -> str:
-    """Return a time as people read it: 2026-01-01 12:03 UTC."""
-    return timestamp.astimezone(dt.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    """Return a time as a page without scripts shows it: 2026-01-01 12:03:59 UTC."""
+    return timestamp.astimezone(dt.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def duration_words(seconds: float) -> str:
+    """Return a duration as people read it: 8 s, 1 min 35 s, 2 h 5 min."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes} min"
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
 def end_value(timestamp: dt.datetime | None) -> str:
@@ -181,7 +201,7 @@ def refusal(kind: str) -> str:
 
 
 def drive_end(code: str) -> str:
-    """Return what ended a drive."""
+    """Return how a drive ended."""
     return DRIVES.get(code, code)
 
 
@@ -196,12 +216,19 @@ class _Known(dict[str, object]):
 
 
 def sentence(event: AuditEvent) -> str:
-    """Return the text of the line, empty for a kind without one."""
+    """Return what the line says after who did it; a kind that is not known stays as it is."""
     if event.kind in _BY_DETAILS:
         return _BY_DETAILS[event.kind](event)
+    if event.kind not in EVENTS:
+        return event.kind
     known = _Known(event.details)
     known["robot"] = event.robot or "?"
-    return SENTENCES.get(event.kind, "").format_map(known)
+    return EVENTS[event.kind][1].format_map(known)
+
+
+def event_names() -> list[tuple[str, str]]:
+    """Return each kind of event with its name, by name."""
+    return sorted(((kind, name) for kind, (name, _) in EVENTS.items()), key=lambda one: one[1])
 
 
 def _given(event: AuditEvent) -> str:
@@ -225,6 +252,17 @@ def _shell(event: AuditEvent) -> str:
     return f"turned the shell of {event.robot} {'on' if event.details.get('shell') else 'off'}"
 
 
+def _drive_ended(event: AuditEvent) -> str:
+    lasted, code = event.details.get("lasted_s"), event.details.get("end_code")
+    after = "" if lasted is None else f" after {duration_words(lasted)}"
+    return f"stopped driving {event.robot}{after}" + (f" ({drive_end(code)})" if code else "")
+
+
+def _blocked(event: AuditEvent) -> str:
+    count = sum(event.details.values())
+    return f"sent {event.robot} what is not allowed: {count} {'message' if count == 1 else 'messages'} blocked"
+
+
 def _holder(event: AuditEvent) -> str:
     group = event.details.get("group")
     return f"{event.details.get('user', '?')}" if group is None else f"group {group}"
@@ -242,4 +280,6 @@ _BY_DETAILS = {
     "grant_taken": _taken,
     "robot_site_set": _placed,
     "robot_shell_set": _shell,
+    "drive_ended": _drive_ended,
+    "operations_refused": _blocked,
 }

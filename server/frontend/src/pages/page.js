@@ -19,13 +19,21 @@ export function setText(element, text) {
   if (element && element.textContent !== text) element.textContent = text;
 }
 
+const clock = (time, seconds) => time.toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit", second: seconds });
+
 // The time of day, with the date before it when that is not today. Empty for no time.
 export function localTime(iso, now = new Date()) {
   if (!iso) return "";
   const time = new Date(iso);
-  const clock = time.toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
-  if (time.toDateString() === now.toDateString()) return clock;
-  return `${time.toLocaleDateString("en-GB", { day: "numeric", month: "short" })} ${clock}`;
+  if (time.toDateString() === now.toDateString()) return clock(time);
+  return `${time.toLocaleDateString("en-GB", { day: "numeric", month: "short" })} ${clock(time)}`;
+}
+
+// A time of a list or a record: date and time with seconds, and the year when it is another one.
+export function localTimestamp(iso, now = new Date()) {
+  const time = new Date(iso);
+  const year = time.getFullYear() === now.getFullYear() ? undefined : "numeric";
+  return `${time.toLocaleDateString("en-GB", { day: "numeric", month: "short", year })} ${clock(time, "2-digit")}`;
 }
 
 // A number as people read one: with the digits that count.

@@ -4,10 +4,10 @@ from flask import Blueprint, Response
 
 from robotether_server.api.drives import download
 from robotether_server.api.exports import Format
-from robotether_server.db import Transaction, drives
+from robotether_server.db import Transaction, drives, seen_robots, users
 from robotether_server.db.drives import Drive, DriveSearch
 from robotether_server.web import current_user, filters
-from robotether_server.web.filters import Asked
+from robotether_server.web.filters import Asked, Offered
 
 blueprint = Blueprint("drives", __name__, url_prefix="/drives")
 blueprint.before_request(current_user.require_user)
@@ -31,4 +31,18 @@ def _search(asked: Asked) -> DriveSearch:
     )
 
 
-filters.register(blueprint, "drives.html", ("robot", "user", "since", "until"), _find, _send)
+def _offer(tx: Transaction) -> Offered:
+    """Name the robots that the user sees; all users to an admin, to others themselves."""
+    viewer = current_user.get()
+    people = users.list_all(tx) if viewer.is_admin else [viewer]
+    return {
+        "robot": filters.offered_names(
+            seen.robot.name for seen in seen_robots.list_seen(tx, viewer)
+        ),
+        "user": filters.offered_names(one.name for one in people),
+    }
+
+
+filters.register(
+    blueprint, "drives.html", ("robot", "user", "since", "until"), _find, _send, offer=_offer
+)

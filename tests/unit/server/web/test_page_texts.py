@@ -19,10 +19,11 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.rosbridge.message_validator import Kind
 from robotether_server.web.page_texts import (
     DRIVES,
+    EVENTS,
     KINDS,
-    SENTENCES,
     SESSIONS,
     drive_end,
+    duration_words,
     key_groups,
     refusal,
     sentence,
@@ -37,15 +38,12 @@ BY_THE_NEXT_RELAY = {"relay_restarted"}
 # Ends who watches alone: a drive has no pictures on its connection.
 OF_VIDEO = {"video_down"}
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
-# They tell of robots and keys in their own details, which say more than a sentence would.
-WITHOUT_WORDS = {"key_released", "mac_changed"}
-BY_DETAILS = {"grant_given", "grant_taken", "robot_site_set", "robot_shell_set"}
 
 
 def test_moments_are_in_utc() -> None:
     """Whatever zone they come in."""
     noon = dt.datetime(2026, 1, 1, 12, 3, 59, tzinfo=dt.timezone(dt.timedelta(hours=2)))
-    assert timestamp_words(noon) == "2026-01-01 10:03 UTC"
+    assert timestamp_words(noon) == "2026-01-01 10:03:59 UTC"
 
 
 def test_groups_of_a_key_are_the_whole_key() -> None:
@@ -88,6 +86,15 @@ def test_sizes_have_the_unit_that_makes_them_short(count: int, words: str) -> No
     assert size_words(count) == words
 
 
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(7.6, "8 s"), (59.6, "1 min 0 s"), (95, "1 min 35 s"), (7500, "2 h 5 min")],
+)
+def test_durations_have_two_units_at_most(seconds: float, words: str) -> None:
+    """To the second below an hour."""
+    assert duration_words(seconds) == words
+
+
 def test_every_refusal_has_words() -> None:
     """Those of the policy and those of the guard, and no other."""
     assert set(KINDS) == {*get_args(Kind), *(GUARD + kind for kind in REFUSED_KINDS)}
@@ -113,7 +120,7 @@ def test_every_ending_of_a_session_has_words() -> None:
 
 def test_unknown_code_is_shown_as_it_is() -> None:
     """A page tells what it can."""
-    assert (drive_end("lease_lost"), drive_end("eaten")) == ("a change of driver", "eaten")
+    assert (drive_end("lease_lost"), drive_end("eaten")) == ("somebody else got control", "eaten")
     assert (session_end("timeout"), session_end("eaten")) == (SESSIONS["timeout"], "eaten")
 
 
@@ -141,7 +148,16 @@ def event(kind: str, robot: str | None = None, **details: object) -> AuditEvent:
         (event("robot_renamed", "sim2", was="sim1"), "renamed sim1 to sim2"),
         (event("lease_taken", "sim1", driver="ben"), "took control of sim1 from ben"),
         (event("lease_taken", "sim1"), "took control of sim1 from ?"),
-        (event("never_heard_of", "sim1"), ""),
+        (event("never_heard_of", "sim1"), "never_heard_of"),
+        (
+            event("drive_ended", "sim1", end_code="client_left", fence=70, lasted_s=8.0),
+            "stopped driving sim1 after 8 s (left the page)",
+        ),
+        (event("drive_ended", "sim1"), "stopped driving sim1"),
+        (
+            event("operations_refused", "sim1", topic=3, rate=12),
+            "sent sim1 what is not allowed: 15 messages blocked",
+        ),
         (event("user_added", user="{robot.id}", role="user"), "added user {robot.id}"),
     ],
 )
@@ -159,4 +175,5 @@ def test_every_event_has_words() -> None:
     calls = r'(?:audit\.record\(\s*[\w.]+, [\w.]+,|_audit\((?:\s*report,)?)\s*"([a-z_]+)"'
     written = set(re.findall(calls, source))
     assert len(written) > 30
-    assert written <= set(SENTENCES) | BY_DETAILS | WITHOUT_WORDS
+    assert written <= set(EVENTS)
+    assert all(name and sentence(event(kind, "sim1")) for kind, (name, _) in EVENTS.items())

@@ -199,7 +199,7 @@ def test_the_question_names_the_end(
     send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}T23:59"}))
     path = f"/admin/grants/{number_of(database, 'user ann', 'robot sim2')}/take"
     page = admin.ask("GET", path).text
-    for words in (f"may drive now until {day}", f"robot sim2 until {day} 23:59 UTC again"):
+    for words in (f"may drive now until {day}", f"robot sim2 until {day} 23:59:00 UTC again"):
         assert words in page
     with admin_database.transaction() as tx:
         tx.change("UPDATE grants SET expires_at = '2020-01-01' WHERE expires_at IS NOT NULL")

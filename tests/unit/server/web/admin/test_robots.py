@@ -63,8 +63,8 @@ def test_list_shows_who_drives_and_what_is_stopped(
             (two,),
         )
     page = admin.ask("GET", "/admin/robots").text
-    assert 'title="since 2026-01-31 12:03 UTC">ben drives<' in page
-    assert 'title="by zoe, 2026-01-31 12:04 UTC">Stopped<' in page
+    assert 'title="since 2026-01-31 12:03:00 UTC">ben drives<' in page
+    assert 'title="by zoe, 2026-01-31 12:04:00 UTC">Stopped<' in page
     for state, name in (("driven", "sim1"), ("stopped", "sim2")):
         page = admin.ask("GET", f"/admin/robots?state={state}").text
         assert (page.count('data-testid="row-'), f'data-testid="row-{name}"' in page) == (1, True)

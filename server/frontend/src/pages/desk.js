@@ -1,0 +1,65 @@
+// What pages of lists and forms need of a script: buttons that copy, times and days of the reader's own zone.
+
+import { localTimestamp, setText } from "./page.js";
+
+const SHOWN_MS = 2000;
+const DAY_LENGTH = 10;
+
+// data-copy is the id of the text's element. The buttons show only where copying works.
+export function wireCopyButtons(page, clipboard) {
+  if (!clipboard) return;
+  for (const button of page.querySelectorAll("[data-copy]")) {
+    const words = button.textContent;
+    button.hidden = false;
+    button.addEventListener("click", async () => {
+      button.textContent = await copied(clipboard, page.getElementById(button.dataset.copy).textContent);
+      setTimeout(() => {
+        button.textContent = words;
+      }, SHOWN_MS);
+    });
+  }
+}
+
+async function copied(clipboard, text) {
+  try {
+    await clipboard.writeText(text);
+    return "Copied";
+  } catch {
+    return "Select and copy by hand";
+  }
+}
+
+// Their titles stay in UTC, as all of them are without this script.
+export function showLocalTimes(page, now = new Date()) {
+  for (const time of page.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime, now));
+}
+
+// Gives the time, in RFC 3339, when a day of the reader's zone begins or, for the end of a filter, that it is over.
+export function startOrEnd(day, isEnd) {
+  const [year, month, date] = day.split("-").map(Number);
+  return new Date(year, month - 1, date + (isEnd ? 1 : 0)).toISOString().replace(".000", "");
+}
+
+// Gives the reader's day of a filter's text: a day in UTC, or a time as startOrEnd gives it.
+export function dayOf(text, isEnd) {
+  if (text.length <= DAY_LENGTH) return text;
+  const time = new Date(new Date(text).getTime() - (isEnd ? 1 : 0));
+  const padded = (number) => String(number).padStart(2, "0");
+  return `${time.getFullYear()}-${padded(time.getMonth() + 1)}-${padded(time.getDate())}`;
+}
+
+// The days of a filter are the reader's, and its query has the times; without this script they are in UTC.
+export function wireDays(form) {
+  const days = [...form.querySelectorAll("[data-day]")];
+  for (const field of days) field.value = dayOf(field.dataset.at, field.name === "until");
+  for (const words of form.querySelectorAll('[data-part="zone"]')) words.remove();
+  form.addEventListener("formdata", ({ formData }) => {
+    for (const { name, value } of days) if (value) formData.set(name, startOrEnd(value, name === "until"));
+  });
+}
+
+if (typeof document !== "undefined") {
+  wireCopyButtons(document, navigator.clipboard);
+  showLocalTimes(document);
+  for (const form of document.querySelectorAll("form.filter")) wireDays(form);
+}

@@ -1,0 +1,93 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { dayOf, startOrEnd, showLocalTimes, wireCopyButtons, wireDays } from "../../src/pages/desk.js";
+
+function pageWith(text) {
+  const button = {
+    dataset: { copy: "line" },
+    textContent: "Copy",
+    hidden: true,
+    addEventListener: (_, listener) => {
+      button.click = listener;
+    },
+  };
+  const page = {
+    querySelectorAll: () => [button],
+    getElementById: (id) => (id === "line" ? { textContent: text } : null),
+  };
+  return { button, page };
+}
+
+test("a button copies the text of its element, and says so for a while", async (t) => {
+  t.mock.timers.enable({ apis: ["setTimeout"] });
+  const { button, page } = pageWith("curl ... | sudo sh");
+  const copied = [];
+  wireCopyButtons(page, {
+    writeText: async (text) => {
+      copied.push(text);
+    },
+  });
+  assert.equal(button.hidden, false);
+  await button.click();
+  assert.deepEqual(copied, ["curl ... | sudo sh"]);
+  assert.equal(button.textContent, "Copied");
+  t.mock.timers.tick(2000);
+  assert.equal(button.textContent, "Copy");
+});
+
+test("a browser that refuses says to copy by hand", async (t) => {
+  t.mock.timers.enable({ apis: ["setTimeout"] });
+  const { button, page } = pageWith("text");
+  wireCopyButtons(page, {
+    writeText: async () => {
+      throw new Error("not allowed");
+    },
+  });
+  await button.click();
+  assert.equal(button.textContent, "Select and copy by hand");
+});
+
+test("without a clipboard the button stays hidden", () => {
+  const { button, page } = pageWith("text");
+  wireCopyButtons(page, undefined);
+  assert.equal(button.hidden, true);
+});
+
+// Behind UTC in winter and ahead of it in summer, so that no test passes by the zone that the machine has.
+process.env.TZ = "Atlantic/Azores";
+
+test("times are the reader's own, with seconds, and with a year that is not this one", () => {
+  const times = ["2026-01-31T00:03:59+00:00", "2025-07-01T12:00:00+00:00"].map((dateTime) => ({ dateTime, textContent: "UTC" }));
+  showLocalTimes({ querySelectorAll: () => times }, new Date("2026-06-01T12:00:00Z"));
+  assert.deepEqual(
+    times.map(({ textContent }) => textContent),
+    ["30 Jan 23:03:59", "1 Jul 2025 12:00:00"],
+  );
+});
+
+test("a day is from its first moment of the reader's to its last", () => {
+  assert.equal(startOrEnd("2026-01-31", false), "2026-01-31T01:00:00Z");
+  assert.equal(startOrEnd("2026-01-31", true), "2026-02-01T01:00:00Z");
+  assert.equal(dayOf("2026-01-31T01:00:00Z", false), "2026-01-31");
+  assert.equal(dayOf("2026-02-01T01:00:00Z", true), "2026-01-31");
+  assert.equal(dayOf("2026-01-31", true), "2026-01-31");
+  assert.equal(dayOf("", true), "");
+});
+
+test("a filter asks for the reader's days, and for nothing where no day is given", () => {
+  const field = (name, at) => ({ name, value: "", dataset: { at } });
+  const days = [field("since", "2026-01-31T01:00:00Z"), field("until", "")];
+  const form = {
+    querySelectorAll: (selector) => (selector === "[data-day]" ? days : []),
+    addEventListener: (_, listener) => {
+      form.sent = (formData) => listener({ formData });
+    },
+  };
+  wireDays(form);
+  assert.equal(days[0].value, "2026-01-31");
+  days[0].value = "2026-07-01";
+  const query = new Map([["until", ""]]);
+  form.sent(query);
+  assert.deepEqual(Object.fromEntries(query), { since: "2026-07-01T00:00:00Z", until: "" });
+});
