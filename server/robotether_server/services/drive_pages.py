@@ -107,7 +107,7 @@ def find_managed(tx: Transaction, user: User, name: str) -> SeenRobot:
     """Return the robot if this user manages it; raise RobotUnknown when they may not see it, else GrantMissing."""
     seen = seen_robots.find_seen(tx, user, name)
     if seen is None:
-        raise RobotUnknown(f"cannot show robot {name}: there is none of that name that you may see")
+        raise RobotUnknown(f"No robot '{name}', or you have no access.")
     if seen.level != "manage":
         raise GrantMissing(
             f"cannot change the page of robot {name}: your grant is {seen.level}; it takes one to manage it"

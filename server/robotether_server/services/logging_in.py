@@ -87,7 +87,7 @@ def log_in(database: Database, source: Source, password: str, lifetime: dt.timed
             guess.outcome = audit.record(tx, source, SUCCEEDED)
             return credentials.create_login(tx, guess.checked, source.address or "", lifetime)
         guess.outcome = audit.record(tx, source, FAILED)
-    raise LoginFailed("cannot log in: the name or the password is wrong")
+    raise LoginFailed("Wrong name or password.")
 
 
 def confirm(database: Database, source: Source, password: str) -> None:

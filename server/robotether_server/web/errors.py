@@ -6,18 +6,22 @@ The border of a request: an unexpected exception is logged here with its traceba
 import logging
 from http import HTTPStatus
 
-from flask import Flask, Response, json, make_response, render_template, request
+from flask import Flask, Response, g, json, make_response, render_template, request
 from flask_wtf.csrf import CSRFError  # type: ignore[import-untyped] # it has no types
 from werkzeug.exceptions import HTTPException
 
+from robotether_server.api import auth
+from robotether_server.api.context import context
 from robotether_server.problems import (
     PROBLEM_JSON,
     CsrfRefused,
     HttpProblem,
     Problem,
+    StoreProblem,
     StoreUnavailable,
     Throttled,
 )
+from robotether_server.web import current_user
 
 logger = logging.getLogger(__name__)
 
@@ -52,14 +56,26 @@ def _as_json(problem: Problem) -> Response:
 
 
 def _as_page(problem: Problem) -> Response:
-    return make_response(
-        render_template(
-            "problem.html",
-            status=int(problem.status),
-            title=problem.as_dict()["title"],
-            detail=problem.detail,
-        )
+    if problem.status < HTTPStatus.INTERNAL_SERVER_ERROR:
+        _keep_menu()
+    title = HTTPStatus(problem.status).phrase.capitalize()
+    page = render_template(
+        "problem.html", status=int(problem.status), title=title, detail=problem.detail
     )
+    return make_response(page)
+
+
+def _keep_menu() -> None:
+    """Find the user of a page that failed before it asked who that is."""
+    if "user" in g:
+        return
+    try:
+        with context().database.transaction() as tx:
+            user = auth.page_user(tx, request)
+            if user is not None:
+                current_user.remember(tx, user)
+    except StoreProblem:
+        logger.warning("cannot show the menu on an error page", exc_info=True)
 
 
 def _answer_csrf(error: CSRFError) -> Response:
@@ -74,7 +90,10 @@ def _answer_http(error: HTTPException) -> Response:
     # Redirects are HTTPExceptions too.
     if error.code is None or error.code < HTTPStatus.BAD_REQUEST:
         return Response(error.get_body(), error.code, error.get_headers())
-    response = answer(HttpProblem(error.code, error.description or "there are no details"))
+    detail = error.description or "there are no details"
+    if error.code == HTTPStatus.NOT_FOUND:
+        detail = "There is no page at this address."
+    response = answer(HttpProblem(error.code, detail))
     for name, value in error.get_headers():
         if name.lower() not in {"content-type", "content-length"}:
             response.headers[name] = value

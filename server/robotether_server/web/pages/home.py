@@ -111,7 +111,7 @@ def show_robot(name: str) -> AnyResponse:
             return current_user.to_login()
         seen = seen_robots.find_seen(tx, user, name)
     if seen is None:
-        raise RobotUnknown(f"cannot show robot {name}: there is none of that name that you may see")
+        raise RobotUnknown(f"No robot '{name}', or you have no access.")
     robot = {"name": name, "level": seen.level, "settings": _in_force(seen)}
     return make_response(render_template("drive.html", user=user, robot=robot))
 

@@ -15,6 +15,18 @@ def test_page_problem_is_a_page(browser: Browser) -> None:
     assert (answer.status_code, answer.mimetype) == (404, "text/html")
 
 
+def test_menu_stays_for_who_is_logged_in(browser: Browser, ann: Browser, admin: Browser) -> None:
+    """At an address without a page, and at a robot that is not there; an admin's with all that it has."""
+    for path in ("/nothing", "/robots/nosuch"):
+        assert "menu-profile" in ann.ask("GET", path).text
+        assert "menu-admin" in admin.ask("GET", path).text
+    assert "There is no page at this address." in ann.ask("GET", "/nothing").text
+    assert (
+        "No robot &#39;nosuch&#39;, or you have no access." in ann.ask("GET", "/robots/nosuch").text
+    )
+    assert "menu-profile" not in browser.ask("GET", "/nothing").text
+
+
 def test_a_file_that_is_not_there_is_no_page(browser: Browser) -> None:
     """What nginx compresses must hold no secret of the visitor's, as each page's form token is."""
     answer = browser.ask("GET", "/static/nothing.js")

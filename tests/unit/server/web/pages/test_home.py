@@ -56,7 +56,7 @@ def test_failed_login_reveals_nothing(
     """Unknown user and wrong password get the same page, and an audit event."""
     answer = browser.log_in(name, password)
     assert answer.status_code == 401
-    assert "the name or the password is wrong" in answer.text
+    assert "Wrong name or password." in answer.text
     assert browser.client.get_cookie("__Host-robotether_login", "robots.example") is None
     assert audit_kinds(database) == [("login_failed", name, "198.51.100.7")]
 
