@@ -70,6 +70,7 @@ SESSIONS: Mapping[str, str] = {
     "relay_restarted": "the server restarted",
     "protocol_error": "it sent what the server could not read",
     "timeout": "nothing came from the robot, or it took nothing",
+    "unwatched": "nobody watched its video",
     "link_lost": "its connection ended",
 }
 # Each kind's name in the filter, and what its line says after who did it. {robot} is the line's robot; the others are

@@ -250,7 +250,7 @@ def test_robot_that_may_not_be_seen_is_not_there(browser: Browser, name: str) ->
     browser.log_in("ann")
     page = browser.ask("GET", f"/robots/{name}")
     assert page.status_code == 404
-    assert f"cannot show robot {name}" in page.text
+    assert f"No robot &#39;{name}&#39;, or you have no access." in page.text
 
 
 def test_health_and_icon_need_no_login(browser: Browser) -> None:
