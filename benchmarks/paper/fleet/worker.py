@@ -20,8 +20,9 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Protocol
 
 from robotether_agent import settings as agent_settings
 from robotether_agent.daemon import Agent
@@ -48,6 +49,7 @@ FILES_A_ROBOT = 80
 LINE_BYTES = 1024 * 1024
 # It is no setting of a file of this machine that the robots go by.
 NO_FILE = Path("/dev/null")
+LOG_FORMAT = "%(asctime)s %(levelname)s %(message)s"
 log = logging.getLogger(__name__)
 
 
@@ -188,7 +190,26 @@ class LightRobot:
         return agent_settings.load(NO_FILE, environment(given))
 
 
-async def obey(order: str, robots: Sequence[LightRobot]) -> None:
+class Robot(Protocol):
+    """What a process of robots plays."""
+
+    async def open(self) -> None:
+        """Have all that needs no server."""
+
+    def start(self) -> None:
+        """Connect, and stay connected."""
+
+    async def end(self) -> None:
+        """Disconnect."""
+
+    async def close(self) -> None:
+        """Leave nothing."""
+
+
+Make = Callable[[str, Mapping[str, str]], Robot]
+
+
+async def obey(order: str, robots: Sequence[Robot]) -> None:
     """Do one order, and tell when it is done."""
     if order == "start":
         for robot in robots:
@@ -207,18 +228,11 @@ async def _standard_input() -> asyncio.StreamReader:
     return lines
 
 
-async def work(run_dirs: Path) -> None:
-    if sys.version_info < (3, 12):
-        # The usual watcher of this Python has a thread for each child.
-        watcher = asyncio.PidfdChildWatcher()
-        watcher.attach_loop(asyncio.get_running_loop())
-        asyncio.set_child_watcher(watcher)
+async def work(make: Make) -> None:
+    """Play the robots that the first line of the input names, by the orders that follow."""
     lines = await _standard_input()
     wanted: dict[str, Any] = json.loads(await lines.readline())
-    robots = [
-        LightRobot(name, {**settings, "run_dir": str(run_dirs / str(number))})
-        for number, (name, settings) in enumerate(wanted.items())
-    ]
+    robots = [make(name, settings) for name, settings in wanted.items()]
     allow_files(len(robots) * FILES_A_ROBOT)
     await asyncio.gather(*(robot.open() for robot in robots))
     try:
@@ -236,11 +250,25 @@ def allow_files(count: int) -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (count, max(count, hard)))
 
 
+async def work_light(run_dirs: Path) -> None:
+    if sys.version_info < (3, 12):
+        # The usual watcher of this Python has a thread for each child.
+        watcher = asyncio.PidfdChildWatcher()
+        watcher.attach_loop(asyncio.get_running_loop())
+        asyncio.set_child_watcher(watcher)
+    numbers = count(1)
+
+    def make(name: str, settings: Mapping[str, str]) -> LightRobot:
+        return LightRobot(name, {**settings, "run_dir": str(run_dirs / str(next(numbers)))})
+
+    await work(make)
+
+
 def main() -> None:
     """Work in folders that end with this process; their paths must be short, as they hold sockets."""
-    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(message)s")
+    logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
     with tempfile.TemporaryDirectory(prefix="rt-", dir="/tmp") as folder:
-        asyncio.run(work(Path(folder)))
+        asyncio.run(work_light(Path(folder)))
 
 
 if __name__ == "__main__":

@@ -6,17 +6,11 @@ command is a double; its first line is read from the real one's source.
 
 from __future__ import annotations
 
-import ast
 import asyncio
-import json
-import os
-import re
 import shutil
 import socket
-import sys
 import tempfile
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,64 +18,25 @@ from typing import Any
 import aiohttp
 import pytest
 from fake_cameras import FakeVideoServer, TopicRosbridge
-from fake_cloud import FakeCloud, Link, agent_environ, eventually
-from fake_robot import FINGERPRINT, HOST, RobotSession
+from fake_cloud import agent_environ, eventually
+from fake_robot import HOST, RobotSession
+from recording_server import RecordingServer, Said, running_agent
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.main import Timing
 from syrupy.assertion import SnapshotAssertion
 from transcripts import Transcript
 
-ROOT = Path(__file__).resolve().parents[3]
 BATTERY = {"/battery_state": "sensor_msgs/msg/BatteryState"}
 WAIT_S = 60.0
-Said = dict[str, Any]
-
-
-def preface(kind: str, robot_id: int, ports: tuple[int, ...]) -> bytes:
-    """Write the first line of a connection, as session.c does."""
-    source = (ROOT / "images/sshd/session.c").read_text()
-    found = re.search(r"snprintf\(line, sizeof line,\s*(.*?),\s*wanted_kind", source, re.DOTALL)
-    assert found
-    layout = ast.literal_eval(f"({found[1]})").replace("%lu", "%d")
-    given = (kind, robot_id, FINGERPRINT, ",".join(map(str, ports)), "198.51.100.7", SESSION_KEY)
-    return (layout % given).encode()
-
-
-class Server(FakeCloud):
-    """A server with the real relay behind its sshd, which keeps what passes."""
-
-    def __init__(self, relay: RelayServer, robot_id: int) -> None:
-        super().__init__()
-        self.said: list[tuple[str, str, Said]] = []
-        self._relay_port = relay.relay.session_port
-        self._robot_id = robot_id
-
-    async def _talk(self, link: Link, reader: asyncio.StreamReader) -> None:
-        relay_in, relay_out = await asyncio.open_connection(HOST, self._relay_port)
-        first = preface(link.kind, self._robot_id, self.ports)
-        self.said.append((link.kind, "session command", json.loads(first)))
-        relay_out.write(first)
-        up = asyncio.ensure_future(self._pass(link.kind, "agent", reader, relay_out))
-        try:
-            await self._pass(link.kind, "relay", relay_in, link._writer)
-        finally:
-            up.cancel()
-            await asyncio.gather(up, return_exceptions=True)
-            relay_out.close()
-
-    async def _pass(
-        self, kind: str, who: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
-        while line := await reader.readline():
-            self.said.append((kind, who, json.loads(line)))
-            writer.write(line)
 
 
 class Session:
     """One agent at a server: waits for lines, and writes each down that was waited for."""
 
-    def __init__(self, server: Server, relay: RelayServer, database: MemoryDatabase) -> None:
+    def __init__(
+        self, server: RecordingServer, relay: RelayServer, database: MemoryDatabase
+    ) -> None:
         self.server, self.relay, self.database = server, relay, database
         self.transcript = Transcript(measured=["t_ms", "seq"])
         self.transcript.name(socket.gethostname(), "hostname")
@@ -140,7 +95,7 @@ async def session(patient: Timing) -> AsyncIterator[Session]:
         TopicRosbridge(BATTERY) as rosbridge,
         FakeVideoServer() as video,
     ):
-        server = Server(relay, robot.id)
+        server = RecordingServer(relay, robot.id)
         server.ports = (robot.ros_port, robot.video_port)
         await server.start()
         urls = {"rosbridge_url": rosbridge.url, "video_url": video.url}
@@ -155,24 +110,6 @@ async def session(patient: Timing) -> AsyncIterator[Session]:
         finally:
             await server.close()
             shutil.rmtree(place)
-
-
-@asynccontextmanager
-async def running_agent(environ: dict[str, str]) -> AsyncIterator[None]:
-    """Run the agent as its boot service does."""
-    environ = {
-        "PATH": os.environ["PATH"],
-        "PYTHONPATH": f"{ROOT / 'agent'}:{ROOT / 'common'}",
-        **environ,
-    }
-    agent = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "robotether_agent", "run", env=environ
-    )
-    try:
-        yield
-    finally:
-        agent.terminate()
-        await agent.wait()
 
 
 async def battery(rosbridge: TopicRosbridge) -> None:

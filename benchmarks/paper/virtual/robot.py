@@ -1,0 +1,375 @@
+"""A virtual robot: what an agent says to the server, without the programs of a robot; hundreds fit into a process.
+
+Played by worker.py. Its SSH connections are asyncssh's, dialled and tried again by the agent's own rules; its lines are
+the agent's, in the agent's order (benchmarks/tests/test_virtual.py compares them). What lies behind its forwards is
+services.py. It has no guard that could stop anything, no battery, no shell, and does not rotate its key: never let one
+stand for a robot that moves. Its key exchange is the newest of OpenSSH 10's that both ends know.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import socket
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import asyncssh
+from asyncssh.constants import MSG_IGNORE
+from robotether_agent import __version__
+from robotether_agent.backoff import Backoff, Uptime, keep_going
+from robotether_agent.clock import robot_time
+from robotether_agent.enrolment import keys
+from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
+from robotether_agent.fields import line_of
+from robotether_agent.net.server_dialer import ServerDialer, SshAddress
+from robotether_agent.problems import (
+    AgentProblem,
+    ForwardFailed,
+    KeyRefused,
+    LinkLost,
+    PortTaken,
+    ProtocolBroken,
+    Retry,
+    ServerSilent,
+    SessionEnded,
+)
+from robotether_agent.tunnel.connection import CHECK_EVERY_S, CHECK_PAUSE_S
+from robotether_agent.tunnel.session import FIRST_TIMEOUT_S, SLOW_BYES
+from robotether_common.session import Kind
+
+from paper.virtual.services import Services
+
+ANY_ADDRESS = "0.0.0.0"  # the server's own, as `ssh -R` names it
+LOGIN_WITHIN_S = 60.0
+# What OpenSSH 10 offers first; with an older sshd it is curve25519. The cipher is its second choice, as asyncssh makes
+# three contexts a packet for the first; sshd needs about as long for either.
+KEY_EXCHANGES = ["mlkem768x25519-sha256", "curve25519-sha256"]
+CIPHERS = ["aes256-gcm@openssh.com"]
+Line = Mapping[str, Any]
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Account:
+    """Where a robot logs in, and with what; read from the files of its enrolment."""
+
+    target: SshAddress
+    options: asyncssh.SSHClientConnectionOptions
+
+    @classmethod
+    def read(cls, settings: Mapping[str, str], dialer: ServerDialer) -> Account:
+        """`settings` are the agent's `server` and `state_dir`; the robot must have joined."""
+        state = Path(settings["state_dir"])
+        enrolment = EnrolmentStore(state).load(settings["server"])
+        if enrolment is None:
+            raise ValueError(f"{state} has no enrolment at {settings['server']}")
+        options = login_options(
+            enrolment.ssh.user,
+            asyncssh.read_private_key(state / keys.NAME),
+            (state / keys.KNOWN_HOSTS).read_text(),
+        )
+        return cls(_target(enrolment, dialer), options)
+
+
+def _target(enrolment: Enrolment, dialer: ServerDialer) -> SshAddress:
+    ssh = enrolment.ssh
+    host = ssh.host or enrolment.server.rpartition(":")[0]
+    return SshAddress(host, ssh.ports[0], ssh.user, dialer)
+
+
+@lru_cache(maxsize=8)
+def _pinned(known_hosts: str) -> list[asyncssh.SSHKey]:
+    """The keys of a known_hosts file, which is the same for all robots of a server."""
+    lines = (line.split(None, 1)[1] for line in known_hosts.splitlines())
+    return [asyncssh.import_public_key(line) for line in lines]
+
+
+def login_options(
+    user: str, key: asyncssh.SSHKey, known_hosts: str
+) -> asyncssh.SSHClientConnectionOptions:
+    """No file or agent of this machine's user takes part."""
+    return asyncssh.SSHClientConnectionOptions(
+        username=user,
+        client_keys=[key],
+        known_hosts=(_pinned(known_hosts), [], []),
+        config=None,
+        agent_path=None,
+        gss_host=None,
+        preferred_auth="publickey",
+        kex_algs=KEY_EXCHANGES,
+        encryption_algs=CIPHERS,
+        mac_algs=["hmac-sha2-256-etm@openssh.com"],
+        compression_algs=["none"],
+        server_host_key_algs=["ssh-ed25519"],
+        login_timeout=LOGIN_WITHIN_S,
+    )
+
+
+def _without_ignored(send_packet: Callable[..., None]) -> Callable[..., None]:
+    """Leave out the empty packet that asyncssh puts before each other one: it doubles what a server has to read.
+
+    OpenSSH's client sends none either, and asyncssh has no setting for it.
+    """
+
+    def send(connection: asyncssh.SSHConnection, kind: int, *args: bytes, **more: Any) -> None:
+        if kind != MSG_IGNORE:
+            send_packet(connection, kind, *args, **more)
+
+    return send
+
+
+asyncssh.SSHClientConnection.send_packet = _without_ignored(  # type: ignore[method-assign]
+    asyncssh.SSHClientConnection.send_packet
+)
+
+
+class Connection(asyncssh.SSHClientSession[bytes]):
+    """One SSH connection of a kind, with its lines both ways, and its heartbeat."""
+
+    def __init__(self, kind: Kind, on_line: Callable[[Connection, Line], None]) -> None:
+        self.config: dict[str, Any] = {}
+        self.configs = 0
+        self.kind = kind
+        self.ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._on_line = on_line
+        self._ssh: asyncssh.SSHClientConnection
+        self._channel: asyncssh.SSHClientChannel[bytes] | None = None
+        self._rest = b""
+        self._seq = 0
+        self._received_at = robot_time()
+        self._timer: asyncio.TimerHandle | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def open(self, account: Account) -> None:
+        """Log in and ask for the session of this kind; the agent's problems say why not."""
+        dialer = account.target.dialer
+        assert dialer is not None
+        target = await dialer.find([account.target])
+        sock = await dialer.open(target)
+        try:
+            self._ssh = await asyncssh.connect(sock=sock, options=account.options)
+        except asyncssh.PermissionDenied as error:
+            raise KeyRefused(f"cannot log in at {target}: {error}") from error
+        except (asyncssh.Error, OSError) as error:
+            raise LinkLost(f"cannot log in at {target}: {error}") from error
+        try:
+            await self._ssh.create_session(lambda: self, self.kind, encoding=None)
+        except (asyncssh.Error, OSError) as error:
+            self._ssh.abort()
+            raise LinkLost(f"cannot open the session at {target}: {error}") from error
+
+    async def forward(self, port: int, make: Callable[[], asyncssh.SSHTCPSession[bytes]]) -> None:
+        """Have the server listen at `port`; each connection there is a session of `make`."""
+        try:
+            await self._ssh.create_server(lambda _host, _port: make(), ANY_ADDRESS, port)
+        except asyncssh.ChannelListenError as error:
+            raise PortTaken(f"cannot open port {port} on the server: {error}") from error
+        except (asyncssh.Error, OSError) as error:
+            raise ForwardFailed(f"cannot open port {port} on the server: {error}") from error
+
+    def send(self, message: Line) -> None:
+        """Send one line, if the connection still is."""
+        if self._channel is not None and not self._channel.is_closing():
+            self._channel.write(line_of(message))
+
+    def run(self, work: Any) -> None:
+        """Run a coroutine beside the connection; its problem ends it."""
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+
+    def fail(self, problem: AgentProblem) -> None:
+        """End with this problem; the first one counts."""
+        if not self.ended.done():
+            self.ended.set_exception(problem)
+
+    async def close(self) -> None:
+        """Leave nothing of it."""
+        if self._timer is not None:
+            self._timer.cancel()
+        for task in self._tasks:
+            task.cancel()
+        self._ssh.abort()
+        with suppress(asyncssh.Error, OSError):
+            await self._ssh.wait_closed()
+
+    # What asyncssh calls.
+
+    def connection_made(self, chan: asyncssh.SSHClientChannel[bytes]) -> None:
+        self._channel = chan
+
+    def session_started(self) -> None:
+        self._tick()
+
+    def data_received(self, data: bytes, datatype: int | None) -> None:
+        if datatype is not None:
+            # The session command's last words.
+            log.debug("%s: %r", self.kind, data)
+            return
+        self._received_at = robot_time()
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            self._handle(json.loads(line))
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.fail(LinkLost(f"lost the connection: {exc or 'without a word'}"))
+
+    def _handle(self, line: Line) -> None:
+        kind = line["type"]
+        if kind == "ping":
+            self.send({"type": "pong", "seq": line["seq"]})
+        elif kind == "config":
+            self.config, self.configs = dict(line), self.configs + 1
+            self._on_line(self, line)
+        elif kind == "bye":
+            self.fail(_ending(line))
+        elif kind != "pong":
+            self._on_line(self, line)
+
+    def configured(self, then: Callable[[], None]) -> None:
+        """Begin with heartbeats and `then`, when what came with the configuration has been read, as the agent does."""
+
+        def begin() -> None:
+            if not self.ended.done():
+                self._tick()
+                then()
+
+        asyncio.get_running_loop().call_soon(begin)
+
+    def _tick(self) -> None:
+        """Send a heartbeat, and see whether the server is silent."""
+        if self._timer is not None:
+            self._timer.cancel()
+        timeout_s = self.config.get("timeout_s", FIRST_TIMEOUT_S)
+        now = robot_time()
+        if now - self._received_at > timeout_s:
+            why = f"the server was silent for {timeout_s:g} s"
+            self.fail(ServerSilent(f"lost the session: {why}"))
+            return
+        if self.config:
+            self._seq += 1
+            self.send({"type": "ping", "seq": self._seq, "t_ms": round(now * 1000, 3)})
+        wait_s = self.config.get("heartbeat_s", FIRST_TIMEOUT_S)
+        self._timer = asyncio.get_running_loop().call_later(wait_s, self._tick)
+
+    def _done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            why = error if isinstance(error, AgentProblem) else ProtocolBroken(repr(error))
+            self.fail(why)
+
+
+def _ending(bye: Line) -> SessionEnded:
+    retry = Retry.SLOWLY if bye["code"] in SLOW_BYES else Retry.SOON
+    return SessionEnded(f"the server ended it: {bye['detail']}", code=bye["code"], retry=retry)
+
+
+class VirtualRobot:
+    """One robot; connected for as long as `run` is awaited."""
+
+    def __init__(self, account: Account, services: Services, rng: Random) -> None:
+        self._account = account
+        self._services = services
+        self._rng = rng
+        self._session_up = asyncio.Event()
+        self._next_session = asyncio.Event()
+        # The server's own view of the forwards may be another one.
+        self._recheck = asyncio.Event()
+        self._session: Connection | None = None
+        services.on_guard_changed = self._report_guard
+
+    async def run(self) -> None:
+        """Keep session and video connection; ends with the problem that no retry mends."""
+        async with asyncio.TaskGroup() as group:
+            for what, attempt, pause in (
+                ("session", self._session_attempt, asyncio.sleep),
+                ("video tunnel", self._media_attempt, self._until_next_session),
+            ):
+                backoff = Backoff(self._rng)
+                group.create_task(keep_going(what, attempt, backoff, lambda _: None, pause))
+
+    async def _session_attempt(self, uptime: Uptime) -> None:
+        connection = Connection("session", partial(self._on_session_line, uptime))
+        await connection.open(self._account)
+        try:
+            self._session = connection
+            who = {"hostname": socket.gethostname(), "agent_version": __version__}
+            connection.send({"type": "hello", **who, "guard": "on"})
+            await connection.ended
+        finally:
+            self._session = None
+            self._session_up.clear()
+            self._services.on_session_lost()
+            await connection.close()
+
+    async def _media_attempt(self, uptime: Uptime) -> None:
+        await self._session_up.wait()
+        connection = Connection("media", partial(self._on_media_line, uptime))
+        await connection.open(self._account)
+        try:
+            await connection.ended
+        finally:
+            await connection.close()
+
+    async def _until_next_session(self, most_s: float) -> None:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(most_s):
+                await self._next_session.wait()
+
+    def _on_session_line(self, uptime: Uptime, connection: Connection, line: Line) -> None:
+        kind = line["type"]
+        if kind == "config":
+            self._services.on_config(line["guard"], direct=line["direct"])
+            if connection.configs == 1:
+                connection.configured(partial(self._begin_session, uptime, connection))
+            else:
+                self._recheck.set()
+        elif kind == "lease":
+            self._services.on_lease(line["fence"], held=line["held"])
+        elif kind in ("stop", "release"):
+            self._services.on_order(kind, line["id"], line["by"])
+
+    def _begin_session(self, uptime: Uptime, connection: Connection) -> None:
+        connection.send(HEALTH)
+        self._report_guard(None)
+        connection.run(self._open_session(uptime, connection))
+
+    async def _open_session(self, uptime: Uptime, connection: Connection) -> None:
+        await connection.forward(connection.config["ros_port"], self._services.ros_channel)
+        uptime.is_up()
+        self._session_up.set()
+        self._next_session.set()
+        self._next_session = asyncio.Event()
+        await self._keep_asking_for_checks(connection)
+
+    async def _keep_asking_for_checks(self, connection: Connection) -> None:
+        while True:
+            self._recheck.clear()
+            connection.send({"type": "check"})
+            await asyncio.sleep(CHECK_PAUSE_S)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(CHECK_EVERY_S - CHECK_PAUSE_S):
+                    await self._recheck.wait()
+
+    def _on_media_line(self, uptime: Uptime, connection: Connection, line: Line) -> None:
+        if line["type"] == "config" and connection.configs == 1:
+            connection.configured(lambda: connection.run(self._open_media(uptime, connection)))
+
+    async def _open_media(self, uptime: Uptime, connection: Connection) -> None:
+        await connection.forward(connection.config["video_port"], self._services.video_channel)
+        uptime.is_up()
+        self._recheck.set()
+
+    def _report_guard(self, answers: str | None) -> None:
+        if self._session is not None:
+            self._session.send({"type": "guard", **self._services.guard, "answers": answers})
+
+
+HEALTH = {"type": "health", "ros": "ok", "video": "ok", "detail": "", "ros_exposed": False}

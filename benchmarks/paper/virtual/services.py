@@ -1,0 +1,309 @@
+"""What lies behind a virtual robot's two forwards: a guard's answers, a rosbridge that echoes, and a small camera.
+
+    services = Services("x-fleet-7", on_message)
+    await ssh.create_server(lambda *_: services.ros_channel(), "0.0.0.0", 20000)
+
+aiohttp serves each channel as if it was a TCP connection, so no port of this machine is used. Who may enter is decided
+by the guard's own rules. A published message goes to all who subscribe to its topic, the publisher included, as
+rosbridge does, without the relay's stamp; a command is neither limited nor followed by zeros, as nothing moves here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any, cast
+
+import asyncssh
+from aiohttp import WSMsgType, web
+from robotether_agent.clock import robot_time
+from robotether_agent.guard.drive_controller import Authorizer, NotAuthorized
+from robotether_agent.guard.topics import Authorization
+from robotether_common.frames import HEADER, JPEG, MAX_CREDITS, PATH, STAMPED
+from robotether_common.guard import DEFAULT_MS, REFUSED_KINDS, STAMP
+
+# What a fleet's operators and drivers use, and what its pages find.
+TOPICS = {
+    "/cmd_vel": "geometry_msgs/Twist",
+    "/startup": "std_msgs/String",
+    "/camera/image_raw": "sensor_msgs/Image",
+}
+DRIVE_TOPIC = "/cmd_vel"
+FPS_MAX = 15.0
+QUALITY = 70
+# A guard publishes zeros for so long, at a stop and when no command has come for the deadman's time.
+ZEROS_S = 0.5
+RESTS_AFTER_S = DEFAULT_MS / 1000 + ZEROS_S
+BOUNDARY = "boundarydonotcross"
+OnMessage = Callable[[str, Any], None]
+Said = dict[str, Any]
+
+
+def _small_jpeg() -> bytes:
+    """What begins like a JPEG of 160 x 120 pixels, with 3 KB in it; nobody decodes it."""
+    size = b"\xff\xc0" + struct.pack("!HBHHB", 8, 8, 120, 160, 0)
+    return (b"\xff\xd8" + size).ljust(3000, b"\x00") + b"\xff\xd9"
+
+
+FRAME = _small_jpeg()
+
+
+class _Channel(asyncssh.SSHTCPSession[bytes]):
+    """Hands a forwarded connection to aiohttp, for which the channel is a transport like any other."""
+
+    def __init__(self, protocol: asyncio.Protocol) -> None:
+        self._protocol = protocol
+
+    def connection_made(self, chan: asyncssh.SSHTCPChannel[bytes]) -> None:
+        self._protocol.connection_made(cast(asyncio.Transport, chan))
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._protocol.connection_lost(exc)
+
+    def data_received(self, data: bytes, datatype: int | None) -> None:
+        self._protocol.data_received(data)
+
+    def eof_received(self) -> bool:
+        self._protocol.eof_received()
+        return False
+
+    def pause_writing(self) -> None:
+        self._protocol.pause_writing()
+
+    def resume_writing(self) -> None:
+        self._protocol.resume_writing()
+
+
+class Services:
+    """One robot's; `on_message` gets the topic and `msg` of what is published."""
+
+    def __init__(self, on_message: OnMessage) -> None:
+        self.on_guard_changed: Callable[[str | None], None] = lambda _: None
+        self._on_message = on_message
+        self._authorizer = Authorizer(time.monotonic())
+        self._by = ""
+        self._moving = False
+        self._was_driven = False
+        self._rests_at = 0.0
+        self._closing: set[asyncio.Task[bool]] = set()
+        self._clients: dict[web.WebSocketResponse, tuple[Authorization, set[str]]] = {}
+        self._ros = web.Server(self._answer_ros, access_log=None, handler_cancellation=True)
+        self._video = web.Server(self._answer_video, access_log=None, handler_cancellation=True)
+
+    def ros_channel(self) -> asyncssh.SSHTCPSession[bytes]:
+        """A new connection to the port of guard and rosbridge."""
+        return _Channel(self._ros())
+
+    def video_channel(self) -> asyncssh.SSHTCPSession[bytes]:
+        """A new connection to the port of the camera."""
+        return _Channel(self._video())
+
+    @property
+    def guard(self) -> Mapping[str, Any]:
+        """What a guard says of itself."""
+        return {
+            "state": "ready",
+            "stopped": self._authorizer.stopped,
+            "by": self._by,
+            "moving": self._moving,
+            "refused": dict.fromkeys(REFUSED_KINDS, 0),
+        }
+
+    # What the session brings.
+
+    def on_config(self, guard: Mapping[str, Any], *, direct: bool) -> None:
+        self._authorizer.key, self._authorizer.direct = guard["key"], direct
+        self._authorizer.session(up=True)
+
+    def on_session_lost(self) -> None:
+        self._authorizer.session(up=False)
+        self._rights_changed()
+
+    def on_lease(self, fence: int, *, held: bool) -> None:
+        self._authorizer.lease(fence, held=held)
+        self._rights_changed()
+
+    def on_order(self, order: str, message_id: str, by: str) -> None:
+        """Stop or release, and answer as the guard does."""
+        if order == "stop":
+            if self._was_driven:
+                self._moves_for(ZEROS_S)
+            self._authorizer.stop()
+            self._by = by
+            self._rights_changed()
+        else:
+            self._authorizer.release()
+            self._by = ""
+            self.on_guard_changed(None)
+        self.on_guard_changed(message_id)
+
+    def _rights_changed(self) -> None:
+        for client, (authorization, _) in list(self._clients.items()):
+            if not self._authorizer.keeps(authorization):
+                closing = asyncio.ensure_future(client.close(code=1001))
+                self._closing.add(closing)
+                closing.add_done_callback(self._closing.discard)
+
+    # rosbridge, behind the guard.
+
+    async def _answer_ros(self, request: web.BaseRequest) -> web.StreamResponse:
+        client = web.WebSocketResponse(timeout=0.5, compress=False, max_msg_size=16 * 1024 * 1024)
+        if not client.can_prepare(request):
+            return web.Response(status=426, text="connect with a WebSocket\n")
+        try:
+            authorization = self._authorizer.authorize(request.headers)
+        except NotAuthorized as refused:
+            return web.Response(status=refused.status, text=f"{refused}\n")
+        self._rights_changed()
+        await client.prepare(request)
+        self._clients[client] = authorization, set()
+        with suppress(ConnectionError):
+            try:
+                async for message in client:
+                    if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+                        await self._handle(client, json.loads(message.data))
+            finally:
+                del self._clients[client]
+        return client
+
+    async def _handle(self, client: web.WebSocketResponse, said: Said) -> None:
+        op = said["op"]
+        if op == "publish":
+            await self._publish(said)
+        elif op == "subscribe":
+            self._clients[client][1].add(said["topic"])
+        elif op == "unsubscribe":
+            self._clients[client][1].discard(said["topic"])
+        elif op == "call_service":
+            await client.send_json(_service_response(said))
+
+    async def _publish(self, said: Said) -> None:
+        topic, message = said["topic"], said["msg"]
+        if STAMP in said:
+            self._on_command(message)
+        self._on_message(topic, message)
+        text = ""
+        for client, (_, topics) in list(self._clients.items()):
+            if topic in topics:
+                text = text or json.dumps({"op": "publish", "topic": topic, "msg": message})
+                with suppress(ConnectionError):
+                    await client.send_str(text)
+
+    def _on_command(self, command: Said) -> None:
+        """Report that the robot moves or rests, when that changes."""
+        if any(value for part in command.values() for value in part.values()):
+            self._moves_for(RESTS_AFTER_S)
+            self._was_driven = True
+        else:
+            self._rests_at = 0.0
+            self._rest()
+
+    def _moves_for(self, seconds: float) -> None:
+        loop = asyncio.get_running_loop()
+        self._rests_at = loop.time() + seconds
+        if not self._moving:
+            self._moving = True
+            self.on_guard_changed(None)
+            loop.call_later(seconds, self._rest)
+
+    def _rest(self) -> None:
+        """Report that it moves no more, unless a command has come since."""
+        loop = asyncio.get_running_loop()
+        left_s = self._rests_at - loop.time()
+        if left_s > 0:
+            loop.call_later(left_s, self._rest)
+        elif self._moving:
+            self._moving = False
+            self.on_guard_changed(None)
+
+    # The camera.
+
+    async def _answer_video(self, request: web.BaseRequest) -> web.StreamResponse:
+        if request.path == PATH:
+            return await self._frames(request)
+        if request.path == "/stream":
+            return await _stream(request)
+        if request.path == "/snapshot":
+            return web.Response(body=FRAME, content_type="image/jpeg")
+        return web.Response(text="<h1>Available ROS Image Topics:</h1>", content_type="text/html")
+
+    async def _frames(self, request: web.BaseRequest) -> web.StreamResponse:
+        """Serve the frames protocol (docs/reference/media.md), one frame a credit."""
+        viewer = web.WebSocketResponse(timeout=0.5, compress=False, max_msg_size=4096)
+        if not viewer.can_prepare(request):
+            return web.Response(status=404)
+        await viewer.prepare(request)
+        camera = _Camera(viewer)
+        sending = asyncio.ensure_future(camera.send())
+        try:
+            async for message in viewer:
+                if message.type is WSMsgType.TEXT:
+                    await camera.handle(json.loads(message.data))
+        finally:
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
+        return viewer
+
+
+class _Camera:
+    """The frames of one viewer."""
+
+    def __init__(self, viewer: web.WebSocketResponse) -> None:
+        self._viewer = viewer
+        self._fps = FPS_MAX
+        self._credit = asyncio.Semaphore(0)
+        self._open = 0
+
+    async def handle(self, said: Said) -> None:
+        if said["op"] == "want":
+            self._fps = min(FPS_MAX, said.get("fps", FPS_MAX))
+            status = {"state": "live", "detail": "", "source": "web_video_server"}
+            size = {"quality": QUALITY, "width": said.get("width"), "height": said.get("height")}
+            await self._viewer.send_json({"op": "status", **status, **size, "fps": self._fps})
+        elif said["op"] == "credit":
+            for _ in range(min(said["frames"], MAX_CREDITS - self._open)):
+                self._open += 1
+                self._credit.release()
+        elif said["op"] == "beat":
+            answer = {"op": "beat", "t_ms": said["t_ms"], "sender_ms": robot_time() * 1000}
+            await self._viewer.send_json(answer)
+
+    async def send(self) -> None:
+        number, due = 0, robot_time()
+        while True:
+            await self._credit.acquire()
+            due = max(due + 1 / self._fps, robot_time())
+            await asyncio.sleep(due - robot_time())
+            number += 1
+            self._open -= 1
+            header = HEADER.pack(JPEG, STAMPED, QUALITY, number, robot_time() * 1000)
+            await self._viewer.send_bytes(header + FRAME)
+
+
+async def _stream(request: web.BaseRequest) -> web.StreamResponse:
+    """Serve MJPEG as web_video_server does."""
+    kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
+    response = web.StreamResponse(headers={"Content-Type": kind, "Connection": "close"})
+    await response.prepare(request)
+    head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(FRAME)}\r\n\r\n"
+    with suppress(ConnectionError):
+        while True:
+            await response.write(head.encode() + FRAME + b"\r\n")
+            await asyncio.sleep(1 / FPS_MAX)
+    return response
+
+
+def _service_response(said: Said) -> Said:
+    """Answer a look-up of rosapi; any other service succeeds with nothing."""
+    service = said["service"]
+    values: Said = {}
+    if service == "/rosapi/topics":
+        values = {"topics": list(TOPICS), "types": list(TOPICS.values())}
+    elif service == "/rosapi/topic_type":
+        values = {"type": TOPICS.get(said.get("args", {}).get("topic"), "")}
+    answer = {"op": "service_response", "service": service, "values": values, "result": True}
+    return answer | ({"id": said["id"]} if "id" in said else {})

@@ -1,0 +1,180 @@
+"""A virtual robot beside the real agent, at the same server: sshd and the relay cannot tell one from the other."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import tempfile
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import aiohttp
+from fake_cameras import FakeVideoServer
+from fake_cloud import agent_environ, eventually
+from fake_robot import HOST
+from fake_rosbridge import FakeRosbridge
+from paper.virtual.robot import Account, VirtualRobot
+from paper.virtual.services import FRAME, Services
+from recording_server import RecordingServer, running_agent
+from relay_server import FAST, MemoryDatabase, RelayServer, running_relay
+from robotether_agent import settings as agent_settings
+from robotether_agent.enrolment.enroller import Enroller
+from robotether_agent.net.server_dialer import ServerDialer
+from robotether_server.db.fleet import RelayUser
+
+WAIT_S = 60.0
+TWIST = {"linear": {"x": 0.5, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}
+MOVE = {"op": "publish", "topic": "/cmd_vel", "msg": TWIST}
+TYPED = {"topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
+# In the middle of a move, and what is measured.
+VARIES = ("t_ms", "seq", "id", "answers")
+Robot = Callable[[RecordingServer, Path], AbstractAsyncContextManager[None]]
+
+
+@asynccontextmanager
+async def real_agent(server: RecordingServer, place: Path) -> AsyncIterator[None]:
+    async with FakeRosbridge() as rosbridge, FakeVideoServer() as video:
+        urls = {"rosbridge_url": f"ws://{HOST}:{rosbridge.port}", "video_url": video.url}
+        async with running_agent(agent_environ(server, place, **urls)):
+            yield
+
+
+@asynccontextmanager
+async def virtual_robot(server: RecordingServer, place: Path) -> AsyncIterator[None]:
+    environ = agent_environ(server, place)
+    await Enroller(agent_settings.load(None, environ)).join()
+    told = {"server": environ["ROBOTETHER_SERVER"], "state_dir": environ["ROBOTETHER_STATE_DIR"]}
+    account = Account.read(told, ServerDialer())
+    robot = VirtualRobot(account, Services(lambda _topic, _message: None), Random(7))
+    running = asyncio.ensure_future(robot.run())
+    try:
+        yield
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
+class Played:
+    """A robot's life at a server of its own, from a return on."""
+
+    def __init__(self, server: RecordingServer) -> None:
+        self.server = server
+        self.began = 0
+        # What its ports answer to a plain request, and a driver to a lease that is over.
+        self.statuses: list[int] = []
+
+    def lines(self, who: str, kind: str) -> list[dict[str, Any]]:
+        """What one side said on its newest connection of a kind."""
+        said = self.server.said[self.began :]
+        return [line for of, by, line in said if (of, by) == (kind, who)]
+
+    async def line(self, who: str, kind: str, count: int = 1, **members: object) -> None:
+        def found() -> int:
+            return sum(
+                line["type"] == kind and members.items() <= line.items()
+                for line in self.lines(who, "session")
+            )
+
+        await eventually(
+            lambda: found() >= count,
+            lambda: f"{who} {kind} {members}: {self.lines(who, 'session')}",
+            WAIT_S,
+        )
+
+    def told(self, who: str, kind: str) -> list[dict[str, Any]]:
+        """The lines in their order, without what varies; heartbeats, which come at their times, once and last."""
+        told, beats = [], {}
+        for line in self.lines(who, kind):
+            same = line | {name: type(line[name]) for name in VARIES if name in line}
+            if line["type"] in ("ping", "pong"):
+                beats[line["type"]] = same
+            else:
+                told.append(same)
+        return [*told, *(beats[name] for name in sorted(beats))]
+
+
+@asynccontextmanager
+async def at_server(make: Robot) -> AsyncIterator[tuple[Played, RelayServer, MemoryDatabase]]:
+    """A robot at a server of its own, on which ann may drive it."""
+    database = MemoryDatabase()
+    robot = database.add_robot(7, "sim1", u1="drive")
+    place = Path(tempfile.mkdtemp(prefix="rt-"))
+    async with running_relay(database, replace(FAST, timeout_s=WAIT_S)) as relay:
+        server = RecordingServer(relay, robot.id)
+        server.ports = (robot.ros_port, robot.video_port)
+        await server.start()
+        try:
+            async with make(server, place):
+                yield Played(server), relay, database
+        finally:
+            await server.close()
+            shutil.rmtree(place)
+
+
+def as_ann(database: MemoryDatabase) -> aiohttp.ClientSession:
+    token = database.add_credential("token", RelayUser(1, "ann"))
+    return aiohttp.ClientSession(headers={"Authorization": f"Bearer {token}"})
+
+
+async def play(make: Robot) -> Played:
+    """Have a robot return to a server, be driven, stopped and released, renamed, and disabled."""
+    async with at_server(make) as (played, relay, database), as_ann(database) as http:
+        robot = database.robots[7]
+        # A start depends on how quickly guard and services start; a return does not. One check for each connection.
+        await played.line("agent", "check", count=2)
+        await played.line("agent", "guard", state="ready")
+        played.began = len(played.server.said)
+        played.server.ssh.drop_connections()
+        await played.line("agent", "check", count=2)
+        await played.line("relay", "checked", ros="ok", video="ok")
+        for port in played.server.ports:
+            async with http.get(f"http://{HOST}:{port}/") as answer:
+                played.statuses.append(answer.status)
+        async with http.ws_connect(relay.ros_url(robot)) as driver:
+            await driver.send_json({"op": "advertise", **TYPED})
+            await driver.send_json(MOVE)
+            await played.line("agent", "guard", moving=True)
+            await played.line("agent", "guard", count=2, moving=False)
+        await played.line("relay", "lease", fence=1, held=False)
+        for order, rests in (("stop", {"stopped": True, "moving": False}), ("release", {})):
+            async with http.post(f"{relay.url}/api/v1/robots/sim1/{order}") as answer:
+                played.statuses.append(answer.status)
+            await played.line("agent", "guard", **rests)
+        for changes in ({"name": "turtle"}, {"state": "disabled"}):
+            database.robots = {7: replace(database.robots[7], **changes)}
+            await relay.relay.fleet.poll()
+        await played.line("relay", "bye")
+    return played
+
+
+async def test_the_server_cannot_tell_a_virtual_robot_from_an_agent() -> None:
+    real, virtual = await asyncio.gather(play(real_agent), play(virtual_robot))
+    for who, kind in (("agent", "session"), ("agent", "media")):
+        assert virtual.told(who, kind) == real.told(who, kind)
+    assert real.told("agent", "session")
+    assert virtual.statuses == real.statuses == [426, 200, 200, 200]
+
+
+async def test_a_driver_hears_what_was_published_and_sees_the_camera() -> None:
+    async with at_server(virtual_robot) as (played, relay, database), as_ann(database) as http:
+        await played.line("relay", "checked", ros="ok", video="ok")
+        async with http.ws_connect(relay.ros_url(database.robots[7])) as driver:
+            await driver.send_json({"op": "subscribe", **TYPED})
+            await driver.send_json(MOVE)
+            assert await driver.receive_json(timeout=WAIT_S) == MOVE
+        url = f"{relay.url}/robots/sim1/video"
+        async with http.ws_connect(f"{url}/frames?topic=/camera/image_raw") as viewer:
+            await viewer.send_json({"op": "want"})
+            await viewer.send_json({"op": "credit", "frames": 2, "taken": None})
+            frames = []
+            while len(frames) < 2:
+                message = await viewer.receive(timeout=WAIT_S)
+                if message.type is aiohttp.WSMsgType.BINARY:
+                    frames.append(message.data[16:])
+        assert frames == [FRAME, FRAME]
+        async with http.get(f"{url}/snapshot?topic=/camera/image_raw") as still:
+            assert await still.read() == FRAME

@@ -1,0 +1,82 @@
+"""A server for a robot, with the real relay behind a real sshd, that keeps each line that passes.
+
+`RecordingServer` is for transcripts of sessions, and for comparing another robot's lines with the agent's.
+"""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import json
+import os
+import re
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from fake_cloud import FakeCloud, Link
+from fake_robot import FINGERPRINT, HOST
+from relay_server import SESSION_KEY, RelayServer
+
+ROOT = Path(__file__).resolve().parents[3]
+Said = dict[str, Any]
+
+
+def preface(kind: str, robot_id: int, ports: tuple[int, ...]) -> bytes:
+    """Write the first line of a connection, as session.c does."""
+    source = (ROOT / "images/sshd/session.c").read_text()
+    found = re.search(r"snprintf\(line, sizeof line,\s*(.*?),\s*wanted_kind", source, re.DOTALL)
+    assert found
+    layout = ast.literal_eval(f"({found[1]})").replace("%lu", "%d")
+    given = (kind, robot_id, FINGERPRINT, ",".join(map(str, ports)), "198.51.100.7", SESSION_KEY)
+    return (layout % given).encode()
+
+
+class RecordingServer(FakeCloud):
+    """A server with the real relay behind its sshd, which keeps what passes."""
+
+    def __init__(self, relay: RelayServer, robot_id: int) -> None:
+        super().__init__()
+        self.said: list[tuple[str, str, Said]] = []
+        self._relay_port = relay.relay.session_port
+        self._robot_id = robot_id
+
+    async def _talk(self, link: Link, reader: asyncio.StreamReader) -> None:
+        relay_in, relay_out = await asyncio.open_connection(HOST, self._relay_port)
+        first = preface(link.kind, self._robot_id, self.ports)
+        self.said.append((link.kind, "session command", json.loads(first)))
+        relay_out.write(first)
+        up = asyncio.ensure_future(self._pass(link.kind, "agent", reader, relay_out))
+        try:
+            await self._pass(link.kind, "relay", relay_in, link._writer)
+        finally:
+            up.cancel()
+            await asyncio.gather(up, return_exceptions=True)
+            relay_out.close()
+
+    async def _pass(
+        self, kind: str, who: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        while line := await reader.readline():
+            self.said.append((kind, who, json.loads(line)))
+            writer.write(line)
+
+
+@asynccontextmanager
+async def running_agent(environ: dict[str, str]) -> AsyncIterator[None]:
+    """Run the agent as its boot service does."""
+    environ = {
+        "PATH": os.environ["PATH"],
+        "PYTHONPATH": f"{ROOT / 'agent'}:{ROOT / 'common'}",
+        **environ,
+    }
+    agent = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "robotether_agent", "run", env=environ
+    )
+    try:
+        yield
+    finally:
+        agent.terminate()
+        await agent.wait()
