@@ -180,7 +180,7 @@ def test_a_grant_ends_by_the_readers_clock(page: Page, stack: Stack) -> None:
     _done(
         page,
         "User petra may drive robot sim2 until "
-        + (f"{year}-01-30 22:30 UTC." if is_local else f"{year}-01-31 09:30 UTC."),
+        + (f"{year}-01-30 22:30:00 UTC." if is_local else f"{year}-01-31 09:30:00 UTC."),
     )
     expect(end).to_have_value(f"{year}-01-31T09:30")
     row.get_by_role("button", name="manage").click()
@@ -210,7 +210,9 @@ def test_a_robot_is_added_in_three_steps(page: Page, stack: Stack, tmp_path: Pat
     expect(page.get_by_test_id("waits")).to_be_visible()
     stranger = RobotKey(stack, tmp_path, "stranger")
     assert stranger.join("00:00:5e:00:53:16")[0] == 202
-    expect(page.get_by_test_id("waiting-robot-005316")).to_be_visible()
+    typed = page.get_by_test_id("waiting-robot-005316").get_by_label("Name")
+    typed.fill("kept")
+    typed.blur()
     key = RobotKey(stack, tmp_path, "clone")
     body = {
         "mac": "00:00:5e:00:53:14",
@@ -225,6 +227,7 @@ def test_a_robot_is_added_in_three_steps(page: Page, stack: Stack, tmp_path: Pat
     arrived = page.get_by_test_id("arrived-clone")
     expect(arrived).to_contain_text("It has joined and connects within a minute.")
     expect(page.get_by_test_id("waits")).to_have_count(0)
+    expect(typed).to_have_value("kept")
     arrived.get_by_test_id("arrived-open").click()
     expect(page.get_by_test_id("robot-name")).to_have_text("clone")
     _remove(page, stack, "clone")

@@ -1,6 +1,6 @@
 // The page that adds a robot: fetches itself again and again, and puts in place what changed of step 3.
 
-import { part } from "./page.js";
+import { localTimestamp, part, setText } from "./page.js";
 
 const EVERY_MS = 2000;
 // Each fetch counts as a use of the login, and a page that nobody touches must not keep it.
@@ -24,8 +24,9 @@ class Arrivals {
     if (answer?.ok) this.show(new DOMParser().parseFromString(await answer.text(), "text/html"));
   }
 
-  // Never under somebody's keyboard.
+  // Only what changed, and never under somebody's keyboard.
   show(page) {
+    for (const time of page.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime));
     for (const name of ["arrivals", "waiting"]) {
       const [shown, fresh] = [part(this.section, name), part(page, name)];
       if (!fresh || shown.contains(document.activeElement) || withoutTokens(shown) === withoutTokens(fresh)) continue;
