@@ -249,7 +249,7 @@ PAGES = (
     ids=["phone", "no script"],
 )
 def test_no_page_scrolls_sideways_on_a_phone(page: Page, stack: Stack, tmp_path: Path) -> None:
-    """With and without the pages' scripts, on a small phone too; every page has its heading and the menu."""
+    """With and without scripts, on a small phone and at 200 % zoom, too; every page has its heading and the menu."""
     key = RobotKey(stack, tmp_path, "a-host-name-that-is-as-long-as-host-names-may-be-" + "x" * 14)
     assert key.join("00:00:5e:00:53:15")[0] == 202
 
@@ -259,7 +259,7 @@ def test_no_page_scrolls_sideways_on_a_phone(page: Page, stack: Stack, tmp_path:
         expect(page.get_by_role("navigation", name="Main")).to_be_visible()
         page.keyboard.press("Escape")
         expect(page.get_by_role("heading", level=1)).to_have_count(1)
-        for width, height in ((390, 844), (320, 640)):
+        for width, height in ((640, 400), (390, 844), (320, 640)):
             page.set_viewport_size({"width": width, "height": height})
             expect_no_sideways_scroll(page)
 
