@@ -160,8 +160,8 @@ def timestamp_words(timestamp: dt.datetime) -> str:
 
 
 def duration_words(seconds: float) -> str:
-    """Return a duration as people read it: 8 s, 1 min 35 s, 2 h 5 min."""
-    minutes, rest = divmod(round(seconds), 60)
+    """Return a duration as people read it: 8 s, 1 min 35 s, 2 h 5 min; a clock that was set back gives 0 s."""
+    minutes, rest = divmod(max(0, round(seconds)), 60)
     hours, minutes = divmod(minutes, 60)
     if hours:
         return f"{hours} h {minutes} min"
