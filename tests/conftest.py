@@ -23,6 +23,7 @@ LONGEST_FIRST = (
     "e2e/test_stop.py",
     "e2e/test_driving.py",
     "e2e/test_recovery.py",
+    "e2e/test_every_page.py",
     "e2e/test_accessibility.py",
     "e2e/test_fleet_page.py",
     "e2e/test_attacks_on_tunnels.py",

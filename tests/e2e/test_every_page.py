@@ -1,0 +1,269 @@
+"""Every page of the application is accessible: to an admin, an operator and who is logged out, in each look.
+
+The pages are those of Flask's own map of addresses: a new one is looked at without being named here.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from page_users import PageUsers
+from pages import expect_no_sideways_scroll
+from playwright.sync_api import Browser, BrowserContext, Page, expect
+from robotether_server.settings import (
+    DatabaseSettings,
+    JoinSettings,
+    SiteAddressSettings,
+    TicketSettings,
+    WebSettings,
+)
+from robotether_server.web import create_app
+from stack import Stack
+
+RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
+# Of those, what a colour scheme or a size may break.
+BY_LOOK = ["color-contrast", "link-in-text-block", "scrollable-region-focusable", "target-size"]
+DESKTOP, PHONE, ZOOMED = (1280, 800), (390, 844), (640, 400)
+# They answer a program, or are a site of its own.
+NO_PAGES = re.compile(
+    r"/(api|static|docs|agent|healthz|favicon\.ico|join\.sh|agent\.deb)\b|.*/download$"
+)
+OPERATOR, GROUP, SITE = "eve-of-pages", "all-pages", "pages-hall"
+# What stands for the parts of an address below it, the first that fits; a number is that of a table's newest row.
+PARTS: dict[str, dict[str, str]] = {
+    "/admin/users/": {"name": OPERATOR},
+    "/admin/groups/": {"name": GROUP, "user": OPERATOR},
+    "/admin/sites/": {"name": SITE, "robot": "sim2"},
+    "/": {"name": "sim1", "place": "1"},
+}
+TABLES = {
+    "grant_id": "grants",
+    "key_id": "user_ssh_keys",
+    "rejected_id": "key_claims",
+    "token_id": "api_tokens",
+}
+# Their rows need not exist: the question that such a page asks has the template of all questions.
+MAY_BE_ABSENT = ("<int:", "/pending/")
+DRIVES = 50
+# What hides more than it shows, but an ellipsis, and words for a screen reader alone.
+CUT = """() => [...document.querySelectorAll('main *, header *')].filter((e) => {
+  const style = getComputedStyle(e);
+  const hides = ['hidden', 'clip'].includes(style.overflowX) && style.clipPath === 'none';
+  const shows = style.textOverflow !== 'ellipsis' && e.checkVisibility() && e.textContent.trim();
+  return hides && shows && e.scrollWidth > e.clientWidth + 1;
+}).map((e) => e.outerHTML.slice(0, 120))"""
+MOVING = """() => {
+  const runs = document.getAnimations().map((one) => one.effect?.target?.outerHTML.slice(0, 120));
+  const may = [...document.querySelectorAll('body *')].filter((e) => ['', '::before', '::after'].some((part) => {
+    const style = getComputedStyle(e, part || null);
+    return style.animationName !== 'none' || parseFloat(style.transitionDuration) > 0;
+  }));
+  return [...runs, ...may.map((e) => e.outerHTML.slice(0, 120))];
+}"""
+# What is pressed or typed into has an edge (a tile that is pressed is a picture), what is chosen differs from what
+# stands beside it by more than a ground, and what has the focus an outline.
+EDGELESS = r"""() => [...document.querySelectorAll(
+    'button, .button, select, textarea, input:not([type=checkbox], [type=range], [type=hidden])')]
+  .filter((e) => e.checkVisibility() && !e.matches('.skip, .tile-enlarge')).filter((e) => {
+    const style = getComputedStyle(e);
+    return parseFloat(style.borderTopWidth) === 0 || /^rgba.*, 0\)$/.test(style.borderTopColor);
+  }).map((e) => e.outerHTML.slice(0, 120))"""
+UNMARKED = """() => [...document.querySelectorAll('[aria-current], [aria-pressed=true]')]
+  .filter((e) => e.checkVisibility()).filter((e) => {
+    const other = [...e.parentElement.children].find((o) => o !== e && o.matches(e.tagName));
+    if (!other) return false;
+    const shape = (s) => [s.borderBottomColor, s.borderBottomWidth, s.textDecorationLine, s.backgroundColor].join();
+    return shape(getComputedStyle(e)) === shape(getComputedStyle(other));
+  }).map((e) => e.outerHTML.slice(0, 120))"""
+FOCUS = """() => {
+  const all = [...document.querySelectorAll('main a, main button, main select, main input, main summary')];
+  const one = all.find((e) => e.checkVisibility() && !e.disabled && e.type !== 'hidden');
+  if (!one) return '';
+  one.focus({ focusVisible: true });
+  const style = getComputedStyle(one), after = getComputedStyle(one, '::after');
+  return [style, after].some((s) => s.outlineStyle !== 'none' && parseFloat(s.outlineWidth) >= 2) ? '' : one.outerHTML;
+}"""
+
+
+def rules_of_pages() -> list[str]:
+    """Return the addresses of all pages, with their parts as Flask names them."""
+    nowhere = Path("/nonexistent")
+    app = create_app(
+        WebSettings(
+            database=DatabaseSettings("127.0.0.1", 1, "none", "none", "none"),
+            tickets=TicketSettings("t" * 32, 30),
+            join=JoinSettings("approve", 3, None, (2222,), nowhere, allow_local_macs=True),
+            site_address=SiteAddressSettings(None, 443, ("127.0.0.1", 1)),
+            agent_files_dir=nowhere,
+            secret_key="w" * 32,
+            login_ttl_h=12,
+            login_idle_h=4,
+            log_level="info",
+        )
+    )
+    rules = [one.rule for one in app.url_map.iter_rules() if "GET" in (one.methods or ())]
+    return [rule for rule in rules if not NO_PAGES.match(rule)]
+
+
+def address(rule: str, numbers: dict[str, str]) -> str:
+    """Return the rule with its parts filled in."""
+    parts = next(parts for start, parts in PARTS.items() if rule.startswith(start)) | numbers
+    return re.sub(r"<(?:\w+:)?(\w+)>", lambda part: parts[part[1]], rule)
+
+
+class Looks:
+    """Looks at one page after another in all that it may look like; each content once."""
+
+    def __init__(self, page: Page, url: str) -> None:
+        self.page, self.url = page, url
+        self.found: list[str] = []
+        self._path = ""
+        self._seen: set[str] = set()
+        self._questions = 0
+
+    def look(self, path: str) -> int:
+        """Open the page, note what is wrong with it, and return its status."""
+        self._path = path
+        self._be(DESKTOP, color_scheme="light")
+        response = self.page.goto(self.url + path)
+        assert response is not None
+        assert "text/html" in response.headers["content-type"], path
+        text = self.page.evaluate(
+            "document.title + document.querySelector('main').textContent.replace(/\\d+/g, '')"
+        )
+        if text not in self._seen:
+            self._seen.add(text)
+            self._look_closely()
+        return response.status
+
+    def _look_closely(self) -> None:
+        self.page.evaluate("document.querySelector('details.line')?.setAttribute('open', '')")
+        self.page.evaluate(Axe().axe_script)
+        self._axe("", RULES)
+        self._questions += self.page.locator(".deed").count()
+        if self.page.locator(".deed").count() and self._questions > 2:
+            return  # they differ in their words alone
+        self._be(DESKTOP, color_scheme="dark")
+        self._axe("dark", BY_LOOK)
+        self._be(PHONE, color_scheme="dark")
+        self._axe("dark on a phone", RULES)
+        self._be(PHONE, color_scheme="light")
+        self._axe("on a phone", BY_LOOK)
+        self._look_at_contrast()
+        self._be(ZOOMED, reduced_motion="reduce")
+        expect_no_sideways_scroll(self.page)
+        self._expect_none("cut at 200 %", CUT)
+        self._expect_none("moving although motion is reduced", MOVING)
+        self._be(DESKTOP, reduced_motion="no-preference")
+
+    def _look_at_contrast(self) -> None:
+        for scheme in ("light", "dark"):
+            self._be(PHONE, color_scheme=scheme, contrast="more")
+            self._axe(f"{scheme}, more contrast", ["color-contrast-enhanced"])
+            self._expect_none(f"without an edge, {scheme}, more contrast", EDGELESS)
+        self._be(DESKTOP, forced_colors="active", contrast="no-preference", color_scheme="light")
+        self._expect_none("without an edge in forced colours", EDGELESS)
+        self._expect_none("like the others in forced colours", UNMARKED)
+        self._expect_none("without an outline in forced colours", FOCUS)
+        self._be(DESKTOP, forced_colors="none")
+
+    def _be(self, size: tuple[int, int], **media: Any) -> None:
+        self.page.set_viewport_size({"width": size[0], "height": size[1]})
+        self.page.emulate_media(**media)
+
+    def _axe(self, look: str, rules: list[str]) -> None:
+        only = {"type": "tag" if rules is RULES else "rule", "values": rules}
+        violations = self.page.evaluate(
+            """async (only) => {
+              const found = await axe.run({ runOnly: only, resultTypes: ['violations'] });
+              const words = (node) => `${node.html.slice(0, 120)} ${node.failureSummary}`;
+              return found.violations.map(({ id, nodes }) => [id, ...nodes.map(words)]);
+            }""",
+            only,
+        )
+        self.found += [f"{self._path} {look}: {one}" for one in violations]
+
+    def _expect_none(self, what: str, script: str) -> None:
+        found = self.page.evaluate(script)
+        if found:
+            self.found.append(f"{self._path} is {what}: {found}")
+
+
+@pytest.fixture(scope="module")
+def operator(stack: Stack, browser: Browser) -> Iterator[Page]:
+    """The page of an operator, who is in a group and has driven; a site has a robot."""
+    admin = stack.admin
+    with closing(PageUsers(stack, browser)) as people:
+        people.let(OPERATOR, "drive", "sim1")
+        admin.ask("POST", "/groups", {"name": GROUP})
+        admin.ask("PUT", f"/groups/{GROUP}/members/{OPERATOR}")
+        admin.ask("POST", "/sites", {"name": SITE})
+        stack.sql(
+            "INSERT INTO drives (robot, user_name, fence, ended_at, end_code, distance_m, top_speed_m_s) "
+            f"SELECT 'sim1', '{OPERATOR}', seq, NOW(6) + INTERVAL 8 SECOND, 'client_left', 12.3, 0.5 "
+            f"FROM seq_1_to_{DRIVES}"
+        )
+        yield people.browse(OPERATOR)
+    stack.sql(f"DELETE FROM drives WHERE user_name = '{OPERATOR}'")
+    for kind, name in (("users", OPERATOR), ("groups", GROUP), ("sites", SITE)):
+        admin.remove(kind, name)
+
+
+def _numbers(stack: Stack) -> dict[str, str]:
+    columns = ", ".join(f"(SELECT IFNULL(MAX(id), 0) FROM {table})" for table in TABLES.values())
+    [row] = stack.sql(f"SELECT {columns}")
+    return dict(zip(TABLES, row, strict=True))
+
+
+@pytest.mark.usefixtures("operator")
+def test_pages_of_an_admin(page: Page, stack: Stack) -> None:
+    """Each that the application has, and the answer to an address that it has not."""
+    looks, numbers = Looks(page, stack.url), _numbers(stack)
+    for rule in rules_of_pages():
+        status = looks.look(address(rule, numbers))
+        assert status == 200 or any(part in rule for part in MAY_BE_ABSENT), f"{rule}: {status}"
+    assert looks.look("/robots/nobody") == 404
+    assert not looks.found, "\n".join(looks.found)
+
+
+def test_pages_of_an_operator(operator: Page, stack: Stack) -> None:
+    """Those that are not the admin's, and what is said instead of one of these."""
+    looks = Looks(operator, stack.url)
+    for rule in rules_of_pages():
+        if not rule.startswith("/admin"):
+            looks.look(address(rule, _numbers(stack)))
+    assert looks.look("/admin/robots") == 403
+    assert not looks.found, "\n".join(looks.found)
+
+
+def test_pages_of_who_is_logged_out(context: BrowserContext, stack: Stack) -> None:
+    """The one to log in, to which all others lead."""
+    looks, numbers = Looks(context.new_page(), stack.url), _numbers(stack)
+    assert looks.look("/login") == 200
+    assert looks.look("/nothing") == 404
+    assert not looks.found, "\n".join(looks.found)
+    for rule in rules_of_pages():
+        path = address(rule, numbers)
+        answer = context.request.get(stack.url + path, max_redirects=0)
+        assert path == "/login" or answer.headers["location"].startswith("/login"), path
+
+
+def test_rows_are_dense(operator: Page, stack: Stack) -> None:
+    """One line a row on a desktop, two on a phone, in the reader's own time."""
+    operator.goto(f"{stack.url}/drives?user={OPERATOR}")
+    rows = operator.locator(".line")
+    expect(rows).to_have_count(DRIVES)
+    expect(rows.first.locator("summary time")).to_have_text(
+        re.compile(r"^\d+ \w{3} \d\d:\d\d:\d\d$")
+    )
+    assert operator.evaluate("document.documentElement.scrollHeight") < 2200
+    operator.set_viewport_size({"width": 390, "height": 844})
+    box = rows.first.bounding_box()
+    assert box is not None
+    assert box["height"] < 60
