@@ -1,6 +1,6 @@
 """The frames protocol (docs/reference/media.md) as agent and relay know it: frame header, stream request, and bounds.
 
-Both speak it with each other, and the relay with viewers, too. How each reads the other's texts is its own. Data only.
+Both speak it with each other, and the relay with viewers, too. How each reads the other's texts is its own.
 """
 
 from __future__ import annotations
@@ -28,8 +28,19 @@ FPS = (0.1, 60)
 LATENCIES_MS = (50, 5000)
 SIDES = (1, MAX_SIDE)
 
+# What web_video_server is asked for beside the camera: without it, it hears no ROS 2 camera that publishes best effort,
+# as sensors do. It hears reliable ones with it, too. In ROS 1 it knows no such word, and skips it.
+QOS_NAME = "qos_profile"
+QOS = f"{QOS_NAME}=sensor_data"
+
 State = Literal["live", "waiting", "down"]
 Source = Literal["web_video_server", "mjpeg", "rosbridge"]
+
+
+def no_frames(topic: str) -> str:
+    """Return why a topic gives no frames, as agent and relay say it to people; the name is anybody's text."""
+    name = "".join(each if each.isprintable() else " " for each in topic[:100])
+    return f"no frames from {name}: the topic does not exist or nothing publishes it"
 
 
 @dataclass(frozen=True)

@@ -233,6 +233,10 @@ class VideoDown(Problem, code="video_down", status=502):
     """The tunnel is there; web_video_server on the robot does not answer."""
 
 
+class NoFrames(VideoDown, code="no_frames"):
+    """web_video_server is there; the camera's topic gives no frame."""
+
+
 # Python 3.13 took new phrases from RFC 9110; a code must not change with Python.
 OLD_PHRASES = {
     413: "Request Entity Too Large",

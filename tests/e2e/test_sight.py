@@ -19,6 +19,7 @@ from pages import (
     expect_live,
     expect_no_sideways_scroll,
     open_drawer,
+    open_live,
     wait_until,
 )
 from playwright.sync_api import Locator, Page, expect
@@ -337,7 +338,7 @@ def test_a_still_is_saved_at_full_quality(robot: Page) -> None:
     open_drawer(robot)
     with robot.expect_download() as download:
         robot.get_by_test_id("still").click()
-        # Now: the page says so for four seconds, and the file may take as long.
+        # Now: the page says so for six seconds, and the file may take as long.
         expect(robot.get_by_test_id("sight-note")).to_have_text("Picture saved.")
     name = download.value.suggested_filename
     assert name.startswith("sim1-camera-20")
@@ -345,6 +346,28 @@ def test_a_still_is_saved_at_full_quality(robot: Page) -> None:
     jpeg = download.value.path().read_bytes()
     assert jpeg[:2] == b"\xff\xd8"
     assert read_stamp(jpeg) > 1_700_000_000
+
+
+def test_a_camera_that_nothing_publishes_is_named(page: Page, stack: Stack) -> None:
+    """On the drive page, by what saves a still, and on the fleet page; another camera is shown all the same."""
+    nowhere, rear = {"topic": "/camera/nowhere", "name": "Lost"}, {"topic": REAR, "name": "Rear"}
+    why = "No frames from /camera/nowhere: the topic does not exist or nothing publishes it."
+    stack.wait_until_drivable(ROBOT)
+    stack.admin.set_robot(ROBOT, {"page.cameras": [nowhere, rear]})
+    try:
+        open_live(page, stack, ROBOT)
+        expect(_tile(page, "/camera/nowhere").get_by_test_id("tile-words")).to_have_text(why)
+        open_drawer(page)
+        page.get_by_test_id("still").click()
+        expect(page.get_by_test_id("sight-note")).to_have_text(f"Picture not saved. {why}")
+        page.keyboard.press("c")
+        _expect_picture(_tile(page, REAR), "live")
+        page.goto(stack.url)
+        thumb = page.get_by_test_id(f"robot-card-{ROBOT}").get_by_test_id("card-thumb")
+        expect(thumb).to_have_text(why)
+    finally:
+        stack.admin.set_robot(ROBOT, {"page.cameras": None})
+        stack.wait_for_changes(ROBOT)
 
 
 def test_a_frozen_camera_is_grey_and_says_so(robot: Page, stack: Stack) -> None:

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from random import Random
 from typing import Protocol
 
-from robotether_common.frames import Source, State
+from robotether_common.frames import Source, State, no_frames
 
 from robotether_agent.backoff import delays
 from robotether_agent.clock import robot_time
+from robotether_agent.fields import printable
 from robotether_agent.video.sources import (
     CameraFrame,
     OnFrame,
@@ -27,6 +28,8 @@ from robotether_agent.video.sources import (
 
 # A source that is open and gave no frame for so long is waited for.
 WAITS_AFTER_S = 2.0
+# ... and after so long it counts as down. What cannot be opened ends before that.
+SILENT_AFTER_S = 4.0
 MAX_PAUSE_S = 5.0
 MAX_SHARED_SOURCES = 8
 GIVE_UP_S = 5.0
@@ -68,16 +71,35 @@ class SharedSource:
         self._kind: Source = "web_video_server"
         self._down = ""
         self._last_s: float | None = None
+        # Since when the source is open, None between two attempts.
+        self._opened_s: float | None = None
         # Seeded by chance: the pauses of several cameras need not fall together.
         self._pauses = delays(Random())  # noqa: S311
         self._task = asyncio.ensure_future(self._keep_open())
 
     def condition(self) -> Condition:
         """Report how the source is now."""
+        now_s = self._clock()
+        if self._is_silent(now_s):
+            return Condition("down", self._silence(), self._kind)
         if self._down:
             return Condition("down", self._down, self._kind)
-        is_live = self._last_s is not None and self._clock() - self._last_s < WAITS_AFTER_S
+        is_live = self._last_s is not None and now_s - self._last_s < WAITS_AFTER_S
         return Condition("live" if is_live else "waiting", "", self._kind)
+
+    def _is_silent(self, now_s: float) -> bool:
+        if self._opened_s is None:
+            return False
+        # rosbridge sends no more often than it is asked to.
+        limit_s = max(SILENT_AFTER_S, 3 / self.source_request.fps)
+        return now_s - max(self._opened_s, self._last_s or 0.0) >= limit_s
+
+    def _silence(self) -> str:
+        """Say of whom nothing comes: a topic, or a camera of the settings."""
+        name = self.source_request.topic
+        if self._kind == "mjpeg":
+            return f"camera {printable(name, 100)} sends no frames"
+        return no_frames(name)
 
     def end(self) -> asyncio.Future[None]:
         """Close the source."""
@@ -86,6 +108,7 @@ class SharedSource:
 
     async def _keep_open(self) -> None:
         while True:
+            self._opened_s = self._clock()
             try:
                 await self._run(self.source_request, self._on_frame, self._on_kind)
             except SourceDownError as down:
@@ -93,6 +116,7 @@ class SharedSource:
             except Exception:
                 log.exception("the source of %s failed", self.source_request.topic)
                 self._is_down("the agent failed; see its log")
+            self._opened_s = None
             await asyncio.sleep(min(MAX_PAUSE_S, next(self._pauses)))
 
     def _is_down(self, detail: str) -> None:

@@ -22,7 +22,7 @@ from typing import NoReturn
 from urllib.parse import quote
 
 import aiohttp
-from robotether_common.frames import MAX_FRAME_BYTES, Source
+from robotether_common.frames import MAX_FRAME_BYTES, QOS, Source, no_frames
 from yarl import URL
 
 from robotether_agent.clock import robot_time
@@ -36,6 +36,8 @@ NEAR_S = 10.0
 CONNECT_WITHIN_S = 3.0
 # Without a frame for so long a source is opened again.
 STALL_S = 10.0
+# web_video_server finds a later publisher by itself, and of a silent topic it keeps each stream whose viewer left.
+SERVER_STALL_S = 60.0
 # Where both kinds may be, so often is looked whether web_video_server has come back.
 RECHECK_S = 10.0
 COMPRESSED = "/compressed"
@@ -146,7 +148,7 @@ class Sources:
         url = self._source_settings.cameras.get(source_request.topic)
         if url is not None:
             on_kind("mjpeg")
-            await run_mjpeg(self._http, url, on_frame, f"camera {source_request.topic}")
+            await run_mjpeg(self._http, url, on_frame, what=f"camera {source_request.topic}")
         elif self._source_settings.source == "rosbridge":
             on_kind("rosbridge")
             await run_rosbridge(self._source_settings.rosbridge_url, source_request, on_frame)
@@ -158,9 +160,15 @@ class Sources:
         raise SourceDownError("it ended")
 
     async def _run_server(self, source_request: SourceRequest, on_frame: OnFrame) -> None:
-        what = f"web_video_server at {self._source_settings.video_url}"
+        video_url = self._source_settings.video_url
         await run_mjpeg(
-            self._http, stream_url(self._source_settings.video_url, source_request), on_frame, what
+            self._http,
+            stream_url(video_url, source_request),
+            on_frame,
+            what=f"web_video_server at {video_url}",
+            # It ends the stream of a topic that it does not know.
+            end=no_frames(source_request.topic),
+            stall_s=SERVER_STALL_S,
         )
 
     async def _run_either(
@@ -201,14 +209,22 @@ def stream_url(video_url: str, source_request: SourceRequest) -> str:
         if source_request.width is None
         else f"&width={source_request.width}&height={source_request.height}"
     )
-    return f"{video_url}/stream?topic={quote(source_request.topic)}&type=mjpeg&quality={source_request.quality}{size}"
+    topic, quality = quote(source_request.topic), source_request.quality
+    return f"{video_url}/stream?topic={topic}&type=mjpeg&quality={quality}{size}&{QOS}"
 
 
 async def run_mjpeg(
-    http: aiohttp.ClientSession, url: str, on_frame: OnFrame, what: str
+    http: aiohttp.ClientSession,
+    url: str,
+    on_frame: OnFrame,
+    *,
+    what: str,
+    end: str = "",
+    stall_s: float | None = None,
 ) -> NoReturn:
-    """Give the frames of a multipart stream; `what` names it in errors."""
-    timeout = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_WITHIN_S, sock_read=STALL_S)
+    """Give the frames of a multipart stream; `what` names it in errors, and `end` says why it ends or stalls."""
+    stall_s = STALL_S if stall_s is None else stall_s
+    timeout = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_WITHIN_S, sock_read=stall_s)
     try:
         # Encoded already; a camera's own signs stay as they are.
         async with http.get(URL(url, encoded=True), timeout=timeout) as answer:
@@ -222,12 +238,12 @@ async def run_mjpeg(
         reason = describe_error(error, CONNECT_WITHIN_S)
         raise SourceDownError(f"{what} does not answer: {reason}", answers=False) from error
     except aiohttp.ServerTimeoutError as error:
-        raise SourceDownError(f"{what} sent no frame for {STALL_S:g} s") from error
+        raise SourceDownError(end or f"{what} sent no frame for {stall_s:g} s") from error
     except MultipartBrokenError as error:
         raise SourceDownError(f"{what} cannot be shown: {error}") from error
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
-        raise SourceDownError(f"{what} ended: {describe_error(error, STALL_S)}") from error
-    raise SourceDownError(f"{what} ended the stream; is there such a camera?")
+        raise SourceDownError(f"{what} ended: {describe_error(error, stall_s)}") from error
+    raise SourceDownError(end or f"{what} ended the stream")
 
 
 def _pass_part(part: Part, on_frame: OnFrame) -> None:

@@ -34,6 +34,8 @@ LATE_LIMIT_S = 0.25
 WARN_EVERY_S = 10.0
 SHUTDOWN_TIMEOUT_S = 1.0
 CAMERAS = {"/camera/image_raw": AHEAD, "/rear/image_raw": ABOVE}
+# Drivers differ: some publish reliably, some with the QoS of sensors.
+BEST_EFFORT = ("/rear/image_raw",)
 
 
 class Listener:
@@ -127,7 +129,8 @@ class Simulator:
         )
         self.rate = FixedRate(STEP_S, self._step)
         self.rosbridge = Listener("rosbridge", RosbridgeServer(self.graph).app)
-        self.video = Listener("video", VideoServer(self.feeds).app)
+        best_effort = BEST_EFFORT if settings.ros_version == 2 else ()  # noqa: PLR2004
+        self.video = Listener("video", VideoServer(self.feeds, best_effort).app)
         self._loop_task: asyncio.Task[None] | None = None
         rosapi.offer(self.graph)
         # Listed for clients that look for cameras; their images go through the video server or a CompressedCamera.

@@ -1,13 +1,15 @@
 """The simulated robot's port 8080: the cameras under web_video_server's URLs.
 
 Started by simulator.py. Each viewer gets the newest frame when it has taken the last one, so a slow one
-skips frames and nothing queues.
+skips frames and nothing queues. A topic without frames is as silent here as there: one that does not exist ends the
+stream within half a second, and one that is not heard, by its QoS, keeps it without a word.
 """
 
+import asyncio
 import html
 import logging
 import socket
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 
 from aiohttp import web
 
@@ -18,6 +20,9 @@ log = logging.getLogger(__name__)
 BOUNDARY = "boundarydonotcross"
 SIZE_LIMIT_PX = 2048
 UNSENT_LIMIT_BYTES = 16_384
+# So often the real one ends the streams of topics that do not exist.
+CLEANUP_S = 0.5
+SENSOR_DATA = "sensor_data"
 _HEADERS = {
     "Connection": "close",
     "Server": "web_video_server",
@@ -28,10 +33,14 @@ _HEADERS = {
 
 
 class VideoServer:
-    """The HTTP server of one robot's cameras; `feeds` has each under its topic."""
+    """The HTTP server of one robot's cameras; `feeds` has each under its topic.
 
-    def __init__(self, feeds: Mapping[str, FrameFeed]) -> None:
+    Those in `best_effort` publish as ROS 2's sensors do: the default QoS, which is reliable, hears nothing of them.
+    """
+
+    def __init__(self, feeds: Mapping[str, FrameFeed], best_effort: Container[str] = ()) -> None:
         self._feeds = feeds
+        self._best_effort = best_effort
         self.app = app = web.Application()
         app.router.add_get("/", self._list)
         app.router.add_get("/stream_viewer", self._viewer)
@@ -54,6 +63,10 @@ class VideoServer:
         wanted = _wanted(query)
         feed = self._feed(query)
         if feed is None:
+            await asyncio.sleep(CLEANUP_S)
+            return _cut_off(request)
+        if not self._hears(query):
+            await _stay_silent(request)
             return _cut_off(request)
         frame = await feed.next_frame(wanted)
         headers = _HEADERS | {"X-Timestamp": _timestamp(frame)}
@@ -70,16 +83,26 @@ class VideoServer:
         await response.prepare(request)
         try:
             await response.write(f"--{BOUNDARY}\r\n".encode())
-            # Without such a topic the real one sends no frame and ends the stream soon.
             feed = self._feed(query)
-            if feed is not None:
+            if feed is None:
+                await asyncio.sleep(CLEANUP_S)
+            elif self._hears(query):
                 await _send_frames(response, feed, wanted)
+            else:
+                await _stay_silent(request)
         except ConnectionError:
             log.debug("a viewer from %s left", request.remote)
         return response
 
     def _feed(self, query: Mapping[str, str]) -> FrameFeed | None:
-        return self._feeds.get("/" + query.get("topic", "").removeprefix("/"))
+        return self._feeds.get(_topic(query))
+
+    def _hears(self, query: Mapping[str, str]) -> bool:
+        return _topic(query) not in self._best_effort or query.get("qos_profile") == SENSOR_DATA
+
+
+def _topic(query: Mapping[str, str]) -> str:
+    return "/" + query.get("topic", "").removeprefix("/")
 
 
 def _query_of(request: web.Request) -> dict[str, str]:
@@ -142,6 +165,12 @@ def _number(query: Mapping[str, str], name: str, default: int, high: int) -> int
         why = f"{name} is {text!r:.40}, allowed is a whole number from 1 to {high}"
         raise web.HTTPBadRequest(text=f"cannot show the camera: {why}")
     return int(text)
+
+
+async def _stay_silent(request: web.Request) -> None:
+    """Wait until the viewer has left."""
+    while request.transport is not None and not request.transport.is_closing():  # noqa: ASYNC110  no event tells
+        await asyncio.sleep(CLEANUP_S)
 
 
 def _cut_off(request: web.Request) -> web.Response:

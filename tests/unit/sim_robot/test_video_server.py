@@ -5,11 +5,12 @@ import io
 import re
 import time
 from collections.abc import AsyncIterator
+from dataclasses import replace
 
 import aiohttp
 import pytest
 from PIL import Image
-from sim_client import WAIT_S, until
+from sim_client import SETTINGS, WAIT_S, until
 from sim_robot.simulator import Simulator
 from yarl import URL
 
@@ -110,6 +111,32 @@ async def test_stream_of_no_topic_ends_without_a_frame(http: aiohttp.ClientSessi
     async with http.get("/stream?topic=/nope") as answer:
         assert answer.status == 200
         assert await answer.read() == b"--boundarydonotcross\r\n"
+
+
+REAR = "/rear/image_raw"
+
+
+@pytest.mark.parametrize("qos", ["", "&qos_profile=default"])
+async def test_best_effort_camera_is_not_heard_reliably(
+    http: aiohttp.ClientSession, qos: str
+) -> None:
+    """As with the real one in ROS 2: the stream is open and silent; with the sensors' QoS there are frames."""
+    async with http.get(f"/stream?topic={REAR}{qos}") as silent:
+        assert await silent.content.readline() == b"--boundarydonotcross\r\n"
+        async with http.get(f"/stream?topic={REAR}&qos_profile=sensor_data") as heard:
+            assert await heard.content.readline() == b"--boundarydonotcross\r\n"
+            for _ in range(3):
+                await read_part(heard.content)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(silent.content.readline(), 0.1)
+
+
+async def test_qos_is_nothing_to_ros_1() -> None:
+    """It has no such word."""
+    async with Simulator(replace(SETTINGS, ros_version=1)) as simulator:
+        url = f"http://127.0.0.1:{simulator.video.port}/snapshot?topic={REAR}"
+        async with aiohttp.ClientSession() as http, http.get(url) as answer:
+            assert answer.content_type == "image/jpeg"
 
 
 @pytest.mark.parametrize("topic", ["%2Fcamera%2Fimage_raw", "/camera/image%5Fraw"])

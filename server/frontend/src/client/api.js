@@ -29,7 +29,7 @@ export class Api {
       const headers = { ...request.headers, ...this.headers() };
       const answer = await fetch(this.server + path, { ...request, headers, signal: abort.signal, keepalive });
       this.onDate(answer.headers.get("Date"));
-      return await read(answer);
+      return await readAnswer(answer);
     } catch {
       return { status: 0, ok: false, code: "", detail: "", body: {} };
     } finally {
@@ -52,7 +52,8 @@ export class Api {
   }
 }
 
-async function read(answer) {
+// Gives what `ask` does.
+export async function readAnswer(answer) {
   const { status, ok } = answer;
   const body = (await answer.json().catch(() => null)) ?? {};
   return { status, ok, code: body.code ?? "", detail: body.detail ?? "", body };

@@ -1,6 +1,6 @@
 // A robot's small picture on the fleet page: taken again while it is on the screen, and let go when it is not.
 
-import { plainQuery } from "../client/api.js";
+import { plainQuery, readAnswer } from "../client/api.js";
 import { localTime, part, setText } from "../pages/page.js";
 import { thumb as texts } from "../texts/fleet.js";
 
@@ -81,9 +81,9 @@ class Thumb {
     this.timer = setTimeout(() => this.begin(), ms);
   }
 
-  show({ blob, problem }) {
+  show({ blob, problem, topic }) {
     this.drop();
-    if (!blob) return this.showState(problem);
+    if (!blob) return this.showState(problem, topic);
     this.url = URL.createObjectURL(blob);
     this.image.src = this.url;
     this.image.hidden = false;
@@ -92,9 +92,10 @@ class Thumb {
     this.image.alt = texts.taken(this.robot, localTime(new Date().toISOString()));
   }
 
-  showState(words) {
-    this.box.dataset.thumb = words;
-    setText(this.words, texts[words]);
+  showState(state, topic) {
+    const words = texts[state];
+    this.box.dataset.thumb = state;
+    setText(this.words, typeof words === "string" ? words : words(topic));
   }
 
   drop() {
@@ -115,7 +116,7 @@ class Thumb {
 
 // Gets single pictures of robots' cameras, few at once: each costs its robot's uplink.
 const AT_ONCE = 4;
-const PATIENCE_MS = 8000;
+const PATIENCE_MS = 10_000;
 const SIZE = { width: 320, height: 240, quality: 50 };
 
 // Runs at most so many jobs at once, in the order in which they came. Pure.
@@ -163,20 +164,20 @@ export class Snapshots {
     this.topics = new Map();
   }
 
-  // Gives {blob} or {problem: "offline"|"no_camera"|"video_down"|"failed"}. `topic` "" is not known: the robot is asked.
+  // Gives {blob} or {problem, topic}, the problem one of texts/fleet.js. `topic` "" is not known: the robot is asked.
   async fetchImage(robot, topic, signal) {
     const found = topic ? { topic } : await this.find(robot, signal);
     if (!found.topic) return found;
     const query = plainQuery({ topic: found.topic, ...SIZE });
     const answer = await this.ask(`${videoPath(robot)}/snapshot?${query}`, signal);
-    if (!answer.ok) return { problem: problemOf(answer.status) };
+    if (!answer.ok) return { problem: await problemOf(answer), topic: found.topic };
     return { blob: await answer.blob() };
   }
 
   async find(robot, signal) {
     if (this.topics.has(robot)) return { topic: this.topics.get(robot) };
     const answer = await this.ask(`${videoPath(robot)}/`, signal);
-    if (!answer.ok) return { problem: problemOf(answer.status) };
+    if (!answer.ok) return { problem: await problemOf(answer) };
     const topic = firstTopic(await answer.text());
     if (!topic) return { problem: "no_camera" };
     this.topics.set(robot, topic);
@@ -188,9 +189,11 @@ export class Snapshots {
   }
 }
 
-function problemOf(status) {
-  if (status === 503) return "offline";
-  return status === 502 ? "video_down" : "failed";
+const PROBLEMS = { robot_offline: "offline", video_down: "video_down", no_frames: "no_frames" };
+
+async function problemOf(answer) {
+  const { code } = await readAnswer(answer);
+  return PROBLEMS[code] ?? "failed";
 }
 
 // AbortSignal.any is younger than the browsers that the pages are for.

@@ -12,7 +12,7 @@ export const frame = {
   why: {
     starting: () => "Waiting for the first frame.",
     waiting: () => "The camera sends no video.",
-    down: (detail) => `The camera does not answer${detail ? `: ${detail}` : ""}.`,
+    down: (detail) => (detail ? sentence(detail) : "The camera does not answer."),
     paused: () => "Paused while this page is in the background.",
     old: () => "",
     robot_offline: () => "The robot is offline.",
@@ -33,7 +33,13 @@ export const video = {
   map: "Map",
   snapshotSaved: "Picture saved.",
   snapshotFailed: (status) => (status ? `Picture not saved: the server answered ${status}.` : "Picture not saved: no answer."),
+  snapshotNoFrames: (topic) => `Picture not saved. ${noFrames(topic)}`,
 };
+
+export const noFrames = (topic) => `No frames from ${topic}: the topic does not exist or nothing publishes it.`;
+
+// Of what agent and relay say in the middle of theirs; the name of a program keeps its small letter.
+const sentence = (words) => `${/^[a-z]+_/.test(words) ? words : words.charAt(0).toUpperCase() + words.slice(1)}.`;
 
 export const map = {
   label: "The robot from above",

@@ -6,7 +6,11 @@ import { frame as texts } from "../texts/video.js";
 export class CameraTile {
   // `camera` {topic, name}; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `wanted()` the
   // part of `want` that is the same for all cameras; `set` the settings' {width, height}. `oldMs`: from when a frame is grey.
-  constructor(element, { camera, openFrames, wanted, set, oldMs, onPainted, now, painter = new Painter(part(element, "picture")) }) {
+  // `onDown(topic)`: its source gives no frames.
+  constructor(
+    element,
+    { camera, openFrames, wanted, set, oldMs, onPainted, onDown, now, painter = new Painter(part(element, "picture")) },
+  ) {
     this.element = element;
     this.camera = camera;
     this.openFrames = openFrames;
@@ -14,6 +18,7 @@ export class CameraTile {
     this.set = set;
     this.oldMs = oldMs;
     this.onPainted = onPainted;
+    this.onDown = onDown;
     this.now = now;
     this.painter = painter;
     this.rate = new FrameRate();
@@ -110,6 +115,7 @@ export class CameraTile {
   receiveStatus(status) {
     this.status = status;
     this.showState();
+    if (status.why === "down") this.onDown(this.camera.topic);
   }
 
   get ageMs() {

@@ -1,7 +1,7 @@
 // The video of the drive page: which cameras, their layout, their quality, and how old the main one is.
 // It must never say that a frame is fresher than it is: driving is paused by what it reports.
 
-import { plainQuery } from "../client/api.js";
+import { plainQuery, readAnswer } from "../client/api.js";
 import { Sleep } from "../control/arming.js";
 import { LaserRing } from "../overlays/laserRing.js";
 import { MapTile } from "../overlays/mapTile.js";
@@ -17,7 +17,7 @@ import { Tiles } from "./tiles.js";
 const OLD_MS = 1000; // where old video does not pause driving
 const CHECK_MS = 100;
 const SHOW_EVERY = 2; // of these
-const NOTE_MS = 4000;
+const NOTE_MS = 6000;
 const SETTLE_MS = 300;
 const ROOM_FOR_MAP = "(min-width: 600px) and (min-height: 700px)"; // as of drive-deck.css
 
@@ -42,6 +42,7 @@ export class View {
     /** @type {import("../topics/discovery.js").Camera[]} */
     this.cameras = [];
     this.hasMap = false;
+    this.usualIsDown = false;
     this.ticks = 0;
     this.tools = this.findTools();
     this.world = new World({ subscribe, onChange: () => this.drawMaps(), now });
@@ -65,6 +66,7 @@ export class View {
       memory: () => this.memory.map,
       onMemory: (map) => this.keep({ map }),
       onPainted: (topic) => this.seen(topic),
+      onDown: () => this.lacks(),
       onChoose: (id) => this.change(() => this.layout.choose(id)),
       now: this.now,
     };
@@ -108,14 +110,22 @@ export class View {
     this.reportMain();
   }
 
+  // What a robot that reports no camera is asked for gives nothing: it has none, and its map takes the place.
+  lacks() {
+    if (this.usualIsDown || this.hasCamera) return;
+    this.usualIsDown = true;
+    this.offer();
+  }
+
   get hasCamera() {
     return Boolean(this.page.cameras?.length) || this.known.size > 0;
   }
 
   offer() {
-    this.cameras = offeredCameras({ configured: this.page.cameras, known: [...this.known] });
+    const { page, known, hasMap, hasCamera, usualIsDown } = this;
+    this.cameras = usualIsDown && hasMap && !hasCamera ? [] : offeredCameras({ configured: page.cameras, known: [...known] });
     const ids = this.cameras.map(({ topic }) => topic);
-    this.layout.offer(this.hasMap ? [...ids, MAP] : ids);
+    this.layout.offer(hasMap ? [...ids, MAP] : ids);
     this.offerNames();
     this.arrange();
   }
@@ -263,8 +273,7 @@ export class View {
   async saveSnapshot() {
     const camera = this.cameras.find(({ topic }) => topic === this.layout.main);
     if (!camera) return;
-    const status = await saveSnapshot(this.robot, camera);
-    this.note(status === null ? texts.snapshotSaved : texts.snapshotFailed(status));
+    this.note(await saveSnapshot(this.robot, camera));
   }
 
   note(text) {
@@ -358,12 +367,18 @@ export function snapshotName(robot, camera, time) {
   return `${robot}-${plain}-${time.toISOString().replace(/[-:]|\.\d+/g, "")}.jpg`;
 }
 
-// Gives null, or the status of the answer that was no image (0 for none).
+// Gives the words for how it went.
 async function saveSnapshot(robot, { topic, name }) {
   const answer = await fetch(snapshotUrl(robot, topic), { cache: "no-store" }).catch(() => null);
   const isImage = answer?.ok && answer.headers.get("Content-Type")?.startsWith("image/");
   const image = isImage && (await answer.blob().catch(() => null));
-  if (!image) return answer?.status ?? 0;
+  if (!image) return refusalWords(answer, topic);
   download(image, snapshotName(robot, name, new Date()));
-  return null;
+  return texts.snapshotSaved;
+}
+
+async function refusalWords(answer, topic) {
+  if (!answer) return texts.snapshotFailed(0);
+  const { status, code } = await readAnswer(answer);
+  return code === "no_frames" ? texts.snapshotNoFrames(topic) : texts.snapshotFailed(status);
 }

@@ -55,8 +55,8 @@ function serverThat(answers) {
   const asked = [];
   const fetch = async (url) => {
     asked.push(url);
-    const { status = 200, text = "" } = answers(url);
-    return { ok: status < 400, status, text: async () => text, blob: async () => "picture" };
+    const { status = 200, text = "", code } = answers(url);
+    return { ok: status < 400, status, text: async () => text, json: async () => ({ code }), blob: async () => "picture" };
   };
   return { asked, snapshots: new Snapshots({ fetch }) };
 }
@@ -78,8 +78,12 @@ test("a robot whose camera nobody named is asked once", async () => {
 
 test("why there is no picture is told apart", async () => {
   const { signal } = new AbortController();
-  const problem = async (status, topic = "/front") =>
-    (await serverThat(() => ({ status })).snapshots.fetchImage("sim1", topic, signal)).problem;
-  assert.deepEqual([await problem(503), await problem(502), await problem(429)], ["offline", "video_down", "failed"]);
-  assert.deepEqual([await problem(200, ""), await problem(503, "")], ["no_camera", "offline"]);
+  const found = (answer, topic = "/front") => serverThat(() => answer).snapshots.fetchImage("sim1", topic, signal);
+  const refused = async (code, topic) => (await found({ status: 502, code }, topic)).problem;
+  assert.deepEqual(
+    [await refused("robot_offline"), await refused("video_down"), await refused("other")],
+    ["offline", "video_down", "failed"],
+  );
+  assert.deepEqual(await found({ status: 502, code: "no_frames" }), { problem: "no_frames", topic: "/front" });
+  assert.deepEqual([(await found({}, "")).problem, await refused("robot_offline", "")], ["no_camera", "offline"]);
 });

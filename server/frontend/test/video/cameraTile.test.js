@@ -3,7 +3,7 @@ import { beforeEach, test } from "node:test";
 
 import { CameraTile, Painter, FrameRate, requestedQuality, requestedSize } from "../../src/video/cameraTile.js";
 
-let clock, streams, parts, element, tile, paintings;
+let clock, streams, parts, element, tile, paintings, downs;
 
 const part = () => ({ textContent: "", setAttribute() {} });
 
@@ -27,6 +27,7 @@ beforeEach(() => {
   clock = 1000;
   streams = [];
   paintings = [];
+  downs = [];
   parts = { picture: part(), words: part(), facts: part() };
   element = {
     dataset: { main: "true" },
@@ -42,6 +43,7 @@ beforeEach(() => {
     set: { width: null, height: null },
     oldMs: 1000,
     onPainted: () => {},
+    onDown: (topic) => downs.push(topic),
     now: () => clock,
     painter: painter(),
   });
@@ -120,7 +122,10 @@ test("after a sleep of the machine the picture is not trusted, and the next one 
 
 test("before the first picture the reason is told in words", async () => {
   streams[0].onStatus({ picture: "none", why: "down", detail: "no such topic" });
-  assert.equal(parts.words.textContent, "The camera does not answer: no such topic.");
+  assert.equal(parts.words.textContent, "No such topic.");
+  streams[0].onStatus({ picture: "none", why: "down", detail: "web_video_server at http://h:1 does not answer" });
+  assert.equal(parts.words.textContent, "web_video_server at http://h:1 does not answer.");
+  assert.deepEqual(downs, ["/front", "/front"]);
   streams[0].onStatus({ picture: "none", why: "a word of a newer client", detail: "" });
   assert.equal(parts.words.textContent, "The camera sends no video.");
 });

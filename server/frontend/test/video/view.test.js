@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { MAP } from "../../src/video/layout.js";
 import { MainTimestamp, View, chosenBefore, viewActionOf, snapshotName, snapshotUrl } from "../../src/video/view.js";
 
 const within = (...selectors) => ({ closest: (asked) => selectors.some((one) => asked.includes(one)) || null });
@@ -69,4 +70,21 @@ test("the laser in the stick is drawn again also when nothing comes, as its scan
   const view = { ...others, ticks: 0, ring: { draw: () => (drawn += 1) } };
   for (let i = 0; i < 4; i += 1) View.prototype.tick.call(view);
   assert.equal(drawn, 2);
+});
+
+// Of a view without a page: what it offers for its places.
+function offered({ cameras = [], known = [], hasMap }) {
+  const view = Object.create(View.prototype);
+  const layout = { offer: (ids) => (view.ids = ids) };
+  Object.assign(view, { page: { cameras }, known: new Set(known), hasMap, usualIsDown: false, layout, offerNames() {}, arrange() {} });
+  view.offer();
+  view.lacks();
+  return view.ids;
+}
+
+test("a robot without a camera shows its map, and one whose camera is down goes on showing why", () => {
+  assert.deepEqual(offered({ hasMap: true }), [MAP]);
+  assert.deepEqual(offered({ hasMap: false }), ["/camera/image_raw"]);
+  assert.deepEqual(offered({ hasMap: true, known: ["/front"] }), ["/front", MAP]);
+  assert.deepEqual(offered({ hasMap: true, cameras: [{ topic: "/nowhere" }] }), ["/nowhere", MAP]);
 });

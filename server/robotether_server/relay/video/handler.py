@@ -17,10 +17,17 @@ from contextlib import asynccontextmanager
 from urllib.parse import parse_qsl
 
 from aiohttp import ClientConnectorError, ClientError, ClientResponse, ClientTimeout, web
+from robotether_common.frames import QOS, QOS_NAME, no_frames
 from yarl import URL
 
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.problems import HttpProblem, RobotOffline, TooManyConnections, VideoDown
+from robotether_server.problems import (
+    HttpProblem,
+    NoFrames,
+    RobotOffline,
+    TooManyConnections,
+    VideoDown,
+)
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
@@ -38,8 +45,10 @@ from robotether_server.relay.video.viewers import VideoContext, connection_of, c
 log = logging.getLogger(__name__)
 
 VIEWER_SLOW_AFTER_S = 10.0
-# web_video_server makes a stream's first answer when the first frame is there.
-HEADERS_WITHIN_S = 10.0
+# web_video_server answers for a snapshot when there is a frame, and never for a topic that nothing publishes.
+HEADERS_WITHIN_S = 8.0
+# ... and a stream of such a topic would stay open without end.
+SILENT_AFTER_S = 30.0
 # With 101 the connection would be a pipe on which anything passes, to nginx and beyond.
 ANSWERS = range(200, 600)
 ESCAPED_SLASH = re.compile("%2F", re.IGNORECASE)
@@ -109,15 +118,13 @@ class VideoHandler:
         path = path_for_robot(request.rel_url.raw_path, request.rel_url.raw_query_string)
         url = URL(f"http://{self._context.tunnel_host}:{robot.video_port}{path}", encoded=True)
         timeout = ClientTimeout(
-            total=None, sock_connect=connect_timeout_s(presence), sock_read=None
+            total=None, sock_connect=connect_timeout_s(presence), sock_read=SILENT_AFTER_S
         )
         try:
             async with asyncio.timeout(HEADERS_WITHIN_S):
                 answer = await self._ask(request, url, timeout)
         except (ClientError, OSError) as exc:
-            raise VideoDown(
-                f"cannot show video of robot {robot.name}: its web_video_server does not answer"
-            ) from exc
+            raise _no_answer(robot, presence, request.query.get("topic", ""), exc) from exc
         try:
             if answer.status not in ANSWERS:
                 why = f"its web_video_server answers with status {answer.status}"
@@ -148,17 +155,31 @@ class VideoHandler:
 def path_for_robot(raw_path: str, raw_query: str) -> str:
     """Return what the robot is asked for: less our prefix, less the ticket, and with its slashes as they are.
 
-    web_video_server undoes no escapes, and finds no topic under %2Fcamera, which many clients write.
+    web_video_server undoes no escapes, and finds no topic under %2Fcamera, which many clients write. Who asks for a
+    topic and names no QoS gets that of sensors.
     """
     _, _, _, _, *rest = raw_path.split("/", 4)
     path = "/" + "".join(rest)
-    query = "&".join(part for part in raw_query.split("&") if part and not _is_ticket(part))
-    return f"{path}?{ESCAPED_SLASH.sub('/', query)}" if query else path
+    parts = [part for part in raw_query.split("&") if part and not _names(part, "ticket")]
+    if any(_names(part, "topic") for part in parts) and not any(
+        _names(part, QOS_NAME) for part in parts
+    ):
+        parts.append(QOS)
+    return f"{path}?{ESCAPED_SLASH.sub('/', '&'.join(parts))}" if parts else path
 
 
-def _is_ticket(part: str) -> bool:
-    """Return whether a part of a query is a ticket, by its name as `access` reads it: in any spelling."""
-    return any(name == "ticket" for name, _ in parse_qsl(part, keep_blank_values=True))
+def _names(part: str, wanted: str) -> bool:
+    """Return whether a part of a query has this name as `access` reads it: in any spelling."""
+    return any(name == wanted for name, _ in parse_qsl(part, keep_blank_values=True))
+
+
+def _no_answer(robot: RelayRobot, presence: Presence, topic: str, error: Exception) -> VideoDown:
+    """Return why nothing was answered: where a topic has no frame, web_video_server closes or keeps the connection."""
+    cannot = f"cannot show video of robot {robot.name}"
+    is_down = presence.video == "down" or isinstance(error, ClientConnectorError)
+    if topic and not is_down:
+        return NoFrames(f"{cannot}: {no_frames(topic)}")
+    return VideoDown(f"{cannot}: its web_video_server does not answer")
 
 
 async def _stream(

@@ -12,9 +12,9 @@ import secrets
 import time
 
 from aiohttp import web
-from robotether_common.frames import StreamRequest
+from robotether_common.frames import QOS_NAME, StreamRequest
 
-from robotether_server.problems import FieldInvalid, Problem, RobotOffline, VideoDown
+from robotether_server.problems import FieldInvalid, NoFrames, Problem, RobotOffline, VideoDown
 from robotether_server.relay.auth.access import Permit
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
@@ -31,11 +31,11 @@ from robotether_server.relay.video.viewers import Cursor, VideoContext, topic_of
 log = logging.getLogger(__name__)
 
 VIEWER_SLOW_AFTER_S = 10.0
-FIRST_FRAME_WITHIN_S = 10.0
+FIRST_FRAME_WITHIN_S = 8.0
 # A robot that knew it could write a part of any kind into a frame.
 BOUNDARY = secrets.token_hex(16)
 # What web_video_server does to its own stream and no feed can: such a stream is passed through.
-CHANGES_FRAME = frozenset({"default_transport", "invert", "qos_profile"})
+CHANGES_FRAME = frozenset({"default_transport", "invert", QOS_NAME})
 
 
 def is_for_feed(request: web.Request) -> bool:
@@ -106,9 +106,9 @@ class Streams:
             async with asyncio.timeout(FIRST_FRAME_WITHIN_S):
                 frame = await viewer.next(cursor)
         except TimeoutError as exc:
-            detail = "" if feed.status is None else f": {feed.status['detail']}"
-            why = f"its camera sent no frame in {FIRST_FRAME_WITHIN_S:g} s{detail}"
-            raise VideoDown(f"cannot show video of robot {robot}: {why}") from exc
+            detail = "" if feed.status is None else feed.status["detail"]
+            why = detail or f"its camera sent no frame in {FIRST_FRAME_WITHIN_S:g} s"
+            raise NoFrames(f"cannot show video of robot {robot}: {why}") from exc
         if frame is None and viewer.close_reason != close_reasons.frames_unknown(robot):
             raise _problem_of(robot, viewer.close_reason)
         return frame

@@ -24,6 +24,7 @@ class FakeSource:
         self.opened = 0
         self.fault: Exception | None = None
         self.now_s = 100.0
+        self.kind: Source = "mjpeg"
 
     async def run(
         self,
@@ -32,7 +33,7 @@ class FakeSource:
         tell: Callable[[Source], None],
     ) -> None:
         self.opened += 1
-        tell("mjpeg")
+        tell(self.kind)
         if self.fault is not None:
             raise self.fault
         self.takes[source_request] = take
@@ -68,7 +69,7 @@ async def until_open(source: FakeSource, count: int = 1) -> None:
 
 
 async def test_the_condition_follows_the_frames(shared_sources, source):
-    """Waiting, live, waiting again after two seconds, down with the reason."""
+    """Waiting, live, waiting again after two seconds, and down when that lasts."""
     shared = shared_sources.follow(WISH, "a", lambda _: None)
     await until_open(source)
     assert shared.condition() == Condition("waiting", "", "mjpeg")
@@ -76,6 +77,23 @@ async def test_the_condition_follows_the_frames(shared_sources, source):
     assert shared.condition() == Condition("live", "", "mjpeg")
     source.now_s += 2.5
     assert shared.condition().state == "waiting"
+    source.now_s += 1.5
+    assert shared.condition() == Condition("down", "camera /camera sends no frames", "mjpeg")
+    source.give()
+    assert shared.condition().state == "live"
+
+
+async def test_a_topic_that_gives_nothing_is_named(shared_sources, source):
+    """Open and silent is what web_video_server makes of a topic that nothing publishes."""
+    source.kind = "web_video_server"
+    shared = shared_sources.follow(WISH, "a", lambda _: None)
+    await until_open(source)
+    source.now_s += 4
+    assert (
+        shared.condition().detail
+        == "no frames from /camera: the topic does not exist or nothing publishes it"
+    )
+    assert source.opened == 1
 
 
 async def test_a_defect_is_no_end(shared_sources, source, monkeypatch, caplog):

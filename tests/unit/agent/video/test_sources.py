@@ -133,25 +133,25 @@ async def test_frames_of_web_video_server(run, names_length):
 def test_quality_and_size_stand_in_the_url():
     """The camera's own size is asked for by none; a topic's signs are encoded."""
     assert stream_url("http://h:1", WISH) == (
-        "http://h:1/stream?topic=/camera/image_raw&type=mjpeg&quality=70"
+        "http://h:1/stream?topic=/camera/image_raw&type=mjpeg&quality=70&qos_profile=sensor_data"
     )
     assert stream_url("http://h:1", SourceRequest("/a&b", 20, 320, 240, 1)).endswith(
-        "topic=/a%26b&type=mjpeg&quality=20&width=320&height=240"
+        "topic=/a%26b&type=mjpeg&quality=20&width=320&height=240&qos_profile=sensor_data"
     )
 
 
 @pytest.mark.parametrize(
     ("mode", "why"),
     [
-        ("ends", "ended the stream; is there such a camera"),
+        ("ends", "no frames from /camera/image_raw: the topic does not exist"),
         ("refuses", "HTTP status 500"),
         ("lists", "cannot be shown: it sends text/html"),
-        ("silent", "no frame for"),
+        ("silent", "no frames from /camera/image_raw: the topic does not exist"),
     ],
 )
 async def test_a_server_without_frames_tells_why(run, monkeypatch, mode, why):
     """Each in words for people, and never silently."""
-    monkeypatch.setattr(sources_module, "STALL_S", 0.2)
+    monkeypatch.setattr(sources_module, "SERVER_STALL_S", 0.2)
     async with FakeVideoServer(mode) as server:
         running, _ = run(source_settings(server.url))
         with pytest.raises(SourceDownError, match=why):
@@ -166,6 +166,19 @@ async def test_a_camera_of_the_settings(run):
         _, taken = run(given, SourceRequest("rear", 0, None, None, 15))
         await eventually(taken.some(), taken.told)
         assert (taken.kinds, camera.asked) == (["mjpeg"], [{"user": "a/b"}])
+
+
+@pytest.mark.parametrize(
+    ("mode", "why"), [("ends", "ended the stream"), ("silent", "no frame for")]
+)
+async def test_a_camera_of_the_settings_without_frames_tells_why(run, monkeypatch, mode, why):
+    """It is no topic that nobody publishes."""
+    monkeypatch.setattr(sources_module, "STALL_S", 0.2)
+    async with FakeVideoServer(mode) as camera:
+        given = source_settings(rear=f"{camera.url}/stream")
+        running, _ = run(given, SourceRequest("rear", 0, None, None, 15))
+        with pytest.raises(SourceDownError, match=f"camera rear .*{why}"):
+            await asyncio.wait_for(running, 5)
 
 
 async def test_an_error_tells_no_password(run):

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
 
 import aiohttp
 import pytest
 from fake_robot import HOST, JPEG, FakeRobot
 from relay_server import SESSION_KEY, RelayServer, until
+from robotether_common.frames import QOS
 from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.video.handler import path_for_robot
 from yarl import URL
 
 ANN = RelayUser(1, "ann")
+STREAM_HEAD = (
+    b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace;boundary=b\r\n\r\n--b\r\n"
+)
 
 
 def video_url(relay: RelayServer, robot: RelayRobot, rest: str) -> str:
@@ -47,7 +52,7 @@ async def test_the_robot_learns_nothing_of_who_asks(
     async with http.get(URL(url, encoded=True), headers=headers) as answer:
         assert answer.status == 200
     seen = robot.video_requests[0]
-    assert seen["path"] == "/snapshot?topic=/a/b&q=50"
+    assert seen["path"] == "/snapshot?topic=/a/b&q=50&qos_profile=sensor_data"
     assert not {"Cookie", "Authorization", "X-Forwarded-For"} & set(seen["headers"])
     assert seen["headers"]["Accept"] == "image/jpeg"
 
@@ -136,6 +141,68 @@ async def test_a_robot_without_web_video_server(relay, robot, sim1, http, login)
     await robot._close_ports()
     async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
         assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
+
+
+CLOSES, STAYS_SILENT, BEGINS_A_STREAM = range(3)
+
+
+@pytest.fixture
+async def silent_server(robot, sim1) -> AsyncIterator[dict[str, int]]:
+    """A web_video_server that has no frames, in the ways of the real one, as `how` says."""
+    mood = {"how": CLOSES}
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        if mood["how"] == BEGINS_A_STREAM:
+            writer.write(STREAM_HEAD)
+        if mood["how"] != CLOSES:
+            await reader.read()
+        writer.close()
+
+    await robot._close_ports()
+    async with await asyncio.start_server(answer, HOST, sim1.video_port):
+        yield mood
+
+
+@pytest.mark.parametrize("how", [CLOSES, STAYS_SILENT])
+async def test_a_still_of_a_topic_without_frames_names_it(
+    *, relay, silent_server, sim1, http, login, monkeypatch, how
+):
+    """web_video_server closes the connection where it knows no such topic, and waits where nothing publishes it."""
+    monkeypatch.setattr("robotether_server.relay.video.handler.HEADERS_WITHIN_S", 0.3)
+    silent_server["how"] = how
+    url = video_url(relay, sim1, "snapshot?topic=/camera/x")
+    async with http.get(url, headers=login) as answer:
+        problem = await answer.json()
+    assert (answer.status, problem["code"]) == (502, "no_frames")
+    why = "no frames from /camera/x: the topic does not exist or nothing publishes it"
+    assert problem["detail"] == f"cannot show video of robot sim1: {why}"
+
+
+async def test_a_server_that_is_down_is_no_missing_topic(
+    *, relay, robot, silent_server, sim1, http, login
+):
+    """The robot's own report tells one from the other: its end of the tunnel answers either way."""
+    robot.session.send(type="health", ros="ok", video="down", detail="", ros_exposed=False)
+    presence = relay.relay.registry.presence
+    await until(lambda: presence(sim1.id).video == "down", "it is down")
+    async with http.get(video_url(relay, sim1, "snapshot?topic=/a"), headers=login) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
+
+
+async def test_a_stream_that_stays_silent_ends(
+    *, relay, silent_server, sim1, http, login, monkeypatch
+):
+    """One that is passed through; web_video_server itself would keep it for ever."""
+    monkeypatch.setattr("robotether_server.relay.video.handler.SILENT_AFTER_S", 0.3)
+    silent_server["how"] = BEGINS_A_STREAM
+    async with http.get(
+        video_url(relay, sim1, "stream?topic=/a&type=png"), headers=login
+    ) as answer:
+        assert answer.status == 200
+        with pytest.raises(aiohttp.ClientError):
+            await asyncio.wait_for(answer.read(), 5)
+    await until(lambda: relay.relay.connections.count("video") == 0, "the stream has ended")
 
 
 @pytest.mark.parametrize("status", [b"101 Switching Protocols", b"600 Whatever", b"999 No"])
@@ -271,13 +338,14 @@ async def test_login_video_without_a_database_says_so(
     [
         ("/robots/sim1/video", "", "/"),
         ("/robots/sim1/video/", "ticket=t", "/"),
-        ("/robots/sim1/video/stream", "topic=/a&ticket=t&q=1", "/stream?topic=/a&q=1"),
         ("/robots/sim1/video/a/b%20c", "x=ticket=1", "/a/b%20c?x=ticket=1"),
-        ("/robots/sim1/video/a%2Fb", "topic=%2Fa%2fb%20c", "/a%2Fb?topic=/a/b%20c"),
+        ("/robots/sim1/video/stream", "topic=/a&ticket=t&q=1", f"/stream?topic=/a&q=1&{QOS}"),
+        ("/robots/sim1/video/a%2Fb", "topic=%2Fa%2fb%20c", f"/a%2Fb?topic=/a/b%20c&{QOS}"),
+        ("/robots/sim1/video/s", "topic=/a&qos_profile=default", "/s?topic=/a&qos_profile=default"),
     ],
 )
 def test_the_robot_is_asked_for_the_rest(path, query, expected):
-    """Prefix and ticket go, a topic's slashes are plain, the rest stays as it was written."""
+    """Prefix and ticket go, a topic has plain slashes and a QoS, the rest stays as it was written."""
     assert path_for_robot(path, query) == expected
 
 
@@ -287,7 +355,8 @@ async def test_ticket_in_any_spelling_stays_here(relay, robot, sim1, http, name)
     url = video_url(relay, sim1, f"snapshot?topic=/a/b&{name}={relay.ticket(sim1)}&q=5%300")
     async with http.get(URL(url, encoded=True)) as answer:
         assert answer.status == 200
-    assert robot.video_requests[0]["path"] == "/snapshot?topic=/a/b&q=5%300"
+    asked = robot.video_requests[0]["path"]
+    assert asked == "/snapshot?topic=/a/b&q=5%300&qos_profile=sensor_data"
 
 
 async def test_a_robot_that_never_came_keeps_no_viewer(relay, sim1, http):

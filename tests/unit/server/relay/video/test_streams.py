@@ -9,6 +9,7 @@ import aiohttp
 import pytest
 from fake_robot import JPEG
 from relay_server import until
+from robotether_common.frames import QOS
 from robotether_server.db.fleet import RelayUser
 
 ANN = RelayUser(1, "ann")
@@ -110,7 +111,8 @@ async def test_what_no_feed_can_is_passed_through(*, relay, sim1, http, login, o
     """web_video_server answers it itself."""
     async with http.get(video_url(relay, sim1, f"stream?topic=/a{more}"), headers=login) as answer:
         await asyncio.wait_for(answer.content.readuntil(JPEG), 5)
-    assert [request["path"] for request in robot.video_requests] == [f"/stream?topic=/a{more}"]
+    asked = f"/stream?topic=/a{more}&{QOS}"
+    assert [request["path"] for request in robot.video_requests] == [asked]
     assert on_air.topics == []
 
 
@@ -141,7 +143,7 @@ async def test_head_tells_what_get_would(*, relay, sim1, http, login, on_air):
         assert await answer.read() == b""
 
 
-async def test_a_camera_without_a_frame_is_video_down(
+async def test_a_camera_without_a_frame_is_no_frames(
     *, relay, sim1, http, login, camera, monkeypatch
 ):
     """502 with what the robot says of it, and no answer that never begins."""
@@ -152,7 +154,7 @@ async def test_a_camera_without_a_frame_is_video_down(
     await camera.send_status(state="down", detail="nobody publishes /a")
     async with await asking as answer:
         problem = await answer.json()
-    assert (answer.status, problem["code"]) == (502, "video_down")
+    assert (answer.status, problem["code"]) == (502, "no_frames")
     assert "nobody publishes /a" in problem["detail"]
 
 
