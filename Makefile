@@ -21,8 +21,8 @@ comma := ,
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
 
-demo: ## the stack and three simulated robots, then URL, user and password
-	@tools/up --demo
+demo: ## the stack and five simulated robots, then URL, user and password
+	@tools/up --demo-more
 
 up: ## the stack alone
 	@tools/up

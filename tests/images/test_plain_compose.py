@@ -14,7 +14,13 @@ from plain_compose import PASSWORD, PlainCompose
 
 SERVICES = dict.fromkeys(("nginx", "web", "relay", "sshd", "mysql"), "healthy")
 ONE_SHOTS = dict.fromkeys(("secrets", "migrate"), "exited 0")
-SIMS = ("sim1", "sim2", "sim3")
+OWNERS = r"""
+from pathlib import Path
+agents = [one for one in Path("/proc").glob("[0-9]*") if b"robotether_agent\0run" in (one / "cmdline").read_bytes()]
+print(*{one.owner() for one in agents})
+"""
+SIMS = ("sim1", "sim2", "sim3", "sim4", "sim5")
+KINDS = ["differential", "holonomic", "ackermann", "differential", "differential"]
 
 pytestmark = pytest.mark.release
 
@@ -53,7 +59,7 @@ def test_nothing_secret_is_printed_again(site: PlainCompose) -> None:
 
 def test_simulated_robots_join_by_themselves(site: PlainCompose) -> None:
     """With a token for just as many, that no log has, and again after a start in new containers."""
-    site.settings["COMPOSE_PROFILES"] = "demo"
+    site.settings["COMPOSE_PROFILES"] = "demo,demo-more"
     site.compose("up", "--detach", "--wait")
     site.wait("online", lambda: all(one["online"] for one in site.robots().values()), *SIMS)
     before = site.robots()
@@ -62,9 +68,9 @@ def test_simulated_robots_join_by_themselves(site: PlainCompose) -> None:
         json.loads(site.compose("exec", "-T", "web", "robotether", "robot", "settings", name))
         for name in SIMS
     ]
-    assert [one["page"]["kind"] for one in kinds] == ["differential", "holonomic", "ackermann"]
+    assert [one["page"]["kind"] for one in kinds] == KINDS
     tokens = site.compose("exec", "-T", "web", "robotether", "join-token", "list").splitlines()
-    assert [line.split()[:4] for line in tokens[1:]] == [["demo", "3", "of", "3"]]
+    assert [line.split()[:4] for line in tokens[1:]] == [["demo", "5", "of", "5"]]
     assert "rj_" not in site.compose("logs")
     site.compose("up", "--detach", "--wait", "--force-recreate", "--no-deps", *SIMS)
     site.wait("online", lambda: all(one["online"] for one in site.robots().values()), *SIMS)
@@ -75,6 +81,13 @@ def test_simulated_robots_join_by_themselves(site: PlainCompose) -> None:
     assert (
         site.compose("exec", "-T", "web", "robotether", "join-token", "list").splitlines() == tokens
     )
+
+
+def test_robot_with_a_slow_uplink_is_no_root(site: PlainCompose) -> None:
+    """What is slowed down is its own network, before it becomes the user that every robot runs as."""
+    inside = ("exec", "-T", "sim5")
+    assert "tbf" in site.compose(*inside, "/usr/sbin/tc", "qdisc", "show", "dev", "eth0")
+    assert site.compose(*inside, "python3", "-c", OWNERS).split() == ["robot"]
 
 
 def served(site: PlainCompose) -> str:

@@ -85,8 +85,18 @@ def test_demo_is_a_profile_beside_others(checkout: Path) -> None:
     done = up(checkout, "--demo")
     assert done.returncode == 0, done.stderr
     assert "[acme,demo] up --detach --wait" in calls(checkout)
+    wait = "robotether robot wait-online"
     for robot in ("sim1", "sim2", "sim3"):
-        assert f"robotether robot wait-online {robot} --timeout 60" in calls(checkout)
+        assert f"{wait} {robot} --timeout 60" in calls(checkout)
+    assert f"{wait} sim4" not in calls(checkout)
+
+
+def test_demo_of_five_has_both_profiles(checkout: Path) -> None:
+    """The three that the tests have, and two that lack something."""
+    done = up(checkout, "--demo-more")
+    assert done.returncode == 0, done.stderr
+    assert "[demo,demo-more] up --detach --wait" in calls(checkout)
+    assert "robotether robot wait-online sim5 --timeout 60" in calls(checkout)
 
 
 def test_images_from_elsewhere_are_taken_as_they_are(checkout: Path) -> None:
