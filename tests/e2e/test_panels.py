@@ -362,7 +362,7 @@ def test_a_drive_that_ends_is_told_and_saved(
     dora.get_by_test_id("control-leave").click()
     headline = dora.get_by_test_id("summary-headline")
     expect(headline).to_have_text(re.compile(r"^Your drive: \d+ s, \d+\.\d m$"), timeout=15_000)
-    expect(dora.get_by_test_id("summary-ended")).to_have_text("you")
+    expect(dora.get_by_test_id("summary-ended")).to_have_text("by you")
     expect(dora.get_by_test_id("summary-latency")).to_have_text(
         re.compile(r"^\d+ ms; 95 % within \d+ ms$")
     )
@@ -396,7 +396,7 @@ def test_a_stopped_drive_tells_of_the_stop(dora: Page, stack: Stack) -> None:
         watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)
         dora.keyboard.up("w")
     dora.keyboard.press("Space")
-    expect(dora.get_by_test_id("summary-ended")).to_have_text("a stop of the robot", timeout=15_000)
+    expect(dora.get_by_test_id("summary-ended")).to_have_text("Stop pressed", timeout=15_000)
     expect(dora.get_by_test_id("summary-stops")).to_have_text("1")
 
 

@@ -30,7 +30,7 @@ test("a drive's record is told in words", () => {
   assert.equal(headline(DRIVE), "Your drive: 2 min 5 s, 14.2 m");
   assert.deepEqual(words(DRIVE), {
     duration: "2 min 5 s",
-    ended: "you",
+    ended: "by you",
     distance: "14.2 m commanded",
     speed: "0.8 m/s commanded",
     latency: "42 ms; 95 % within 80 ms",
