@@ -25,6 +25,7 @@ from asyncssh.constants import MSG_IGNORE
 from robotether_agent import __version__
 from robotether_agent.backoff import Backoff, Uptime, keep_going
 from robotether_agent.clock import robot_time
+from robotether_agent.daemon import UNWATCHED
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
 from robotether_agent.fields import line_of
@@ -280,6 +281,8 @@ class VirtualRobot:
         self._rng = rng
         self._session_up = asyncio.Event()
         self._next_session = asyncio.Event()
+        # The server wants the connection of the camera.
+        self._watched = asyncio.Event()
         # The server's own view of the forwards may be another one.
         self._recheck = asyncio.Event()
         self._session: Connection | None = None
@@ -310,11 +313,16 @@ class VirtualRobot:
             await connection.close()
 
     async def _media_attempt(self, uptime: Uptime) -> None:
-        await self._session_up.wait()
+        while not (self._watched.is_set() and self._session_up.is_set()):
+            await self._watched.wait()
+            await self._session_up.wait()
         connection = Connection("media", partial(self._on_media_line, uptime))
         await connection.open(self._account)
         try:
             await connection.ended
+        except SessionEnded as problem:
+            if problem.code != UNWATCHED:
+                raise
         finally:
             await connection.close()
 
@@ -330,7 +338,7 @@ class VirtualRobot:
             if connection.configs == 1:
                 connection.configured(partial(self._begin_session, uptime, connection))
             else:
-                self._recheck.set()
+                self._apply(connection)
         elif kind == "lease":
             self._services.on_lease(line["fence"], held=line["held"])
         elif kind in ("stop", "release"):
@@ -344,10 +352,19 @@ class VirtualRobot:
     async def _open_session(self, uptime: Uptime, connection: Connection) -> None:
         await connection.forward(connection.config["ros_port"], self._services.ros_channel)
         uptime.is_up()
+        self._apply(connection)
         self._session_up.set()
         self._next_session.set()
         self._next_session = asyncio.Event()
         await self._keep_asking_for_checks(connection)
+
+    def _apply(self, connection: Connection) -> None:
+        """Follow a configuration, once the session's forward is up."""
+        if connection.config.get("media", True):
+            self._watched.set()
+        else:
+            self._watched.clear()
+        self._recheck.set()
 
     async def _keep_asking_for_checks(self, connection: Connection) -> None:
         while True:
