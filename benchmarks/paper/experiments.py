@@ -1,4 +1,4 @@
-"""The paper's five experiments and a comparison: `make experiments` runs each step as a test, and writes the page.
+"""The paper's five experiments, a machine's limits, and a comparison; `make experiments` runs each step as a test.
 
 A step that raises has failed and stays failed. What ends the run instead is Ctrl-C, which leaves the step out, and a
 stack that no longer answers, which would fail all that follows without a word.
@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from paper.conftest import scale_of
+from paper.density import density
 from paper.fleet import startup
 from paper.numbered import high_rate, mixed
 from paper.operators import operators
@@ -26,7 +27,15 @@ from paper.step import Outcome, Part, ResultStore, Step, now
 from paper.world import World
 
 # All experiments, in the page's order.
-PARTS = (startup.PART, high_rate.PART, mixed.PART, spiral.PART, operators.PART, peers.PART)
+PARTS = (
+    startup.PART,
+    density.PART,
+    high_rate.PART,
+    mixed.PART,
+    spiral.PART,
+    operators.PART,
+    peers.PART,
+)
 # A path that nginx, web and the database take part in, and that costs the same however many robots there are.
 CHEAP_PATH = "/me"
 # A step may end while the services that it has restarted come back.

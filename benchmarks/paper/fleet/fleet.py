@@ -2,10 +2,12 @@
 
     values = with_fleet(world, 50, lambda fleet: fleet.start("repetition 7"))
 
-A light robot is the real agent with its guard and its own OpenSSH clients, in a worker process with others (worker.py),
-behind the address of the worker's uplink. A repetition's clock starts with the order to start, so that no interpreter's
-start is in it. Beside them whole robots, whose agent, guard and rosbridge are processes of their own, show what light
-ones leave out. Robots are enrolled once in a world; the fleet ends with the `with` block.
+The first 50 robots of a fleet are light ones: the real agent with its guard and its own OpenSSH clients, in a worker
+process with others (worker.py), behind the address of the worker's uplink. All more are virtual (paper.virtual): what
+hundreds of agents say, without what they cost, as this machine has no cores for them beside the server's. A
+repetition's clock starts with the order to start, so that no interpreter's start is in it. Beside them whole robots,
+whose agent, guard and rosbridge are processes of their own, show what light ones leave out. Robots are enrolled once in
+a world; the fleet ends with the `with` block.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ from local_network import insecure_tls
 
 from paper.costs import Reading, cpu_between, limits_met, memory_between
 from paper.fleet.operators import Arrivals, FleetEvents, Operators
-from paper.fleet.report import FAILED_AFTER_S
+from paper.fleet.report import AGENTS, FAILED_AFTER_S
 from paper.fleet.worker import LINE_BYTES, TOPIC, TYPE, allow_files
 from paper.networks import PLAIN, Uplink
 from paper.programs import our_environment
@@ -43,6 +45,9 @@ from paper.world import Enrolled, World
 
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
 MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
+# sshd lets 20 log-ins of one address begin at a time, of 60 in all: so few addresses must not be what limits a fleet.
+VIRTUAL_IN_A_WORKER = 100
+LIGHT, VIRTUAL = "paper.fleet.worker", "paper.virtual.worker"
 # Larger fleets are watched for longer than a robot may take, to see when the last one comes.
 WATCHED_A_ROBOT_S = 0.5
 OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
@@ -75,9 +80,13 @@ def placed(
     return [(one, list(islice(left, each + (at < more)))) for at, one in enumerate(uplinks)]
 
 
-def plain_uplinks(world: World, count: int) -> AbstractContextManager[list[Uplink]]:
-    """One for each worker: at least two workers, none with more than 50 robots."""
-    workers = max(min(LEAST_WORKERS, count), -(-count // MOST_IN_A_WORKER))
+def workers_for(count: int, most: int) -> int:
+    """At least two workers, if there are as many robots, and none with more than `most`."""
+    return max(min(LEAST_WORKERS, count), -(-count // most))
+
+
+def plain_uplinks(world: World, workers: int) -> AbstractContextManager[list[Uplink]]:
+    """One for each worker."""
     return world.uplinks([PLAIN] * workers)
 
 
@@ -122,9 +131,11 @@ class Worker:
         self._listening = asyncio.ensure_future(self._listen())
 
     @classmethod
-    async def start(cls, uplink: Uplink, robots: Sequence[Enrolled], log: IO[bytes]) -> Worker:
+    async def start(
+        cls, uplink: Uplink, robots: Sequence[Enrolled], log: IO[bytes], module: str
+    ) -> Worker:
         process = await asyncio.create_subprocess_exec(
-            *uplink.inside.command(*ASIDE, sys.executable, "-m", "paper.fleet.worker"),
+            *uplink.inside.command(*ASIDE, sys.executable, "-m", module),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,
@@ -211,7 +222,7 @@ class Fleet:
 
     async def run(self, run: str, order: Callable[[], Awaitable[None]]) -> dict[str, Any]:
         """Measure from the moment before `order` is awaited until each robot has got a message sent after it."""
-        first = self._reading()
+        first = self.reading()
         self._failures.clear()
         arrivals = Arrivals(self._names, run, time.monotonic_ns())
         for side in self._sides:
@@ -219,7 +230,7 @@ class Fleet:
         await order()
         await self._operators.deliver_all(self._names, arrivals, watched_s(len(self._names)))
         # The robots have their second connections too when it has settled.
-        last, settled = self._reading(), await self._settled()
+        last, settled = self.reading(), await self._settled()
         values = {
             **arrivals.values(),
             "took_s": round(last.at_s - first.at_s, 3),
@@ -233,7 +244,7 @@ class Fleet:
         """What the fleet costs while nobody uses it: processor time over so many seconds."""
         first = await self._settled()
         await asyncio.sleep(seconds)
-        last = self._reading()
+        last = self.reading()
         return {"idle_s": round(last.at_s - first.at_s, 3), "idle_cpu_s": cpu_between(first, last)}
 
     async def end(self) -> float:
@@ -258,33 +269,44 @@ class Fleet:
 
     async def _settled(self) -> Reading:
         """Read when sshd has as many processes as a moment before, or after a while."""
-        reading = self._reading()
+        reading = self.reading()
         for _ in range(SETTLES_IN_POLLS):
             before = reading.services["sshd"].processes
             await asyncio.sleep(POLL_EVERY_S)
-            reading = self._reading()
+            reading = self.reading()
             if reading.services["sshd"].processes == before:
                 break
         return reading
 
-    def _reading(self) -> Reading:
+    def reading(self) -> Reading:
         containers = {name: self._world.container(name) for name in SERVICES}
         return Reading.now(containers, [pid for side in self._sides for pid in side.pids])
 
 
-def with_fleet(world: World, count: int, use: Callable[[Fleet], Awaitable[T]]) -> T:
-    """What `use` returns of a fleet of `count` light robots, none of which has started yet."""
+def with_fleet(
+    world: World,
+    count: int,
+    use: Callable[[Fleet], Awaitable[T]],
+    agents: int = AGENTS,
+) -> T:
+    """What `use` returns of a fleet none of which has started yet: `agents` light robots, and the others virtual."""
     robots = robots_of(world, count)
+    real, virtual = robots[:agents], robots[agents:]
+    of_real = workers_for(len(real), MOST_IN_A_WORKER)
+    of_virtual = workers_for(len(virtual), VIRTUAL_IN_A_WORKER)
     allow_files(FILES_OF_OPERATORS)
     with (
-        plain_uplinks(world, count) as uplinks,
+        plain_uplinks(world, of_real + of_virtual) as uplinks,
         tempfile.TemporaryDirectory(prefix="rt-fleet-") as logs,
     ):
 
         async def run() -> T:
+            places = placed(real, uplinks[:of_real]) if real else []
+            others = placed(virtual, uplinks[of_real:]) if virtual else []
             async with (
-                workers(placed(robots, uplinks), Path(logs)) as sides,
-                following(world, robots, sides) as fleet,
+                workers(places, Path(logs)) as light,
+                workers(others, Path(logs), VIRTUAL) as played,
+                following(world, robots, [*light, *played]) as fleet,
             ):
                 return await use(fleet)
 
@@ -311,14 +333,14 @@ async def following(
 
 @asynccontextmanager
 async def workers(
-    places: Iterable[tuple[Uplink, Sequence[Enrolled]]], logs: Path
+    places: Iterable[tuple[Uplink, Sequence[Enrolled]]], logs: Path, module: str = LIGHT
 ) -> AsyncIterator[list[Worker]]:
     """A worker for each place; all robots have their rosbridge, and no agent yet."""
     made = []
     async with AsyncExitStack() as stack:
         for uplink, robots in places:
             log = stack.enter_context((logs / f"{robots[0].name}.log").open("ab"))
-            made.append(await Worker.start(uplink, robots, log))
+            made.append(await Worker.start(uplink, robots, log, module))
             stack.push_async_callback(made[-1].end)
         for worker in made:
             await worker.has_done("open", OPENS_WITHIN_S)
@@ -413,7 +435,8 @@ async def _rosbridge(
 def with_whole_fleet(world: World, count: int, use: Callable[[Fleet], Awaitable[T]]) -> T:
     """What `use` returns of a fleet of `count` whole robots, whose agents have not started yet."""
     enrolled = robots_of(world, count)
-    with plain_uplinks(world, count) as uplinks, ExitStack() as ending:
+    of_uplinks = workers_for(count, MOST_IN_A_WORKER)
+    with plain_uplinks(world, of_uplinks) as uplinks, ExitStack() as ending:
         robots = [
             WholeRobot(world, one, uplink, "bus", aside=True)
             for uplink, some in placed(enrolled, uplinks)

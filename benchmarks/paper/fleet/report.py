@@ -31,6 +31,8 @@ RETURNS = (
 )
 # What was restarted.
 IN_WORDS = {"tunnels": "sshd and relay", "server": "all containers, as when the VM restarts"}
+# How many of a fleet are the real agent; all more are virtual robots.
+AGENTS = 50
 SERVER = ("nginx", "web", "relay", "sshd", "mysql")
 OTHERS = tuple(name for name in SERVER if name not in ("relay", "sshd"))
 MIB = 1024 * 1024
@@ -203,8 +205,10 @@ def report(planned: Sequence[str], results: Results) -> Report:
 
 
 def title(group: Group) -> str:
-    """`50`, or `50 whole`."""
-    return f"{group.count} whole" if group.kind == "whole" else str(group.count)
+    """`50`, `50 whole`, or `200, 50 of them agents`."""
+    if group.kind == "whole":
+        return f"{group.count} whole"
+    return str(group.count) + (f", {AGENTS} of them agents" if group.count > AGENTS else "")
 
 
 def _starts(starts: Sequence[Group]) -> Section:
@@ -213,10 +217,11 @@ def _starts(starts: Sequence[Group]) -> Section:
         "ticket, connects to drive through nginx and TLS, and publishes one std_msgs/String with robot and run. The "
         "time is from the order to start until a subscriber on the robot's ROS side has it. An operator whom the "
         "server cannot connect yet tries again, within that time. A robot without its message after "
-        f"{FAILED_AFTER_S:g} s has failed, even if it comes later. Light robots are the real agent and guard, some 25 "
-        "to 50 in a process, each with two OpenSSH connections of its own and a rosbridge; those of one process share "
-        "an address. Whole robots start a Python and a guard process each. Robots, operators and server share this "
-        "machine's cores."
+        f"{FAILED_AFTER_S:g} s has failed, even if it comes later. The first {AGENTS} robots of a fleet are light "
+        "ones: the real agent and guard, some 25 to 50 in a process, each with two OpenSSH connections of its own and "
+        "a rosbridge. All more are virtual: they say what an agent says, 100 in a process, without what a robot's "
+        "programs cost. Those of one process share an address. Whole robots start a Python and a guard process each. "
+        "Robots, operators and server share this machine's cores."
     )
     columns = (
         "robots at once | runs | message in time | later | never | p50, s | p99, s | max, s | online p50, s "

@@ -1,0 +1,168 @@
+"""How many robots a machine carries: a fleet online, idle, driven, back after a restart, and all of it for long.
+
+Each step of a size starts a fleet of 50 agents and otherwise virtual robots, lets it idle, drives some of it, and then
+kills all the server's containers and starts them again. Two more start as many agents and as many virtual robots, which
+shows what the server spends more for either. The soak has a fleet that is driven and returns, again and again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Sequence
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from paper.costs import cpu_between
+from paper.density.report import RATE_HZ, report
+from paper.fleet.fleet import SERVICES, Fleet, robots_of, with_fleet
+from paper.fleet.report import AGENTS
+from paper.fleet.startup import restart_services
+from paper.numbered.run import tokens
+from paper.programs import LineProgram
+from paper.step import Part, Scale, Step, Values
+from paper.world import World
+
+COUNTS, QUICK_COUNTS = (200, 500, 1000), (20,)
+QUICK_AGENTS = 5
+COMPARED, QUICK_COMPARED = 50, 5
+IDLE_S, QUICK_IDLE_S = 30.0, 5.0
+DRIVEN, DRIVEN_S, QUICK_DRIVEN_S = 50, 60.0, 5.0
+READY_WITHIN_S, MORE_S = 90.0, 30.0
+# Of those that are driven, so many are agents.
+DRIVEN_AGENTS = 10
+# The robots of a soak, those of them that are driven, its seconds, and those between two returns.
+SOAK, FULL_SOAK, QUICK_SOAK = (500, 20, 1800, 300), (500, 20, 7200, 600), (20, 4, 20, 10)
+
+
+def steps(scale: Scale) -> Sequence[Step]:
+    counts = QUICK_COUNTS if scale.quick else COUNTS
+    agents = QUICK_AGENTS if scale.quick else AGENTS
+    idle_s = QUICK_IDLE_S if scale.quick else IDLE_S
+    driven_s = QUICK_DRIVEN_S if scale.quick else DRIVEN_S
+    compared = QUICK_COMPARED if scale.quick else COMPARED
+    soak = QUICK_SOAK if scale.quick else FULL_SOAK if scale.full else SOAK
+    return [
+        *(_compared(compared, kind, idle_s) for kind in ("agents", "virtual")),
+        *(
+            Step(
+                name=f"fleet-{count}",
+                title=f"{count} robots, {agents} of them agents",
+                run=partial(_fleet, count, agents, idle_s, driven_s),
+            )
+            for count in counts
+        ),
+        Step(
+            name=f"soak-{soak[0]}",
+            title=f"{soak[0]} robots for {soak[2] / 60:.3g} minutes",
+            run=partial(_soak, soak, agents),
+        ),
+    ]
+
+
+def _compared(count: int, kind: str, idle_s: float) -> Step:
+    return Step(
+        name=f"{kind}-{count}",
+        title=f"{count} {kind}",
+        run=partial(_start_and_idle, count, count if kind == "agents" else 0, idle_s),
+    )
+
+
+def _start_and_idle(count: int, agents: int, idle_s: float, world: World) -> Values:
+    async def use(fleet: Fleet) -> dict[str, Any]:
+        started = await fleet.start(f"density-{count}-{agents}")
+        return {"count": count, "start": {**started, **await fleet.idle(idle_s)}}
+
+    return with_fleet(world, count, use, agents)
+
+
+def _fleet(count: int, agents: int, idle_s: float, driven_s: float, world: World) -> Values:
+    """Start, idle, drive, and return after a restart; what fails is told, and the rest goes on."""
+
+    async def use(fleet: Fleet) -> dict[str, Any]:
+        values: dict[str, Any] = {"count": count, "agents": agents}
+        values["start"] = await fleet.start(f"density-{count}")
+        values["start"] |= await fleet.idle(idle_s)
+        values["drive"] = await _unless_failed(
+            _drive(world, fleet, _chosen(world, count, agents), driven_s)
+        )
+        values["return"] = await fleet.run(f"density-return-{count}", lambda: _restart(world))
+        return values
+
+    return with_fleet(world, count, use, agents)
+
+
+async def _restart(world: World) -> None:
+    await asyncio.to_thread(restart_services, world, SERVICES)
+
+
+async def _unless_failed(measured: Awaitable[dict[str, Any]]) -> dict[str, Any]:
+    try:
+        return await measured
+    except Exception as error:  # noqa: BLE001 (whatever it is, there is no figure; the others are still measured)
+        return {"failure": str(error) or type(error).__name__}
+
+
+def _chosen(world: World, count: int, agents: int, driven: int = DRIVEN) -> list[tuple[str, str]]:
+    """Which robots of a fleet are driven, agents and virtual ones: their names and kinds."""
+    names = [robot.name for robot in robots_of(world, count)]
+    real = names[: min(agents, DRIVEN_AGENTS, driven)]
+    virtual = names[agents : agents + driven - len(real)]
+    return [(name, "agent") for name in real] + [(name, "virtual") for name in virtual]
+
+
+async def _drive(
+    world: World, fleet: Fleet, chosen: Sequence[tuple[str, str]], seconds: float
+) -> dict[str, Any]:
+    """Drive all of these at once, and return what their drivers saw, and what the fleet cost meanwhile."""
+    with ExitStack() as stack:
+        place = Path(stack.enter_context(TemporaryDirectory(prefix="rt-drivers-")))
+        given = await asyncio.to_thread(stack.enter_context, tokens(world, len(chosen)))
+        drives = [
+            {"robot": name, "kind": kind, "token": token}
+            for (name, kind), token in zip(chosen, given, strict=True)
+        ]
+        drivers = LineProgram("paper.density.drivers", place / "log")
+        stack.callback(drivers.close)
+        order = {"site": world.address, "rate_hz": RATE_HZ, "seconds": seconds, "drives": drives}
+        drivers.send(order)
+        await asyncio.to_thread(drivers.receive, "it has all leases", READY_WITHIN_S)
+        first = fleet.reading()
+        drivers.send("begin")
+        told = await asyncio.to_thread(drivers.receive, "what drivers saw", seconds * 3 + MORE_S)
+        return {**told, "fleet_cpu_s": cpu_between(first, fleet.reading())}
+
+
+def _soak(soak: tuple[int, int, float, float], agents: int, world: World) -> Values:
+    """Drive some for the whole time, in parts; between two of them, everything returns."""
+    count, driven, seconds, every_s = soak
+
+    async def use(fleet: Fleet) -> dict[str, Any]:
+        end = time.monotonic() + seconds
+        rounds: list[dict[str, Any]] = []
+        await fleet.start("soak")
+        while time.monotonic() < end:
+            drive = _drive(world, fleet, _chosen(world, count, agents, driven), every_s)
+            told = await _unless_failed(drive)
+            memory = {name: use.memory_bytes for name, use in fleet.reading().services.items()}
+            back = await fleet.run(f"soak-{len(rounds)}", lambda: _restart_tunnels(world))
+            rounds.append({"drive": told, "memory_bytes": memory, "message_s": back["message_s"]})
+        return {"count": count, "driven": driven, "seconds": seconds, "rounds": rounds}
+
+    return with_fleet(world, count, use, agents)
+
+
+async def _restart_tunnels(world: World) -> None:
+    """All robots lose their connections, and no service its memory: sshd's connections are ended inside it."""
+    await asyncio.to_thread(world.exec, "sshd", "pkill", "-KILL", "-u", "tunnel", "sshd-session")
+
+
+PART = Part(
+    name="density",
+    title="How many robots a machine carries",
+    steps=steps,
+    report=lambda scale, results: report(results),
+)

@@ -1,0 +1,100 @@
+"""What the page makes of fleets that were driven, returned, and lasted, failures included."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from paper.density.report import memory_spread_percent, report
+from paper.step import Outcome
+
+SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
+
+
+def run(*message_s: float | None, **others: Any) -> dict[str, Any]:
+    """What a fleet's start or return brought; None: no message."""
+    usual = {
+        "message_s": list(message_s),
+        "online_s": list(message_s),
+        "server_s": 1.0,
+        "waits": {},
+        "limits": [],
+        "cpu_s": dict.fromkeys((*SERVICES, "robots"), 0.1),
+        "memory_bytes": dict.fromkeys(SERVICES, 2**20),
+        "idle_s": 10.0,
+        "idle_cpu_s": dict.fromkeys((*SERVICES, "robots"), 0.01),
+    }
+    return {**usual, **others}
+
+
+def drive(kind: str, *, lost: int = 0, endings: dict[str, int] | None = None) -> dict[str, Any]:
+    times = {"1.00": 99, "60.00": 1}
+    told = {"sent": 100, "unsent": 0, "lost": lost, "endings": endings or {}, "refused": {}}
+    return {"robot": "one", "kind": kind, "round_trips": times, **told}
+
+
+def fleet(*drives: dict[str, Any], back: dict[str, Any] | None = None) -> Outcome:
+    used = dict.fromkeys((*SERVICES, "robots", "operators", "rest"), 0.5)
+    driven = {"drives": list(drives), "fleet_cpu_s": used, "cpu_s": 0.5, "took_s": 2.0}
+    values = {"count": 2, "agents": 1, "start": run(1.0, 2.0), "drive": driven}
+    return Outcome(values={**values, "return": back or run(3.0, 4.0)})
+
+
+def soak(*memory: int, lost: int = 0) -> dict[str, Any]:
+    rounds = [
+        {
+            "drive": {"drives": [drive("agent", lost=lost)]},
+            "memory_bytes": {"relay": one},
+            "message_s": [1.0],
+        }
+        for one in memory
+    ]
+    return {"count": 1, "driven": 1, "seconds": 60.0, "rounds": rounds}
+
+
+def aims(**outcomes: Outcome) -> dict[str, Any]:
+    found = report({name.replace("_", "-"): one for name, one in outcomes.items()})
+    return {
+        row.what.partition(": ")[2] or row.what.partition(", ")[2]: row for row in found.comparisons
+    }
+
+
+def test_what_a_robot_costs_is_of_all_server_processes():
+    rows = aims(fleet_2=fleet(drive("agent"), drive("virtual")))
+    assert rows["a start, server's processor a robot"].ours == pytest.approx(250.0)
+    assert rows["idle, server's processor a robot and s"].ours == pytest.approx(2.5)
+    assert rows["server's memory a robot"].ours == pytest.approx(2.5)
+
+
+def test_agents_and_virtual_robots_are_told_apart():
+    found = report({"fleet-2": fleet(drive("agent"), drive("virtual", lost=3))})
+    driven = next(one for one in found.sections if one.title == "Driving in a fleet")
+    assert [(row[1], row[3]) for row in driven.rows] == [("1 agents", 0), ("1 virtual robots", 3)]
+
+
+def test_what_was_lost_or_did_not_come_back_falls_short():
+    ended = drive("virtual", lost=1, endings={"close code 4408": 2})
+    found = report({"fleet-2": fleet(ended, back=run(3.0, None))})
+    short = {row.what for row in found.comparisons if row.is_short}
+    assert "2 robots, late or never back after all containers restart" in short
+    assert "2 robots, driven at 50 Hz: lost" in short
+    assert any("close code 4408 (2)" in line for line in found.shortfalls)
+    assert any("the return of 2 robots: 1 had no message" in line for line in found.shortfalls)
+
+
+def test_a_drive_that_failed_has_no_figure_and_is_told():
+    outcome = fleet()
+    assert outcome.values is not None
+    failed = Outcome(values={**outcome.values, "drive": {"failure": "no lease"}})
+    found = report({"fleet-2": failed})
+    row = next(row for row in found.comparisons if row.what.endswith("50 Hz: lost"))
+    assert math.isnan(row.ours)
+    assert row.is_short
+    assert "driving among 2 robots: no lease" in found.shortfalls
+
+
+def test_memory_of_a_soak_is_compared_from_its_second_part_on():
+    assert memory_spread_percent(soak(50, 100, 104, 99)) == pytest.approx(4.0)
+    rows = aims(soak_1=Outcome(values=soak(50, 100, lost=2)))
+    assert rows["commands lost"].ours == 4
