@@ -154,9 +154,10 @@ def _draw_robot(canvas: ImageDraw.ImageDraw, view: View, scene: Scene) -> None:
 
 
 def _put_caption(image: Image.Image, text: str) -> None:
+    # At the lower left: the page's menus lie over the upper edge, its numbers and the stamp over the lowest eighth.
     height = max(10, image.height // 34)
     caption = _caption(text, height)
-    image.paste(caption, (height // 6, height // 6))
+    image.paste(caption, (height // 6, image.height * 7 // 8 - caption.height))
 
 
 @lru_cache(maxsize=BACKGROUNDS)
