@@ -7,6 +7,7 @@ const MOST_LINES = 200;
 const LONGEST_TEXT = 160;
 const PLAIN_ITEMS = 16;
 const OBJECT_ITEMS = 4;
+const DIGITS = 4;
 
 // The paths of the numbers (and truths) in a message: "twist.linear.x", "ranges[0]".
 export function numbersIn(message) {
@@ -39,46 +40,59 @@ export function numberAt(message, path) {
   return typeof value === "number" ? value : NaN;
 }
 
-// A message as lines of "name: value"; what is long is cut, and says how much is left out.
-export function preview(message) {
+// A message as lines of "name: value"; what is long is cut, and says how much is left out. Numbers have all their digits if
+// `exact`, else those that a person reads.
+export function preview(message, { exact = false } = {}) {
+  /** @type {string[]} */
   const lines = [];
-  write(message, "", lines, 0);
+  write(message, "", { lines, number: exact ? String : readable }, 0);
   return lines.slice(0, MOST_LINES).join("\n") + (lines.length > MOST_LINES ? "\n…" : "");
 }
 
-function write(value, indent, lines, depth) {
-  if (lines.length > MOST_LINES) return;
-  if (depth > DEEPEST) lines.push(`${indent}…`);
-  else if (Array.isArray(value)) writeList(value, indent, lines, depth);
-  else for (const [name, inner] of Object.entries(value ?? {})) writeMember(name, inner, indent, lines, depth);
+function write(value, indent, out, depth) {
+  if (out.lines.length > MOST_LINES) return;
+  if (depth > DEEPEST) out.lines.push(`${indent}…`);
+  else if (Array.isArray(value)) writeList(value, indent, out, depth);
+  else for (const [name, inner] of Object.entries(value ?? {})) writeMember(name, inner, indent, out, depth);
 }
 
-function writeMember(name, value, indent, lines, depth) {
+function writeMember(name, value, indent, out, depth) {
+  const { lines, number } = out;
   if (lines.length > MOST_LINES) return;
-  if (isPlain(value)) lines.push(`${indent}${name}: ${plain(value)}`);
+  if (isPlain(value)) lines.push(`${indent}${name}: ${plain(value, number)}`);
   else {
     lines.push(`${indent}${name}:`);
-    write(value, `${indent}  `, lines, depth + 1);
+    write(value, `${indent}  `, out, depth + 1);
   }
 }
 
-function writeList(list, indent, lines, depth) {
+function writeList(list, indent, out, depth) {
   const shown = list.slice(0, OBJECT_ITEMS);
-  shown.forEach((item, i) => writeMember(`[${i}]`, item, indent, lines, depth));
-  if (list.length > shown.length) lines.push(`${indent}… ${list.length - shown.length} more`);
+  shown.forEach((item, i) => writeMember(`[${i}]`, item, indent, out, depth));
+  if (list.length > shown.length) out.lines.push(`${indent}… ${list.length - shown.length} more`);
+}
+
+// Whole numbers stay, as they are counters and times; so does the whole part of others.
+function readable(number) {
+  if (Number.isInteger(number)) return String(number);
+  return String(Math.abs(number) >= 10 ** DIGITS ? Math.round(number) : Number(number.toPrecision(DIGITS)));
 }
 
 const isPlain = (value) => value === null || typeof value !== "object" || (Array.isArray(value) && value.every(isScalar));
 
 const isScalar = (value) => value === null || typeof value !== "object";
 
-function plain(value) {
-  if (!Array.isArray(value)) return scalar(value);
+function plain(value, number) {
+  if (!Array.isArray(value)) return scalar(value, number);
   const more = value.length > PLAIN_ITEMS ? `, … ${value.length - PLAIN_ITEMS} more` : "";
-  return `[${value.slice(0, PLAIN_ITEMS).map(scalar).join(", ")}${more}]`;
+  return `[${value
+    .slice(0, PLAIN_ITEMS)
+    .map((item) => scalar(item, number))
+    .join(", ")}${more}]`;
 }
 
-function scalar(value) {
+function scalar(value, number) {
+  if (typeof value === "number") return number(value);
   if (typeof value !== "string") return String(value);
   if (value.length <= LONGEST_TEXT) return value;
   return `${value.slice(0, LONGEST_TEXT)}… ${value.length - LONGEST_TEXT} more characters`;

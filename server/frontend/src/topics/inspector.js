@@ -34,6 +34,8 @@ export class Inspector {
     this.getOne = button("topic-get-one", texts.getOne, () => this.probe.getOne());
     this.notice = make("p", { class: "topic-notice", role: "status", "data-testid": "topic-notice" });
     this.content = make("pre", { tabindex: "0", role: "region", "aria-label": texts.content(name), "data-testid": "topic-content" });
+    // All digits while somebody points at it or reads it by the keyboard.
+    for (const name of ["pointerenter", "pointerleave", "focus", "blur"]) this.content.addEventListener(name, () => this.showMessage());
     this.element = make(
       "section",
       { class: "topic-look", "aria-label": name, "data-testid": "topic-look", "data-topic": name },
@@ -74,10 +76,16 @@ export class Inspector {
     setText(this.notice, noticeText(probe));
     if (this.changed && !this.isBeingRead()) {
       this.changed = false;
-      setText(this.content, probe.message === null ? "" : preview(probe.message));
+      this.showMessage();
       this.offerFields();
     }
     this.showPlot();
+  }
+
+  showMessage() {
+    const { message } = this.probe;
+    if (this.isBeingRead()) return;
+    setText(this.content, message === null ? "" : preview(message, { exact: this.content.matches(":hover, :focus") }));
   }
 
   // What is selected, to be copied, stays.

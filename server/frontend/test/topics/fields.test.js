@@ -38,6 +38,12 @@ test("a message is shown as names and values", () => {
   );
 });
 
+test("numbers have four digits, or all of them; whole ones have all", () => {
+  const message = { x: 0.123456789, sec: 1795583926, at: [1.23456e-7, 12345.678] };
+  assert.equal(preview(message), "x: 0.1235\nsec: 1795583926\nat: [1.235e-7, 12346]");
+  assert.equal(preview(message, { exact: true }), "x: 0.123456789\nsec: 1795583926\nat: [1.23456e-7, 12345.678]");
+});
+
 test("objects in a list have their place", () => {
   assert.equal(preview({ status: [{ level: 0 }, { level: 1 }] }), "status:\n  [0]:\n    level: 0\n  [1]:\n    level: 1");
 });
