@@ -94,7 +94,7 @@ def test_who_comes_by_tab_moves_a_slider_and_reads_how_to_drive(robot: Page, sta
     """The arrow keys are the slider's and the page says so; letters drive; after Esc the arrows drive too."""
     slider = robot.get_by_test_id("limit-linear")
     most = float(slider.input_value())
-    robot.get_by_test_id("two-sticks").focus()
+    robot.get_by_test_id("stick-right").focus()
     robot.keyboard.press("Tab")
     expect(slider).to_be_focused()
     expect(_taken(robot)).to_have_text("Arrow keys move the slider. Press Esc to drive with them.")

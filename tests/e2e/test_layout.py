@@ -36,6 +36,14 @@ UNCOVERED = """(names) => names.filter((name) => {
   const is = (x, y) => document.elementFromPoint(x, y)?.closest(`[data-testid=${name}]`) === thing;
   return box.width < 44 || box.height < 44 || !across.every((x) => along.every((y) => is(x, y)));
 })"""
+# Whether all of the picture is on the screen, with nothing over it from side to side at half its height.
+PICTURE_SHOWS = """() => {
+  const stage = document.querySelector('[data-testid=stage]');
+  const { left, right, top, bottom, width, height } = stage.getBoundingClientRect();
+  const is = (share) => stage.contains(document.elementFromPoint(left + width * share, top + height / 2));
+  const whole = left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight;
+  return whole && [0.02, 0.25, 0.5, 0.75, 0.98].every(is);
+}"""
 # Parts that follow the size of another (ResizeObserver) have their place one frame after it.
 NEXT_FRAMES = (
     "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
@@ -102,6 +110,7 @@ def _places(page: Page, request: pytest.FixtureRequest, state: str) -> dict[str,
         where = f"{state} {size}"
         expect_no_sideways_scroll(page)
         assert page.evaluate(UNCOVERED, ["joystick", "stop"]) == [], where
+        assert page.evaluate(PICTURE_SHOWS), where
         assert page.evaluate("document.scrollingElement.scrollHeight <= innerHeight"), where
         stage, screen = _box(page, "stage"), page.viewport_size
         assert screen is not None
@@ -168,6 +177,7 @@ def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(
     open_drawer(driven)
     driven.get_by_test_id("two-sticks").click()
     for size in _at_each_size(driven, request):
+        assert not _overlap(_box(driven, "control"), _box(driven, "drawer")), size
         found = driven.evaluate(QUESTIONS)
         boxes = found["alone"]
         if driven.viewport_size is not None and driven.viewport_size["height"] > 740:
@@ -180,6 +190,23 @@ def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(
                 assert not _overlap(box, _box(driven, name)), f"{size} it covers {name}"
         for name in ("joystick", "joystick-turn", "stop"):
             assert driven.evaluate(UNCOVERED, [name]) == [], f"{size} {name}, with the drawer open"
+
+
+@BOTH
+def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(
+    driven: Page, request: pytest.FixtureRequest
+) -> None:
+    """Whole and uncovered there, as Stop is; the speed that was chosen is there after a reload, too."""
+    left = [_box(driven, "joystick")["x"] for _ in _at_each_size(driven, request)]
+    open_drawer(driven)
+    driven.get_by_test_id("stick-right").click()
+    driven.get_by_test_id("speed-slow").click()
+    for size, before in zip(_at_each_size(driven, request), left, strict=True):
+        assert _box(driven, "joystick")["x"] > before, size
+        assert driven.evaluate(UNCOVERED, ["joystick", "stop"]) == [], size
+    driven.reload()
+    for choice in ("stick-right", "speed-slow"):
+        expect(driven.get_by_test_id(choice)).to_have_attribute("aria-pressed", "true")
 
 
 @BOTH

@@ -45,6 +45,7 @@ export class Summary {
   async driveEnded(fence) {
     const round = ++this.round;
     this.drive = null;
+    this.root.open = false;
     this.show(texts.asking, []);
     const found = await recordOf({ robot: this.robot, fence, fetchDrives, wait });
     if (round !== this.round) return;

@@ -9,11 +9,11 @@ import { FieldFocus, Keyboard } from "./keyboard.js";
 import { Sticks } from "./sticks.js";
 import { Teleop } from "./teleop.js";
 
-// `limits` as of settings.js; `kind`, `output`, `onTake` and `onWanted` as of teleop.js; `onStop()` comes from a gamepad's stop
-// button. Gives {arm, watch, disarm, letGo, halt, useType, held}; `watch(free)` lets a press take the control, if that is free;
+// `limits` as of settings.js; `choices` as of page.js, of this robot's controls; `kind`, `output`, `onTake` and `onWanted` as of
+// teleop.js; `onStop()` comes from a gamepad's stop button. Gives {arm, watch, disarm, letGo, halt, useType, held}; `watch(free)` lets a press take the control, if that is free;
 // `useType(type)` tells the type of the drive commands, which makes a car of a robot that nobody has set up as one.
-export function setUpControls(root, { kind, limits: highest, output, onTake, onWanted, onStop }) {
-  const limits = setUpLimits(root, highest);
+export function setUpControls(root, { kind, limits: highest, choices, output, onTake, onWanted, onStop }) {
+  const limits = setUpLimits(root, highest, choices);
   const inputs = [];
   const onDrop = () => inputs.forEach((input) => input.drop());
   const show = (twist) => {
@@ -22,7 +22,7 @@ export function setUpControls(root, { kind, limits: highest, output, onTake, onW
     sticks.follow({ forward: twist.forward / linear, left: twist.left / linear, turn: twist.turn / angular });
   };
   const teleop = new Teleop({ output, onTake, onWanted: show, limits, kind, onDrop });
-  const sticks = new Sticks(root, { kind, teleop });
+  const sticks = new Sticks(root, { kind, teleop, choices });
   const gamepad = new GamepadPanel(root, { kind, teleop, limits, onStop });
   const keyboard = setUpKeyboard(root, teleop, kind, (by) => limits.step(by));
   inputs.push(keyboard, sticks, gamepad);
@@ -82,10 +82,10 @@ const SAME = 0.01;
 
 // In m/s and rad/s, as of teleop.js. `most` is the robot's own, beyond which nothing goes.
 export class Limits {
-  // `onStep()` reports that a key for faster or slower is held, or no longer.
-  constructor({ maxLinear, maxAngular }, onStep = () => {}) {
+  // `onStep()` reports that a key for faster or slower is held, or no longer; `chosen` is what was chosen before, if anything.
+  constructor({ maxLinear, maxAngular }, onStep = () => {}, chosen = {}) {
     this.most = { linear: maxLinear, angular: maxAngular };
-    this.chosen = { linear: NORMAL, angular: NORMAL };
+    this.chosen = { linear: shareOf(chosen.linear), angular: shareOf(chosen.angular) };
     this.onStep = onStep;
     this.by = 0;
     this.share = 1; // of the robot's own, with turbo
@@ -116,6 +116,8 @@ export class Limits {
   }
 }
 
+const shareOf = (kept) => (kept > 0 && kept <= 1 ? kept : NORMAL);
+
 // The next of the three steps, from a share of the robot's own; there is none beyond the first and the last.
 function stepped(share, by) {
   if (by > 0) return SPEEDS.find((step) => step > share + SAME) ?? share;
@@ -123,10 +125,14 @@ function stepped(share, by) {
   return share;
 }
 
-function setUpLimits(root, highest) {
+function setUpLimits(root, highest, choices) {
   const buttons = [...root.querySelectorAll("[data-step]")];
-  const limits = new Limits(highest, () => showSteps(buttons, limits));
-  const sliders = ["linear", "angular"].map((name) => setUpSlider(root, name, limits, () => showSteps(buttons, limits)));
+  const limits = new Limits(highest, () => showSteps(buttons, limits), choices.all.speed);
+  const onChange = () => {
+    choices.keep({ speed: limits.chosen });
+    showSteps(buttons, limits);
+  };
+  const sliders = ["linear", "angular"].map((name) => setUpSlider(root, name, limits, onChange));
   for (const button of buttons) {
     button.addEventListener("click", () => sliders.forEach((choose) => choose(Number(button.dataset.step))));
   }
@@ -150,17 +156,18 @@ function setUpSlider(root, name, limits, onChange) {
   const output = part(root, `limit-${name}-value`);
   const max = limits.most[name];
   const show = () => {
-    output.textContent = texts[name](Number(slider.value).toFixed(2));
-    onChange();
+    slider.value = limits.chosen[name] * max;
+    output.textContent = texts[name](Number(slider.value));
+    slider.setAttribute("aria-valuetext", output.textContent);
   };
   const choose = (share) => {
     limits.chosen[name] = share;
-    slider.value = share * max;
     show();
+    onChange();
   };
   Object.assign(slider, { min: max / STEPS, max, step: max / STEPS });
   slider.addEventListener("input", () => choose(Math.min(1, Number(slider.value) / max)));
-  choose(limits.chosen[name]);
+  show();
   return choose;
 }
 

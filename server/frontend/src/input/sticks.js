@@ -1,10 +1,8 @@
-// The joysticks on the screen: one for everything, or a left one to drive and a right one to turn. Which of the two a
-// person likes is kept on the device; a robot that goes sideways starts with two, as one cannot tell it to.
+// The joysticks on the screen: one for everything, at the left or at the right, or a left one to drive and a right one to
+// turn. What a person likes is kept for each robot; one that goes sideways starts with two, as one cannot tell it to.
 
-import { LocalStore, byTestId, part } from "../pages/page.js";
+import { byTestId, part } from "../pages/page.js";
 import { hints } from "../texts/inputs.js";
-
-const STORED_AS = "sticks";
 
 // What the position of a stick asks for.
 const both = ({ up, left }) => ({ forward: up, left: 0, turn: left });
@@ -12,19 +10,21 @@ const drive = ({ up, left }) => ({ forward: up, left, turn: 0 });
 const turn = ({ left }) => ({ forward: 0, left: 0, turn: left });
 
 export class Sticks {
-  // `kind` and `teleop` as of teleop.js.
-  constructor(root, { kind, teleop, store = new LocalStore() }) {
+  // `kind` and `teleop` as of teleop.js; `choices` as of page.js, {two, right} of them are of the sticks.
+  constructor(root, { kind, teleop, choices }) {
     this.kind = kind;
     this.teleop = teleop;
-    this.store = store;
+    this.choices = choices;
     this.asks = both;
     this.area = byTestId(root, "controls");
     this.main = this.joystick(byTestId(root, "joystick"), (at) => this.asks(at));
     this.second = this.joystick(byTestId(root, "joystick-turn"), turn);
     this.second.ways = "level";
     this.choice = byTestId(root, "two-sticks");
-    this.choice.addEventListener("click", () => this.choose(!this.two));
-    this.show(this.remembered());
+    this.choice.addEventListener("click", () => this.choose({ two: !this.two }));
+    this.side = byTestId(root, "stick-right");
+    this.side.addEventListener("click", () => this.choose({ right: !this.right }));
+    this.show();
   }
 
   joystick(element, asks) {
@@ -38,25 +38,31 @@ export class Sticks {
     });
   }
 
-  remembered() {
-    const two = this.store.read(STORED_AS);
+  get two() {
+    const { two } = this.choices.all;
     return typeof two === "boolean" ? two : this.kind === "holonomic";
   }
 
-  choose(two) {
-    this.teleop.letGo(); // what is held would mean something else
-    this.store.write(STORED_AS, two);
-    this.show(two);
+  get right() {
+    return this.choices.all.right === true;
   }
 
-  show(two) {
-    this.two = two;
+  choose(chosen) {
+    this.teleop.letGo(); // what is held would mean something else, or be elsewhere
+    this.choices.keep(chosen);
+    this.show();
+  }
+
+  show() {
+    const { two, right } = this;
     const throttle = two && this.kind !== "holonomic";
     this.main.ways = throttle ? "upright" : "both";
     this.asks = two ? drive : both;
     this.second.element.hidden = !two;
-    for (const element of [this.area, this.area.parentElement]) element.dataset.sticks = two ? "two" : "one"; // and the deck
+    for (const { dataset } of [this.area, this.area.parentElement]) dataset.sticks = two ? "two" : right ? "right" : "one"; // and the deck
     this.choice.setAttribute("aria-pressed", String(two));
+    this.side.setAttribute("aria-pressed", String(right));
+    this.side.disabled = two;
     const words = hints.sticks;
     this.label(this.main, two ? words.two(this.kind) : words.one());
     this.label(this.second, words.turn(this.kind));

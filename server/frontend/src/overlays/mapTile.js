@@ -80,6 +80,16 @@ export class MapTile {
     this.draw();
     const { robot } = this.world;
     setText(part(this.element, "pose"), robot.old ? "" : texts.pose(robot));
+    this.showScale();
+  }
+
+  // How long a metre is, or five or more where one is too short to see.
+  showScale() {
+    const scale = part(this.element, "scale");
+    const zoom = ZOOMS[this.zoom];
+    const metres = stepOf(SCALE_LEAST_PX, zoom);
+    setText(scale, texts.scale(metres));
+    scale.style.width = `${metres * zoom}px`;
   }
 
   draw() {
@@ -106,12 +116,11 @@ export class MapTile {
 }
 
 // Draws the robot from above: map, path, scan and itself, in the middle of a canvas. Draws only; world.js knows.
-const COLOURS = { grid: "#232b36", path: "#5aa9ff", scan: "#ff6b6b", robot: "#ffb000", old: "#8a94a3", scale: "#c9d2de" };
+const COLOURS = { grid: "#232b36", path: "#5aa9ff", scan: "#ff6b6b", robot: "#ffb000", old: "#8a94a3" };
 const ROBOT_M = 0.3;
 const ROBOT_LEAST_PX = 9;
 const GRID_LEAST_PX = 14;
 const SCALE_LEAST_PX = 30;
-const LARGE_PX = 260;
 
 // `zoom` in device pixels a metre. `parts` {scan, path, map}: what is wanted to be seen.
 function drawWorld(canvas, world, { zoom, parts }) {
@@ -128,27 +137,6 @@ function drawWorld(canvas, world, { zoom, parts }) {
     if (parts.scan && world.points) drawScan(context, world.points, zoom);
     drawRobot(context, robot.old, zoom);
   });
-  drawScale(context, canvas, zoom);
-}
-
-// How long a metre is, or five or more where one is too short to see.
-function drawScale(context, canvas, zoom) {
-  const ratio = window.devicePixelRatio || 1;
-  const step = stepOf(SCALE_LEAST_PX * ratio, zoom);
-  // Above the numbers, which lie over the foot of a large tile (drive-view.css).
-  const [right, bottom] = [canvas.width - 10 * ratio, canvas.height - (canvas.height > LARGE_PX * ratio ? 58 : 10) * ratio];
-  const left = right - step * zoom;
-  context.setTransform(1, 0, 0, 1, 0, 0);
-  context.beginPath();
-  context.moveTo(left, bottom - 6 * ratio);
-  context.lineTo(left, bottom);
-  context.lineTo(right, bottom);
-  context.lineTo(right, bottom - 6 * ratio);
-  stroke(context, COLOURS.scale, 2 * ratio);
-  context.fillStyle = COLOURS.scale;
-  context.font = `${12 * ratio}px system-ui, sans-serif`;
-  context.textAlign = "center";
-  context.fillText(texts.scale(step), (left + right) / 2, bottom - 4 * ratio);
 }
 
 const stepOf = (leastPx, zoom) => [1, 5, 10, 50, 100].find((metres) => metres * zoom >= leastPx) ?? 500;

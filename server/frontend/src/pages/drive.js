@@ -18,7 +18,7 @@ import { Topics } from "../topics/topicList.js";
 import { ObserverConnection } from "../topics/topicProbe.js";
 import { View } from "../video/view.js";
 import { LoginUse, api } from "./calls.js";
-import { FIELDS, byTestId, localTime, matches, part, setText } from "./page.js";
+import { Choices, FIELDS, byTestId, localTime, matches, part, setText } from "./page.js";
 import { driveSettings } from "./settings.js";
 
 const CHECK_MS = 50;
@@ -95,6 +95,7 @@ function controlOptions() {
   return {
     kind,
     limits,
+    choices: new Choices(`controls.${robot}`),
     output: arming,
     onTake: () => driveMode.press() || controls.letGo(),
     onWanted: useWanted,

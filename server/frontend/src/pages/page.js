@@ -104,3 +104,18 @@ export class LocalStore {
     }
   }
 }
+
+// What a person chose for one part of a page, as an object that is kept under one name.
+export class Choices {
+  constructor(name, store = new LocalStore()) {
+    this.name = name;
+    this.store = store;
+    const kept = store.read(name);
+    this.all = kept !== null && typeof kept === "object" ? kept : {};
+  }
+
+  keep(chosen) {
+    this.all = { ...this.all, ...chosen };
+    this.store.write(this.name, this.all);
+  }
+}

@@ -126,8 +126,8 @@ export const readings = {
 };
 
 export const limits = {
-  linear: (value) => `${value} m/s`,
-  angular: (value) => `${value} rad/s`,
+  linear: (value) => `${value.toFixed(2)} m/s`,
+  angular: (value) => `${Math.round((value * 180) / Math.PI)} °/s`,
 };
 
 export const feed = {

@@ -7,7 +7,7 @@ import { LaserRing } from "../overlays/laserRing.js";
 import { MapTile } from "../overlays/mapTile.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
-import { LocalStore, TEXT, byTestId, download, matches, part, setText } from "../pages/page.js";
+import { Choices, TEXT, byTestId, download, matches, part, setText } from "../pages/page.js";
 import { video as texts } from "../texts/video.js";
 import { cameraTopics, frameTopics, offeredCameras, topicOf } from "../topics/discovery.js";
 import { requestedQuality } from "./cameraTile.js";
@@ -19,7 +19,7 @@ const CHECK_MS = 100;
 const SHOW_EVERY = 2; // of these
 const NOTE_MS = 6000;
 const SETTLE_MS = 300;
-const ROOM_FOR_MAP = "(min-width: 600px) and (min-height: 700px)"; // as of drive-deck.css
+const ROOM_FOR_MAP = "(min-width: 600px) and (min-height: 700px), (max-width: 599px) and (min-height: 800px)"; // as of drive-deck.css
 
 export class View {
   // `holdAfterMs` as of settings.js; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of
@@ -31,9 +31,8 @@ export class View {
     this.now = now;
     this.page = settings.page ?? {};
     this.element = byTestId(root, "view");
-    this.store = new LocalStore();
-    this.memory = chosenBefore(this.store, robot);
-    this.layout = new Layout(this.memory.layout);
+    this.choices = new Choices(`sight.${robot}`);
+    this.layout = new Layout(this.choices.all.layout);
     this.known = new Set(); // topics of cameras; one whose node has died is a missing picture, not a robot without a camera
     this.mainTimestamp = new MainTimestamp();
     this.sleep = new Sleep();
@@ -63,8 +62,8 @@ export class View {
       set: { width: this.page.width ?? null, height: this.page.height ?? null },
       oldMs,
       world: this.world,
-      memory: () => this.memory.map,
-      onMemory: (map) => this.keep({ map }),
+      memory: () => this.choices.all.map,
+      onMemory: (map) => this.choices.keep({ map }),
       onPainted: (topic) => this.seen(topic),
       onDown: () => this.lacks(),
       onChoose: (id) => this.change(() => this.layout.choose(id)),
@@ -147,10 +146,11 @@ export class View {
   setUpTools() {
     const { layout, quality, full, laser } = this.tools;
     layout.value = this.layout.kind;
-    if ([...quality.options].some(({ value }) => value === this.memory.quality)) quality.value = this.memory.quality;
+    const { all: chosen } = this.choices;
+    if ([...quality.options].some(({ value }) => value === chosen.quality)) quality.value = chosen.quality;
     full.hidden = !mayBeFull();
     if (!this.ring) return;
-    laser.checked = Boolean(this.memory.laser);
+    laser.checked = Boolean(chosen.laser);
     this.ring.show(laser.checked);
   }
 
@@ -159,11 +159,11 @@ export class View {
     onChoice(camera, (id) => this.change(() => this.layout.choose(id)));
     onChoice(layout, (kind) => this.change(() => this.layout.use(kind)));
     onChoice(quality, (value) => {
-      this.keep({ quality: value });
+      this.choices.keep({ quality: value });
       this.tiles.each((tile) => tile.ask());
     });
     laser?.addEventListener("change", () => {
-      this.keep({ laser: laser.checked });
+      this.choices.keep({ laser: laser.checked });
       this.ring?.show(laser.checked);
     });
     turn.addEventListener("click", () => this.change(() => this.layout.turn(this.layout.main)));
@@ -186,13 +186,8 @@ export class View {
 
   change(act) {
     act();
-    this.keep({ layout: this.layout.memory });
+    this.choices.keep({ layout: this.layout.memory });
     this.arrange();
-  }
-
-  keep(chosen) {
-    this.memory = { ...this.memory, ...chosen };
-    this.store.write(storedAs(this.robot), this.memory);
   }
 
   resized() {
@@ -301,14 +296,6 @@ export class MainTimestamp {
     this.newest = at ?? this.before;
     return this.newest;
   }
-}
-
-const storedAs = (robot) => `sight.${robot}`;
-
-// What the person chose for the video of this robot, on this device.
-export function chosenBefore(store, robot) {
-  const chosen = store.read(storedAs(robot));
-  return chosen !== null && typeof chosen === "object" ? chosen : {};
 }
 
 function onChoice(choice, act) {

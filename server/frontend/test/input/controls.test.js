@@ -13,6 +13,11 @@ test("limits start at the normal speed", () => {
   assert.deepEqual([limits.linear, limits.angular], [0.6, 1.2]);
 });
 
+test("limits start as they were chosen before, but for what is no share", () => {
+  const { chosen } = new Limits({ maxLinear: 1, maxAngular: 2 }, undefined, { linear: 0.3, angular: 7 });
+  assert.deepEqual(chosen, { linear: 0.3, angular: 0.6 });
+});
+
 test("a step is faster or slower than chosen while it is held, and never beyond the robot's own or below slow", () => {
   const speeds = (by) => {
     limits.step(by);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { LocalStore, shortNumber, sizeText } from "../../src/pages/page.js";
+import { Choices, LocalStore, shortNumber, sizeText } from "../../src/pages/page.js";
 
 // As the browser's, in memory.
 function storage() {
@@ -38,6 +38,16 @@ test("a browser that keeps nothing is no error", () => {
   kept.write("sticks", true);
   kept.forget("sticks");
   assert.equal(kept.read("sticks"), null);
+});
+
+test("choices are those of their name, nonsense is none, and what is chosen anew leaves the others", () => {
+  const store = storage();
+  const choices = (name) => new Choices(name, new LocalStore(() => store));
+  store.values.set("robotether.sight.sim2", "7");
+  choices("sight.sim1").keep({ quality: "50" });
+  choices("sight.sim1").keep({ laser: true });
+  assert.deepEqual(choices("sight.sim1").all, { quality: "50", laser: true });
+  assert.deepEqual([choices("sight.sim2").all, choices("sight.sim3").all], [{}, {}]);
 });
 
 test("numbers are short and still tell small from none", () => {

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { MAP } from "../../src/video/layout.js";
-import { MainTimestamp, View, chosenBefore, viewActionOf, snapshotName, snapshotUrl } from "../../src/video/view.js";
+import { MainTimestamp, View, viewActionOf, snapshotName, snapshotUrl } from "../../src/video/view.js";
 
 const within = (...selectors) => ({ closest: (asked) => selectors.some((one) => asked.includes(one)) || null });
 const page = within();
@@ -39,14 +39,6 @@ test("a file is named after robot, camera and time, in plain letters", () => {
   const time = new Date("2026-01-02T03:04:05.678Z");
   assert.equal(snapshotName("sim1", "/camera/image_raw", time), "sim1-camera-image-raw-20260102T030405Z.jpg");
   assert.equal(snapshotName("sim1", "../..", time), "sim1-camera-20260102T030405Z.jpg");
-});
-
-test("what was chosen for a robot is its own, and nonsense is nothing", () => {
-  const kept = { "sight.sim1": { quality: "50" }, "sight.sim2": 7 };
-  const store = { read: (name) => kept[name] ?? null };
-  assert.deepEqual(chosenBefore(store, "sim1"), { quality: "50" });
-  assert.deepEqual(chosenBefore(store, "sim2"), {});
-  assert.deepEqual(chosenBefore(store, "sim3"), {});
 });
 
 test("another camera begins with the moment of the one before and then answers for itself", () => {
