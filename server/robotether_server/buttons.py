@@ -36,7 +36,9 @@ MEMBERS: dict[Kind, tuple[str, str]] = {"publish": ("topic", "msg"), "call": ("s
 
 def _type(given: object, path: str) -> str:
     if not isinstance(given, str) or not ROS_TYPE.fullmatch(given):
-        raise FieldInvalid(f"cannot use {path}: it must be a type of ROS, such as std_msgs/Bool")
+        raise FieldInvalid(
+            f"cannot use {path}: it must be a type of ROS, such as std_msgs/Bool", path
+        )
     return given
 
 
@@ -46,14 +48,14 @@ def _type_or_nothing(given: object, path: str) -> str:
 
 def _fields(given: object, path: str) -> dict[str, Any]:
     if not isinstance(given, dict):
-        raise FieldInvalid(f"cannot use {path}: it must be a JSON object, such as {{}}")
+        raise FieldInvalid(f"cannot use {path}: it must be a JSON object, such as {{}}", path)
     _check(given, path, 1)
     try:
         size = len(_text(given).encode())
     except UnicodeEncodeError:
-        raise FieldInvalid(f"cannot use {path}: it holds half of a character") from None
+        raise FieldInvalid(f"cannot use {path}: it holds half of a character", path) from None
     if size > MAX_FIELDS_BYTES:
-        raise FieldInvalid(f"cannot use {path}: it has over {MAX_FIELDS_BYTES} bytes as JSON")
+        raise FieldInvalid(f"cannot use {path}: it has over {MAX_FIELDS_BYTES} bytes as JSON", path)
     return given
 
 
@@ -130,7 +132,9 @@ def made(given: list[GivenButton]) -> tuple[Button, ...]:
     names = [button.name for button in buttons]
     for name in names:
         if names.count(name) > 1:
-            raise FieldInvalid(f"cannot use buttons: there are two of the name {name!r}")
+            raise FieldInvalid(
+                f"cannot use buttons: there are two of the name {name!r}", "button.name"
+            )
     return buttons
 
 
@@ -145,7 +149,9 @@ def _made(given: GivenButton) -> Button:
 def _check(value: Any, path: str, depth: int) -> None:
     """Refuse what the relay would not pass on (relay/rosbridge/operations.py), or no robot reads."""
     if depth > MAX_FIELDS_DEPTH:
-        raise FieldInvalid(f"cannot use {path}: it is nested more than {MAX_FIELDS_DEPTH} deep")
+        raise FieldInvalid(
+            f"cannot use {path}: it is nested more than {MAX_FIELDS_DEPTH} deep", path
+        )
     if isinstance(value, dict):
         for inner in value.values():
             _check(inner, path, depth + 1)
@@ -153,6 +159,6 @@ def _check(value: Any, path: str, depth: int) -> None:
         for inner in value:
             _check(inner, path, depth + 1)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise FieldInvalid(f"cannot use {path}: NaN and infinity are no numbers of JSON")
+        raise FieldInvalid(f"cannot use {path}: NaN and infinity are no numbers of JSON", path)
     elif isinstance(value, int) and not WHOLE_64_BIT[0] <= value <= WHOLE_64_BIT[1]:
-        raise FieldInvalid(f"cannot use {path}: a number in it has more than 64 bits")
+        raise FieldInvalid(f"cannot use {path}: a number in it has more than 64 bits", path)

@@ -98,12 +98,16 @@ def check(page: PageSettings) -> PageSettings:
     """Return the settings; raise FieldInvalid where they do not fit together."""
     if page.quality_min > page.quality_max:
         raise FieldInvalid(
-            f"cannot use page.quality_min: {page.quality_min} is over page.quality_max, {page.quality_max}"
+            f"cannot use page.quality_min: {page.quality_min} is over page.quality_max, {page.quality_max}",
+            "page.quality_min",
         )
     if (page.width is None) != (page.height is None):
-        raise FieldInvalid("cannot use page.width: give width and height, or neither")
+        raise FieldInvalid("cannot use page.width: give width and height, or neither", "page.width")
     topics = [camera.topic for camera in page.cameras]
     for topic in topics:
         if topics.count(topic) > 1:
-            raise FieldInvalid(f"cannot use page.cameras: {topic} is there twice")
+            raise FieldInvalid(
+                f"cannot use page.cameras: {topic} is there twice",
+                f"page.cameras.{len(topics) - topics[::-1].index(topic)}.topic",
+            )
     return page

@@ -4,6 +4,10 @@ Raised by every module of this package; turned into an RFC 9457 answer at the bo
 A detail is for the person who asked, so it must never hold a secret or another user's record.
 """
 
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
 from http import HTTPStatus
 
 PROBLEM_JSON = "application/problem+json"
@@ -14,6 +18,8 @@ class Problem(Exception):  # noqa: N818 - the word of RFC 9457 for what it rende
 
     code: str = "internal_error"
     status: int = HTTPStatus.INTERNAL_SERVER_ERROR
+    # The field of a form that is wrong, if it is one field.
+    field: str = ""
 
     def __init_subclass__(cls, *, code: str = "", status: int = 0) -> None:
         """What is not given is as in the class above."""
@@ -35,6 +41,27 @@ class Problem(Exception):  # noqa: N818 - the word of RFC 9457 for what it rende
             "code": self.code,
             "detail": self.detail,
         }
+
+    @property
+    def each(self) -> Sequence[Problem]:
+        """The problems of single fields, in the order of the form."""
+        return (self,)
+
+    @property
+    def at_field(self) -> str:
+        """The sentence beside the field, whose label names it: "Enter a whole number from 200 to 2000."."""
+        why = self.detail.partition(": ")[2] or self.detail
+        for said, asked in _ASKS:
+            why = said.sub(asked, why)
+        return why[:1].upper() + why[1:].rstrip(".") + "."
+
+
+# "It must be X" asks for X.
+_ASKS = (
+    (re.compile(r"^it must be null or (.*)$"), r"enter \1, or leave it empty"),
+    (re.compile(r"^it must be one of "), "choose one of "),
+    (re.compile(r"^it must be "), "enter "),
+)
 
 
 class SettingsError(Problem, code="settings_invalid"):
@@ -59,6 +86,15 @@ class RecordExists(StoreProblem, code="record_exists", status=409):
     def __init__(self, detail: str, key: str = "") -> None:
         super().__init__(detail)
         self.key = key
+        self.field = KEYS_FIELDS.get(key, key)
+
+
+# Of the unique keys that do not have the name of a form's field.
+KEYS_FIELDS = {
+    "api_tokens_name": "name",
+    "user_ssh_keys_name": "name",
+    "user_ssh_keys_fingerprint": "public_key",
+}
 
 
 class RecordMissing(StoreProblem, code="record_missing", status=404):
@@ -163,6 +199,19 @@ class FieldInvalid(Problem, code="field_invalid", status=422):
     def __init__(self, detail: str, field: str = "") -> None:
         super().__init__(detail)
         self.field = field
+
+
+class FieldsInvalid(FieldInvalid):
+    """Several fields of a form are wrong; the detail is the first one's."""
+
+    def __init__(self, each: Sequence[FieldInvalid]) -> None:
+        super().__init__(each[0].detail, each[0].field)
+        self._each = each
+
+    @property
+    def each(self) -> Sequence[Problem]:
+        """The problems of single fields, in the order of the form."""
+        return self._each
 
 
 class MacInUse(Problem, code="mac_in_use", status=409):

@@ -36,7 +36,7 @@ def _drive_topics(given: object, path: str) -> Globs:
     globs = schemas.read_globs(given, path)
     if not globs.patterns:
         # Without one, every command would pass the guard unseen.
-        raise FieldInvalid(f"cannot use {path}: it must name at least one topic")
+        raise FieldInvalid(f"cannot use {path}: it must name at least one topic", path)
     return globs
 
 
@@ -242,12 +242,14 @@ def check_button(settings: RobotSettings, button: Button) -> None:
     if button.kind == "publish" and settings.guard.drive_topics.match(button.target):
         raise FieldInvalid(
             f"cannot use button {button.name!r}: {button.target} is a drive topic of this robot (guard.drive_topics), "
-            "and those are for the page's own controls"
+            "and those are for the page's own controls",
+            "button.target",
         )
     if (path := lacking(settings, button)) is not None:
         raise FieldInvalid(
             f"cannot use button {button.name!r}: the robot's policy does not let a driver {button.kind} "
-            f"{button.target}; an admin adds it to {path}, or the button goes"
+            f"{button.target}; an admin adds it to {path}, or the button goes",
+            "button.target",
         )
 
 
@@ -257,7 +259,8 @@ def _check_drive_topic(settings: RobotSettings) -> None:
         # The guard would not watch over it: nothing would stop the robot when commands stop.
         raise FieldInvalid(
             f"cannot use page.drive_topic: {topic} is no drive topic of this robot; an admin adds it to "
-            "guard.drive_topics"
+            "guard.drive_topics",
+            "page.drive_topic",
         )
 
 

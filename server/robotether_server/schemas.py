@@ -104,12 +104,15 @@ GivenTimestamp = Annotated[
 def read_globs(given: object, path: str) -> Globs:
     """Return patterns for names; raise FieldInvalid."""
     if not isinstance(given, list | tuple) or len(given) > MAX_GLOBS:
-        raise FieldInvalid(f"cannot use {path}: it must be a list of at most {MAX_GLOBS} names")
+        raise FieldInvalid(
+            f"cannot use {path}: it must be a list of at most {MAX_GLOBS} names", path
+        )
     for pattern in given:
         if not isinstance(pattern, str) or not is_glob(pattern):
             raise FieldInvalid(
                 f"cannot use {path}: {str(pattern)[:40]!r} is no full name, such as /arm/move or */cmd_vel; a "
-                f"name begins with / or *, has a-z, A-Z, 0-9, _, / and * and at most {MAX_GLOB_LENGTH} characters"
+                f"name begins with / or *, has a-z, A-Z, 0-9, _, / and * and at most {MAX_GLOB_LENGTH} characters",
+                path,
             )
     return Globs(dict.fromkeys(given))
 

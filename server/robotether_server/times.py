@@ -56,7 +56,8 @@ def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:
         return timestamp(field, text)
     except (ValueError, FieldInvalid) as error:
         raise FieldInvalid(
-            f"cannot use {field}: it must be a day in UTC, such as 2026-01-31, or {MUST_BE}"
+            f"cannot use {field}: it must be a day in UTC, such as 2026-01-31, or {MUST_BE}",
+            field,
         ) from error
 
 

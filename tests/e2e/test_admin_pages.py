@@ -113,7 +113,7 @@ def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
     page.get_by_test_id("rename").click()
     page.get_by_label("New name").fill("sim1")
     page.get_by_test_id("deed-do").click()
-    expect(page.get_by_test_id("form-problem")).to_contain_text("sim1")
+    expect(page.get_by_test_id("form-problem")).to_contain_text("Another robot has it.")
     expect(page.get_by_label("New name")).to_have_value("sim1")
     _do(page, stack, "/admin/robots/lift/rename", "Robot lift is now crane.", New_name="crane")
     expect(page.get_by_test_id("robot-name")).to_have_text("crane")

@@ -71,13 +71,15 @@ def read(text: str) -> dict[str, object]:
     except json.JSONDecodeError as error:
         raise FieldInvalid(
             f"cannot read what the button sends: {error.msg} at line {error.lineno}, column {error.colno}; it must "
-            'be a JSON object such as {"data": true}'
+            'be a JSON object such as {"data": true}',
+            "sends",
         ) from error
     except (ValueError, RecursionError) as error:
-        raise FieldInvalid(f"cannot read what the button sends: {error}") from error
+        raise FieldInvalid(f"cannot read what the button sends: {error}", "sends") from error
     if not isinstance(found, dict):
         raise FieldInvalid(
-            'cannot read what the button sends: it must be a JSON object such as {"data": true}'
+            'cannot read what the button sends: it must be a JSON object such as {"data": true}',
+            "sends",
         )
     return found
 

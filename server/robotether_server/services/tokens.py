@@ -65,10 +65,12 @@ def create_join_token(
     """
     schemas.check("name", name, Label)
     if not 1 <= uses <= MAX_USES:
-        raise FieldInvalid(f"cannot use uses: it must be 1 to {MAX_USES}")
+        raise FieldInvalid(f"cannot use uses: it must be 1 to {MAX_USES}", "uses")
     lifetime = expires_at - dt.datetime.now(dt.UTC)
     if not dt.timedelta() < lifetime <= MAX_LIFETIME:
-        raise FieldInvalid("cannot use hours: the token's time must end within 1 to 8760 hours")
+        raise FieldInvalid(
+            "cannot use hours: the token's time must end within 1 to 8760 hours", "hours"
+        )
     text = join_tokens.create(
         tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH], place=place
     )

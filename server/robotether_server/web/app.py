@@ -17,7 +17,7 @@ from robotether_server.install_line import SiteCertificates
 from robotether_server.problems import OriginRefused
 from robotether_server.settings import WebSettings, load
 from robotether_server.tickets import TicketSigner
-from robotether_server.web import admin, current_user, errors, page_texts
+from robotether_server.web import admin, current_user, errors, forms, page_texts
 from robotether_server.web.pages import (
     button_forms,
     documents,
@@ -92,6 +92,7 @@ def create_app(settings: WebSettings) -> Flask:
     app.after_request(_add_headers)
     _register_cors(app, settings.allowed_origins)
     page_texts.register(app)
+    forms.register(app)
     current_user.register(app)
     app.register_blueprint(home.blueprint)
     app.register_blueprint(api.blueprint)

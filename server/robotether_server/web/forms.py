@@ -1,18 +1,24 @@
-"""Forms that save: their paths, and typed getters for what people fill in; a refusal names the field by its label."""
+"""Forms that save: their paths, typed getters for what people fill in, and where a page says what is wrong.
+
+A refusal names the field; _forms.html marks it, and the page begins with a summary that leads to it.
+"""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from http import HTTPStatus
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
-from flask import Blueprint, flash, redirect, request
+from flask import Blueprint, Flask, flash, g, redirect, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.problems import FieldInvalid, Problem, RecordExists
+from robotether_server.schemas import MAX_NAME_LENGTH, ROBOT_NAME_PATTERN
 from robotether_server.web import current_user
 
-NUMBER = re.compile(r"-?\d{1,12}(\.\d{1,12})?", re.ASCII)
+# As people write it in any language: 0.5 or 0,5.
+NUMBER = re.compile(r"-?\d{1,12}([.,]\d{1,12})?", re.ASCII)
 METHODS = ["GET", "POST"]
 T = TypeVar("T", bound=str)
 # Where to go on and what is said there; or a page, for a secret that no other page may hold.
@@ -44,6 +50,45 @@ def form(blueprint: Blueprint, path: str, page: Callable[..., str]) -> Callable[
     return register
 
 
+class WrongField(NamedTuple):
+    """One line of the summary: what is wrong, and the field's id and label if it is one of the page."""
+
+    sentence: str
+    id: str = ""
+    label: str = ""
+
+
+def register(app: Flask) -> None:
+    """Let templates mark wrong fields and sum them up."""
+    app.add_template_global(wrong_at)
+    app.add_template_global(wrong_fields)
+
+
+def wrong_at(problem: Problem | None, name: str, id_: str, label: str) -> str:
+    """Return what is wrong with the field of this name, empty if nothing, and note where it is for the summary."""
+    for one in problem.each if problem else ():
+        if one.field == name:
+            g.setdefault("marked", {})[name] = WrongField(one.at_field, id_, label)
+            return one.at_field
+    return ""
+
+
+def wrong_fields(problem: Problem) -> list[WrongField]:
+    """Return the lines of the summary; the page's fields must have been drawn."""
+    marked: dict[str, WrongField] = g.get("marked", {})
+    return [marked.get(one.field) or WrongField(one.detail) for one in problem.each]
+
+
+@contextmanager
+def named(fields: Mapping[str, str]) -> Iterator[None]:
+    """Name the field of a refusal in the block as this form does: {name in the refusal: name in the form}."""
+    try:
+        yield
+    except (FieldInvalid, RecordExists) as problem:
+        problem.field = fields.get(problem.field, problem.field)
+        raise
+
+
 def go_on(path: str, message: str) -> AnyResponse:
     """Redirect to another page, with a message about what was done. The message must hold no secret."""
     flash(message)
@@ -66,6 +111,16 @@ def optional_text(name: str, label: str, longest: int) -> str | None:
             f"cannot use {label}: at most {longest} printable characters are allowed", name
         )
     return value or None
+
+
+def robot_name(name: str, label: str) -> str:
+    """Return a name that a robot may have."""
+    value = text(name, label, MAX_NAME_LENGTH)
+    if not re.fullmatch(ROBOT_NAME_PATTERN, value):
+        raise FieldInvalid(
+            f"cannot use {label}: a name has a-z, 0-9 and -, neither first nor last a -", name
+        )
+    return value
 
 
 def secret(name: str) -> str:
@@ -108,9 +163,13 @@ def is_ticked(name: str) -> bool:
     return bool(request.form.get(name))
 
 
-def number_or_text(text: str) -> object:
-    """Return the value of a setting's text; one that is no number stays a text, and the settings refuse it by name."""
-    return float(text) if NUMBER.fullmatch(text) else text
+def number_or_text(text: str, *, whole: bool = False) -> object:
+    """Return the value of a setting's text; one that is no number stays a text, and the settings refuse it by name.
+
+    A whole number has no comma: 2,000 is two thousand to some and two to others.
+    """
+    is_number = NUMBER.fullmatch(text) and not (whole and "," in text)
+    return float(text.replace(",", ".")) if is_number else text
 
 
 def value_text(value: object) -> str:

@@ -62,10 +62,10 @@ def audited(database: Database, kind: str) -> list[tuple[str, dict[str, object]]
 
 
 def problem_of(page: str) -> str:
-    """The sentence that a form came back with."""
-    found = re.search(r'data-testid="form-problem">([^<]*)<', page)
+    """The summary that a form came back with."""
+    found = re.search(r'data-testid="form-problem">(.*?)</div>', page, re.S)
     assert found, page
-    return html.unescape(found[1])
+    return " ".join(html.unescape(re.sub("<[^>]*>", "", found[1])).split())
 
 
 def filled(browser: Browser) -> dict[str, Any]:

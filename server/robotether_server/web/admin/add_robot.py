@@ -84,7 +84,7 @@ def create_line(tx: Transaction, source: Source) -> Saved:
 def announce(tx: Transaction, source: Source) -> Saved:
     """Announce a robot by its MAC and name."""
     mac = forms.text("mac", "MAC address", MAX_MAC_LENGTH)
-    name = forms.text("name", "Name", MAX_NAME_LENGTH)
+    name = forms.robot_name("name", "Name of the robot")
     robot = robot_service.add(tx, source, mac, name, allow_local_mac=forms.is_ticked("local_mac"))
     return (
         f"/admin/robots/{robot.name}",

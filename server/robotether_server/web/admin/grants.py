@@ -116,7 +116,7 @@ def _grantee() -> Grantee:
         return Grantee("user", name)
     if kind == "group" and name:
         return Grantee("group", name)
-    raise FieldInvalid("cannot use Who: choose a user or a group")
+    raise FieldInvalid("cannot use Who: choose a user or a group", "holder")
 
 
 def _scope() -> Scope:
@@ -127,7 +127,7 @@ def _scope() -> Scope:
         return Scope("robot", name)
     if kind == "site" and name:
         return Scope("site", name)
-    raise FieldInvalid("cannot use What: choose a robot, a site or all robots")
+    raise FieldInvalid("cannot use What: choose a robot, a site or all robots", "scope")
 
 
 def _found(grant_id: int) -> Words:

@@ -30,7 +30,7 @@ def approve(tx: Transaction, source: Source) -> Saved:
     """Approve one key that waits, perhaps under another name."""
     name = forms.text("robot", "Robot", MAX_NAME_LENGTH)
     fingerprint = forms.text("fingerprint", "Fingerprint", MAX_FINGERPRINT_LENGTH)
-    new_name = forms.text("name", "Name", MAX_NAME_LENGTH)
+    new_name = forms.robot_name("name", "Name")
     robots.approve(tx, source, name, fingerprint)
     robots.rename(tx, source, name, new_name)
     onward = f"{add_robot.PAGE}?{urlencode({'robot': new_name})}#waiting"

@@ -145,7 +145,9 @@ def found(name: str) -> Words:
 
 
 def _rename(tx: Transaction, source: Source, name: str) -> Robot:
-    return robots.rename(tx, source, name, forms.text("new_name", "New name", MAX_NAME_LENGTH))
+    new_name = forms.robot_name("new_name", "New name")
+    with forms.named({"name": "new_name"}):
+        return robots.rename(tx, source, name, new_name)
 
 
 def _set_mac(tx: Transaction, source: Source, name: str) -> None:

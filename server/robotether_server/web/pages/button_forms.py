@@ -24,6 +24,16 @@ blueprint.before_request(current_user.require_user)
 
 KINDS = (("publish", "Publish a message"), ("call", "Call a service"))
 MAX_TYPE_LENGTH = 140
+# What refusals of settings call the form's fields.
+FORM_NAMES = {
+    "button.name": "name",
+    "button.type": "type",
+    "button.target": "target",
+    "button.topic": "target",
+    "button.service": "target",
+    "button.msg": "sends",
+    "button.args": "sends",
+}
 EMPTY = {"name": "", "kind": "publish", "target": "", "type": "", "sends": "{}", "confirm": ""}
 
 
@@ -95,11 +105,12 @@ def _save(
     put: Callable[[list[Button], Button], list[Button]],
 ) -> Saved:
     """Let the form's button into the robot's."""
-    button = _sent()
     drive_pages.find_managed(tx, current_user.get(), name)
-    if forms.is_ticked("allow") and current_user.get().is_admin:
-        drive_pages.allow(tx, source, name, button)
-    drive_pages.change_buttons(tx, source, name, lambda present: put(present, button))
+    with forms.named(FORM_NAMES):
+        button = _sent()
+        if forms.is_ticked("allow") and current_user.get().is_admin:
+            drive_pages.allow(tx, source, name, button)
+        drive_pages.change_buttons(tx, source, name, lambda present: put(present, button))
     return f"{path_of(name)}#buttons", f"Button {button.name} is saved."
 
 

@@ -63,7 +63,8 @@ def log_in() -> AnyResponse:
         unused = context().login_lifetime.unused
         text = logging_in.log_in(context().database, source, password, unused)
     except (LoginFailed, Throttled) as problem:
-        response = make_response(render_template("login.html", error=problem.detail))
+        problem.field = "password"
+        response = make_response(render_template("login.html", error=problem))
         response.status_code = problem.status
         if isinstance(problem, Throttled):
             response.headers["Retry-After"] = str(problem.retry_after_s)

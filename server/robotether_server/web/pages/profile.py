@@ -14,7 +14,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.users import list_ssh_keys
 from robotether_server.identity import MAX_KEY_LENGTH
 from robotether_server.install_line import site_of
-from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.problems import FieldInvalid, LoginFailed, Problem, Throttled
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import logging_in, ssh_keys, tokens, users
 from robotether_server.web import confirmation, current_user, forms
@@ -45,6 +45,7 @@ def show(problem: Problem | None = None, part: str = "") -> str:
         else "",
         first=entries[0].robot if entries else "",
         now=dt.datetime.now(dt.UTC),
+        problem=problem,
         problems={part: problem},
         values=request.form,
     )
@@ -86,9 +87,13 @@ def _change_password() -> AnyResponse:
     user, source = current_user.get(), current_user.source()
     new = forms.secret("new")
     if new != forms.secret("again"):
-        raise FieldInvalid("cannot change the password: the two new ones differ")
-    logging_in.confirm(context().database, source, forms.secret("present"))
-    with context().database.transaction() as tx:
+        raise FieldInvalid("cannot change the password: the two new ones differ", "again")
+    try:
+        logging_in.confirm(context().database, source, forms.secret("present"))
+    except (LoginFailed, Throttled) as problem:
+        problem.field = "present"
+        raise
+    with forms.named({"password": "new"}), context().database.transaction() as tx:
         users.set_password(tx, source, user.name, new)
         text = credentials.create_login(
             tx, user, source.address or "", context().login_lifetime.unused

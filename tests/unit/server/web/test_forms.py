@@ -86,3 +86,38 @@ def test_a_password_is_as_typed() -> None:
 def test_values_are_texts_as_a_field_takes_them(value: object, text: str) -> None:
     """Numbers without needless zeros, and with all their digits."""
     assert forms.value_text(value) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("0.5", 0.5), ("0,5", 0.5), ("-1", -1.0), ("1,2,3", "1,2,3"), ("1e3", "1e3"), ("", "")],
+)
+def test_a_setting_may_have_a_comma(text: str, value: object) -> None:
+    """As many languages write it; what is no number stays for the settings to refuse."""
+    assert forms.number_or_text(text) == value
+
+
+def test_a_whole_number_has_no_comma() -> None:
+    """Which may part thousands, too."""
+    assert forms.number_or_text("2,000", whole=True) == "2,000"
+    assert forms.number_or_text("2000", whole=True) == 2000
+
+
+@pytest.mark.parametrize(
+    ("detail", "sentence"),
+    [
+        (
+            "cannot use x: it must be a whole number from 1 to 9",
+            "Enter a whole number from 1 to 9.",
+        ),
+        (
+            "cannot use x: it must be null or a number from 1 to 9",
+            "Enter a number from 1 to 9, or leave it empty.",
+        ),
+        ("cannot use x: it must be one of a, b", "Choose one of a, b."),
+        ("cannot use x: the name is taken", "The name is taken."),
+    ],
+)
+def test_sentence_at_a_field_asks_for_what_is_missing(detail: str, sentence: str) -> None:
+    """Its label names it."""
+    assert FieldInvalid(detail, "x").at_field == sentence

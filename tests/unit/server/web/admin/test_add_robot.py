@@ -181,9 +181,9 @@ def test_a_robot_is_announced(admin: Browser, database: Database) -> None:
 @pytest.mark.parametrize(
     ("name", "mac", "sentence"),
     [
-        ("", "00:1b:44:11:3a:b7", "fill in Name"),
+        ("", "00:1b:44:11:3a:b7", "Fill in Name of the robot."),
         ("lift", "rubbish", "no MAC address"),
-        ("-x-", "00:1b:44:11:3a:b7", "a name has a-z"),
+        ("-x-", "00:1b:44:11:3a:b7", "A name has a-z"),
         ("sim1", "00:1b:44:11:3a:b7", "name sim1"),
         ("lift", "06:00:00:00:00:01", "locally administered"),
     ],

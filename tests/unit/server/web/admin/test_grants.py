@@ -145,8 +145,8 @@ def test_a_wrong_end_is_said_at_its_field(admin: Browser) -> None:
     page = send(admin, "/admin/users/ann/grants", **form).text
     field = page.split('id="grant-end"')[1].split(">")[0]
     assert 'value="2020-01-01T00:00:00.000"' in field
-    assert 'aria-describedby="grant-problem"' in field
-    assert "it has passed" in page.split('id="grant-problem"')[1].split("<")[0]
+    assert 'aria-describedby="grant-end-problem"' in field
+    assert "It has passed" in page.split('id="grant-end-problem"')[1].split("<")[0]
 
 
 @pytest.mark.parametrize("page", PAGES)

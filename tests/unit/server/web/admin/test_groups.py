@@ -54,9 +54,10 @@ def test_mistakes_come_back_with_the_page(admin: Browser) -> None:
 
 
 def test_wrong_field_is_marked(admin: Browser) -> None:
-    """The sentence stands below it, too, and is read out with its hint; other refusals mark none."""
+    """What to enter stands at its label, the focus is there, and the summary leads to it."""
     page = send(admin, "/admin/groups", name="The Crew").text
-    assert 'aria-invalid="true" aria-describedby="name-problem name-hint"' in page
-    assert '<p class="wrong" id="name-problem">cannot use name: it must be 1 to 63' in page
+    assert 'aria-invalid="true" autofocus aria-describedby="name-problem name-hint"' in page
+    assert '<p class="wrong" id="name-problem">Enter 1 to 63 characters' in page
+    assert '<p><a href="#name">Name</a>: Enter 1 to 63 characters' in page
     send(admin, "/admin/groups", name="crew")
-    assert "aria-invalid" not in send(admin, "/admin/groups", name="crew").text
+    assert "The name is taken." in send(admin, "/admin/groups", name="crew").text

@@ -92,7 +92,7 @@ def test_changes_are_kept_with_what_they_were(admin: Browser, database: Database
         ("guard.deadman_ms", "100"),
         ("guard.deadman_ms", ""),
         ("guard.deadman_ms", "half a second"),
-        ("guard.max_speed_m_s", "0,5"),
+        ("guard.max_speed_m_s", "0;5"),
         ("guard.max_speed_m_s", "nan"),
         ("guard.max_speed_m_s", "-1"),
         ("guard.drive_topics", ""),
