@@ -1,4 +1,4 @@
-"""`make screenshots`: screenshots of the pages of the running demo, into docs/screenshots.
+"""`make screenshots`: pictures of the pages of the running demo, into tests/artifacts; README's goes into docs.
 
 A machine that waits, a join token, a second driver, an observer and buttons are made for the pictures, and removed
 again; sim1's cameras freeze, it is stopped and released, and sim3 is switched off and on.
@@ -7,6 +7,7 @@ again; sim1's cameras freeze, it is stopped and released, and sim3 is switched o
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import urllib.request
 from collections.abc import Iterator
@@ -29,7 +30,8 @@ from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 from sim_service import frozen_cameras
 
-FOLDER = ROOT / "docs" / "screenshots"
+FOLDER = ROOT / "tests" / "artifacts" / "screenshots"
+README_SHOWS = "drive-desktop-light.png"
 SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
 LOOKS = (("desktop", "light"), ("phone", "dark"))
 # The pictures are kept in the repository. A camera has more colours than the pages, whose few must stay.
@@ -353,6 +355,7 @@ def main() -> None:
             for look in LOOKS:
                 shoot_all(browser, demo, look, (driver, observer))
         browser.close()
+    shutil.copy2(FOLDER / README_SHOWS, ROOT / "docs" / "screenshots")
     sys.stdout.write(f"pictures are in {FOLDER.relative_to(ROOT)}\n")
 
 
