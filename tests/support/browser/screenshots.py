@@ -188,7 +188,8 @@ def shoot_summary(camera: Camera) -> None:
     page.keyboard.up("w")
     page.keyboard.up("a")
     page.get_by_test_id("control-leave").click()
-    page.get_by_test_id("summary-save").wait_for()
+    # On a phone the summary stays folded.
+    page.wait_for_selector("[data-testid=summary-save]:not([hidden])", state="attached")
     camera.shoot("drive-summary")
     page.get_by_test_id("control-drive").click()
     page.wait_for_selector('[data-testid=joystick][data-armed="true"]')
