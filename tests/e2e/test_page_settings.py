@@ -169,7 +169,7 @@ def test_the_page_of_a_robot_is_set_while_somebody_drives_it(
         drive_live(dan, stack, ROBOT)
         mia.goto(f"{stack.url}{SETTINGS}")
         mia.get_by_label("The robot").select_option("holonomic")
-        mia.get_by_label("Pause driving while the video is old").uncheck()
+        mia.get_by_label("Stop driving when the video freezes").uncheck()
         mia.get_by_label("Topic of camera 1").fill("/rear/image_raw")
         mia.get_by_label("Its name").first.fill("Rear")
         mia.get_by_label("Turned by").first.select_option("180")
@@ -179,7 +179,7 @@ def test_the_page_of_a_robot_is_set_while_somebody_drives_it(
         mia.get_by_label("Highest quality").fill("60")
         mia.get_by_test_id("page-save").click()
         expect(mia.get_by_test_id("done")).to_contain_text(f"The page of robot {ROBOT} is saved.")
-        expect(mia.get_by_label("Pause driving while the video is old")).not_to_be_checked()
+        expect(mia.get_by_label("Stop driving when the video freezes")).not_to_be_checked()
         _wait_until_relay_has_read(stack)
         assert _control(stack, ROBOT, stack.token("page"))["driver"]["user"] == "dan"
         expect(dan.get_by_test_id("state")).to_have_attribute("data-state", "live")
