@@ -7,13 +7,18 @@ import json
 import os
 import sys
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
 import aiohttp
+from fake_pipe import FakePipe
 from robotether_agent.clock import robot_time
+from robotether_agent.guard.agent_messages import GuardReporter
+from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
+from robotether_agent.guard.rosbridge import new_http
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
@@ -22,39 +27,25 @@ TICK_EVERY_S = 0.2
 WAIT_S = 20.0
 
 
-class GuardProcess:
-    """`python -m robotether_agent.guard` in `place`; it gets a tick every 0.2 s until `silence`."""
-
-    program: tuple[str, ...] = ("-m", "robotether_agent.guard")
+class GuardEnd(ABC):
+    """The agent's end of a guard in `place`: it sends a tick every 0.2 s until `silence`."""
 
     def __init__(self, place: Path, rosbridge_port: int, **guard: Any) -> None:
         self.place = place
-        self.port = 0
         self.lines: list[dict[str, Any]] = []
-        self.started_at = time.monotonic()
-        self.ready_s = 0.0
         self.config: dict[str, Any] = {
             "type": "config",
             "rosbridge_url": f"ws://127.0.0.1:{rosbridge_port}/",
             "guard": {"key": KEY, **guard},
             "direct": False,
         }
-        self.process: asyncio.subprocess.Process
         self._tasks: list[asyncio.Task[None]] = []
         self._ticks = True
         self._asked = 0
 
     async def __aenter__(self) -> Self:
-        self.process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            *self.program,
-            f"--state-dir={self.place}",
-            f"--run-dir={self.place}",
-            env={**os.environ, "PYTHONPATH": PACKAGES},
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-        )
-        self._tasks = [asyncio.create_task(self._read()), asyncio.create_task(self._tick())]
+        await self._start()
+        self._tasks.append(asyncio.create_task(self._tick()))
         self.tell(**self.config)
         try:
             await self.until(lambda: self.port > 0 and len(self.lines) > 1, "it listens")
@@ -67,17 +58,23 @@ class GuardProcess:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        if self.process.returncode is None:
-            with suppress(ProcessLookupError):
-                self.process.kill()
-            await self.process.wait()
-        # asyncio's own transport keeps the pipes until it is closed.
-        self.process._transport.close()  # type: ignore[attr-defined]
+        await self._end()
+
+    @abstractmethod
+    async def _start(self) -> None:
+        """Run it; each line that it writes goes to `lines`."""
+
+    @abstractmethod
+    async def _end(self) -> None:
+        """End it at once."""
+
+    @abstractmethod
+    def write(self, data: bytes) -> None:
+        """Write to its input."""
 
     def tell(self, **line: Any) -> None:
         """Send a line as the agent does."""
-        assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps(line).encode() + b"\n")
+        self.write(json.dumps(line).encode() + b"\n")
 
     def reconfigure(self, **config: Any) -> None:
         """Send the configuration again, with these members changed."""
@@ -99,14 +96,14 @@ class GuardProcess:
         self.tell(type="release", id=identity, by="")
         await self.until(lambda: self.state["answers"] == identity, "it has heard")
 
-    def leave(self) -> None:
-        """End its input, as an agent that ends."""
-        assert self.process.stdin is not None
-        self.process.stdin.close()
-
     def silence(self) -> None:
         """Send no more ticks, as an agent that hangs."""
         self._ticks = False
+
+    @property
+    def port(self) -> int:
+        """Where it listens, 0 before that."""
+        return next((line["port"] for line in self.lines if line["type"] == "ready"), 0)
 
     @property
     def state(self) -> dict[str, Any]:
@@ -123,6 +120,74 @@ class GuardProcess:
             assert time.monotonic() < end, f"after {seconds} s still not: {what}; it said {told}"
             await asyncio.sleep(0.005)
 
+    async def _tick(self) -> None:
+        while True:
+            if self._ticks:
+                self.tell(type="tick")
+            await asyncio.sleep(TICK_EVERY_S)
+
+
+class GuardHere(GuardEnd):
+    """A guard in the tests' own process, where coverage and mutants see it."""
+
+    async def _start(self) -> None:
+        self._lines = asyncio.StreamReader(limit=MAX_LINE_BYTES)
+        self._http = new_http()
+        pipe = FakePipe()
+        self.lines = pipe.lines
+        guard = Guard(self._http, self.place, self.place, GuardReporter(pipe))
+        self._tasks.append(asyncio.create_task(guard.run(self._lines)))
+
+    async def _end(self) -> None:
+        await self._http.close()
+
+    def write(self, data: bytes) -> None:
+        """Write to its input."""
+        self._lines.feed_data(data)
+
+
+class GuardProcess(GuardEnd):
+    """`python -m robotether_agent.guard`."""
+
+    program: tuple[str, ...] = ("-m", "robotether_agent.guard")
+
+    def __init__(self, place: Path, rosbridge_port: int, **guard: Any) -> None:
+        super().__init__(place, rosbridge_port, **guard)
+        self.started_at = time.monotonic()
+        self.ready_s = 0.0
+        self.process: asyncio.subprocess.Process
+
+    async def _start(self) -> None:
+        self.process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *self.program,
+            f"--state-dir={self.place}",
+            f"--run-dir={self.place}",
+            env={**os.environ, "PYTHONPATH": PACKAGES},
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+        )
+        self._tasks.append(asyncio.create_task(self._read()))
+
+    async def _end(self) -> None:
+        if self.process.returncode is None:
+            with suppress(ProcessLookupError):
+                self.process.kill()
+            await self.process.wait()
+        # asyncio's own transport keeps the pipes until it is closed.
+        self.process._transport.close()  # type: ignore[attr-defined]
+
+    def write(self, data: bytes) -> None:
+        """Write to its input, unless that is closed."""
+        assert self.process.stdin is not None
+        if not self.process.stdin.is_closing():
+            self.process.stdin.write(data)
+
+    def leave(self) -> None:
+        """End its input, as an agent that ends."""
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+
     async def ended(self) -> int:
         """Wait for its end; the exit code."""
         return await asyncio.wait_for(self.process.wait(), WAIT_S)
@@ -132,15 +197,7 @@ class GuardProcess:
         async for line in self.process.stdout:
             self.lines.append(json.loads(line))
             if self.lines[-1]["type"] == "ready":
-                self.port = self.lines[-1]["port"]
                 self.ready_s = time.monotonic() - self.started_at
-
-    async def _tick(self) -> None:
-        while True:
-            assert self.process.stdin is not None
-            if self._ticks and not self.process.stdin.is_closing():
-                self.tell(type="tick")
-            await asyncio.sleep(TICK_EVERY_S)
 
 
 class GuardClient:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from aiohttp import WSMsgType
 from fake_rosbridge import FakeRosbridge
-from guard_process import GuardClient, GuardProcess
+from guard_process import GuardClient, GuardHere
 from sim_client import until
 
 
@@ -21,15 +21,13 @@ async def rosbridge() -> AsyncIterator[FakeRosbridge]:
 
 
 @pytest.fixture
-async def guard(place: Path, rosbridge: FakeRosbridge) -> AsyncIterator[GuardProcess]:
-    async with GuardProcess(place, rosbridge.port) as running:
+async def guard(place: Path, rosbridge: FakeRosbridge) -> AsyncIterator[GuardHere]:
+    async with GuardHere(place, rosbridge.port) as running:
         await running.grant(13)
         yield running
 
 
-async def test_drive_messages_leave_the_stream(
-    guard: GuardProcess, rosbridge: FakeRosbridge
-) -> None:
+async def test_drive_messages_leave_the_stream(guard: GuardHere, rosbridge: FakeRosbridge) -> None:
     """They come on the publisher, also the advertisement, and nothing of them on the connection itself."""
     async with GuardClient(guard.port, 13) as client:
         await client.send(op="advertise", topic="cmd_vel", type="geometry_msgs/Twist")
@@ -51,7 +49,7 @@ async def test_drive_messages_leave_the_stream(
     ['{"op":"fragment","id":"1"}', '{"op":"png"}', "{", "[]", '{"op":"publish","topic":"/a//b"}'],
 )
 async def test_what_cannot_be_checked_is_answered(
-    guard: GuardProcess, rosbridge: FakeRosbridge, text: str
+    guard: GuardHere, rosbridge: FakeRosbridge, text: str
 ) -> None:
     """For observers, too; and the connection goes on."""
     async with GuardClient(guard.port, 0) as client:
@@ -63,7 +61,7 @@ async def test_what_cannot_be_checked_is_answered(
         assert len(rosbridge.got) == 1
 
 
-async def test_answers_are_few(guard: GuardProcess) -> None:
+async def test_answers_are_few(guard: GuardHere) -> None:
     """One a second of each kind, however many were refused."""
     async with GuardClient(guard.port, 0) as client:
         for _ in range(50):
@@ -72,7 +70,7 @@ async def test_answers_are_few(guard: GuardProcess) -> None:
         assert [(await client.receive())["op"] for _ in range(2)] == ["status", "publish"]
 
 
-async def test_an_observer_drives_nothing(guard: GuardProcess, rosbridge: FakeRosbridge) -> None:
+async def test_an_observer_drives_nothing(guard: GuardHere, rosbridge: FakeRosbridge) -> None:
     """A relay that failed to refuse it would find a second door."""
     async with GuardClient(guard.port, 0) as client:
         await client.drive(0.5)
@@ -80,7 +78,7 @@ async def test_an_observer_drives_nothing(guard: GuardProcess, rosbridge: FakeRo
         assert rosbridge.speeds() == []
 
 
-async def test_pings_go_all_the_way(guard: GuardProcess) -> None:
+async def test_pings_go_all_the_way(guard: GuardHere) -> None:
     """So that a client sees whether rosbridge lives, and not whether the guard does."""
     async with GuardClient(guard.port, 0) as client:
         client.socket._autoping = False
@@ -90,7 +88,7 @@ async def test_pings_go_all_the_way(guard: GuardProcess) -> None:
 
 
 async def test_the_end_of_either_side_is_the_end_of_both(
-    guard: GuardProcess, rosbridge: FakeRosbridge
+    guard: GuardHere, rosbridge: FakeRosbridge
 ) -> None:
     """With rosbridge's own code."""
     async with GuardClient(guard.port, 0) as client:
@@ -106,7 +104,7 @@ async def test_the_end_of_either_side_is_the_end_of_both(
 
 
 async def test_a_client_that_reads_nothing_stops_the_reading_of_its_robot(
-    guard: GuardProcess, rosbridge: FakeRosbridge
+    guard: GuardHere, rosbridge: FakeRosbridge
 ) -> None:
     """No more than the buffers between them is held, and others are not held up."""
     async with GuardClient(guard.port, 0) as client, GuardClient(guard.port, 0) as other:

@@ -15,7 +15,7 @@ import aiohttp
 import pytest
 from fake_pipe import FakePipe
 from fake_rosbridge import FakeRosbridge
-from guard_process import WAIT_S, GuardClient, GuardProcess
+from guard_process import WAIT_S, GuardClient, GuardEnd, GuardHere, GuardProcess
 from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.latch import StopFile
@@ -71,7 +71,7 @@ async def drive_on(client: GuardClient, seconds: float = 0.3) -> float:
         await asyncio.sleep(0.05)
 
 
-def refusals(guard: GuardProcess) -> dict[str, int]:
+def refusals(guard: GuardEnd) -> dict[str, int]:
     counts: dict[str, int] = guard.state["refused"]
     return counts
 
@@ -93,7 +93,7 @@ async def test_a_robot_stops_when_commands_stop(place: Path, robot: Robot) -> No
 
 async def test_a_topic_that_drives_no_more_stops(place: Path, robot: Robot) -> None:
     """Settings that change in motion: what the server still stamps is refused, and the robot gets its zeros."""
-    async with GuardProcess(place, robot.port) as guard:
+    async with GuardHere(place, robot.port) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             await client.drive(0.5)
@@ -109,7 +109,7 @@ async def test_a_topic_that_drives_no_more_stops(place: Path, robot: Robot) -> N
 
 async def test_a_driver_who_changes_the_type_is_stopped(place: Path, robot: Robot) -> None:
     """A stop is told in the words that the robot took, whatever its driver said last."""
-    async with GuardProcess(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
+    async with GuardHere(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             await client.drive(0.5)
@@ -238,7 +238,7 @@ async def test_a_killed_guards_successor_stops_the_robot(place: Path, robot: Rob
 
 async def test_commands_are_checked_and_limited(place: Path, robot: Robot) -> None:
     """Old ones, foreign ones and broken ones are refused with rosbridge's own status, and counted."""
-    async with GuardProcess(place, robot.port, max_speed_m_s=0.2) as guard:
+    async with GuardHere(place, robot.port, max_speed_m_s=0.2) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             await client.drive(0.5)
@@ -260,7 +260,7 @@ async def test_commands_are_checked_and_limited(place: Path, robot: Robot) -> No
 
 async def test_everything_else_passes_unchanged(place: Path) -> None:
     """Text as text and bytes as bytes, to the last space, both ways."""
-    async with FakeRosbridge() as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             text = '{"op":"publish",  "topic":"/echo", "msg":{"x": 1.50, "y":"\\u00e4ä"}}\n'
@@ -277,7 +277,7 @@ async def test_a_rosbridge_that_does_not_read_gets_no_backlog(place: Path) -> No
     """Two seconds of commands later it reads a few, then zeros."""
     async with (
         FakeRosbridge("slow_reader") as rosbridge,
-        GuardProcess(place, rosbridge.port) as guard,
+        GuardHere(place, rosbridge.port) as guard,
     ):
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
@@ -292,7 +292,7 @@ async def test_a_rosbridge_that_does_not_read_gets_no_backlog(place: Path) -> No
 
 
 async def test_a_silent_rosbridge_gets_no_commands(place: Path) -> None:
-    async with FakeRosbridge("silent") as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+    async with FakeRosbridge("silent") as rosbridge, GuardHere(place, rosbridge.port) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             await drive_on(client, 1.5)
@@ -302,7 +302,7 @@ async def test_a_silent_rosbridge_gets_no_commands(place: Path) -> None:
 
 async def test_the_publisher_comes_back_and_zeroes_first(place: Path) -> None:
     """A rosbridge that crashed in motion stops the robot before anybody moves it."""
-    async with FakeRosbridge() as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             await client.send(op="advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
@@ -319,7 +319,7 @@ async def test_the_publisher_comes_back_and_zeroes_first(place: Path) -> None:
 
 async def test_a_stop_needs_no_new_publisher(place: Path) -> None:
     """The guard advertises when the driver does, so the zeros are not what ROS 2 loses of a new publisher."""
-    async with FakeRosbridge() as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
         rosbridge.discovery_s = 0.3
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
@@ -334,7 +334,7 @@ async def test_a_stop_needs_no_new_publisher(place: Path) -> None:
 @pytest.mark.parametrize("mode", ["refuses", "drops"])
 async def test_a_rosbridge_that_is_no_use_is_told(place: Path, mode: Any) -> None:
     """502 to the relay when it takes nobody; a connection that it drops is closed."""
-    async with FakeRosbridge(mode) as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+    async with FakeRosbridge(mode) as rosbridge, GuardHere(place, rosbridge.port) as guard:
         await guard.grant(13)
         if mode == "refuses":
             with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
@@ -348,7 +348,7 @@ async def test_a_rosbridge_that_is_no_use_is_told(place: Path, mode: Any) -> Non
 
 
 async def test_a_request_without_a_websocket_tells_whether_rosbridge_is_there(place: Path) -> None:
-    async with FakeRosbridge() as rosbridge, GuardProcess(place, rosbridge.port) as guard:
+    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
         url = f"http://127.0.0.1:{guard.port}/"
         async with aiohttp.ClientSession() as http:
 
@@ -369,7 +369,7 @@ async def test_direct_connections_drive_while_nobody_has_the_lease(
     place: Path, robot: Robot
 ) -> None:
     """They need neither key nor stamps, and lose the robot to a driver of the server."""
-    async with GuardProcess(place, robot.port) as guard:
+    async with GuardHere(place, robot.port) as guard:
         guard.reconfigure(direct=True)
         guard.tell(type="session", up=True)
         await guard.heard()
@@ -383,9 +383,8 @@ async def test_direct_connections_drive_while_nobody_has_the_lease(
 
 
 async def test_broken_lines_of_the_agent_do_no_harm(place: Path, robot: Robot) -> None:
-    async with GuardProcess(place, robot.port) as guard:
-        assert guard.process.stdin is not None
-        guard.process.stdin.write(b"rubbish\n{}\n" + b"x" * 200_000 + b"\n")
+    async with GuardHere(place, robot.port) as guard:
+        guard.write(b"rubbish\n{}\n" + b"x" * 200_000 + b"\n")
         guard.reconfigure(guard={"deadman_ms": 3})
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
