@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field, structs
 from robotether_common.guard import DEFAULT_MS, DEFAULT_TOPICS, TIMES_MS
@@ -22,9 +22,7 @@ from robotether_server import page_settings, schemas
 from robotether_server.buttons import Button, GivenButtons
 from robotether_server.page_settings import PageSettings
 from robotether_server.problems import FieldInvalid
-from robotether_server.schemas import GLOBS_SCHEMA, GivenGlobs
-
-Level = Literal["observe", "drive", "manage"]
+from robotether_server.schemas import GLOBS_SCHEMA, GivenGlobs, Level
 
 SHELL_USER_PATTERN = "^[a-z_][a-z0-9_-]*$"
 MAX_SHELL_USER_LENGTH = 32

@@ -11,7 +11,7 @@ import datetime as dt
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_type_hints
 
 import msgspec
 from msgspec import Meta, inspect
@@ -29,6 +29,9 @@ ROBOT_NAME_PATTERN = "^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?$"
 MAX_DIGITS = 20
 
 S = TypeVar("S", bound=msgspec.Struct)
+
+# What a grant allows.
+Level = Literal["observe", "drive", "manage"]
 
 # A name that people choose.
 Label = Annotated[

@@ -11,10 +11,11 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import grants
-from robotether_server.db.grants import Grant, Group, Level, Site
+from robotether_server.db.grants import Grant, Group, Site
 from robotether_server.problems import FieldInvalid
 from robotether_server.schemas import (
     GivenTimestamp,
+    Level,
     NewPlainName,
     PlainName,
     RobotName,

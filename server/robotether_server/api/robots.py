@@ -15,7 +15,6 @@ from robotether_server.api.join import Ssh, ssh_of
 from robotether_server.api.operations import operation
 from robotether_server.buttons import GivenButtons
 from robotether_server.db import robots, seen_robots
-from robotether_server.db.grants import Level
 from robotether_server.db.robots import State
 from robotether_server.db.seen_robots import (
     ControlState,
@@ -33,6 +32,7 @@ from robotether_server.schemas import (
     AgentVersion,
     Fingerprint,
     Hostname,
+    Level,
     Mac,
     PublicKeyLine,
     RobotName,

@@ -6,7 +6,8 @@ import click
 
 from robotether_server import times
 from robotether_server.cli.common import JSON, SOURCE, open_database, print_records, timestamp
-from robotether_server.db.grants import LEVELS, Grant, Level, list_all
+from robotether_server.db.grants import LEVELS, Grant, list_all
+from robotether_server.schemas import Level
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
 

@@ -17,9 +17,9 @@ from robotether_server import robot_settings
 from robotether_server.db import control
 from robotether_server.db.control import DriveEntry, LeaseEnd, StopEntry
 from robotether_server.db.database import Row, Transaction
-from robotether_server.db.grants import Level
 from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import LevelPolicy, Policy, RobotSettings
+from robotether_server.schemas import Level
 from robotether_server.tickets import CredentialKind
 
 log = logging.getLogger(__name__)

@@ -5,13 +5,11 @@ What holds of them, with the admins' own, is in the view relay_grants: the highe
 
 import datetime as dt
 from dataclasses import dataclass
-from typing import Literal
 
 from robotether_server.db.database import Transaction, unique
 from robotether_server.problems import RecordMissing
-from robotether_server.schemas import PlainName, RobotName, UserName
+from robotether_server.schemas import Level, PlainName, RobotName, UserName
 
-Level = Literal["observe", "drive", "manage"]
 LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")  # each includes the ones before it
 
 SELECT = (

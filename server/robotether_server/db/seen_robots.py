@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 from robotether_server.db import robots
 from robotether_server.db.database import Row, Transaction
-from robotether_server.db.grants import Level
 from robotether_server.db.robots import Robot
 from robotether_server.db.users import User
-from robotether_server.schemas import Timestamp
+from robotether_server.schemas import Level, Timestamp
 
 # The newest session decides presence: one that has not ended is a robot that is online.
 SELECT_SEEN = (

@@ -9,10 +9,10 @@ from typing import Literal, NamedTuple
 from robotether_server import schemas, times
 from robotether_server.db import Transaction, audit, grants, robots, users
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import Grant, Group, Level, Pair, Site
+from robotether_server.db.grants import Grant, Group, Pair, Site
 from robotether_server.db.robots import Robot
 from robotether_server.problems import NotPossible, RecordMissing
-from robotether_server.schemas import NewPlainName
+from robotether_server.schemas import Level, NewPlainName
 
 
 class Grantee(NamedTuple):

@@ -10,7 +10,8 @@ from robotether_server.relay.rosbridge.message_validator import (
     MessageValidator,
     ValidatedMessage,
 )
-from robotether_server.robot_settings import Level, parse
+from robotether_server.robot_settings import parse
+from robotether_server.schemas import Level
 
 # Messages that an observer may send, each with all that it may hold.
 OBSERVING = [

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from robotether_server.db import Transaction, grants
-from robotether_server.db.grants import Level, Pair
+from robotether_server.db.grants import Pair
+from robotether_server.schemas import Level
 
 
 def give(tx: Transaction, user_id: int, robot_id: int, level: Level) -> None:

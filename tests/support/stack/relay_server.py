@@ -24,12 +24,12 @@ from robotether_server.db.fleet import (
     SessionEntry,
     Snapshot,
 )
-from robotether_server.db.grants import Level
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.main import Listen, Relay, Timing
+from robotether_server.schemas import Level
 from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSettings
 from robotether_server.tickets import CredentialKind, Mode, Ticket, TicketSigner
 

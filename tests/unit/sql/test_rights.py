@@ -8,10 +8,11 @@ import itertools
 import pytest
 from mariadb_server import MariaDb
 from robotether_server.db import Database, Transaction, fleet, grants, robots, seen_robots, users
-from robotether_server.db.grants import Level, Pair
+from robotether_server.db.grants import Pair
 from robotether_server.db.robots import Report
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordRefused
+from robotether_server.schemas import Level
 
 HOUR = dt.timedelta(hours=1)
 LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")

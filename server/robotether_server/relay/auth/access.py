@@ -16,7 +16,6 @@ from urllib.parse import urlsplit
 from aiohttp import ClientSession
 
 from robotether_server.db.fleet import Credential, RelayRobot, RelayUser, Snapshot
-from robotether_server.db.grants import Level
 from robotether_server.problems import (
     CsrfRefused,
     GrantMissing,
@@ -32,6 +31,7 @@ from robotether_server.problems import (
 from robotether_server.relay.auth.connections import Connections, Use, permits
 from robotether_server.relay.auth.credentials import Credentials, credential_of
 from robotether_server.relay.robots.sessions import SessionRegistry
+from robotether_server.schemas import Level
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
 
 LOGIN_COOKIE = "__Host-robotether_login"

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.db.grants import Level, includes
+from robotether_server.db.grants import includes
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.sessions import Change
+from robotether_server.schemas import Level
 
 Use = Literal["observe", "drive", "video"]
 

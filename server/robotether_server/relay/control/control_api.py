@@ -15,12 +15,13 @@ from typing import Any
 from aiohttp import web
 
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
-from robotether_server.db.grants import Level, includes
+from robotether_server.db.grants import includes
 from robotether_server.problems import FieldInvalid, GrantMissing, HttpProblem
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.control import leasing
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.stops import ShownStop
+from robotether_server.schemas import Level
 
 MAX_REASON = 255
 MAX_SITE = 63

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 from robotether_server.db import Database, grants, robots, users
-from robotether_server.db.grants import Group, Level, Site
+from robotether_server.db.grants import Group, Site
 from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.schemas import Level
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from relay_server import MemoryDatabase, utc
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
-from robotether_server.db.grants import Level
 from robotether_server.problems import (
     LoginMissing,
     OriginRefused,
@@ -17,6 +16,7 @@ from robotether_server.problems import (
 )
 from robotether_server.relay.auth.access import Access, Request, UsedTickets, request_of
 from robotether_server.relay.auth.credentials import Credentials, credential_of
+from robotether_server.schemas import Level
 from robotether_server.tickets import Ticket, TicketSigner, new_id
 
 START = utc(2026, 1, 1, 12, 0)

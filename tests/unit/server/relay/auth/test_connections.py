@@ -9,11 +9,11 @@ import pytest
 from relay_server import MemoryDatabase
 from robotether_server import robot_settings
 from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.db.grants import Level
 from robotether_server.relay.auth.connections import Caps, Connection, Connections, Use, permits
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.sessions import NEVER_SEEN, Change
+from robotether_server.schemas import Level
 
 USERS = {1: "ann", 2: "bob"}
 

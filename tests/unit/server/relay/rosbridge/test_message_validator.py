@@ -21,7 +21,8 @@ from robotether_server.relay.rosbridge.message_validator import (
     status_error,
 )
 from robotether_server.relay.rosbridge.operations import OPERATIONS, ROSAPI_LOOKUPS
-from robotether_server.robot_settings import DEFAULTS, Level, LevelPolicy, Limits
+from robotether_server.robot_settings import DEFAULTS, LevelPolicy, Limits
+from robotether_server.schemas import Level
 from validators import DRIVING, MANAGING, OBSERVING, Clock, check, name_of, refused, sent, validator
 
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])
