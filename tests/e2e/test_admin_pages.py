@@ -238,7 +238,8 @@ PAGES = (
     "/", "/admin/robots", "/admin/add-robot", "/admin/robots/sim1", "/admin/robots/sim1/remove",
     "/admin/robots/sim1/ports", "/admin/users", "/admin/users/admin", "/admin/tokens",
     "/admin/audit", "/profile", "/profile/password", "/admin/robots/nobody", "/admin/groups", "/admin/sites",
-    "/admin/robots/sim1/settings", "/admin/robots/sim1/settings/defaults", "/drives",
+    *(f"/robots/sim1/settings{tab}" for tab in ("", "/cameras", "/driving", "/buttons", "/permissions", "/defaults")),
+    "/drives",
 )  # fmt: skip
 
 

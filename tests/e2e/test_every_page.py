@@ -58,6 +58,9 @@ CUT = """() => [...document.querySelectorAll('main *, header *')].filter((e) => 
   const shows = style.textOverflow !== 'ellipsis' && e.checkVisibility() && e.textContent.trim();
   return hides && shows && e.scrollWidth > e.clientWidth + 1;
 }).map((e) => e.outerHTML.slice(0, 120))"""
+# All of a page that is rarely needed, and of a list's lines the first.
+UNFOLD = """() => [...document.querySelectorAll('details.fold'), document.querySelector('details.line')]
+  .forEach((e) => e?.setAttribute('open', ''))"""
 MOVING = """() => {
   const runs = document.getAnimations().map((one) => one.effect?.target?.outerHTML.slice(0, 120));
   const may = [...document.querySelectorAll('body *')].filter((e) => ['', '::before', '::after'].some((part) => {
@@ -143,7 +146,7 @@ class Looks:
         return response.status
 
     def _look_closely(self) -> None:
-        self.page.evaluate("document.querySelector('details.line')?.setAttribute('open', '')")
+        self.page.evaluate(UNFOLD)
         self.page.evaluate(Axe().axe_script)
         self._axe("", RULES)
         self._questions += self.page.locator(".deed").count()

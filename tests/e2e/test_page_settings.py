@@ -16,6 +16,7 @@ from stack import Stack
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 ROBOT = "sim3"
 SETTINGS = f"/robots/{ROBOT}/settings"
+CAMERAS, BUTTONS = f"{SETTINGS}/cameras", f"{SETTINGS}/buttons"
 
 
 @pytest.fixture
@@ -97,7 +98,10 @@ def test_a_manager_makes_a_button_and_a_driver_gets_it(
         mia.keyboard.press("Enter")
         mia.get_by_test_id("page-settings").focus()
         mia.keyboard.press("Enter")
-        mia.wait_for_url(f"**{SETTINGS}")
+        mia.wait_for_url(f"**{CAMERAS}")
+        mia.get_by_test_id("tab-buttons").focus()
+        mia.keyboard.press("Enter")
+        mia.wait_for_url(f"**{BUTTONS}")
         mia.get_by_test_id("button-add").focus()
         mia.keyboard.press("Enter")
         _type_button(mia, "Lights on", "P", "/lamp", "std_msgs/Bool", "{data: true}")
@@ -130,7 +134,7 @@ def test_a_manager_makes_a_button_and_a_driver_gets_it(
             }
         ]
         expect(dan.get_by_test_id("page-settings")).to_have_count(0)
-        assert dan.request.get(f"{stack.url}{SETTINGS}").status == 403
+        assert dan.request.get(f"{stack.url}{CAMERAS}").status == 403
 
 
 def test_buttons_are_put_in_order_and_removed(
@@ -143,7 +147,7 @@ def test_buttons_are_put_in_order_and_removed(
     ]
     stack.admin.set_robot(ROBOT, {"buttons": buttons})
     with _opened(browser, stack, "mia", people["mia"], **PHONE) as mia:
-        mia.goto(f"{stack.url}{SETTINGS}")
+        mia.goto(f"{stack.url}{BUTTONS}")
         expect_no_sideways_scroll(mia)
         mia.get_by_role("button", name="Move Two up").tap()
         expect(mia.get_by_test_id("button-1")).to_contain_text("Two")
@@ -168,8 +172,6 @@ def test_the_page_of_a_robot_is_set_while_somebody_drives_it(
     ):
         drive_live(dan, stack, ROBOT)
         mia.goto(f"{stack.url}{SETTINGS}")
-        mia.get_by_label("The robot").select_option("holonomic")
-        mia.get_by_label("Stop driving when the video freezes").uncheck()
         mia.get_by_label("Topic of camera 1").fill("/rear/image_raw")
         mia.get_by_label("Its name").first.fill("Rear")
         mia.get_by_label("Turned by").first.select_option("180")
@@ -178,7 +180,14 @@ def test_the_page_of_a_robot_is_set_while_somebody_drives_it(
         expect(mia.get_by_test_id("form-problem")).to_contain_text("is over page.quality_max, 10")
         mia.get_by_label("Highest quality").fill("60")
         mia.get_by_test_id("page-save").click()
-        expect(mia.get_by_test_id("done")).to_contain_text(f"The page of robot {ROBOT} is saved.")
+        expect(mia.get_by_test_id("done")).to_contain_text(
+            f"The cameras of robot {ROBOT} are saved."
+        )
+        mia.get_by_test_id("tab-driving").click()
+        mia.get_by_label("How it moves").select_option("holonomic")
+        mia.get_by_label("Stop driving when the video freezes").uncheck()
+        mia.get_by_test_id("page-save").click()
+        expect(mia.get_by_test_id("done")).to_contain_text("The driving settings of robot")
         expect(mia.get_by_label("Stop driving when the video freezes")).not_to_be_checked()
         _wait_until_relay_has_read(stack)
         assert _control(stack, ROBOT, stack.token("page"))["driver"]["user"] == "dan"

@@ -1,4 +1,4 @@
-"""An admin in a real browser gives rights by group and site, sets policy and guard, and reads what was driven."""
+"""An admin in a real browser gives rights by group and site, sets safety and permissions, and reads what was driven."""
 
 from __future__ import annotations
 
@@ -74,17 +74,27 @@ def test_member_of_a_group_sees_the_robots_of_a_site(
 
 
 @pytest.mark.usefixtures("defaults")
-def test_policy_and_guard_are_set_in_one_form(page: Page, stack: Stack) -> None:
-    """What was said comes back with a sentence; what is good stands on the robot's page; the defaults come back."""
-    path = f"{stack.url}/admin/robots/sim3/settings"
-    page.goto(path)
-    page.get_by_label("Top speed (m/s)").fill("fast")
+def test_safety_and_permissions_are_set(page: Page, stack: Stack) -> None:
+    """What is wrong is said at its field; what is good stands on the robot's page; the defaults come back."""
+    robot = f"{stack.url}/admin/robots/sim3"
+    page.goto(f"{robot}/settings")
+    page.wait_for_url("**/robots/sim3/settings")
+    speed, steering = page.get_by_label("Top speed (m/s)"), page.get_by_label("Maximum steering")
+    page.get_by_test_id("more").locator("summary").click()
+    steering.fill("far")
     page.get_by_test_id("settings-save").click()
-    expect(page.get_by_test_id("form-problem")).to_contain_text("cannot use guard.max_speed_m_s")
-    page.get_by_label("Top speed (m/s)").fill("0.75")
+    expect(steering).to_be_focused()
+    expect(steering).to_have_attribute("aria-invalid", "true")
+    page.get_by_test_id("form-problem").get_by_role("link", name="Maximum steering").click()
+    steering.fill("")
+    speed.fill("0,75")
+    page.get_by_test_id("settings-save").click()
+    _done(page, "The safety settings of robot sim3 are saved.")
+    page.get_by_test_id("tab-permissions").click()
     page.get_by_label("Call").first.fill("/arm/*\n/lamp")
     page.get_by_test_id("settings-save").click()
-    _done(page, "The safety and permissions of robot sim3 are saved.")
+    _done(page, "The permissions of robot sim3 are saved.")
+    page.get_by_test_id("admin-page").click()
     expect(page.get_by_test_id("settings")).to_contain_text("0.75")
     expect(page.get_by_test_id("settings")).to_contain_text("/arm/*, /lamp")
     kept = json.loads(stack.sql("SELECT settings FROM robots WHERE name = 'sim3'")[0][0])
@@ -92,9 +102,10 @@ def test_policy_and_guard_are_set_in_one_form(page: Page, stack: Stack) -> None:
         "guard": {"max_speed_m_s": 0.75},
         "policy": {"drive": {"call": ["/arm/*", "/lamp"]}},
     }
-    page.goto(path)
+    page.get_by_test_id("change-settings").click()
     page.get_by_test_id("defaults").click()
     page.get_by_test_id("deed-do").click()
+    page.get_by_test_id("admin-page").click()
     expect(page.get_by_test_id("settings")).to_have_text("Everything has its default.")
 
 

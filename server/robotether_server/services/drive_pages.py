@@ -19,13 +19,25 @@ from robotether_server.problems import FieldInvalid, GrantMissing, NotPossible, 
 from robotether_server.robot_settings import RobotSettings, Settings, put_path, same_json
 from robotether_server.services import robots as robot_service
 
-# The buttons before a change, to those after it.
+# All settings before a change, to those after it; and the same of the buttons.
+SettingsChange = Callable[[Settings], Settings]
 Change = Callable[[list[Button]], list[Button]]
 
 
 def set_page(tx: Transaction, source: Source, name: str, page: object) -> RobotSettings:
     """Replace `page`; what is missing is as by default. Raises FieldInvalid. Returns all that is in force then."""
     return _set(tx, source, name, "page", page)
+
+
+def change_page(
+    tx: Transaction, source: Source, name: str, change: SettingsChange
+) -> RobotSettings:
+    """Replace `page` by that of the settings that `change` makes of the present ones; raise FieldInvalid.
+
+    No other change comes in between.
+    """
+    robots.lock_enrolment(tx)
+    return set_page(tx, source, name, change(robots.get(tx, name).settings).get("page", {}))
 
 
 def set_buttons(tx: Transaction, source: Source, name: str, buttons: object) -> RobotSettings:

@@ -21,11 +21,11 @@ from robotether_server.web import admin, current_user, errors, forms, page_texts
 from robotether_server.web.pages import (
     button_forms,
     documents,
-    drive_page_form,
     drives,
     home,
     installer,
     profile,
+    robot_settings,
 )
 
 MAX_REQUEST_BYTES = 64 * 1024
@@ -101,7 +101,7 @@ def create_app(settings: WebSettings) -> Flask:
     app.register_blueprint(admin.blueprint)
     app.register_blueprint(profile.blueprint)
     app.register_blueprint(drives.blueprint)
-    app.register_blueprint(drive_page_form.blueprint)
+    app.register_blueprint(robot_settings.blueprint)
     app.register_blueprint(button_forms.blueprint)
     return app
 

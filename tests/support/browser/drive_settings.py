@@ -1,4 +1,4 @@
-"""What tests of a drive page's settings send and look up."""
+"""What tests of a robot's settings send and look up."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from robotether_server.db import Database, audit, robots
 from web_visitor import Browser
 
 SETTINGS = "/robots/sim1/settings"
+CAMERAS, DRIVING = f"{SETTINGS}/cameras", f"{SETTINGS}/driving"
+BUTTONS, PERMISSIONS = f"{SETTINGS}/buttons", f"{SETTINGS}/permissions"
 LIGHTS = {
     "name": "Lights on",
     "kind": "publish",
@@ -68,26 +70,26 @@ def problem_of(page: str) -> str:
     return " ".join(html.unescape(re.sub("<[^>]*>", "", found[1])).split())
 
 
-def filled(browser: Browser) -> dict[str, Any]:
-    """The page's form as a browser would send it, unchanged."""
-    page = browser.ask("GET", SETTINGS).text
-    form = page.split('data-testid="page-form"')[1]
+def filled(browser: Browser, path: str) -> dict[str, Any]:
+    """The form of a tab as a browser would send it, unchanged."""
+    form = re.findall(
+        r'<form method="post" class="stack settings".*?</form>', browser.ask("GET", path).text, re.S
+    )[0]
     found: dict[str, Any] = {}
-    for name, attributes in re.findall(r'<input id="[^"]+" name="(\w+)"([^>]*)>', form):
-        if 'type="checkbox"' in attributes:
-            if " checked" in attributes:
-                found[name] = "yes"
-            continue
-        value = html.unescape(re.findall(r'value="([^"]*)"', attributes)[0])
-        if name in ("topic", "name"):
-            found.setdefault(name, []).append(value)
+
+    def put(name: str, value: str) -> None:
+        if name in ("topic", "name", "turned_deg"):
+            found.setdefault(name, []).append(html.unescape(value))
         else:
-            found[name] = value
-    selects = r'<select id="[^"]+" name="(\w+)"[^>]*>(.*?)</select>'
+            found[name] = html.unescape(value)
+
+    for name, attributes in re.findall(r'<input id="[^"]+" name="([^"]+)"([^>]*)>', form):
+        if 'type="checkbox"' not in attributes or " checked" in attributes:
+            put(name, re.findall(r'value="([^"]*)"', attributes)[0])
+    areas = r'<textarea id="[^"]+" name="([^"]+)"[^>]*>\n([^<]*)</textarea>'
+    for name, text in re.findall(areas, form):
+        put(name, text.replace("\n", "\r\n"))
+    selects = r'<select id="[^"]+" name="([^"]+)"[^>]*>(.*?)</select>'
     for name, options in re.findall(selects, form, re.S):
-        chosen = re.findall(r'<option value="([^"]*)" selected', options)[0]
-        if name == "turned_deg":
-            found.setdefault(name, []).append(chosen)
-        else:
-            found[name] = chosen
+        put(name, re.findall(r'<option value="([^"]*)" selected', options)[0])
     return found

@@ -14,7 +14,6 @@ from robotether_server.web.admin import (
     grants,
     groups,
     pending,
-    robot_settings,
     robots,
     sites,
     tokens,
@@ -25,7 +24,6 @@ blueprint = Blueprint("admin", __name__, url_prefix="/admin")
 blueprint.before_request(current_user.require_admin)
 for part in (
     robots,
-    robot_settings,
     add_robot,
     pending,
     users,

@@ -5,8 +5,10 @@
 
 from dataclasses import dataclass
 from functools import partial
+from http import HTTPStatus
 
-from flask import Blueprint, render_template, request
+from flask import Blueprint, redirect, render_template, request
+from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, audit, seen_robots
@@ -21,9 +23,10 @@ from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.services import robots
 from robotether_server.web import confirmation, current_user, forms
-from robotether_server.web.admin import grants, robot_setting_fields
+from robotether_server.web.admin import grants
 from robotether_server.web.confirmation import ConfirmedAction, Field, Words
 from robotether_server.web.forms import Saved, form
+from robotether_server.web.pages import robot_settings, setting_fields
 
 blueprint = Blueprint("robots", __name__)
 
@@ -106,12 +109,18 @@ def show(name: str, problem: Problem | None = None) -> str:
             grants=grants.for_robot(tx, seen.robot),
             choices=grants.holders(tx),
             sites=[site.name for site in db_grants.list_sites(tx)],
-            settings=robot_setting_fields.summary(seen.robot.settings),
+            settings=setting_fields.summary(seen.robot.settings),
             control=seen_robots.control_of(tx, seen.robot.id),
             levels=LEVELS,
             problem=problem,
             values=request.form,
         )
+
+
+@blueprint.get("/robots/<name>/settings")
+def show_settings(name: str) -> AnyResponse:
+    """Redirect to where the settings stand now."""
+    return redirect(robot_settings.path_of(name), HTTPStatus.MOVED_PERMANENTLY)
 
 
 @form(blueprint, "/robots/<name>/site", show)

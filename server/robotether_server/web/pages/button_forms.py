@@ -1,4 +1,4 @@
-"""The forms for a robot's buttons: add, change, remove, and put in order."""
+"""/robots/NAME/settings/buttons: a robot's buttons, and the forms to add, change, remove and order them."""
 
 import json
 from collections.abc import Callable
@@ -17,7 +17,8 @@ from robotether_server.services import drive_pages
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import ConfirmedAction, Words
 from robotether_server.web.forms import METHODS, Saved, form
-from robotether_server.web.pages.drive_page_form import path_of
+from robotether_server.web.pages.robot_settings import path_of, tabs_of
+from robotether_server.web.pages.setting_fields import BUTTONS
 
 blueprint = Blueprint("button_forms", __name__, url_prefix="/robots/<name>/settings/buttons")
 blueprint.before_request(current_user.require_user)
@@ -35,6 +36,28 @@ FORM_NAMES = {
     "button.args": "sends",
 }
 EMPTY = {"name": "", "kind": "publish", "target": "", "type": "", "sends": "{}", "confirm": ""}
+
+
+@blueprint.get("")
+def show_all(name: str) -> str:
+    """Show the buttons in their order."""
+    with context().database.transaction() as tx:
+        settings = drive_pages.find_managed(tx, current_user.get(), name).robot.settings
+    present: tuple[Button, ...] = ()
+    problem = None
+    try:
+        present = robot_settings.parse(settings).buttons
+    except FieldInvalid as error:
+        # Somebody wrote by SQL what nobody may set.
+        problem = error
+    return render_template(
+        "settings/buttons.html",
+        name=name,
+        tab=BUTTONS,
+        tabs_of_user=tabs_of(name),
+        buttons=present,
+        problem=problem,
+    )
 
 
 def show_new(name: str, problem: Problem | None = None) -> str:
@@ -72,7 +95,7 @@ def change(tx: Transaction, source: Source, name: str, place: int) -> Saved:
 def move(name: str, place: int) -> AnyResponse:
     """Swap a button with its neighbour."""
     if request.method != "POST":
-        return redirect(path_of(name))
+        return redirect(path_of(name, BUTTONS))
     to = -1 if forms.choice("to", "Direction", ("up", "down")) == "up" else 1
     was = request.form.get("was", "")
 
@@ -85,7 +108,7 @@ def move(name: str, place: int) -> AnyResponse:
 
     with context().database.transaction() as tx:
         _change(tx, current_user.source(), name, swapped)
-    return forms.go_on(f"{path_of(name)}#buttons", f"Button {was} is moved.")
+    return forms.go_on(path_of(name, BUTTONS), f"Button {was} is moved.")
 
 
 def _remove(tx: Transaction, source: Source, name: str, place: int) -> None:
@@ -111,7 +134,7 @@ def _save(
         if forms.is_ticked("allow") and current_user.get().is_admin:
             drive_pages.allow(tx, source, name, button)
         drive_pages.change_buttons(tx, source, name, lambda present: put(present, button))
-    return f"{path_of(name)}#buttons", f"Button {button.name} is saved."
+    return path_of(name, BUTTONS), f"Button {button.name} is saved."
 
 
 def _change(tx: Transaction, source: Source, name: str, change_: drive_pages.Change) -> None:
@@ -129,7 +152,7 @@ def _page(
     """Return the form with the button's values, or as it was sent."""
     sent = {field: request.form.get(field, "") for field in (*EMPTY, "allow")}
     return render_template(
-        "drive_button.html",
+        "settings/button.html",
         name=name,
         title=title,
         values=sent if problem else present,
@@ -199,7 +222,7 @@ def _found(name: str, place: int) -> Words:
 
 confirmation.register(
     blueprint,
-    f"{path_of('{name}')}#buttons",
+    path_of("{name}", BUTTONS),
     _found,
     ConfirmedAction(
         path="/<int:place>/remove",

@@ -48,9 +48,16 @@ def test_page_and_buttons_leave_each_other_alone(site: Site, database: Database)
             "guard": {"deadman_ms": 400},
             "page": {"fps": 10.0},
         }
-        drive_pages.set_page(tx, MAY, "sim1", {})
+        drive_pages.change_page(
+            tx, MAY, "sim1", lambda present: {**present, "guard": {}, "page": {"fps": 20}}
+        )
+        assert robots.get(tx, "sim1").settings == {
+            "guard": {"deadman_ms": 400},
+            "page": {"fps": 20.0},
+        }
+        drive_pages.change_page(tx, MAY, "sim1", lambda _: {})
         assert robots.get(tx, "sim1").settings == {"guard": {"deadman_ms": 400}}
-    assert kinds(database).count("robot_page_set") == 2
+    assert kinds(database).count("robot_page_set") == 3
 
 
 def test_a_place_is_that_of_a_name() -> None:

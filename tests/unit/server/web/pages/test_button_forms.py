@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from admin_visitor import send
 from drive_settings import (
+    BUTTONS,
     DOCK,
     DOCK_FORM,
     LIGHTS,
     LIGHTS_FORM,
-    SETTINGS,
     audited,
     kept,
     names,
@@ -18,14 +18,14 @@ from drive_settings import (
 from robotether_server.db import Database, robots
 from web_visitor import Browser
 
-NEW = f"{SETTINGS}/buttons/new"
+NEW = f"{BUTTONS}/new"
 
 
 @pytest.fixture
 def two(manager: Browser) -> None:
     """Lights on and Dock, in this order."""
     for form in (LIGHTS_FORM, DOCK_FORM):
-        assert send(manager, NEW, **form).status_code == 303
+        assert send(manager, NEW, **form).location == BUTTONS
 
 
 @pytest.mark.usefixtures("two")
@@ -35,7 +35,7 @@ def test_manager_adds_buttons(manager: Browser, database: Database) -> None:
     newest, first = audited(database, "robot_buttons_set")
     assert first == ("may", {"was": None, "buttons": [LIGHTS]})
     assert newest == ("may", {"was": [LIGHTS], "buttons": [LIGHTS, DOCK]})
-    page = manager.ask("GET", SETTINGS).text
+    page = manager.ask("GET", BUTTONS).text
     assert page.index('data-testid="button-1"') < page.index('data-testid="button-2"')
     assert "Publishes to <code>/lights</code>" in page
     assert "<code>{&#34;data&#34;:true}</code>" in page
@@ -44,7 +44,7 @@ def test_manager_adds_buttons(manager: Browser, database: Database) -> None:
 @pytest.mark.usefixtures("two")
 def test_button_is_changed_where_it_stands(manager: Browser, database: Database) -> None:
     """Its form has what it is; sent back unchanged it changes nothing."""
-    path = f"{SETTINGS}/buttons/1"
+    path = f"{BUTTONS}/1"
     page = manager.ask("GET", path).text
     assert 'value="Lights on"' in page
     assert "&#34;data&#34;: true" in page
@@ -60,27 +60,27 @@ def test_button_is_changed_where_it_stands(manager: Browser, database: Database)
 def test_true_is_another_message_than_one(manager: Browser, database: Database) -> None:
     """To Python they are equal, to a robot they are not."""
     form = LIGHTS_FORM | {"sends": '{"data": 1}'}
-    send(manager, f"{SETTINGS}/buttons/1", was="Lights on", **form)
+    send(manager, f"{BUTTONS}/1", was="Lights on", **form)
     assert kept(database, "buttons")[0]["msg"]["data"] is not True
 
 
 @pytest.mark.usefixtures("two")
 def test_buttons_change_places(manager: Browser, database: Database) -> None:
     """One step at a time; the ends are ends."""
-    move = f"{SETTINGS}/buttons/2/move"
+    move = f"{BUTTONS}/2/move"
     assert send(manager, move, was="Dock", to="up").status_code == 303
     assert names(database) == ["Dock", "Lights on"]
-    assert send(manager, f"{SETTINGS}/buttons/1/move", was="Dock", to="up").status_code == 409
-    assert send(manager, f"{SETTINGS}/buttons/1/move", was="Dock", to="down").status_code == 303
+    assert send(manager, f"{BUTTONS}/1/move", was="Dock", to="up").status_code == 409
+    assert send(manager, f"{BUTTONS}/1/move", was="Dock", to="down").status_code == 303
     assert names(database) == ["Lights on", "Dock"]
     assert send(manager, move, was="Dock", to="sideways").status_code == 422
-    assert manager.ask("GET", move).location == SETTINGS
+    assert manager.ask("GET", move).location == BUTTONS
 
 
 @pytest.mark.usefixtures("two")
 def test_button_is_removed_after_a_question(manager: Browser, database: Database) -> None:
     """The audit log keeps what it sent."""
-    path = f"{SETTINGS}/buttons/1/remove"
+    path = f"{BUTTONS}/1/remove"
     assert 'name="was" value="Lights on"' in manager.ask("GET", path).text
     assert names(database) == ["Lights on", "Dock"]
     assert send(manager, path, was="Lights on").status_code == 303
@@ -91,14 +91,14 @@ def test_button_is_removed_after_a_question(manager: Browser, database: Database
 @pytest.mark.usefixtures("two")
 def test_a_form_of_before_changes_no_other_button(manager: Browser, database: Database) -> None:
     """Somebody moved them meanwhile: the place is another button's."""
-    send(manager, f"{SETTINGS}/buttons/1/move", was="Lights on", to="down")
+    send(manager, f"{BUTTONS}/1/move", was="Lights on", to="down")
     for path, form in (("1", LIGHTS_FORM), ("1/remove", {}), ("1/move", {"to": "down"})):
         sent = form | {"was": "Lights on"}
-        answer = send(manager, f"{SETTINGS}/buttons/{path}", **sent)
+        answer = send(manager, f"{BUTTONS}/{path}", **sent)
         assert answer.status_code == 409
         assert "have changed meanwhile" in answer.text
     assert names(database) == ["Dock", "Lights on"]
-    assert manager.ask("GET", f"{SETTINGS}/buttons/3").status_code == 409
+    assert manager.ask("GET", f"{BUTTONS}/3").status_code == 409
 
 
 @pytest.mark.parametrize(
@@ -160,6 +160,7 @@ def test_no_button_before_broken_settings_are_corrected(
     """What somebody wrote by SQL is for an admin to mend."""
     with database.transaction() as tx:
         tx.change("""UPDATE robots SET settings = '{"guard": {"deadman_ms": 1}}'""")
+    assert "cannot use guard.deadman_ms" in problem_of(manager.ask("GET", BUTTONS).text)
     for answer in (manager.ask("GET", NEW), send(manager, NEW, **LIGHTS_FORM)):
         assert answer.status_code == 409
         assert (

@@ -1,0 +1,246 @@
+"""/robots/NAME/settings: a robot's settings in tabs, each of which saves its own.
+
+Safety and permissions are for admins, the others for all managers of the robot. The settings are kept as what differs
+from the defaults; relay and guard follow a change by themselves. button_forms.py has the tab of the buttons.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+
+from flask import Blueprint, redirect, render_template, request
+from werkzeug.wrappers import Response as AnyResponse
+
+from robotether_server import robot_settings, schemas
+from robotether_server.api.context import context
+from robotether_server.db import Transaction
+from robotether_server.db.audit import Source
+from robotether_server.page_settings import MAX_CAMERAS, TURNS
+from robotether_server.problems import FieldInvalid, FieldsInvalid, GrantMissing, Problem
+from robotether_server.robot_settings import GivenSettings, Settings, get_path, is_in, put_path
+from robotether_server.services import drive_pages
+from robotether_server.services import robots as robot_service
+from robotether_server.web import confirmation, current_user, forms
+from robotether_server.web.confirmation import ConfirmedAction, Words
+from robotether_server.web.forms import Saved, form
+from robotether_server.web.pages.setting_fields import (
+    CAMERAS,
+    CAMERAS_PATH,
+    DRIVING,
+    PERMISSIONS,
+    SAFETY,
+    TABS,
+    SettingField,
+    Tab,
+    line_of,
+)
+
+blueprint = Blueprint("robot_settings", __name__, url_prefix="/robots/<name>/settings")
+blueprint.before_request(current_user.require_user)
+
+MAX_FIELD_LENGTH = 20_000
+# So many rows for further cameras than there are.
+SPARE_ROWS = 2
+DEFAULTS = robot_settings.DEFAULTS.as_dict()
+PAGE_PATHS = (CAMERAS_PATH, *(field.path for tab in (CAMERAS, DRIVING) for field in tab.fields))
+
+
+@blueprint.before_request
+def lead_to_first_tab() -> AnyResponse | None:
+    """Let managers who are no admins begin with the first tab that they have."""
+    name = (request.view_args or {})["name"]
+    if request.method == "POST" or request.path != path_of(name) or current_user.get().is_admin:
+        return None
+    with context().database.transaction() as tx:
+        drive_pages.find_managed(tx, current_user.get(), name)
+    return redirect(tabs_of(name)[0][1])
+
+
+def path_of(name: str, tab: Tab = SAFETY) -> str:
+    """Return the path of a tab."""
+    return f"/robots/{name}/settings{tab.path}"
+
+
+def tabs_of(name: str) -> list[tuple[str, str]]:
+    """Return titles and paths of the tabs that the user has."""
+    is_admin = current_user.get().is_admin
+    return [(tab.title, path_of(name, tab)) for tab in TABS if is_admin or not tab.is_for_admins]
+
+
+def show(tab: Tab, name: str, problem: Problem | None = None) -> str:
+    """Show the form of a tab with what is in force, or as it was sent."""
+    with context().database.transaction() as tx:
+        present = _settings(tx, name, tab)
+    try:
+        robot_settings.parse(present)
+    except FieldInvalid as error:
+        # Somebody wrote by SQL what nobody may set; the form brings the robot back.
+        problem = problem or error
+    return render_template(
+        "settings/cameras.html" if tab is CAMERAS else "settings/form.html",
+        name=name,
+        tab=tab,
+        tabs_of_user=tabs_of(name),
+        texts={field.path: _text(field, present) for field in tab.fields},
+        usual={field.path: line_of(field, get_path(DEFAULTS, field.path)) for field in tab.fields},
+        ticked=[field.path for field in tab.fields if field.box and _is_ticked(field, present)],
+        cameras=_camera_rows(present),
+        turns=[(turn, f"{turn}°") for turn in TURNS],
+        problem=problem,
+    )
+
+
+def save(tab: Tab, tx: Transaction, source: Source, name: str) -> Saved:
+    """Set what the tab has, and nothing else."""
+    _settings(tx, name, tab)
+    values = _checked(tab)
+    change = robot_service.change_settings if tab.is_for_admins else drive_pages.change_page
+    change(tx, source, name, lambda present: _changed(present, values))
+    return path_of(name, tab), tab.saved.format(name=name)
+
+
+for one in (SAFETY, CAMERAS, DRIVING, PERMISSIONS):
+    form(blueprint, one.path, partial(show, one))(partial(save, one))
+
+
+def _settings(tx: Transaction, name: str, tab: Tab) -> Mapping[str, object]:
+    """Return the robot's settings; raise RobotUnknown or GrantMissing."""
+    seen = drive_pages.find_managed(tx, current_user.get(), name)
+    if tab.is_for_admins and not current_user.get().is_admin:
+        raise GrantMissing("cannot show these settings: they are for admins; ask one of them")
+    return seen.robot.settings
+
+
+def _present(field: SettingField, present: Mapping[str, object]) -> object:
+    return get_path(present if is_in(present, field.path) else DEFAULTS, field.path)
+
+
+def _text(field: SettingField, present: Mapping[str, object]) -> str:
+    """Return what was sent, else what is in force; a number that its checkbox switches off has its default."""
+    value = _present(field, present)
+    if value is None and field.box:
+        value = get_path(DEFAULTS, field.path)
+    return request.form.get(field.path, forms.value_text(value))
+
+
+def _box(field: SettingField) -> str:
+    return f"{field.path}.on"
+
+
+def _is_ticked(field: SettingField, present: Mapping[str, object]) -> bool:
+    return forms.is_ticked(_box(field)) if request.form else _present(field, present) is not None
+
+
+def _camera_rows(present: Mapping[str, object]) -> list[tuple[str, str, str]]:
+    """Return topic, name and turn of each row, the spare ones included."""
+    if request.form:
+        rows = _sent_cameras()
+    else:
+        cameras = get_path(present, CAMERAS_PATH)
+        rows = [
+            (str(one.get("topic", "")), str(one.get("name", "")), str(one.get("turned_deg", 0)))
+            for one in (cameras if isinstance(cameras, list) else [])
+            if isinstance(one, Mapping)
+        ]
+    return [*rows, *[("", "", "0")] * SPARE_ROWS][:MAX_CAMERAS]
+
+
+def _sent_cameras() -> list[tuple[str, str, str]]:
+    """Return the rows that are not empty."""
+    columns = [request.form.getlist(column) for column in ("topic", "name", "turned_deg")]
+    return [
+        (topic.strip(), name.strip(), turn)
+        for topic, name, turn in zip(*columns, strict=False)
+        if topic.strip() or name.strip()
+    ]
+
+
+def _checked(tab: Tab) -> Settings:
+    """Return the values of the form by their paths; raise FieldsInvalid, which names every wrong one."""
+    read: dict[str, Callable[[], object]] = {CAMERAS_PATH: _cameras} if tab is CAMERAS else {}
+    read |= {field.path: partial(_value, field) for field in tab.fields}
+    values: Settings = {}
+    wrong: list[FieldInvalid] = []
+    for path, value in read.items():
+        with _collected(wrong):
+            values[path] = value()
+            schemas.read(put_path({}, path, values[path]), GivenSettings, of="settings")
+    if wrong:
+        raise FieldsInvalid(wrong)
+    return values
+
+
+@contextmanager
+def _collected(wrong: list[FieldInvalid]) -> Iterator[None]:
+    try:
+        yield
+    except FieldInvalid as problem:
+        wrong.append(problem)
+
+
+def _cameras() -> object:
+    return [
+        {"topic": topic, "name": name, "turned_deg": forms.number_or_text(turn)}
+        for topic, name, turn in _sent_cameras()
+    ]
+
+
+def _value(field: SettingField) -> object:
+    """Return what a field has, unchecked."""
+    text = request.form.get(field.path)
+    if text is None or len(text) > MAX_FIELD_LENGTH:
+        raise FieldInvalid(f"cannot use {field.path}: it is missing or too long", field.path)
+    text = text.strip()
+    if field.kind == "globs":
+        return [line.strip() for line in text.splitlines() if line.strip()]
+    if field.box:
+        return forms.number_or_text(text, whole=True) if forms.is_ticked(_box(field)) else None
+    if not text and field.empty:
+        return None
+    if field.kind in ("number", "whole"):
+        return forms.number_or_text(text, whole=field.kind == "whole")
+    return text
+
+
+def _changed(present: Mapping[str, object], values: Settings) -> Settings:
+    """Return the settings with these values; what nobody may set goes from their part."""
+    part = next(iter(values)).partition(".")[0]
+    settings = {name: value for name, value in present.items() if name != part}
+    others = {path: get_path(present, path) for path in PAGE_PATHS if is_in(present, path)}
+    for path, value in (others | values).items():
+        settings = put_path(settings, path, value)
+    return settings
+
+
+def _reset(tx: Transaction, source: Source, name: str) -> None:
+    def without(present: Settings) -> Settings:
+        return {part: value for part, value in present.items() if part not in ("guard", "policy")}
+
+    robot_service.change_settings(tx, source, name, without)
+
+
+def _found(name: str) -> Words:
+    with context().database.transaction() as tx:
+        _settings(tx, name, SAFETY)
+    return {"name": name}
+
+
+confirmation.register(
+    blueprint,
+    path_of("{name}"),
+    _found,
+    ConfirmedAction(
+        path="/defaults",
+        title="Reset safety and permissions of robot {name} to the defaults?",
+        effects=(
+            "No limits of speed and acceleration; it stops by itself after 0.5 s; drive topics /cmd_vel and */cmd_vel.",
+            "Observers subscribe to everything, drivers drive, managers may do everything. The shell user stays.",
+            "It applies at once. If it changes drive topics, command age or permissions, it stops the robot and "
+            "disconnects everyone. They must reopen the page.",
+        ),
+        undo="Set them again; the audit log keeps what they were.",
+        button="Reset to the defaults",
+        done="The safety and permissions of robot {name} are the defaults.",
+        do=_reset,
+    ),
+)

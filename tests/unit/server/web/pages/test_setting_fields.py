@@ -1,0 +1,77 @@
+"""The fields of a robot's settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import get_args
+
+import pytest
+from robotether_server.page_settings import DriveType, Kind
+from robotether_server.robot_settings import DEFAULTS, get_path
+from robotether_server.web.pages.setting_fields import (
+    CAMERAS,
+    CAMERAS_PATH,
+    DRIVING,
+    KIND_WORDS,
+    PERMISSIONS,
+    SAFETY,
+    TABS,
+    TYPE_WORDS,
+    SettingField,
+    Tab,
+    summary,
+)
+
+FIELDS = [field for tab in TABS for field in tab.fields]
+
+
+def leaves(settings: Mapping[str, object], above: str) -> list[str]:
+    """The paths of all single settings."""
+    found = []
+    for name, value in settings.items():
+        inner = isinstance(value, Mapping)
+        found += leaves(value, f"{above}{name}.") if inner else [above + name]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("part", "tabs", "own"),
+    [
+        ("guard", [SAFETY], []),
+        ("policy", [PERMISSIONS], []),
+        ("page", [CAMERAS, DRIVING], [CAMERAS_PATH]),
+    ],
+)
+def test_every_setting_has_its_field(part: str, tabs: list[Tab], own: list[str]) -> None:
+    """In one tab; `own` have rows of their own kind."""
+    present = leaves(get_path(DEFAULTS.as_dict(), part), f"{part}.")
+    assert sorted([*own, *(field.path for tab in tabs for field in tab.fields)]) == sorted(present)
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.path)
+def test_field_is_of_the_kind_of_its_default(field: SettingField) -> None:
+    """Names are a list, and what has no value by default may be left empty, but for what has a box."""
+    default = get_path(DEFAULTS.as_dict(), field.path)
+    assert isinstance(default, list) == (field.kind == "globs")
+    if field.kind != "globs" and not field.box:
+        assert (default is None) == bool(field.empty)
+    if field.kind == "whole" and not field.empty:
+        assert isinstance(default, int)
+    assert field.label
+    assert not field.hint or field.hint.endswith(".")
+
+
+def test_choices_are_all_there() -> None:
+    """Each with its words."""
+    assert tuple(kind for kind, _ in KIND_WORDS) == get_args(Kind)
+    assert tuple(one for one, _ in TYPE_WORDS) == ("", *get_args(DriveType))
+
+
+def test_summary_has_what_differs() -> None:
+    """In words; the defaults are nothing, and what is no setting is said."""
+    assert summary({}) == []
+    assert summary({"guard": {"deadman_ms": 300}, "policy": {"manage": {"call": []}}}) == [
+        ("Stop if no command arrives for (ms)", "300"),
+        ("Managers: Call", "none"),
+    ]
+    assert summary({"guard": {"deadman_ms": 5}})[0][0] == "Not valid"
