@@ -1,4 +1,4 @@
-"""Robots with a shell, and people who reach it through `jump`."""
+"""A robot's key, robots with a shell, and people who reach it through `jump`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,20 @@ from pathlib import Path
 
 import pytest
 from jump_people import Person, ShellRobot
+from robot_key import RobotKey
 from stack import Stack
+
+
+@pytest.fixture(scope="module")
+def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotKey]:
+    """The key of an active robot that no agent uses."""
+    robot = RobotKey(stack, tmp_path_factory.mktemp("keys"), "thief")
+    stack.robotether("robot", "add", "thief", "--mac", "00:00:5e:00:53:60")
+    status, _ = robot.join("00:00:5e:00:53:60")
+    assert status == 202
+    stack.robotether("robot", "approve", "thief", "--yes")
+    yield robot
+    stack.admin.remove("robots", "thief")
 
 
 @pytest.fixture(scope="module")

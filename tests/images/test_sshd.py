@@ -5,43 +5,18 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-import select
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from jump_people import RobotSshd, end, heartbeat
-from robot_key import RobotKey
-from stack import Stack, database_away
+from robot_key import RobotKey, session_line
+from stack import Stack
 
 USER = "tunnel@127.0.0.1"
 PROXY_PROTOCOL = "/etc/nginx/proxy-protocol.conf"
-
-
-@pytest.fixture(scope="module")
-def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotKey]:
-    """The key of an active robot that no agent uses."""
-    robot = RobotKey(stack, tmp_path_factory.mktemp("keys"), "thief")
-    stack.robotether("robot", "add", "thief", "--mac", "00:00:5e:00:53:60")
-    status, _ = robot.join("00:00:5e:00:53:60")
-    assert status == 202
-    stack.robotether("robot", "approve", "thief", "--yes")
-    yield robot
-    stack.admin.remove("robots", "thief")
-
-
-def _session_line(running: subprocess.Popen[str], seconds: float = 10) -> dict[str, object]:
-    """The first line that the relay sends on a session, which proves the whole way."""
-    assert running.stdout is not None
-    ready, _, _ = select.select([running.stdout], [], [], seconds)
-    if not ready:
-        running.kill()
-        raise AssertionError(f"no line in {seconds} s: {running.communicate()[1]}")
-    line: dict[str, object] = json.loads(running.stdout.readline())
-    return line
 
 
 def _free_port(key: RobotKey) -> int:
@@ -174,7 +149,7 @@ def test_robot_opens_its_session(key: RobotKey) -> None:
     """A robot's key reaches the relay, which answers with the robot's name and ports."""
     running = key.start(USER, "session")
     try:
-        line = _session_line(running)
+        line = session_line(running)
     finally:
         end(running)
     ros, video = key.ports()
@@ -190,7 +165,7 @@ def test_robot_opens_its_session_through_443(key: RobotKey) -> None:
     """On a network that lets only 443 out the same key gets the same session."""
     running = key.start(USER, "session", port=key.stack.https_port)
     try:
-        assert _session_line(running)["robot"] == "thief"
+        assert session_line(running)["robot"] == "thief"
     finally:
         end(running)
 
@@ -200,7 +175,7 @@ def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack, tmp_path: P
     control = str(tmp_path / "control")
     running = key.start("-M", "-S", control, USER, "session")
     try:
-        assert _session_line(running)["type"] == "config"
+        assert session_line(running)["type"] == "config"
         # As an agent does: the relay ends a session that is silent for 5 s.
         with heartbeat(running):
             for port in key.ports():
@@ -217,7 +192,7 @@ def test_port_that_another_connection_holds_ends_the_session(key: RobotKey) -> N
     ros = _free_port(key)
     running = key.start("-R", f"0.0.0.0:{ros}:127.0.0.1:9", USER, "session")
     try:
-        line = _session_line(running)
+        line = session_line(running)
     finally:
         end(running)
     assert (line["type"], line["code"]) == ("bye", "port_taken")
@@ -293,18 +268,6 @@ def test_key_opens_no_other_account(key: RobotKey, account: str) -> None:
     assert "Permission denied" in done.stderr
 
 
-def test_unknown_key_leaves_one_audit_line(stack: Stack, tmp_path: Path) -> None:
-    """A key that the database does not hold is refused, and one line tells of it however often it tries."""
-    stranger = RobotKey(stack, tmp_path, "stranger")
-    for _ in range(3):
-        assert "Permission denied" in stranger.ssh(USER, "session").stderr
-    rows = stack.sql(
-        f"SELECT kind, address FROM audit_events WHERE details LIKE '%{stranger.fingerprint}%'"
-    )
-    assert [row[0] for row in rows] == ["key_refused"]
-    assert rows[0][1] not in ("", "NULL")
-
-
 def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> None:
     """The second session of a robot gets its port although the first one never let go."""
     ros = _free_port(key)
@@ -312,7 +275,7 @@ def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> No
     try:
         for control in (str(tmp_path / "first"), str(tmp_path / "second")):
             running.append(key.start("-M", "-S", control, USER, "session"))
-            assert _session_line(running[-1])["type"] == "config"
+            assert session_line(running[-1])["type"] == "config"
             forward = ("-O", "forward", "-R", f"0.0.0.0:{ros}:127.0.0.1:9")
             done = key.ssh("-S", control, *forward, USER)
             assert done.returncode == 0, done.stderr
@@ -344,7 +307,7 @@ def test_robot_that_reads_nothing_loses_its_session(key: RobotKey, stack: Stack)
     """A robot that stops reading cannot keep the connection, and its ports, that the relay has ended."""
     running = key.start(USER, "session")
     try:
-        _session_line(running)
+        session_line(running)
         assert running.stdin is not None
         # Answers of 4000 digits fill every buffer on the way back, which nobody reads; fewer than 200 lines a second,
         # as the relay ends a robot that sends more for that alone; many at once, so that more has to be written
@@ -370,28 +333,3 @@ def test_robot_that_reads_nothing_loses_its_session(key: RobotKey, stack: Stack)
         running.kill()
         with contextlib.suppress(BrokenPipeError):  # what could not be sent any more
             running.communicate()
-
-
-def test_known_key_works_while_the_database_is_away(
-    key: RobotKey, stack: Stack, tmp_path: Path
-) -> None:
-    """With mysql stopped a key that worked before still opens its session, and an unknown one does not."""
-    running = key.start(USER, "session")
-    _session_line(running)
-    end(running)
-    with database_away(stack):
-        running = key.start(USER, "session")
-        try:
-            assert _session_line(running)["robot"] == "thief"
-        finally:
-            end(running)
-        assert "Permission denied" in RobotKey(stack, tmp_path, "late").ssh(USER, "session").stderr
-
-
-def test_disabled_robots_key_is_refused(stack: Stack, key: RobotKey) -> None:
-    """Disabling a robot closes the door to its key at once, cache or not."""
-    stack.robotether("robot", "disable", "thief")
-    try:
-        assert "Permission denied" in key.ssh(USER, "session").stderr
-    finally:
-        stack.robotether("robot", "enable", "thief")

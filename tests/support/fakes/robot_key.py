@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import select
 import subprocess
 from pathlib import Path
 
@@ -99,3 +101,14 @@ class RobotKey:
             stderr=subprocess.PIPE,
             text=True,
         )
+
+
+def session_line(running: subprocess.Popen[str], seconds: float = 10) -> dict[str, object]:
+    """The first line that the relay sends on a session, which proves the whole way."""
+    assert running.stdout is not None
+    ready, _, _ = select.select([running.stdout], [], [], seconds)
+    if not ready:
+        running.kill()
+        raise AssertionError(f"no line in {seconds} s: {running.communicate()[1]}")
+    line: dict[str, object] = json.loads(running.stdout.readline())
+    return line

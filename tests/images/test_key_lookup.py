@@ -1,0 +1,177 @@
+"""Whom the look-up of robots' keys lets in, asked of the program that sshd runs and of the running daemon."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from hashlib import sha256
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import pytest
+from inside import run_inside
+from jump_people import end
+from robot_key import RobotKey, session_line
+from stack import Stack, database_away
+
+USER = "tunnel@127.0.0.1"
+PROGRAM = "/usr/lib/robotether/authorized-keys"
+CACHE = "/var/cache/robotether"
+CONNECTION = "192.0.2.7 50022 192.0.2.1 2222"
+# As long as a fingerprint, and no key's.
+HASH = "SHA256:" + "x/+0" * 10 + "abc"
+
+
+def look_up(stack: Stack, *arguments: str) -> CompletedProcess[str]:
+    return run_inside(stack.container("sshd"), PROGRAM, *arguments, user="keylookup")
+
+
+def line_of(key: RobotKey) -> str:
+    """What lets the key in while the database answers."""
+    done = look_up(key.stack, "tunnel", key.fingerprint, CONNECTION)
+    assert done.returncode == 0
+    return done.stdout
+
+
+def refused(stack: Stack, fingerprint: str) -> list[list[str]]:
+    """The address of each audit line of a refused key."""
+    return stack.sql(
+        "SELECT address FROM audit_events WHERE kind = 'key_refused' "
+        f"AND JSON_VALUE(details, '$.fingerprint') = '{fingerprint}'"
+    )
+
+
+@pytest.mark.parametrize("shell", ["FALSE", "TRUE"])
+def test_line_lets_the_key_listen_on_its_ports_and_run_its_session(
+    key: RobotKey, stack: Stack, shell: str
+) -> None:
+    """Nothing else: the line is this one, byte for byte, with the shell's port while the robot has one."""
+    stack.sql(f"UPDATE robots SET shell = {shell} WHERE name = 'thief'")
+    columns = "id, ros_port, video_port, IFNULL(shell_port, '')"
+    [[number, *with_none]] = stack.sql(f"SELECT {columns} FROM robots WHERE name = 'thief'")
+    ports = [port for port in with_none if port]
+    assert len(ports) == (3 if shell == "TRUE" else 2)
+    listens = ",".join(f'permitlisten="*:{port}"' for port in ports)
+    command = f"/usr/lib/robotether/session {number} {key.fingerprint} {','.join(ports)}"
+    options = f'restrict,port-forwarding,{listens},command="{command}"'
+    assert line_of(key) == f"{options} {' '.join(key.public.split()[:2])}\n"
+
+
+@pytest.mark.parametrize("user", ["jump", "root", "", "tunnel2"])
+def test_line_is_for_the_account_tunnel_alone(key: RobotKey, stack: Stack, user: str) -> None:
+    assert look_up(stack, user, key.fingerprint, CONNECTION).stdout == ""
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        "",
+        "SHA256:",
+        "MD5:00:11",
+        HASH[:-1],
+        HASH + "a",
+        HASH[:-1] + "=",
+        HASH[:-1] + "\n",
+        "SHA256:" + "' OR '1'='1' -- ".ljust(43, "a"),
+        "SHA256:" + "../../../etc/passwd".ljust(43, "a"),
+        "SHA256:" + "a" * 100_000,
+    ],
+    ids=lambda odd: odd[:30],
+)
+def test_odd_fingerprint_is_not_asked_for(stack: Stack, odd: str) -> None:
+    """It ends well and prints nothing; no statement and no file's name is made of it."""
+    before = stack.sql("SELECT COUNT(*) FROM audit_events WHERE kind = 'key_refused'")
+    done = look_up(stack, "tunnel", odd, CONNECTION)
+    assert (done.returncode, done.stdout) == (0, "")
+    assert stack.sql("SELECT COUNT(*) FROM audit_events WHERE kind = 'key_refused'") == before
+
+
+@pytest.mark.parametrize("arguments", [(), ("tunnel",), ("tunnel", HASH), ("tunnel", HASH, "", "")])
+def test_wrong_number_of_arguments_finds_nothing(stack: Stack, arguments: tuple[str, ...]) -> None:
+    assert look_up(stack, *arguments).stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("connection", "address"),
+    [
+        (CONNECTION, "192.0.2.7"),
+        ("2001:db8::7 50022 2001:db8::1 2222", "2001:db8::7"),
+        ("", "NULL"),
+        ("192.0.2.7'); DROP TABLE robots; -- 1 2 3", "NULL"),
+        ("\\ 1 2 3", "NULL"),
+        ("1" * 46 + " 1 2 3", "NULL"),
+    ],
+)
+def test_refused_key_is_recorded_with_an_address_or_none(
+    stack: Stack, connection: str, address: str
+) -> None:
+    """Nothing but an address reaches the audit."""
+    unknown = "SHA256:" + b64encode(sha256(connection.encode()).digest()).decode().rstrip("=")
+    done = look_up(stack, "tunnel", unknown, connection)
+    assert (done.returncode, done.stdout) == (0, "")
+    assert refused(stack, unknown) == [[address]]
+
+
+def test_unknown_key_leaves_one_audit_line(stack: Stack, tmp_path: Path) -> None:
+    """A key that the database does not hold is refused, and one line tells of it however often it tries."""
+    stranger = RobotKey(stack, tmp_path, "stranger")
+    for _ in range(3):
+        assert "Permission denied" in stranger.ssh(USER, "session").stderr
+    rows = refused(stack, stranger.fingerprint)
+    assert len(rows) == 1
+    assert rows[0][0] not in ("", "NULL")
+
+
+def test_disabled_robots_key_is_refused(stack: Stack, key: RobotKey) -> None:
+    """Disabling a robot closes the door to its key at once, and the cache forgets it."""
+    line_of(key)
+    assert cached(key)
+    stack.robotether("robot", "disable", "thief")
+    try:
+        assert "Permission denied" in key.ssh(USER, "session").stderr
+        assert not cached(key)
+    finally:
+        stack.robotether("robot", "enable", "thief")
+
+
+def cached(key: RobotKey) -> bool:
+    return file_of(key) in key.stack.exec("sshd", "find", CACHE, user="keylookup").split()
+
+
+def file_of(key: RobotKey) -> str:
+    """The key's in the cache; a slash would be a folder."""
+    return f"{CACHE}/{key.fingerprint.removeprefix('SHA256:').replace('/', '_')}"
+
+
+def test_database_that_answers_with_an_error_lets_nobody_in(stack: Stack, key: RobotKey) -> None:
+    """Although the key is in the cache: whoever can bring an error about shall not open it."""
+    line_of(key)
+    stack.sql("ALTER USER 'keylookup'@'%' ACCOUNT LOCK")
+    try:
+        done = look_up(stack, "tunnel", key.fingerprint, CONNECTION)
+        assert "Permission denied" in key.ssh(USER, "session").stderr
+    finally:
+        stack.sql("ALTER USER 'keylookup'@'%' ACCOUNT UNLOCK")
+    # sshd says in its log that it failed.
+    assert (done.returncode, done.stdout) == (1, "")
+
+
+def test_known_key_works_while_the_database_is_away(
+    key: RobotKey, stack: Stack, tmp_path: Path
+) -> None:
+    """With mysql stopped a key that worked within 24 hours still opens its session, and no other one does."""
+    known = line_of(key)
+    with database_away(stack):
+        running = key.start(USER, "session")
+        try:
+            assert session_line(running)["robot"] == "thief"
+        finally:
+            end(running)
+        assert "Permission denied" in RobotKey(stack, tmp_path, "late").ssh(USER, "session").stderr
+        for hours, line in ((23, known), (25, "")):
+            touch = ("touch", "--date", f"{hours} hours ago", file_of(key))
+            stack.exec("sshd", *touch, user="keylookup")
+            assert look_up(stack, "tunnel", key.fingerprint, CONNECTION).stdout == line
+    # Half a day old or more: it is written again.
+    assert line_of(key) == known
+    renewed = stack.exec("sshd", "find", file_of(key), "-mmin", "-5", user="keylookup")
+    assert renewed.strip() == file_of(key)
