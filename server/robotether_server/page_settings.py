@@ -98,7 +98,7 @@ def check(page: PageSettings) -> PageSettings:
     """Return the settings; raise FieldInvalid where they do not fit together."""
     if page.quality_min > page.quality_max:
         raise FieldInvalid(
-            f"cannot use page.quality_min: {page.quality_min} is over page.quality_max, {page.quality_max}",
+            f"cannot use page.quality_min: {page.quality_min} is over the highest quality, {page.quality_max}",
             "page.quality_min",
         )
     if (page.width is None) != (page.height is None):

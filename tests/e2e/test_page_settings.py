@@ -177,7 +177,9 @@ def test_the_page_of_a_robot_is_set_while_somebody_drives_it(
         mia.get_by_label("Turned by").first.select_option("180")
         mia.get_by_label("Highest quality").fill("10")
         mia.get_by_test_id("page-save").click()
-        expect(mia.get_by_test_id("form-problem")).to_contain_text("is over page.quality_max, 10")
+        expect(mia.get_by_test_id("form-problem")).to_contain_text(
+            "is over the highest quality, 10"
+        )
         mia.get_by_label("Highest quality").fill("60")
         mia.get_by_test_id("page-save").click()
         expect(mia.get_by_test_id("done")).to_contain_text(

@@ -114,7 +114,7 @@ def test_a_wrong_value_is_named(path, value):
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ({"quality_min": 81}, "page.quality_min: 81 is over page.quality_max, 80"),
+        ({"quality_min": 81}, "page.quality_min: 81 is over the highest quality, 80"),
         ({"width": 640}, "page.width: give width and height, or neither"),
         ({"camera": []}, "page: 'camera' is no setting"),
         ({"cameras": [{**FRONT, "quality": 5}]}, "page.cameras.1: 'quality' is no setting"),
