@@ -222,6 +222,8 @@ def test_a_table_shows_the_same_and_is_remembered(fleet: Page) -> None:
     fleet.get_by_test_id("view-table").click()
     row = fleet.get_by_test_id("robot-row-sim1")
     expect(row).to_contain_text("Online since")
+    presence = row.get_by_role("cell", name="Online since")
+    expect(presence).to_have_attribute("title", re.compile(r"^Online since [\d-]{10} [\d:]{8} UTC"))
     expect(row.get_by_role("rowheader")).to_have_text("sim1")
     fleet.get_by_test_id("fleet-search").fill("sim")
     fleet.get_by_test_id("sort-name").click()

@@ -2,15 +2,26 @@
 // the table; here it is only filled in.
 
 import { ReloadStore } from "../control/driveMode.js";
-import { part, setText, localTime } from "../pages/page.js";
+import { part, setText, localTime, utcTimestamp } from "../pages/page.js";
+import { stop as stopTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
 
 const LOW_PERCENT = 20;
+// What is hovered of a card, whose link covers its text, and of a row.
+const HOVERED = { card: ["name"], row: ["presence", "stopped-row"] };
 
-export function presenceText({ state, online, since }) {
+// `written` gives a time as it is shown.
+export function presenceText({ state, online, since }, written = localTime) {
   if (state === "pending") return texts.pending;
   if (state === "disabled") return texts.disabled;
-  return online ? texts.online(localTime(since)) : texts.offline(localTime(since));
+  return online ? texts.online(written(since)) : texts.offline(written(since));
+}
+
+// Its times in UTC, as lists have them on hover.
+export function utcText(robot) {
+  const { by, at } = robot.control?.stopped ?? {};
+  const stopped = at && stopTexts.stopped({ by, at: utcTimestamp(at) });
+  return [robot.since && presenceText(robot, utcTimestamp), stopped].filter(Boolean).join("\n");
 }
 
 const isLow = (battery) => Boolean(battery) && !battery.charging && battery.percent < LOW_PERCENT;
@@ -74,6 +85,7 @@ export function fillCard(card, robot) {
   setData(card, "state", robot.state);
   setData(card, "driven", String(isDriven(robot)));
   setText(part(card, "presence"), presenceText(robot));
+  for (const name of HOVERED[card.dataset.kind]) setTitle(part(card, name), utcText(robot));
   const rtt = robot.online && Number.isFinite(robot.rtt_ms) ? texts.rtt(Math.round(robot.rtt_ms)) : "";
   fillRow(card, "rtt", rtt);
   fillRow(card, "battery", batteryText(robot));
@@ -87,6 +99,10 @@ export function fillCard(card, robot) {
 // Writes only what changed: what does not is 500 robots' worth of work for the browser.
 function setData(card, name, value) {
   if (card.dataset[name] !== value) card.dataset[name] = value;
+}
+
+function setTitle(element, text) {
+  if (element.title !== text) element.title = text;
 }
 
 function fillRow(card, name, text) {

@@ -129,6 +129,8 @@ function arrange() {
   toolbar.offerSites(listed);
   toolbar.count({ online: listed.filter(({ online }) => online).length, all: listed.length, shown: shown.size });
   part(main, "empty").hidden = listed.length > 0;
+  const add = part(main, "add"); // an admin's; an empty fleet has it in its notice
+  if (add) add.hidden = listed.length === 0;
   fleetStops.show(listed.map((robot) => ({ ...robot, level: known.get(robot.name)?.level ?? "" })));
 }
 

@@ -36,6 +36,9 @@ export function localTimestamp(iso, now = new Date()) {
   return `${time.toLocaleDateString("en-GB", { day: "numeric", month: "short", year })} ${clock(time, "2-digit")}`;
 }
 
+// The same in UTC, as lists have it on hover. Empty for no time.
+export const utcTimestamp = (iso) => (iso ? `${new Date(iso).toISOString().slice(0, 19).replace("T", " ")} UTC` : "");
+
 // A number as people read one: with the digits that count.
 export function shortNumber(value) {
   if (!Number.isFinite(value)) return "-";

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { batteryText, driverText, healthText, presenceText } from "../../src/fleet/cards.js";
+import { batteryText, driverText, healthText, presenceText, utcText } from "../../src/fleet/cards.js";
 
 test("a card says since when, and what keeps a robot from being used", () => {
   const since = "2026-01-01T12:03:00Z";
@@ -9,6 +9,17 @@ test("a card says since when, and what keeps a robot from being used", () => {
   assert.match(presenceText({ state: "active", online: false, since }), /^Offline since .*\d\d:03$/);
   assert.equal(presenceText({ state: "active", online: false, since: null }), "Never seen");
   assert.equal(presenceText({ state: "pending", online: false, since: null }), "Awaiting approval");
+});
+
+test("the times of a card are in UTC on hover", () => {
+  const since = "2026-01-01T12:03:00+02:00";
+  const stopped = { by: "zoe", at: "2026-01-01T12:04:05.123456Z", confirmed: true };
+  assert.equal(utcText({ state: "active", online: true, since }), "Online since 2026-01-01 10:03:00 UTC");
+  assert.equal(
+    utcText({ state: "active", online: false, since, control: { stopped } }),
+    "Offline since 2026-01-01 10:03:00 UTC\nStopped by zoe at 2026-01-01 12:04:05 UTC",
+  );
+  assert.equal(utcText({ state: "active", online: false, since: null }), "");
 });
 
 test("only an online robot's health calls for attention", () => {

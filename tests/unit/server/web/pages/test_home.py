@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from flask import Flask
-from robotether_server.db import Database
+from robotether_server.db import Database, robots
 from robotether_server.robot_settings import parse
 from web_visitor import Browser, audit_kinds
 
@@ -188,10 +188,16 @@ def test_fleet_page_names_each_robots_first_camera(browser: Browser, database: D
         assert f'data-camera="{camera}">' in browser.ask("GET", "/").text.split("<template")[0]
 
 
-def test_fleet_page_leads_an_admin_to_the_first_robot(browser: Browser) -> None:
-    """And tells a user whom to ask."""
+def test_fleet_page_leads_an_admin_to_the_first_robot(browser: Browser, database: Database) -> None:
+    """By one button; and tells a user whom to ask."""
     browser.log_in("root")
-    assert "add-first-robot" in browser.ask("GET", "/").text
+    assert 'data-testid="add-robot">Add robot' in browser.ask("GET", "/").text
+    with database.transaction() as tx:
+        for name in ("sim1", "sim2"):
+            robots.remove(tx, robots.get(tx, name).id)
+    page = browser.ask("GET", "/").text
+    assert 'data-testid="add-robot" hidden>Add robot' in page
+    assert 'data-testid="add-first-robot">Add robot' in page
     browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
     browser.log_in("ann")
     assert "Ask your administrator for access" in browser.ask("GET", "/").text
