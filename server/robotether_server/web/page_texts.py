@@ -7,6 +7,7 @@ import datetime as dt
 from collections.abc import Mapping
 
 from flask import Flask
+from markupsafe import Markup
 
 from robotether_server.db.audit import AuditEvent
 from robotether_server.db.robots import Robot
@@ -142,6 +143,7 @@ EVENTS: Mapping[str, tuple[str, str]] = {
 def register(app: Flask) -> None:
     """Give the templates their filters."""
     app.add_template_filter(timestamp_words, "timestamp")
+    app.add_template_filter(time_element, "time")
     app.add_template_filter(end_value, "end_value")
     app.add_template_filter(rfc3339, "rfc3339")
     app.add_template_filter(sentence, "sentence")
@@ -157,6 +159,14 @@ def register(app: Flask) -> None:
 def timestamp_words(timestamp: dt.datetime) -> str:
     """Return a time as a page without scripts shows it: 2026-01-01 12:03:59 UTC."""
     return timestamp.astimezone(dt.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def time_element(timestamp: dt.datetime) -> Markup:
+    """Return a time as markup: in the reader's own zone by src/pages/desk.js, in UTC on hover and without scripts."""
+    words = timestamp_words(timestamp)
+    return Markup('<time datetime="{}" title="{}">{}</time>').format(
+        timestamp.isoformat(), words, words
+    )
 
 
 def duration_words(seconds: float) -> str:

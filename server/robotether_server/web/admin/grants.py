@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 
 from flask import Blueprint, request
+from markupsafe import Markup
 
 from robotether_server import times
 from robotether_server.api.context import context
@@ -20,7 +21,7 @@ from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web import confirmation, forms
 from robotether_server.web.confirmation import ConfirmedAction, Words
 from robotether_server.web.forms import Saved, form
-from robotether_server.web.page_texts import timestamp_words
+from robotether_server.web.page_texts import time_element, timestamp_words
 
 blueprint = Blueprint("grants", __name__)
 
@@ -95,8 +96,9 @@ def _give(tx: Transaction, source: Source) -> str:
     grantee, scope = _grantee(), _scope()
     level = forms.choice("level", "May", LEVELS)
     given, _ = grants.give(tx, source, grantee, scope, level, ends_at=_ends_at())
-    words = f"{given.holder_words} may {level} {given.scope_words}{_end_words(given)}."
-    return words[0].upper() + words[1:]
+    words = f"{given.holder_words} may {level} {given.scope_words}"
+    end = Markup(" until {}").format(time_element(given.ends_at)) if given.ends_at else ""
+    return Markup("{}{}.").format(words[0].upper() + words[1:], end)
 
 
 def _ends_at() -> dt.datetime | None:

@@ -139,6 +139,15 @@ def test_an_end_comes_with_its_offset_or_in_utc(admin: Browser, text: str, shown
         assert expected in admin.ask("GET", "/admin/users/ann").text
 
 
+def test_the_answer_has_the_end_as_pages_show_it(admin: Browser) -> None:
+    """In UTC until the page's script makes it the reader's time."""
+    day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=3)).date()
+    send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}T12:30"}))
+    words = f"{day} 12:30:00 UTC"
+    shown = f'<time datetime="{day}T12:30:00+00:00" title="{words}">{words}</time>'
+    assert f"User ann may drive robot sim2 until {shown}." in admin.ask("GET", "/profile").text
+
+
 def test_a_wrong_end_is_said_at_its_field(admin: Browser) -> None:
     """Which keeps what was typed."""
     form = FORM | {"ends_at": "2020-01-01T00:00:00.000Z"}
