@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from pages import expect_no_sideways_scroll, log_in, open_page
+from pages import expect_mode, expect_no_sideways_scroll, log_in, open_page
 from playwright.sync_api import Page, expect
 from robot_key import RobotKey
 from stack import Stack
@@ -118,6 +118,14 @@ def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
     _do(page, stack, "/admin/robots/lift/rename", "Robot lift is now crane.", New_name="crane")
     expect(page.get_by_test_id("robot-name")).to_have_text("crane")
     _remove(page, stack, "crane")
+
+
+def test_drive_and_watch_on_a_robots_page(page: Page, stack: Stack) -> None:
+    """As on the fleet page: Drive takes the control at once, Watch does not."""
+    for button, mode in (("robot-drive", "drive"), ("robot-watch", "observe")):
+        open_page(page, stack, "/admin/robots/sim1")
+        page.get_by_test_id(button).click()
+        expect_mode(page, mode)
 
 
 @contextmanager
@@ -239,7 +247,7 @@ PAGES = (
     "/admin/robots/sim1/ports", "/admin/users", "/admin/users/admin", "/admin/tokens",
     "/admin/audit", "/profile", "/profile/password", "/admin/robots/nobody", "/admin/groups", "/admin/sites",
     *(f"/robots/sim1/settings{tab}" for tab in ("", "/cameras", "/driving", "/buttons", "/permissions", "/defaults")),
-    "/drives",
+    "/drives", "/admin/robots/sim1/access", "/admin/robots/sim1/history",
 )  # fmt: skip
 
 

@@ -102,11 +102,12 @@ def test_safety_and_permissions_are_set(page: Page, stack: Stack) -> None:
         "guard": {"max_speed_m_s": 0.75},
         "policy": {"drive": {"call": ["/arm/*", "/lamp"]}},
     }
-    page.get_by_test_id("change-settings").click()
+    page.get_by_test_id("tab-settings").click()
     page.get_by_test_id("defaults").click()
     page.get_by_test_id("deed-do").click()
     page.get_by_test_id("admin-page").click()
-    expect(page.get_by_test_id("settings")).to_have_text("Everything has its default.")
+    expect(page.get_by_test_id("robot-name")).to_have_text("sim3")
+    expect(page.get_by_test_id("settings")).to_have_count(0)
 
 
 def test_audit_log_is_saved_as_a_file(page: Page, stack: Stack, tmp_path: Path) -> None:

@@ -49,6 +49,8 @@ ADMIN_PAGES = {
     "robots": "/admin/robots",
     "add-robot": "/admin/add-robot",
     "robot": "/admin/robots/sim1",
+    "robot-access": "/admin/robots/sim1/access",
+    "robot-history": "/admin/robots/sim1/history",
     "settings-safety": "/robots/sim1/settings",
     "settings-cameras": "/robots/sim1/settings/cameras",
     "settings-driving": "/robots/sim1/settings/driving",

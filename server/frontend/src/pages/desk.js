@@ -1,5 +1,6 @@
-// What pages of lists and forms need of a script: buttons that copy, times and days of the reader's own zone.
+// What pages of lists and forms need of a script: buttons that copy, times and days of the reader's own zone, and Drive.
 
+import { offerDrive } from "../fleet/cards.js";
 import { localTimestamp, setText } from "./page.js";
 
 const SHOWN_MS = 2000;
@@ -58,8 +59,14 @@ export function wireDays(form) {
   });
 }
 
+// Drive on the pages of one robot.
+export function wireDrive(page) {
+  for (const robot of page.querySelectorAll("[data-robot]")) offerDrive(robot, robot.dataset.robot);
+}
+
 if (typeof document !== "undefined") {
   wireCopyButtons(document, navigator.clipboard);
   showLocalTimes(document);
+  wireDrive(document);
   for (const form of document.querySelectorAll("form.filter")) wireDays(form);
 }

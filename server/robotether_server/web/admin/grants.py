@@ -80,6 +80,11 @@ def scopes(tx: Transaction) -> Choices:
     ]
 
 
+def page_of_robot(name: str) -> str:
+    """Return the path of the page with a robot's grants."""
+    return f"/admin/robots/{name}/access"
+
+
 def register_form(
     pages: Blueprint, path: str, page: Callable[..., str], page_of: Callable[[str], str]
 ) -> None:
@@ -159,7 +164,7 @@ def _page_of(found: Grant, about: str) -> str:
     if about == "site" and found.site is not None:
         return f"/admin/sites/{found.site}"
     if about == "robot" and found.robot is not None:
-        return f"/admin/robots/{found.robot}"
+        return page_of_robot(found.robot)
     if found.group is not None:
         return f"/admin/groups/{found.group}"
     return f"/admin/users/{found.user}"

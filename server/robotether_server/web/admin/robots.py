@@ -1,6 +1,6 @@
 """/admin/robots: every robot, found by words and state.
 
-/admin/robots/NAME: one of them, and what an admin changes after a question.
+/admin/robots/NAME: one of them in tabs, and what an admin changes after a question.
 """
 
 from dataclasses import dataclass
@@ -30,9 +30,9 @@ from robotether_server.web.pages import robot_settings, setting_fields
 
 blueprint = Blueprint("robots", __name__)
 
-# How many robots the list has, and how many sessions and events the page of one.
+# How many robots the list has, or sessions all of one; and how many sessions and events its history.
 MAX_SHOWN = 200
-SHOWN = 20
+SHOWN = 10
 MAX_MAC_LENGTH = 17
 MAX_USER_LENGTH = 32
 LOWEST_PORT, HIGHEST_PORT = 1024, 65535
@@ -97,23 +97,54 @@ def show_all() -> str:
 
 @blueprint.get("/robots/<name>")
 def show(name: str, problem: Problem | None = None) -> str:
-    """Show one robot, with the problem of one of its forms."""
+    """Show the overview of one robot, with the problem of its form."""
     with context().database.transaction() as tx:
         seen = find(tx, name)
         return render_template(
             "admin/robot.html",
             seen=seen,
             robot=seen.robot,
-            sessions=seen_robots.sessions_of(tx, seen.robot.id, SHOWN),
-            events=audit.find(tx, audit.AuditSearch(robot=name), limit=SHOWN),
-            grants=grants.for_robot(tx, seen.robot),
-            choices=grants.holders(tx),
             sites=[site.name for site in db_grants.list_sites(tx)],
             settings=setting_fields.summary(seen.robot.settings),
             control=seen_robots.control_of(tx, seen.robot.id),
+            problem=problem,
+        )
+
+
+@blueprint.get("/robots/<name>/access")
+def show_access(name: str, problem: Problem | None = None) -> str:
+    """Show the grants for one robot, with the problem of their form."""
+    with context().database.transaction() as tx:
+        seen = find(tx, name)
+        return render_template(
+            "admin/robot_access.html",
+            seen=seen,
+            robot=seen.robot,
+            grants=grants.for_robot(tx, seen.robot),
+            choices=grants.holders(tx),
             levels=LEVELS,
             problem=problem,
             values=request.form,
+        )
+
+
+@blueprint.get("/robots/<name>/history")
+def show_history(name: str) -> str:
+    """Show the last sessions and events of one robot; ?sessions=all shows more sessions."""
+    limit = MAX_SHOWN if request.args.get("sessions") == "all" else SHOWN
+    with context().database.transaction() as tx:
+        seen = find(tx, name)
+        # One more than is shown: it shows whether there are more.
+        sessions = seen_robots.sessions_of(tx, seen.robot.id, limit + 1)
+        return render_template(
+            "admin/robot_history.html",
+            seen=seen,
+            robot=seen.robot,
+            sessions=sessions[:limit],
+            has_more=len(sessions) > limit,
+            limit=limit,
+            max_shown=MAX_SHOWN,
+            events=audit.find(tx, audit.AuditSearch(robot=name), limit=SHOWN),
         )
 
 
@@ -180,7 +211,7 @@ def _set_shell_user(tx: Transaction, source: Source, name: str) -> None:
     robots.change_settings(tx, source, name, change)
 
 
-grants.register_form(blueprint, "/robots/<name>/grants", show, page_of)
+grants.register_form(blueprint, "/robots/<name>/grants", show_access, grants.page_of_robot)
 confirmation.register(
     blueprint,
     "/admin/robots/{name}",

@@ -101,7 +101,7 @@ def test_a_robot_arrives_as_it_was_said(
     assert 'data-testid="waits"' not in page
     page = admin.ask("GET", "/admin/robots/lift").text
     assert "<option selected>lab</option>" in page
-    assert 'data-testid="grant-group crew"' in page
+    assert 'data-testid="grant-group crew"' in admin.ask("GET", "/admin/robots/lift/access").text
     assert "No token can admit a robot now" in admin.ask("GET", "/admin/add-robot").text
 
 

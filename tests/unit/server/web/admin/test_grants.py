@@ -16,7 +16,13 @@ from web_visitor import Browser, audit_kinds
 
 ADMIN = Source("root")
 FORM = {"holder": "user:ann", "scope": "robot:sim2", "level": "drive", "ends_at": ""}
-PAGES = ("/admin/robots/sim2", "/admin/users/ann", "/admin/groups/crew", "/admin/sites/lab")
+# Each with the page that shows its grants.
+PAGES = {
+    "/admin/robots/sim2": "/admin/robots/sim2/access",
+    "/admin/users/ann": "/admin/users/ann",
+    "/admin/groups/crew": "/admin/groups/crew",
+    "/admin/sites/lab": "/admin/sites/lab",
+}
 
 
 @pytest.fixture(autouse=True)
@@ -96,7 +102,7 @@ def test_a_grant_is_given_and_changed(admin: Browser, database: Database, page: 
     """And the page that the form stands on follows."""
     for level in ("observe", "manage"):
         answer = send(admin, f"{page}/grants", **(FORM | {"level": level}))
-        assert (answer.status_code, answer.location) == (303, page)
+        assert (answer.status_code, answer.location) == (303, PAGES[page])
         assert ("user ann", "robot sim2", level) in all_grants(database)
     assert audit_kinds(database)[-1] == ("grant_given", "root", "198.51.100.7")
 
@@ -183,7 +189,7 @@ def test_a_wrong_grant_comes_back_with_the_page(
 @pytest.mark.parametrize(
     ("who", "what", "level", "about", "onward"),
     [
-        ("user ann", "robot sim1", "drive", "robot", "/admin/robots/sim1"),
+        ("user ann", "robot sim1", "drive", "robot", "/admin/robots/sim1/access"),
         ("user ann", "robot sim1", "drive", "user", "/admin/users/ann"),
         ("group crew", "site lab", "manage", "site", "/admin/sites/lab"),
         ("group crew", "site lab", "manage", "group", "/admin/groups/crew"),
@@ -224,7 +230,7 @@ def test_what_comes_by_group_or_site_is_shown_and_not_changed_there(
 ) -> None:
     """The user's page names the group, the robot's the site; the forms for them stand on their own pages."""
     number = number_of(database, "group crew", "site lab")
-    for page in ("/admin/users/ann", "/admin/robots/sim2"):
+    for page in ("/admin/users/ann", "/admin/robots/sim2/access"):
         text = admin.ask("GET", page).text
         assert "group crew" in text
         assert "site lab" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import pytest
@@ -63,13 +64,15 @@ def test_list_shows_who_drives_and_what_is_stopped(
             (two,),
         )
     page = admin.ask("GET", "/admin/robots").text
-    assert 'title="since 2026-01-31 12:03:00 UTC">ben drives<' in page
-    assert 'title="by zoe, 2026-01-31 12:04:00 UTC">Stopped<' in page
+    driven, stopped = (f">2026-01-31 {at}:00 UTC</time>" for at in ("12:03", "12:04"))
+    assert re.search(f"by ben, since <time [^>]*{driven}", page)
+    assert re.search(f"by zoe, <time [^>]*{stopped}", page)
     for state, name in (("driven", "sim1"), ("stopped", "sim2")):
         page = admin.ask("GET", f"/admin/robots?state={state}").text
         assert (page.count('data-testid="row-'), f'data-testid="row-{name}"' in page) == (1, True)
-    assert "ben drives" in admin.ask("GET", "/admin/robots/sim1").text
-    assert "Stopped by zoe" in admin.ask("GET", "/admin/robots/sim2").text
+    one, two = (admin.ask("GET", f"/admin/robots/{name}").text for name in ("sim1", "sim2"))
+    assert re.search(rf"ben is driving \(since <time [^>]*{driven}", one)
+    assert re.search(rf"Stopped by zoe \(<time [^>]*{stopped}", two)
 
 
 def test_list_shows_what_the_search_finds(admin: Browser) -> None:
@@ -84,13 +87,13 @@ def test_list_shows_what_the_search_finds(admin: Browser) -> None:
 
 
 def test_an_empty_fleet_says_what_to_do_first(admin: Browser, database: Database) -> None:
-    """With a link to it."""
+    """With one link to it."""
     with database.transaction() as tx:
         for name in ("sim1", "sim2"):
             robots.remove(tx, robots.get(tx, name).id)
     page = admin.ask("GET", "/admin/robots").text
     assert "There is no robot yet" in page
-    assert 'href="/admin/add-robot">Add robot' in page
+    assert page.count(">Add robot<") == 1
 
 
 def test_what_an_unknown_robot_calls_itself_is_text(admin: Browser, program: Browser) -> None:
@@ -102,24 +105,83 @@ def test_what_an_unknown_robot_calls_itself_is_text(admin: Browser, program: Bro
         assert "<script>alert" not in page, path
 
 
-def test_page_tells_all_that_is_known(
-    admin: Browser, program: Browser, admin_database: Database
-) -> None:
-    """Machine, key, ports, sessions, audit and grants."""
-    join(program, MAC, 1)
-    with admin_database.transaction() as tx:
+def insert_sessions(database: Database, count: int) -> Robot:
+    """Sessions of sim1 that a lost link ended; returns the robot."""
+    with database.transaction() as tx:
         robot = robots.get(tx, "sim1")
         tx.change(
             "INSERT INTO robot_sessions (robot_id, ended_at, end_code, address, agent_version) "
-            "VALUES (%s, NOW(), 'link_lost', '203.0.113.5', '0.2.0')",
+            "SELECT %s, NOW(), 'link_lost', '203.0.113.5', '0.2.0' FROM seq_1_to_" + str(count),
             (robot.id,),
         )
+    return robot
+
+
+def test_overview_tells_what_is_known(
+    admin: Browser, program: Browser, admin_database: Database
+) -> None:
+    """Machine, key and ports."""
+    join(program, MAC, 1)
+    robot = insert_sessions(admin_database, 1)
     page = admin.ask("GET", "/admin/robots/sim1").text
-    for text in (MAC, "turtle", str(robot.ros_port), "203.0.113.5", "robot_pending"):
+    for text in (MAC, "turtle", str(robot.ros_port), "203.0.113.5"):
         assert text in page
-    assert 'title="link_lost">its connection ended<' in page
-    assert 'data-testid="grant-ann"' in page
     assert fingerprint(1) in page.replace("</span><span>", "")
+
+
+@pytest.mark.parametrize(
+    ("path", "tab", "has"),
+    [
+        ("", "overview", "end-title"),
+        ("/access", "access", "grants-title"),
+        ("/history", "history", "sessions-title"),
+    ],
+)
+def test_each_tab_is_a_page_of_its_own(admin: Browser, path: str, tab: str, has: str) -> None:
+    """Which leads to the others, and has nothing of theirs."""
+    page = admin.ask("GET", f"/admin/robots/sim1{path}").text
+    assert f'aria-current="page" data-testid="tab-{tab}"' in page
+    for other in ("sim1", "sim1/access", "sim1/history"):
+        assert f'href="/admin/robots/{other}"' in page
+    assert 'href="/robots/sim1/settings" data-testid="tab-settings"' in page
+    found = [
+        title for title in ("end-title", "grants-title", "sessions-title") if f'"{title}"' in page
+    ]
+    assert found == [has]
+
+
+def test_history_has_the_last_of_everything(
+    admin: Browser, program: Browser, admin_database: Database
+) -> None:
+    """And leads to all of it."""
+    join(program, MAC, 1)
+    path = "/admin/robots/sim1/history"
+    insert_sessions(admin_database, 10)
+    page = admin.ask("GET", path).text
+    assert (page.count(">its connection ended<"), "all-sessions" in page) == (10, False)
+    for text in ("203.0.113.5", "(code link_lost)", "0.2.0", "sim1 joined and waits for approval"):
+        assert text in page
+    for link in ("/admin/audit?robot=sim1", "/drives?robot=sim1"):
+        assert f'href="{link}"' in page
+    insert_sessions(admin_database, 191)
+    page = admin.ask("GET", path).text
+    assert (page.count("(code link_lost)"), 'href="?sessions=all"' in page) == (10, True)
+    page = admin.ask("GET", f"{path}?sessions=all").text
+    assert (page.count("(code link_lost)"), "These are the newest 200" in page) == (200, True)
+
+
+@pytest.mark.usefixtures("active")
+def test_drive_and_watch_are_on_top(admin: Browser, admin_database: Database) -> None:
+    """Of an active robot; an offline one cannot be driven."""
+    assert "robot-watch" not in admin.ask("GET", "/admin/robots/sim2").text
+    page = admin.ask("GET", "/admin/robots/sim1").text
+    assert ("robot-drive" in page, "robot-watch" in page) == (False, True)
+    with admin_database.transaction() as tx:
+        tx.change(
+            "INSERT INTO robot_sessions (robot_id, address) VALUES (%s, '')",
+            (robots.get(tx, "sim1").id,),
+        )
+    assert "robot-drive" in admin.ask("GET", "/admin/robots/sim1/access").text
 
 
 def test_page_warns_of_a_rosbridge_that_its_network_reaches(
