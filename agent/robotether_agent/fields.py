@@ -98,6 +98,11 @@ def get_number(obj: JsonObject, name: str, low: float, high: float) -> float:
     return float(value)
 
 
+def get_optional_number(obj: JsonObject, name: str, low: float, high: float) -> float | None:
+    """Return the finite number at `name`, or None when it is null or missing."""
+    return None if obj.get(name) is None else get_number(obj, name, low, high)
+
+
 def get_texts(obj: JsonObject, name: str, *, limit: int = 8) -> list[str]:
     """Return the list of texts at `name`: at least one, at most `limit`."""
     return [_str(value, f"{name}[{at}]") for at, value in enumerate(_list(obj, name, limit))]

@@ -34,6 +34,8 @@ from robotether_agent.tunnel.tunnel import Tunnel
 # The server answers at most once in 5 s.
 CHECK_PAUSE_S = 5.5
 CHECK_EVERY_S = 60.0
+# Of a robot that nobody uses, only its own status shows what they find.
+IDLE_CHECK_EVERY_S = 600.0
 
 
 Report = Callable[[Session], Coroutine[Any, Any, None]]
@@ -160,8 +162,9 @@ async def _ask_for_checks(session: Session, recheck: asyncio.Event) -> None:
         recheck.clear()
         session.send({"type": "check"})
         await asyncio.sleep(CHECK_PAUSE_S)
+        every_s = IDLE_CHECK_EVERY_S if session.idle_delay_s else CHECK_EVERY_S
         with suppress(asyncio.TimeoutError):
-            await within(CHECK_EVERY_S - CHECK_PAUSE_S, recheck.wait())
+            await within(every_s - CHECK_PAUSE_S, recheck.wait())
 
 
 class Connector:

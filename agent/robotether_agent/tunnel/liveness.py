@@ -12,7 +12,7 @@ import errno
 import logging
 import socket
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NoReturn, Protocol
 
@@ -24,7 +24,7 @@ from robotether_agent.problems import AgentProblem, LinkProblem, NetworkChanged,
 from robotether_agent.tasks import first_of
 from robotether_agent.tunnel.tunnel import Tunnel
 
-# Two heartbeats of the server and some more have not come.
+# Two heartbeats of the server and some more have not come; those of an idle robot come `idle_delay_s` later.
 SILENT_AFTER_S = 1.2
 # Whatever would still come on this connection, a new one is drivable earlier.
 HOPELESS_AFTER_S = 4.0
@@ -90,6 +90,10 @@ class MonitoredSession(Protocol):
     def silent_s(self) -> float:
         """Seconds since the server sent something."""
 
+    @property
+    def idle_delay_s(self) -> float:
+        """Seconds by which the server's heartbeats come later than those of a robot in use."""
+
 
 async def watch(session: MonitoredSession, tunnel: Tunnel, target: SshAddress) -> NoReturn:
     """Raise ServerSilent or NetworkChanged when the connection is dead; else never end."""
@@ -109,14 +113,20 @@ class Signs:
     is_stuck: bool
     # This machine has just slept.
     is_distrusted: bool = False
+    idle_delay_s: float = 0.0
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether what should have come has not."""
+        limit_s = DISTRUSTED_AFTER_S if self.is_distrusted else SILENT_AFTER_S
+        return self.silent_s >= limit_s + self.idle_delay_s
 
 
 def suspicion(signs: Signs) -> LinkProblem | None:
     """Return why the connection may be dead, as the problem that it then is."""
     if signs.path is Path.GONE:
         return NetworkChanged("lost the connection: this robot has another address now")
-    limit_s = DISTRUSTED_AFTER_S if signs.is_distrusted else SILENT_AFTER_S
-    if signs.is_stuck and signs.silent_s >= limit_s:
+    if signs.is_stuck and signs.is_silent:
         why = f"the server was silent for {signs.silent_s:.1f} s"
         return ServerSilent(f"lost the connection: {why}", retry=Retry.AT_ONCE)
     if signs.path is Path.MOVED:
@@ -201,6 +211,7 @@ class _Watch:
             self._session.silent_s,
             is_stuck=self._dialer.is_proxied or is_stuck(connection),
             is_distrusted=time.monotonic() < self._distrusted_until,
+            idle_delay_s=self._session.idle_delay_s,
         )
 
     async def _is_answered_elsewhere(self) -> bool:
@@ -217,7 +228,7 @@ class _Watch:
         except AgentProblem as problem:
             log.debug("the server does not answer on another connection: %s", problem)
             self._rest_until = time.monotonic() + REST_S
-        if self._signs().silent_s >= DISTRUSTED_AFTER_S:
+        if replace(self._signs(), is_distrusted=True).is_silent:
             self._rest_until = 0.0
         self._clock.since_last_s()
         return bool(answered) and suspicion(self._signs()) is not None

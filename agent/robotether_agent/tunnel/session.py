@@ -26,6 +26,7 @@ from robotether_agent.fields import (
     get_match,
     get_number,
     get_object,
+    get_optional_number,
     get_optional_port,
     get_text,
     line_of,
@@ -135,6 +136,13 @@ class SessionConfig:
     rotate_key: bool = False
     media: bool = True
     direct: bool = False
+    # While nobody uses the robot; nothing else follows from it.
+    idle_heartbeat_s: float | None = field(default=None, compare=False)
+
+    @property
+    def heartbeat_every_s(self) -> float:
+        """The time between two heartbeats of a side now."""
+        return self.idle_heartbeat_s or self.heartbeat_s
 
 
 @dataclass(frozen=True)
@@ -172,6 +180,7 @@ class Session:
         self._drive_handler = drive_handler
         self._configured = asyncio.Event()
         self._pings: deque[tuple[int, float]] = deque(maxlen=MAX_PINGS)
+        self._heartbeat_due = asyncio.Event()
         self._handlers: Mapping[str, Callable[[JsonObject], None]] = {
             "config": self._on_config,
             "ping": self._on_ping,
@@ -202,6 +211,12 @@ class Session:
     def silent_s(self) -> float:
         """Seconds since the server sent something, or since the start."""
         return self._clock() - self._received_at
+
+    @property
+    def idle_delay_s(self) -> float:
+        """Seconds by which the server's heartbeats come later than those of a robot in use."""
+        config = self.config
+        return 0.0 if config is None else config.heartbeat_every_s - config.heartbeat_s
 
     @property
     def _timeout_s(self) -> float:
@@ -245,6 +260,7 @@ class Session:
             ) from error
 
     def _on_config(self, message: JsonObject) -> None:
+        idle_delay_s = self.idle_delay_s
         self.config = SessionConfig(
             robot=get_match(message, "robot", ROBOT_NAME, "a robot's name"),
             ros_port=get_int(message, "ros_port", 1, 65535),
@@ -256,7 +272,11 @@ class Session:
             media=get_flag(message, "media", default=True),
             guard=get_object(message, "guard"),
             direct=get_flag(message, "direct", default=False),
+            idle_heartbeat_s=get_optional_number(message, "idle_heartbeat_s", 0.05, 60),
         )
+        if self.idle_delay_s < idle_delay_s:
+            # Somebody is about to use the robot: the quick heartbeats begin at once.
+            self._heartbeat_due.set()
         if self._drive_handler is not None:
             # Before the forward is opened, and before a lease or a stop that follows.
             self._drive_handler.on_config(self.config.guard, direct=self.config.direct)
@@ -298,4 +318,13 @@ class Session:
             self._pings.append((seq, now))
             self.send({"type": "ping", "seq": seq, "t_ms": round(now * 1000, 3)})
             config = self.config or config
-            await asyncio.sleep(config.heartbeat_s)
+            await self._until_heartbeat(config.heartbeat_every_s)
+
+    async def _until_heartbeat(self, most_s: float) -> None:
+        # A timer, as a task for each wait would cost more.
+        timer = asyncio.get_running_loop().call_later(most_s, self._heartbeat_due.set)
+        try:
+            await self._heartbeat_due.wait()
+        finally:
+            timer.cancel()
+        self._heartbeat_due.clear()

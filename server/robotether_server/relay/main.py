@@ -36,7 +36,7 @@ from robotether_server.relay.http.sockets import RobotSocket, refuse_redirects
 from robotether_server.relay.http.timing import DRIVER_LIMITS, LivenessLimits
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver
-from robotether_server.relay.robots.media_demand import MediaDemand
+from robotether_server.relay.robots.demand import MEDIA_KEPT_S, USE_KEPT_S, Demand
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
@@ -79,6 +79,7 @@ class Timing:
     limits: LivenessLimits = field(default_factory=LivenessLimits)
     driver_limits: LivenessLimits = DRIVER_LIMITS
     heartbeat_s: float = 0.5
+    idle_heartbeat_s: float = 2.0
     timeout_s: float = 5.0
     poll_every_s: float = 1.0
     drives_every_s: float = 10.0
@@ -138,6 +139,7 @@ class Relay:
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))
         await self.feeds.close()
         self.media_demand.close()
+        self.usage.close()
         await self._sessions.stop()
         self.control.close()
         await self.event_writer.flush(EVENTS_WRITTEN_WITHIN_S)
@@ -155,7 +157,9 @@ class Relay:
         self.credentials = Credentials(database)
         self.registry = SessionRegistry()
         # Published ports, as in the paper, are there for whoever connects to them.
-        self.media_demand = MediaDemand(self.registry.on_media_demand, always=self._settings.direct)
+        registry, always = self.registry, self._settings.direct
+        self.media_demand = Demand(registry.on_media_demand, kept_s=MEDIA_KEPT_S, always=always)
+        self.usage = Demand(registry.on_usage, kept_s=USE_KEPT_S, always=always)
         self.connections = Connections()
         self.viewer_stats = ViewerStats()
         self.control = Control(
@@ -223,8 +227,10 @@ class Relay:
             rules=LinkRules(
                 settings.tunnel_host,
                 greeting=self.control.greeting,
-                needs_media=self.media_demand.needs,
+                needs_media=self.media_demand.of,
+                is_used=self.usage.of,
                 heartbeat_s=timing.heartbeat_s,
+                idle_heartbeat_s=timing.idle_heartbeat_s,
                 timeout_s=timing.timeout_s,
                 direct=settings.direct,
             ),
@@ -246,6 +252,7 @@ class Relay:
             credentials=self.credentials,
             registry=self.registry,
             connections=self.connections,
+            usage=self.usage,
             client=self._client,
             tunnel_host=settings.tunnel_host,
             feeds=self.feeds,

@@ -115,6 +115,7 @@ class FakeCloud:
         self.timeout_s = TIMEOUT_S
         self.shell_port: int | None = None
         self.media = True
+        self.idle_heartbeat_s: float | None = None
         self.rotate_key = False
         # What the agent's guard is to go by.
         self.guard: dict[str, Any] = {"key": GUARD_KEY}
@@ -306,6 +307,7 @@ class FakeCloud:
             "ros_port": ports[0],
             "video_port": ports[1],
             "heartbeat_s": HEARTBEAT_S,
+            "idle_heartbeat_s": self.idle_heartbeat_s,
             "timeout_s": self.timeout_s,
             "shell_port": self.shell_port,
             "media": self.media,

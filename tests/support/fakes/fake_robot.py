@@ -74,6 +74,7 @@ class RobotSession:
         self.kind = kind
         self.session_key = session_key
         self.silent = silent
+        self.lines: list[dict[str, Any]] = []
         self.configs: list[dict[str, Any]] = []
         self.checked: list[dict[str, Any]] = []
         self.bye: dict[str, Any] | None = None
@@ -131,6 +132,7 @@ class RobotSession:
             await asyncio.sleep(every_s)
 
     def _handle(self, message: dict[str, Any]) -> None:
+        self.lines.append(message)
         if message["type"] == "config":
             self.configs.append(message)
             if self.kind != "session" and not self.silent and self._heartbeat is None:

@@ -44,6 +44,7 @@ FAST = Timing(
         ping_every_s=0.1, silent_after_s=4, slow_after_s=4, check_every_s=0.05, strict=True
     ),
     heartbeat_s=0.1,
+    idle_heartbeat_s=0.1,
     timeout_s=4,
     poll_every_s=0.05,
 )

@@ -30,6 +30,7 @@ from robotether_server.problems import (
 )
 from robotether_server.relay.auth.connections import Connections, Use, permits
 from robotether_server.relay.auth.credentials import Credentials, credential_of
+from robotether_server.relay.robots.demand import Demand
 from robotether_server.relay.robots.sessions import SessionRegistry
 from robotether_server.schemas import Level
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
@@ -286,11 +287,15 @@ def _host_and_port(netloc: str) -> tuple[str, int] | None:
 
 @dataclass(frozen=True)
 class HandlerContext:
-    """What all handlers need to let somebody through to a robot: robots' ports listen at `tunnel_host`."""
+    """What all handlers need to let somebody through to a robot.
+
+    `usage` counts who is connected to it; robots' ports listen at `tunnel_host`.
+    """
 
     access: Access
     credentials: Credentials
     registry: SessionRegistry
     connections: Connections
+    usage: Demand
     client: ClientSession
     tunnel_host: str

@@ -61,10 +61,13 @@ class RobotDialer:
         """Open a WebSocket to the robot, to drive with this number or to observe; raise ConnectionClosedError."""
         self.check_online(robot)
         loop = asyncio.get_running_loop()
-        deadline, headers = loop.time() + FORWARD_WITHIN_S, self._headers(robot, fence)
+        headers = self._headers(robot, fence)
         why = "no answer in time"
         try:
             async with asyncio.timeout(connect_timeout_s(self._registry.presence(robot.id))):
+                if fence is not None:
+                    await self._until_quick(robot)
+                deadline = loop.time() + FORWARD_WITHIN_S
                 while not isinstance(found := await self._open(robot, headers), RobotSocket):
                     # The last answer says more than that a later try had none.
                     why = found
@@ -74,6 +77,11 @@ class RobotDialer:
                 return found
         except TimeoutError as exc:
             raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
+
+    async def _until_quick(self, robot: RelayRobot) -> None:
+        """Let no command go before the agent keeps the heartbeats of a robot in use."""
+        if (link := self._registry.session_of(robot.id)) is not None:
+            await link.until_quick()
 
     def _headers(self, robot: RelayRobot, fence: int | None) -> dict[str, str]:
         link = self._registry.session_of(robot.id)

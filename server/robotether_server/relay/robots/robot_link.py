@@ -30,6 +30,8 @@ log = logging.getLogger(__name__)
 MAX_UNSENT_BYTES = 256 * 1024
 # Heartbeats that may be unanswered; the time-out ends the link well before.
 MAX_PINGS_OPEN = 64
+# Of a robot that nobody uses the round trip is measured once in so many heartbeats, as it is only shown.
+IDLE_PING_EACH = 5
 # An agent sends some three lines a second; reading without a limit would starve everybody else.
 LINES_PER_S = 200
 LINES_AT_ONCE = 400
@@ -43,13 +45,16 @@ class LinkRules:
     """What is the same for all links of a relay.
 
     `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped.
-    `needs_media` says of a robot whether somebody watches its video.
+    `needs_media` says of a robot whether somebody watches its video, `is_used` whether anybody is connected to it: a
+    robot that is not used sends and gets heartbeats every `idle_heartbeat_s`.
     """
 
     tunnel_host: str
     greeting: Callable[[int], Iterable[bytes]]
     needs_media: Callable[[int], bool]
+    is_used: Callable[[int], bool]
     heartbeat_s: float = 0.5
+    idle_heartbeat_s: float = 2.0
     timeout_s: float = 5.0
     release_wait_s: float = 1.0
     direct: bool = False
@@ -81,12 +86,17 @@ class RobotLink:
         self._checks = LinkChecks(self._check)
         self._loop = asyncio.get_running_loop()
         self._received_at = self._loop.time()
+        self._heartbeats = 0
         self._seq = 0
         self._pings: dict[int, float] = {}
         self._heartbeat_timer: asyncio.TimerHandle | None = None
         self._farewell: asyncio.TimerHandle | None = None
         # Not before the older link is gone: the agent opens its forwards on the configuration.
         self._configured = False
+        self._idle_heartbeat_s: float | None = None
+        # Set by the answer to a ping that follows the newest configuration, if that has quick heartbeats.
+        self._quick = asyncio.Event()
+        self._quick_from = 0
         self._ended = False
 
     @property
@@ -152,6 +162,18 @@ class RobotLink:
         elif self.kind == "media" and not self._needs_media:
             self.end("unwatched", f"nobody watches robot {self._robot.name}")
 
+    def on_usage(self) -> None:
+        """Have quick heartbeats both ways, from now on, while somebody uses the robot."""
+        if self._configured:
+            self._quick.clear()
+            self._quick_from = self._seq + 1
+            self._configure()
+            self._heartbeat()
+
+    async def until_quick(self) -> None:
+        """Wait until the agent has read that heartbeats are quick, as they are while somebody uses the robot."""
+        await self._quick.wait()
+
     @property
     def _needs_media(self) -> bool:
         return self._rules.needs_media(self.robot_id)
@@ -169,14 +191,16 @@ class RobotLink:
             self.end("port_taken", f"port {port} is still in use after {wait_s:g} s; connect again")
 
     def _configure(self) -> None:
-        self._configured = True
+        rules, self._configured = self._rules, True
+        self._idle_heartbeat_s = None if rules.is_used(self.robot_id) else rules.idle_heartbeat_s
         self._send(
             lines.config_line(
                 self._robot,
-                heartbeat_s=self._rules.heartbeat_s,
-                timeout_s=self._rules.timeout_s,
+                heartbeat_s=rules.heartbeat_s,
+                idle_heartbeat_s=self._idle_heartbeat_s,
+                timeout_s=rules.timeout_s,
                 guard_key=self.guard_key,
-                direct=self._rules.direct,
+                direct=rules.direct,
                 media=self._needs_media,
             )
         )
@@ -227,18 +251,30 @@ class RobotLink:
     def _on_pong(self, seq: int) -> None:
         sent_at = self._pings.pop(seq, None)
         if sent_at is not None:
+            if self._idle_heartbeat_s is None and seq >= self._quick_from:
+                self._quick.set()
             self._registry.on_heartbeat(self, (self._loop.time() - sent_at) * 1000)
 
     def _heartbeat(self) -> None:
         if self._ended:
             return
-        now = self._loop.time()
-        if now - self._received_at > self._rules.timeout_s:
-            self.end("timeout", f"nothing came for {self._rules.timeout_s:g} s")
+        if self._heartbeat_timer is not None:
+            self._heartbeat_timer.cancel()
+        rules, now = self._rules, self._loop.time()
+        left_s = self._received_at + rules.timeout_s - now
+        if left_s < 0:
+            self.end("timeout", f"nothing came for {rules.timeout_s:g} s")
             return
-        if self.kind == "session":
+        if self.kind == "session" and (
+            self._idle_heartbeat_s is None or self._heartbeats % IDLE_PING_EACH == 0
+        ):
             self._ping(now)
-        self._heartbeat_timer = self._loop.call_later(self._rules.heartbeat_s, self._heartbeat)
+        self._heartbeats += 1
+        # An idle robot that falls silent is noticed as early as one in use.
+        idle_s = min(self._idle_heartbeat_s or 0, left_s)
+        self._heartbeat_timer = self._loop.call_later(
+            max(rules.heartbeat_s, idle_s), self._heartbeat
+        )
 
     def _ping(self, now: float) -> None:
         """Measure the round trip; that a link of any kind is alive, the agent's own pings show."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 from robotether_common.session import Battery, ByeCode, GuardState, Kind, ServiceState
 
@@ -47,6 +47,12 @@ class Link(Protocol):
 
     def on_media_demand(self) -> None:
         """Viewers of the robot's video came, or the last one left."""
+
+    def on_usage(self) -> None:
+        """Somebody is about to use the robot, or the last one left."""
+
+    async def until_quick(self) -> None:
+        """Wait until the agent has read that heartbeats are quick."""
 
     def end(self, code: ByeCode, detail: str) -> None:
         """Say bye and close; afterwards the registry knows the link no more."""
@@ -138,9 +144,13 @@ class SessionRegistry:
 
     def on_media_demand(self, robot_id: int) -> None:
         """Viewers of the robot's video came, or the last one left a while ago."""
-        for kind in ("session", "media"):
-            if (link := self._current.get((robot_id, kind))) is not None:
-                link.on_media_demand()
+        for link in self._links_of(robot_id):
+            link.on_media_demand()
+
+    def on_usage(self, robot_id: int) -> None:
+        """Somebody is about to use the robot, or the last one left a while ago."""
+        for link in self._links_of(robot_id):
+            link.on_usage()
 
     def count(self, kind: Kind) -> int:
         """Count the current links of a kind."""
@@ -218,6 +228,9 @@ class SessionRegistry:
             presence = self.presence(link.robot_id)
             after = replace(presence, rtt_ms=round(rtt_ms, 1))
             self._notify(Change("heartbeat", link.robot_id, after))
+
+    def _links_of(self, robot_id: int) -> list[Link]:
+        return [link for kind in get_args(Kind) if (link := self._current.get((robot_id, kind)))]
 
     def _is_online(self, link: Link) -> bool:
         established = self.presence(link.robot_id).online

@@ -101,10 +101,12 @@ class RosbridgeHandler:
             bridge.end(close_reasons.too_many_connections(why))
         gone = partial(bridge.end, close_reasons.rights_ended(robot.name))
         try:
-            # Before anything waits: a right that ends in the meantime must end this connection.
+            # Before anything waits: a right that ends in the meantime must end this connection. And before a lease: its
+            # line comes to the agent behind the one that asks for quick heartbeats.
             with (
                 self._context.connections.joined(connection),
                 self._context.credentials.held(permit.credential, gone),
+                self._context.usage.counted(robot.id),
             ):
                 await operator.open(request)
                 close_reason = await OperatorSession(

@@ -25,7 +25,7 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import RobotSocket, connect_robot
 from robotether_server.relay.http.timing import RateLimiter, delays
-from robotether_server.relay.robots.media_demand import OPENS_WITHIN_S, RETRY_S
+from robotether_server.relay.robots.demand import OPENS_WITHIN_S, RETRY_S
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
 from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
 from robotether_server.relay.video.feeds import Feed

@@ -31,7 +31,7 @@ from robotether_server.problems import (
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
-from robotether_server.relay.robots.media_demand import OPENS_WITHIN_S, RETRY_S
+from robotether_server.relay.robots.demand import OPENS_WITHIN_S, RETRY_S
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
 from robotether_server.relay.robots.sessions import Presence, utc_now
 from robotether_server.relay.video.headers import (

@@ -18,7 +18,7 @@ from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
-from robotether_server.relay.robots.media_demand import MediaDemand
+from robotether_server.relay.robots.demand import Demand
 from robotether_server.relay.video.feeds import Feed, Feeds
 from robotether_server.relay.video.frame_protocol import Frame
 
@@ -30,7 +30,7 @@ class VideoContext(HandlerContext):
     """What the handlers of video need besides: feeds, who needs media connections, and who got how much."""
 
     feeds: Feeds
-    media_demand: MediaDemand
+    media_demand: Demand
     viewer_stats: ViewerStats
 
 
@@ -56,7 +56,8 @@ def counted(context: VideoContext, permit: Permit, connection: Connection) -> It
     with (
         context.connections.joined(connection),
         context.credentials.held(permit.credential, gone),
-        context.media_demand.watched(permit.robot.id),
+        context.usage.counted(permit.robot.id),
+        context.media_demand.counted(permit.robot.id),
     ):
         yield
 

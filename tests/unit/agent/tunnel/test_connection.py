@@ -317,6 +317,28 @@ async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatc
     assert len(link.of_type("ping")) - pings >= 2
 
 
+@pytest.mark.parametrize("idle_heartbeat_s", [None, 0.3])
+async def test_a_robot_that_nobody_uses_asks_for_checks_seldom(
+    cloud, robot, monkeypatch, idle_heartbeat_s
+):
+    """One that is used asks again and again."""
+    monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_PAUSE_S", 0)
+    monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_EVERY_S", 0.1)
+    cloud.idle_heartbeat_s = idle_heartbeat_s
+    health = Health(SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"))
+    recheck = asyncio.Event()
+    robot.connect(robot.trust(cloud.ssh), Up(), health, recheck)
+    link = await cloud.link("session")
+    await eventually(lambda: len(link.of_type("ping")) > 0, lambda: f"pings in {link.received}")
+    recheck.set()
+    pings = len(link.of_type("ping"))
+    await eventually(
+        lambda: len(link.of_type("ping")) > pings + 3, lambda: f"pings in {link.received}"
+    )
+    checks = len(link.of_type("check"))
+    assert checks == 1 if idle_heartbeat_s else checks > 1
+
+
 async def test_the_longest_run_directory_takes_its_control_socket(cloud, robot, place):
     """What run_dir allows is what OpenSSH can bind."""
     run_dir = place / ("x" * (MAX_RUN_DIR_LENGTH - len(str(place)) - 1))

@@ -73,6 +73,10 @@ def test_a_connection_that_has_ended():
         (Signs(Path.SAME, 0.7, is_stuck=True, is_distrusted=True), ServerSilent, False),
         (Signs(Path.SAME, 0.7, is_stuck=False, is_distrusted=True), None, False),
         (Signs(Path.SAME, 4.5, is_stuck=True), ServerSilent, True),
+        (Signs(Path.SAME, 2.6, is_stuck=True, idle_delay_s=1.5), None, False),
+        (Signs(Path.SAME, 2.8, is_stuck=True, idle_delay_s=1.5), ServerSilent, False),
+        (Signs(Path.SAME, 2.0, is_stuck=True, is_distrusted=True, idle_delay_s=1.5), None, False),
+        (Signs(Path.SAME, 4.5, is_stuck=True, idle_delay_s=1.5), ServerSilent, True),
         (Signs(Path.MOVED, 0.1, is_stuck=False), NetworkChanged, False),
         (Signs(Path.MOVED, 4.5, is_stuck=True), ServerSilent, True),
         (Signs(Path.GONE, 0.1, is_stuck=False), NetworkChanged, True),
@@ -97,6 +101,7 @@ class Session:
     """A session that was silent for as long as the test says."""
 
     silent_s: float = 0.0
+    idle_delay_s: float = 0.0
 
 
 @dataclass
@@ -179,6 +184,17 @@ async def test_silence_ends_it_when_the_server_answers_elsewhere(watched):
         await asyncio.wait_for(task, 5)
 
 
+async def test_a_robot_that_nobody_uses_waits_for_its_slower_heartbeats(watched):
+    """Behind a proxy, which acknowledges for the server, silence alone counts."""
+    session, dialer, task = watched
+    session.idle_delay_s = 1.5
+    session.silent_s = 2.0
+    await asyncio.wait({task}, timeout=0.2)
+    assert dialer.asked == 0
+    session.idle_delay_s = 0.0
+    await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
+
+
 async def test_a_session_that_speaks_again_is_kept(watched):
     """What recovers by itself is not replaced, and the attempt is ended."""
     session, dialer, task = watched
@@ -208,9 +224,13 @@ async def test_an_attempt_that_fails_is_made_again_while_silence_lasts(watched):
     await eventually(lambda: dialer.asked >= 3, lambda: f"{dialer}")
 
 
-async def test_a_new_network_that_leads_nowhere_is_not_asked_all_the_time(watched, monkeypatch):
+@pytest.mark.parametrize("idle_delay_s", [0.0, 1.5])
+async def test_a_new_network_that_leads_nowhere_is_not_asked_all_the_time(
+    watched, monkeypatch, idle_delay_s
+):
     """While the old one works, one attempt is enough for a while."""
-    _, dialer, task = watched
+    session, dialer, task = watched
+    session.silent_s = session.idle_delay_s = idle_delay_s
     dialer.fails = True
     monkeypatch.setattr(liveness, "path_of", lambda _: Path.MOVED)
     await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")

@@ -148,6 +148,26 @@ async def test_pings_in_the_given_time_and_measures(ends):
     await asyncio.wait_for(running, 5)
 
 
+async def test_heartbeats_are_slow_until_somebody_uses_the_robot(ends):
+    """A configuration without slow ones has the next go out at once."""
+    session, peer = ends
+    running = asyncio.ensure_future(session.run())
+    idle = {**CONFIG, "timeout_s": 60, "idle_heartbeat_s": 50}
+    peer.send(idle)
+    first = await peer.receive("ping")
+    config = await session.new_config(None)
+    assert abs(session.idle_delay_s - 49.9) < 1e-6
+    with pytest.raises(TimeoutError):
+        await asyncio.wait_for(peer.receive("ping"), 0.5)
+    peer.send({**idle, "idle_heartbeat_s": None})
+    assert [(await peer.receive("ping"))["seq"] - first["seq"] for _ in range(3)] == [1, 2, 3]
+    assert session.idle_delay_s == 0
+    # Whoever follows the configuration for its forwards has nothing to do.
+    assert session.config == config
+    peer.close()
+    await asyncio.wait_for(running, 5)
+
+
 async def test_answers_pings_and_ignores_what_is_new(ends):
     """A ping is answered at once; an unknown type and a stray pong harm nothing."""
     session, peer = ends
@@ -225,6 +245,7 @@ async def test_a_server_that_takes_nothing_ends_it(ends):
         (json.dumps({**CONFIG, "ros_port": 0}).encode() + b"\n", "field ros_port"),
         (json.dumps({**CONFIG, "robot": "../x"}).encode() + b"\n", "field robot"),
         (json.dumps({**CONFIG, "timeout_s": 0}).encode() + b"\n", "field timeout_s"),
+        (json.dumps({**CONFIG, "idle_heartbeat_s": 0}).encode() + b"\n", "field idle_heartbeat_s"),
         (json.dumps({**CONFIG, "guard": []}).encode() + b"\n", "guard must be a JSON object"),
         (json.dumps({**CONFIG, "direct": 1}).encode() + b"\n", "field direct"),
         (b'{"type": "lease"}\n', "field fence is missing"),

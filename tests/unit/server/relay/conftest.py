@@ -16,6 +16,7 @@ from fake_robot import FakeRobot, RobotSession
 from frames_viewer import FramesViewer
 from relay_server import FAST, SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
 from robotether_server.db.fleet import RelayRobot, RelayUser
+from robotether_server.relay.main import Timing
 from robotether_server.relay.robots import port_checks, robot_dialer
 
 Connect = Callable[..., Awaitable[RobotSession]]
@@ -66,14 +67,20 @@ def sim1(memory_database: MemoryDatabase) -> RelayRobot:
     return memory_database.robots[7]
 
 
+@pytest.fixture
+def timing() -> Timing:
+    """The relay's times."""
+    return FAST
+
+
 @pytest_asyncio.fixture
 async def relay(
-    memory_database: MemoryDatabase, monkeypatch: pytest.MonkeyPatch
+    memory_database: MemoryDatabase, monkeypatch: pytest.MonkeyPatch, timing: Timing
 ) -> AsyncIterator[RelayServer]:
     """Run a relay; a robot may answer late, as all do while the machine stands still."""
     monkeypatch.setattr(robot_dialer, "MIN_CONNECT_TIMEOUT_S", FAST.timeout_s)
     monkeypatch.setattr(port_checks, "CONNECT_WITHIN_S", FAST.timeout_s)
-    async with running_relay(memory_database) as server:
+    async with running_relay(memory_database, timing) as server:
         yield server
 
 

@@ -16,6 +16,8 @@ from robotether_server.relay.robots.sessions import Presence
 from robotether_server.robot_settings import DEFAULTS, parse
 from stopwatch import Stopwatch
 
+SLOW_WHEN_IDLE = replace(FAST, idle_heartbeat_s=60.0)
+
 
 def presence(relay: RelayServer, robot: RelayRobot) -> Presence:
     return relay.relay.registry.presence(robot.id)
@@ -43,6 +45,7 @@ async def test_a_session_gets_its_configuration(relay, sim1, connect):
             "shell_port": None,
             "rotate_key": False,
             "heartbeat_s": FAST.heartbeat_s,
+            "idle_heartbeat_s": FAST.idle_heartbeat_s,
             "timeout_s": FAST.timeout_s,
             "guard": {"key": ANY, **DEFAULTS.guard.as_dict()},
             "direct": False,
@@ -166,7 +169,7 @@ async def test_what_answers_behind_the_ports_is_told_on_request(
 ):
     """The relay tries the forwards from its own side, and says what it found."""
     with_shell = await give_shell(relay, memory_database, sim1)
-    with relay.relay.media_demand.watched(sim1.id):
+    with relay.relay.media_demand.counted(sim1.id):
         robot.session.send(type="check")
         await until(lambda: robot.session.checked, "the answer is there")
     assert robot.session.checked == [
@@ -266,10 +269,10 @@ async def test_a_robot_is_asked_for_video_while_somebody_watches(relay, sim1, co
     demand = relay.relay.media_demand
     demand._kept_s = 0.2
     session = await configured(await connect())
-    with demand.watched(sim1.id), demand.watched(sim1.id):
+    with demand.counted(sim1.id), demand.counted(sim1.id):
         await until(lambda: session.configs[-1]["media"], "video is asked for")
         media = await configured(await connect("media"))
-    with demand.watched(sim1.id):
+    with demand.counted(sim1.id):
         await asyncio.sleep(0.3)
     assert media.bye is None
     assert await ended(media) == "unwatched"
@@ -279,9 +282,48 @@ async def test_a_robot_is_asked_for_video_while_somebody_watches(relay, sim1, co
 
 async def test_a_robot_that_returns_while_somebody_watches_is_asked_at_once(relay, sim1, connect):
     """The viewer waits."""
-    with relay.relay.media_demand.watched(sim1.id):
+    with relay.relay.media_demand.counted(sim1.id):
         session = await configured(await connect())
     assert session.configs[0]["media"]
+
+
+@pytest.mark.parametrize("timing", [SLOW_WHEN_IDLE])
+async def test_heartbeats_are_quick_while_somebody_uses_a_robot(relay, sim1, connect):
+    """Both sides begin at once; after the last user has left for a while, both are slow again."""
+    relay.relay.usage._kept_s = 0.2
+    session = await configured(await connect())
+    await until(lambda: session.pings, "the round trip is measured")
+    await asyncio.sleep(5 * FAST.heartbeat_s)
+    assert session.pings == 1
+    with relay.relay.usage.counted(sim1.id):
+        await until(lambda: session.pings > 4, "heartbeats are quick")
+    await until(lambda: len(session.configs) == 3, "nobody uses it any more")
+    pings = session.pings
+    await asyncio.sleep(5 * FAST.heartbeat_s)
+    assert session.pings <= pings + 1
+    idle_s = SLOW_WHEN_IDLE.idle_heartbeat_s
+    assert [config["idle_heartbeat_s"] for config in session.configs] == [idle_s, None, idle_s]
+
+
+async def test_the_round_trip_of_an_idle_robot_is_measured_seldom(relay, connect):
+    """That it is alive, its own heartbeats show."""
+    with Stopwatch() as stopwatch:
+        session = await configured(await connect())
+        await until(lambda: session.pings == 3, "it is measured a third time")
+    assert stopwatch.clock_s > 9 * FAST.idle_heartbeat_s
+
+
+@pytest.mark.parametrize("kind", ["media", "shell"])
+async def test_the_other_connections_of_a_robot_in_use_are_quick_too(
+    *, relay, sim1, memory_database, connect, kind
+):
+    await give_shell(relay, memory_database, sim1)
+    link = await configured(await connect(kind))
+    with relay.relay.usage.counted(sim1.id):
+        await until(lambda: len(link.configs) == 2, "it is told")
+        newer = await configured(await connect(kind))
+    assert [config["idle_heartbeat_s"] for config in link.configs] == [FAST.idle_heartbeat_s, None]
+    assert [config["idle_heartbeat_s"] for config in newer.configs] == [None]
 
 
 @pytest.mark.parametrize("silent", [False, True])
@@ -297,8 +339,9 @@ async def test_on_media_only_the_agent_pings(relay, connect, silent):
     assert media.pings == 0
 
 
+@pytest.mark.parametrize("timing", [FAST, SLOW_WHEN_IDLE])
 async def test_a_silent_robot_times_out(relay, sim1, connect):
-    """A robot that answers no heartbeat hears timeout after the time-out, and is offline."""
+    """A robot that answers no heartbeat, however rare, hears timeout after the time-out, and is offline."""
     session = await connect(silent=True)
     with Stopwatch() as stopwatch:
         assert await ended(session) == "timeout"

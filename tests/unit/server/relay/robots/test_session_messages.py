@@ -186,7 +186,15 @@ def test_a_pong_carries_the_agents_clock_back():
 def test_lines_end_where_they_should():
     """Each line is one line, whatever a text in it holds."""
     robot = RelayRobot(7, "a\nb", "active", 1, 2)
-    config = config_line(robot, heartbeat_s=1, timeout_s=5, guard_key="k", direct=False, media=True)
+    config = config_line(
+        robot,
+        heartbeat_s=1,
+        idle_heartbeat_s=None,
+        timeout_s=5,
+        guard_key="k",
+        direct=False,
+        media=True,
+    )
     checked = checked_line(ros="ok", video="down", shell="unknown")
     for line in (config, checked, bye_line("timeout", "x\ny")):
         assert line.count(b"\n") == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from dataclasses import replace
 
@@ -93,6 +94,42 @@ async def test_an_observing_connection_only_observes(
         answer = await socket.receive_json(timeout=5)
     assert "an observing connection only subscribes" in answer["msg"]
     assert robot.received == []
+
+
+async def test_heartbeats_are_quick_before_a_lease_and_while_anybody_is_connected(
+    relay, guarded, sim1, http
+):
+    told = guarded.session.lines
+    idle = [FAST.idle_heartbeat_s]
+    assert [line["idle_heartbeat_s"] for line in told if line["type"] == "config"] == idle
+    async with http.ws_connect(relay.ros_url(sim1)) as driver:
+        await until(lambda: guarded.session.leases[-1]["held"], "the lease is there")
+        relevant = [line for line in told if line["type"] in {"config", "lease"}]
+        assert [line.get("idle_heartbeat_s") for line in relevant[-2:]] == [None, None]
+        assert [line["type"] for line in relevant] == ["config", "lease", "config", "lease"]
+        async with http.ws_connect(relay.ros_url(sim1, "observe")):
+            await driver.close()
+            assert relay.relay.usage.of(sim1.id)
+    assert len(guarded.session.configs) == 2
+
+
+async def test_nobody_drives_before_the_agent_has_read_that_heartbeats_are_quick(
+    relay, guarded, sim1, http
+):
+    """An earlier ping's answer does not show that. Who observes need not wait."""
+    session = guarded.session
+    session.silent, answered = True, session.pings
+    await until(lambda: session.pings > answered, "a ping is not answered")
+    earlier = session.pings
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await until(lambda: len(session.configs) == 2, "the agent is told")
+        session.send(type="pong", seq=earlier)
+        async with http.ws_connect(relay.ros_url(sim1, "observe")):
+            await until(lambda: guarded.clients_ever, "the observer is there")
+        await asyncio.sleep(0.2)
+        assert guarded.clients_ever == 1
+        session.silent = False
+        await until(lambda: guarded.clients_ever == 2, "the driver is there")
 
 
 async def test_pages_of_other_sites_are_refused(relay, robot, sim1, http):
