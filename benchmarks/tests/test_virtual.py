@@ -13,6 +13,7 @@ from random import Random
 from typing import Any
 
 import aiohttp
+import pytest
 from fake_cameras import FakeVideoServer
 from fake_cloud import agent_environ, eventually
 from fake_robot import HOST
@@ -104,7 +105,8 @@ async def at_server(make: Robot) -> AsyncIterator[tuple[Played, RelayServer, Mem
     database = MemoryDatabase()
     robot = database.add_robot(7, "sim1", u1="drive")
     place = Path(tempfile.mkdtemp(prefix="rt-"))
-    async with running_relay(database, replace(FAST, timeout_s=WAIT_S)) as relay:
+    timing = replace(FAST, timeout_s=2 * WAIT_S, idle_heartbeat_s=WAIT_S)
+    async with running_relay(database, timing) as relay:
         server = RecordingServer(relay, robot.id)
         server.ports = (robot.ros_port, robot.video_port)
         await server.start()
@@ -161,6 +163,29 @@ async def test_the_server_cannot_tell_a_virtual_robot_from_an_agent() -> None:
         assert virtual.told(who, kind) == real.told(who, kind)
     assert real.told("agent", "session")
     assert virtual.statuses == real.statuses == [426, 200, 200, 200]
+
+
+@pytest.mark.parametrize("make", [real_agent, virtual_robot])
+async def test_heartbeats_are_quick_before_a_robot_moves(make: Robot) -> None:
+    """An agent has answered the configuration that asks for quick ones before its guard reports the first command."""
+    async with at_server(make) as (played, relay, database), as_ann(database) as http:
+        await played.line("relay", "checked", ros="ok")
+        pings = [line for line in played.lines("agent", "session") if line["type"] == "ping"]
+        assert len(pings) == 1
+        played.began = len(played.server.said)
+        async with http.ws_connect(relay.ros_url(database.robots[7])) as driver:
+            await driver.send_json({"op": "advertise", **TYPED})
+            await driver.send_json(MOVE)
+            await played.line("agent", "guard", moving=True)
+            await played.line("agent", "ping", count=5)
+    said = [(who, line) for of, who, line in played.server.said[played.began :] if of == "session"]
+    quick = said.index(next(one for one in said if one[1]["type"] == "config"))
+    lease = said.index(next(one for one in said if one[1]["type"] == "lease"))
+    ping = said.index(next(one for one in said if one[0] == "agent" and one[1]["type"] == "ping"))
+    moves = said.index(next(one for one in said if one[1].get("moving")))
+    assert said[quick][1]["idle_heartbeat_s"] is None
+    assert quick < lease < moves
+    assert quick < ping < moves
 
 
 async def test_a_driver_hears_what_was_published_and_sees_the_camera() -> None:

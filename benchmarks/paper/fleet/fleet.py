@@ -55,6 +55,8 @@ ROSBRIDGE_WITHIN_S, TRY_AGAIN_S = 30.0, 0.1
 # Also for a relay that holds two connections of each robot, and for this process.
 FILES_OF_OPERATORS = 4096
 POLL_EVERY_S, SETTLES_IN_POLLS = 0.5, 20
+# The relay takes a robot for used as long after its last operator has left, and two heartbeats.
+UNUSED_AFTER_S = 14.0
 LOG_LINES = 8
 # In place of an order that was done: the worker is no more.
 GONE = "gone"
@@ -242,6 +244,7 @@ class Fleet:
 
     async def idle(self, seconds: float) -> dict[str, Any]:
         """What the fleet costs while nobody uses it: processor time over so many seconds."""
+        await asyncio.sleep(UNUSED_AFTER_S)
         first = await self._settled()
         await asyncio.sleep(seconds)
         last = self.reading()

@@ -41,7 +41,11 @@ from robotether_agent.problems import (
     ServerSilent,
     SessionEnded,
 )
-from robotether_agent.tunnel.connection import CHECK_EVERY_S, CHECK_PAUSE_S
+from robotether_agent.tunnel.connection import (
+    CHECK_EVERY_S,
+    CHECK_PAUSE_S,
+    IDLE_CHECK_EVERY_S,
+)
 from robotether_agent.tunnel.session import FIRST_TIMEOUT_S, SLOW_BYES
 from robotether_common.session import Kind
 
@@ -148,6 +152,11 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         self._timer: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
+    @property
+    def idle_heartbeat_s(self) -> float | None:
+        """The time between heartbeats while nobody uses the robot."""
+        return self.config.get("idle_heartbeat_s")
+
     async def open(self, account: Account) -> None:
         """Log in and ask for the session of this kind; the agent's problems say why not."""
         dialer = account.target.dialer
@@ -227,7 +236,10 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         if kind == "ping":
             self.send({"type": "pong", "seq": line["seq"]})
         elif kind == "config":
+            idle = self.idle_heartbeat_s
             self.config, self.configs = dict(line), self.configs + 1
+            if idle is not None and self.idle_heartbeat_s is None:
+                self._tick()
             self._on_line(self, line)
         elif kind == "bye":
             self.fail(_ending(line))
@@ -257,7 +269,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         if self.config:
             self._seq += 1
             self.send({"type": "ping", "seq": self._seq, "t_ms": round(now * 1000, 3)})
-        wait_s = self.config.get("heartbeat_s", FIRST_TIMEOUT_S)
+        wait_s = self.idle_heartbeat_s or self.config.get("heartbeat_s", FIRST_TIMEOUT_S)
         self._timer = asyncio.get_running_loop().call_later(wait_s, self._tick)
 
     def _done(self, task: asyncio.Task[None]) -> None:
@@ -286,6 +298,7 @@ class VirtualRobot:
         # The server's own view of the forwards may be another one.
         self._recheck = asyncio.Event()
         self._session: Connection | None = None
+        self._applied: Line = {}
         services.on_guard_changed = self._report_guard
 
     async def run(self) -> None:
@@ -359,7 +372,10 @@ class VirtualRobot:
         await self._keep_asking_for_checks(connection)
 
     def _apply(self, connection: Connection) -> None:
-        """Follow a configuration, once the session's forward is up."""
+        """Follow a configuration, once the session's forward is up, if more of it is new than the heartbeats."""
+        applied, self._applied = self._applied, {**connection.config, "idle_heartbeat_s": None}
+        if applied == self._applied:
+            return
         if connection.config.get("media", True):
             self._watched.set()
         else:
@@ -371,8 +387,9 @@ class VirtualRobot:
             self._recheck.clear()
             connection.send({"type": "check"})
             await asyncio.sleep(CHECK_PAUSE_S)
+            every_s = IDLE_CHECK_EVERY_S if connection.idle_heartbeat_s else CHECK_EVERY_S
             with suppress(TimeoutError):
-                async with asyncio.timeout(CHECK_EVERY_S - CHECK_PAUSE_S):
+                async with asyncio.timeout(every_s - CHECK_PAUSE_S):
                     await self._recheck.wait()
 
     def _on_media_line(self, uptime: Uptime, connection: Connection, line: Line) -> None:
