@@ -1,4 +1,4 @@
-"""`make experiments`: which steps run, against which stack, and the page that is written after them.
+"""`make experiments`: which steps run, against which stack, and the pages that are written after them.
 
 Each step is a test of experiments.py. What became of it is kept at once, so that a run that was interrupted goes on
 where it was; a finished one starts anew. pytest's -k chooses among all steps by part and name.
@@ -22,7 +22,7 @@ from paper.step import Key, ResultStore, Scale, now
 from paper.world import World
 
 ARTIFACTS = ROOT / "tests" / "artifacts"
-PAGE, QUICK_PAGE = ROOT / "docs" / "experiments", ARTIFACTS / "experiments-quick"
+PAGES, QUICK_PAGES = ROOT / "docs" / "experiments", ARTIFACTS / "experiments-quick"
 # Service, what its daemon is called, and the command that tells its version.
 DAEMONS = (
     ("nginx", "nginx", "nginx -v"),
@@ -120,7 +120,7 @@ def versions(world: World) -> dict[str, str]:
 
 
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
-    """Write the page, and fail where a step has failed, now or before, or a figure that has to be met is not."""
+    """Write the pages, and fail where a step has failed, now or before, or a figure that has to be met is not."""
     config = session.config
     if config.option.collectonly or exitstatus not in FINISHED:
         return
@@ -128,14 +128,13 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
 
     scale, store = scale_of(config), config.stash[STORE]
     chapters = [chapter(part, scale, store) for part in PARTS]
-    if not any(one.outcomes for one in chapters):
-        return
-    page = write_page(QUICK_PAGE if scale.quick else PAGE, chapters, scale, store)
+    folder = QUICK_PAGES if scale.quick else PAGES
+    pages = [write_page(folder, one, scale, store) for one in chapters if one.outcomes]
     parts = {part for part, _ in config.stash[ASKED]}
     asked = [one for one in chapters if one.part.name in parts]
     config.stash[SUMMARY] = [
         *(line for one in asked for line in summary(one)),
-        f"the page is {page}",
+        *(f"a page is {page}" for page in pages),
     ]
     session.exitstatus = (
         pytest.ExitCode.OK if all(one.is_fine for one in asked) else pytest.ExitCode.TESTS_FAILED

@@ -1,4 +1,4 @@
-"""Writes docs/experiments/ from the kept outcomes: the page, and its figures (SVG) and raw data (CSV) beside it.
+"""Writes a part's page in docs/experiments/ from the kept outcomes, with figures (SVG) and raw data (CSV) beside it.
 
 page.md.j2 is the page. What has not run, has failed, could not be reported or falls short is on it; nothing is left
 out for looking bad. The same values give the same files, whenever and wherever they are written.
@@ -124,15 +124,13 @@ def sentence(error: BaseException) -> str:
     return f"{type(error).__name__}: {said}" if said else type(error).__name__
 
 
-def write_page(folder: Path, chapters: Sequence[Chapter], scale: Scale, store: ResultStore) -> Path:
-    """Write page, figures and data; files of an earlier page that this one has not are removed."""
+def write_page(folder: Path, one: Chapter, scale: Scale, store: ResultStore) -> Path:
+    """Write a part's page, figures and data; its files of an earlier page that this one has not are removed."""
     folder.mkdir(parents=True, exist_ok=True)
-    written = {
-        name for one in chapters for name, write in one.files() if _try(one, folder / name, write)
-    }
-    page = folder / "index.md"
-    page.write_text(markdown(chapters, scale, store, written))
-    for old in [*folder.glob("*.svg"), *folder.glob("*.csv")]:
+    written = {name for name, write in one.files() if _try(one, folder / name, write)}
+    page = folder / f"{one.part.name}.md"
+    page.write_text(markdown(one, scale, store, written))
+    for old in folder.glob(f"{one.part.name}-*"):
         if old.name not in written:
             old.unlink()
     return page
@@ -149,9 +147,7 @@ def _try(one: Chapter, path: Path, write: Callable[[Path], None]) -> bool:
     return True
 
 
-def markdown(
-    chapters: Sequence[Chapter], scale: Scale, store: ResultStore, written: set[str]
-) -> str:
+def markdown(one: Chapter, scale: Scale, store: ResultStore, written: set[str]) -> str:
     """The whole page; `written` are the files that stand beside it."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
@@ -162,12 +158,11 @@ def markdown(
         autoescape=False,
     )
     filters = (bullets, duration, number, plain, wrapped)
-    environment.filters |= {one.__name__: one for one in filters}
-    outcomes = [step for one in chapters for step in one.outcomes.values()]
+    environment.filters |= {each.__name__: each for each in filters}
+    outcomes = list(one.outcomes.values())
     return environment.get_template(TEMPLATE).render(
-        chapters=chapters,
+        one=one,
         circumstances=_circumstances(outcomes, store.sittings(outcomes)),
-        comparisons=[(one, row) for one in chapters for row in one.report.comparisons],
         scale=scale,
         written=written,
     )

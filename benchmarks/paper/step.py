@@ -1,6 +1,6 @@
-"""What an experiment is made of: steps that run once each, what became of them, and what the page makes of that.
+"""What an experiment is made of: steps that run once each, what became of them, and what its page makes of that.
 
-`experiments.py` runs steps and keeps outcomes. An experiment's `report` turns outcomes into a chapter of the page and
+`experiments.py` runs steps and keeps outcomes. An experiment's `report` turns outcomes into its page and
 must be pure, so that the page can be written again from what was kept.
 """
 

@@ -83,9 +83,16 @@ def test_failed_missing_and_unmet_are_on_the_page_and_are_not_fine(
     parts = (part("one", "bad", "later"), part("unmet", "a", unmet=True), part("good", "a"))
     chapters = [chapter(each, QUICK, store) for each in parts]
     assert [each.is_fine for each in chapters] == [False, False, True]
-    page = write_page(tmp_path / "page", chapters, QUICK, store).read_text()
-    assert "1 failed: OSError: gone (step bad)" in page
-    assert "A one: 1 of 2 steps have not run." in page
-    assert (
-        "| A unmet | success | paper | 100 % | 99.9 % | 0.999 | equal | **falls short** |" in page
-    )
+    bad, unmet, _ = [write_page(tmp_path, each, QUICK, store).read_text() for each in chapters]
+    assert "1 failed: OSError: gone (step bad)" in bad
+    assert "0 of 2 steps succeeded, 1 failed, 1 have not run" in bad
+    assert "| success | paper | 100 % | 99.9 % | 0.999 | equal | **falls short** |" in unmet
+
+
+def test_a_page_takes_the_place_of_its_own_files_only(store: ResultStore, tmp_path: Path) -> None:
+    store.add(("one", "a"), KEPT)
+    ours, others = tmp_path / "one-old.csv", tmp_path / "other-old.csv"
+    ours.touch()
+    others.touch()
+    write_page(tmp_path, chapter(part("one", "a"), QUICK, store), QUICK, store)
+    assert (ours.exists(), others.exists()) == (False, True)
