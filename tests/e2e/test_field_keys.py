@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 
 import pytest
+from page_users import release_all
 from pages import drive_live, expect_armed, open_drawer
 from playwright.sync_api import Locator, Page, expect
 from sim_watch import SimWatch
@@ -15,7 +16,7 @@ from stack import Stack
 
 ROBOT = "sim1"
 ZERO = {"linear": {"x": 0, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}
-MENUS = ("camera", "layout", "quality")
+MENUS = ("quality", "layout")
 SLIDERS = ("limit-linear", "limit-angular")
 
 
@@ -24,7 +25,7 @@ def robot(page: Page, stack: Stack) -> Page:
     """The robot's page, which drives, with all its cameras found."""
     stack.wait_until_drivable(ROBOT)
     drive_live(page, stack, ROBOT)
-    expect(page.get_by_test_id("camera").locator("option")).to_have_count(3)
+    expect(page.get_by_test_id("camera").get_by_role("button")).to_have_count(3)
     open_drawer(page)
     expect_armed(page)
     return page
@@ -65,6 +66,31 @@ def test_a_menu_that_was_opened_and_closed_keeps_no_key(robot: Page, stack: Stac
             _expect_drives(robot, watch, "w", "ArrowUp")
             assert menu.input_value() == before, name
             expect(_taken(robot)).to_be_empty()
+            if name == "quality":
+                robot.get_by_test_id("drawer-open").click()  # it lies over the other one
+
+
+def test_a_view_that_was_clicked_keeps_no_key(robot: Page, stack: Stack) -> None:
+    """One click makes it the main one; then the keys drive, Enter chooses it again and Space is Stop."""
+    rear = robot.get_by_test_id("view-2")
+    with SimWatch(stack, ROBOT) as watch:
+        clicked = time.monotonic()
+        rear.click()
+        expect(rear).to_have_attribute("aria-pressed", "true")
+        _assert_not_driven(watch, clicked)
+        _expect_drives(robot, watch, "w", "ArrowUp")
+        robot.keyboard.press("Enter")
+        expect(rear).to_have_attribute("aria-pressed", "true")
+        expect(_taken(robot)).to_be_empty()
+        # A click by Space would choose it once more.
+        robot.keyboard.press("1")
+        expect(rear).to_have_attribute("aria-pressed", "false")
+        try:
+            robot.keyboard.press("Space")
+            expect(robot.get_by_test_id("release")).to_be_visible()
+            expect(rear).to_have_attribute("aria-pressed", "false")
+        finally:
+            release_all(stack, [ROBOT])
 
 
 def test_a_menu_in_which_something_was_chosen_keeps_no_key(robot: Page, stack: Stack) -> None:

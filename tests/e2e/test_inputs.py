@@ -152,7 +152,7 @@ def _hold_control(page: Page) -> None:
 
 
 def _open_a_list(page: Page) -> None:
-    page.get_by_test_id("camera").click()
+    page.get_by_test_id("layout").click()
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,19 @@ from __future__ import annotations
 import http.client
 from collections.abc import Iterator
 from contextlib import closing
+from itertools import combinations
 
 import pytest
 from page_users import PageUsers, release_all
-from pages import drive_live, expect_live, expect_mode, expect_no_sideways_scroll, open_drawer
-from playwright.sync_api import Browser, FloatRect, Page, ViewportSize, expect
+from pages import (
+    drive_live,
+    expect_live,
+    expect_mode,
+    expect_no_sideways_scroll,
+    open_drawer,
+    open_live,
+)
+from playwright.sync_api import Browser, FloatRect, Locator, Page, ViewportSize, expect
 from sim_service import frozen_cameras
 from stack import Stack
 
@@ -68,6 +76,11 @@ QUESTIONS = """() => {
   const found = { alone: questions.flatMap((one) => shown([one])), together: shown(questions) };
   shown([]);
   return found;
+}"""
+NOTE = """() => {
+  const note = document.querySelector('[data-testid=control-note]');
+  note.textContent = 'You handed control to ben-of-the-second-shift.';
+  note.dataset.fresh = 'true';
 }"""
 BOTH = pytest.mark.parametrize("context", [MOUSE, TOUCH], ids=list(SIZES), indirect=True)
 
@@ -207,6 +220,57 @@ def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(
     driven.reload()
     for choice in ("stick-right", "speed-slow"):
         expect(driven.get_by_test_id(choice)).to_have_attribute("aria-pressed", "true")
+
+
+@BOTH
+def test_more_views_than_have_room_scroll_in_their_place(
+    page: Page, stack: Stack, request: pytest.FixtureRequest
+) -> None:
+    """Each can be reached and touched; nothing of the picture's tools lies over another, nor over what is told."""
+    cameras = [{"topic": f"/c{n}", "name": f"Camera of the gripper {n}"} for n in range(1, 6)]
+    stack.wait_until_drivable(ROBOT)
+    stack.admin.set_robot(ROBOT, {"page.cameras": cameras})
+    try:
+        open_live(page, stack, ROBOT)
+        views = page.get_by_test_id("camera").get_by_role("button")
+        expect(views).to_have_count(6)
+        expect(page.get_by_test_id("diagnostics")).to_be_visible(timeout=10_000)
+        page.evaluate(NOTE)
+        for size in _at_each_size(page, request):
+            for view in (views.last, views.first):
+                view.click()
+                expect(view).to_have_attribute("aria-pressed", "true")
+                _expect_tools_apart(page, view, size)
+        is_touched = request.node.callspec.id == "touch"
+        for number in ("1", "5"):
+            key = page.get_by_test_id(f"view-{number}").locator("small")
+            expect(key).to_be_visible(visible=number == "1" and not is_touched)
+    finally:
+        stack.admin.set_robot(ROBOT, {"page.cameras": None})
+        stack.wait_for_changes(ROBOT)
+
+
+def _expect_tools_apart(page: Page, view: Locator, where: str) -> None:
+    expect_no_sideways_scroll(page)
+    group, button = _box(page, "camera"), view.bounding_box()
+    assert button is not None, where
+    assert min(button["width"], button["height"]) >= 44, where
+    assert group["height"] == 44, where
+    assert group["x"] <= button["x"], where
+    assert button["x"] + button["width"] <= group["x"] + group["width"], where
+    names = (
+        "camera",
+        "diagnostics",
+        "layout",
+        "full",
+        "control",
+        "control-note",
+        "joystick",
+        "stop",
+    )
+    boxes = {name: _box(page, name) for name in names}
+    for one, other in combinations(names, 2):
+        assert not _overlap(boxes[one], boxes[other]), f"{where} {one} lies over {other}"
 
 
 @BOTH

@@ -62,7 +62,7 @@ def robot(page: Page, stack: Stack) -> Page:
     """The robot's page, which drives, with all that it can show found."""
     stack.wait_until_drivable(ROBOT)
     drive_live(page, stack, ROBOT)
-    expect(page.get_by_test_id("camera").locator("option")).to_have_count(3)
+    expect(page.get_by_test_id("camera").get_by_role("button")).to_have_count(3)
     _expect_picture(_tile(page, FRONT), "live")
     return page
 
@@ -71,6 +71,11 @@ def _tile(page: Page, topic: str) -> Locator:
     if topic == MAP:
         return page.get_by_test_id("map-tile")
     return page.locator(f"[data-testid=tile][data-topic='{topic}']")
+
+
+def _view(page: Page, source: str) -> Locator:
+    """The button that makes it the main one."""
+    return page.get_by_test_id(f"view-{[FRONT, REAR, MAP].index(source) + 1}")
 
 
 def _expect_picture(tile: Locator, state: str, seconds: float = 10) -> None:
@@ -131,7 +136,8 @@ def test_an_inset_shows_the_second_camera_and_keys_swap_them(robot: Page) -> Non
     _expect_main(robot, FRONT)
     _tile(robot, REAR).get_by_test_id("enlarge").click()
     _expect_main(robot, REAR)
-    expect(robot.get_by_test_id("camera")).to_have_value(REAR)
+    expect(_view(robot, REAR)).to_have_attribute("aria-pressed", "true")
+    expect(_view(robot, FRONT)).to_have_attribute("aria-pressed", "false")
 
 
 def test_a_small_picture_is_asked_for_small(robot: Page) -> None:
@@ -215,7 +221,7 @@ def test_fullscreen_lets_go_of_the_stick(robot: Page, stack: Stack) -> None:
 
 def test_choosing_the_map_holds_nothing(robot: Page, stack: Stack) -> None:
     """The camera goes on in the inset, so that there is a picture to drive by, and is alone again when it is chosen."""
-    robot.get_by_test_id("camera").select_option(MAP)
+    _view(robot, MAP).click()
     _expect_main(robot, MAP)
     _expect_picture(_tile(robot, FRONT), "live")
     robot.wait_for_timeout(3000)  # after which it was held for good
@@ -225,7 +231,7 @@ def test_choosing_the_map_holds_nothing(robot: Page, stack: Stack) -> None:
         robot.keyboard.down("d")
         watch.wait_pose("turning by the map", lambda pose: pose["angular_velocity"] < 0)
         robot.keyboard.up("d")
-    robot.get_by_test_id("camera").select_option(FRONT)
+    _view(robot, FRONT).click()
     expect(_tile(robot, MAP)).to_have_count(0)
 
 
@@ -235,8 +241,8 @@ def test_the_map_shows_walls_scan_and_the_way(robot: Page, stack: Stack) -> None
     call_sim(stack, ROBOT, "/reset")
     robot.reload()
     expect_live(robot, seconds=10)
-    expect(robot.get_by_test_id("camera").locator("option")).to_have_count(3)
-    robot.get_by_test_id("camera").select_option(MAP)
+    expect(robot.get_by_test_id("camera").get_by_role("button")).to_have_count(3)
+    _view(robot, MAP).click()
     canvas = robot.get_by_test_id("video")
     robot.get_by_test_id("zoom-out").click()
     _wait_pixels(canvas, SCAN, 50)
@@ -249,10 +255,10 @@ def test_the_map_shows_walls_scan_and_the_way(robot: Page, stack: Stack) -> None
         timeout=5000,
     )
     assert canvas.evaluate(COUNT_PIXELS, list(PATH)) == 0
-    robot.get_by_test_id("camera").select_option(FRONT)
+    _view(robot, FRONT).click()
     _expect_picture(_tile(robot, FRONT), "live")
     _drive_ahead(robot, stack, metres=2)
-    robot.get_by_test_id("camera").select_option(MAP)
+    _view(robot, MAP).click()
     expect(robot.get_by_test_id("map-scan")).not_to_be_checked()
     # Two metres of 16 pixels, two pixels wide, less what the robot hides.
     _wait_pixels(robot.get_by_test_id("video"), PATH, 30)
@@ -307,7 +313,7 @@ def test_what_is_not_seen_is_not_subscribed_to(robot: Page) -> None:
     sent = _sent_to_ros(robot)
     robot.reload()
     _expect_picture(_tile(robot, FRONT), "live")
-    expect(robot.get_by_test_id("camera").locator("option")).to_have_count(3)
+    expect(robot.get_by_test_id("camera").get_by_role("button")).to_have_count(3)
     assert not any('"/scan"' in text for text in sent)
 
     def of_scan(operation: str) -> list[str]:

@@ -12,6 +12,7 @@ import { video as texts } from "../texts/video.js";
 import { cameraTopics, frameTopics, offeredCameras, topicOf } from "../topics/discovery.js";
 import { requestedQuality } from "./cameraTile.js";
 import { Layout, MAP } from "./layout.js";
+import { SourceButtons } from "./sourceButtons.js";
 import { Tiles } from "./tiles.js";
 
 const OLD_MS = 1000; // where old video does not pause driving
@@ -44,6 +45,7 @@ export class View {
     this.usualIsDown = false;
     this.ticks = 0;
     this.tools = this.findTools();
+    this.sourceButtons = new SourceButtons(part(root, "sources"), { onChoose: (id) => this.choose(id) });
     this.world = new World({ subscribe, onChange: () => this.drawMaps(), now });
     this.smallMap = new MapTile(part(root, "small-map"), { world: this.world, small: true });
     this.roomForMap = matchMedia(ROOM_FOR_MAP);
@@ -66,7 +68,7 @@ export class View {
       onMemory: (map) => this.choices.keep({ map }),
       onPainted: (topic) => this.seen(topic),
       onDown: () => this.lacks(),
-      onChoose: (id) => this.change(() => this.layout.choose(id)),
+      onChoose: (id) => this.choose(id),
       now: this.now,
     };
   }
@@ -125,21 +127,19 @@ export class View {
     this.cameras = usualIsDown && hasMap && !hasCamera ? [] : offeredCameras({ configured: page.cameras, known: [...known] });
     const ids = this.cameras.map(({ topic }) => topic);
     this.layout.offer(hasMap ? [...ids, MAP] : ids);
-    this.offerNames();
+    this.offerSources();
     this.arrange();
   }
 
-  offerNames() {
-    const named = this.cameras.map(({ topic, name }) => new Option(name, topic));
-    if (this.hasMap) named.push(new Option(texts.map, MAP));
-    const names = named.map(({ value, text }) => value + text).join("\n");
-    if (names !== this.offeredNames) this.tools.camera.replaceChildren(...named);
-    this.offeredNames = names;
-    this.tools.camera.disabled = this.tools.layout.disabled = named.length < 2;
+  offerSources() {
+    const sources = this.cameras.map(({ topic, name }) => ({ id: topic, name }));
+    if (this.hasMap) sources.push({ id: MAP, name: texts.map });
+    this.sourceButtons.offer(sources);
+    this.tools.layout.disabled = sources.length < 2;
   }
 
   findTools() {
-    const names = ["camera", "layout", "quality", "turn", "still", "full", "laser"];
+    const names = ["layout", "quality", "turn", "still", "full", "laser"];
     return Object.fromEntries(names.map((name) => [name, part(this.root, name)]));
   }
 
@@ -155,8 +155,7 @@ export class View {
   }
 
   listen() {
-    const { camera, layout, quality, turn, still, full, laser } = this.tools;
-    onChoice(camera, (id) => this.change(() => this.layout.choose(id)));
+    const { layout, quality, turn, still, full, laser } = this.tools;
     onChoice(layout, (kind) => this.change(() => this.layout.use(kind)));
     onChoice(quality, (value) => {
       this.choices.keep({ quality: value });
@@ -172,7 +171,7 @@ export class View {
     window.addEventListener("keydown", (event) => this.press(event));
     document.addEventListener("visibilitychange", () => this.arrange());
     this.roomForMap.addEventListener("change", () => this.arrange());
-    part(this.smallMap.element, "enlarge").addEventListener("click", () => this.change(() => this.layout.choose(MAP)));
+    part(this.smallMap.element, "enlarge").addEventListener("click", () => this.choose(MAP));
     new ResizeObserver(() => this.resized()).observe(part(this.element, "stage"));
   }
 
@@ -182,6 +181,10 @@ export class View {
     event.preventDefault(); // a menu that has the focus would look for the letter
     if (action.fullscreen) toggleFull();
     else this.change(() => (action.next ? this.layout.next() : this.layout.nth(action.nth)));
+  }
+
+  choose(id) {
+    this.change(() => this.layout.choose(id));
   }
 
   change(act) {
@@ -223,7 +226,7 @@ export class View {
       playing: !document.hidden && !this.refused,
       why: this.refused ?? "paused",
     });
-    if (layout.main) tools.camera.value = layout.main;
+    this.sourceButtons.show(layout.main);
     tools.turn.disabled = tools.still.disabled = layout.main === MAP;
     this.placeSmallMap();
     this.reportMain();
@@ -325,7 +328,7 @@ async function toggleFull() {
   }
 }
 
-// The keys of the video: C the next camera, 1 to 4 one of them, F fullscreen. By their place on the keyboard, as the keys
+// The keys of the video: C the next source, 1 to 4 one of them, F fullscreen. By their place on the keyboard, as the keys
 // that drive, which they must never be.
 
 // Gives the action that a key asks for: {next}, {nth: 0..3}, {fullscreen}, or null.

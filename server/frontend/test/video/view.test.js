@@ -68,7 +68,7 @@ test("the laser in the stick is drawn again also when nothing comes, as its scan
 function offered({ cameras = [], known = [], hasMap }) {
   const view = Object.create(View.prototype);
   const layout = { offer: (ids) => (view.ids = ids) };
-  Object.assign(view, { page: { cameras }, known: new Set(known), hasMap, usualIsDown: false, layout, offerNames() {}, arrange() {} });
+  Object.assign(view, { page: { cameras }, known: new Set(known), hasMap, usualIsDown: false, layout, offerSources() {}, arrange() {} });
   view.offer();
   view.lacks();
   return view.ids;

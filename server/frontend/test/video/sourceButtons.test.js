@@ -1,0 +1,124 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, test } from "node:test";
+
+import { SourceButtons } from "../../src/video/sourceButtons.js";
+
+// As much of an element as the buttons need.
+class FakeElement {
+  constructor() {
+    this.children = [];
+    this.attributes = new Map();
+    this.dataset = {};
+    this.textContent = "";
+  }
+  get value() {
+    return this.attributes.get("value");
+  }
+  addEventListener(name, act) {
+    this[name] = act;
+  }
+  getAttribute(name) {
+    return this.attributes.get(name) ?? null;
+  }
+  setAttribute(name, value) {
+    this.attributes.set(name, value);
+  }
+  removeAttribute(name) {
+    this.attributes.delete(name);
+  }
+  append(...children) {
+    for (const child of children) this.insertBefore(child, null);
+  }
+  insertBefore(child, before) {
+    child.parent?.children.splice(child.parent.children.indexOf(child), 1);
+    child.parent = this;
+    this.children.splice(before === null ? this.children.length : this.children.indexOf(before), 0, child);
+    inserted.push(child);
+  }
+  remove() {
+    this.parent.children.splice(this.parent.children.indexOf(this), 1);
+  }
+  scrollIntoView() {
+    scrolled.push(this.value);
+  }
+  querySelector(selector) {
+    return this.children.find(({ attributes }) => selector === `[data-part="${attributes.get("data-part")}"]`);
+  }
+}
+
+let before, group, inserted, chosen, scrolled, buttons;
+
+beforeEach(() => {
+  inserted = [];
+  chosen = [];
+  scrolled = [];
+  before = globalThis.document;
+  globalThis.document = { createElement: () => new FakeElement() };
+  group = new FakeElement();
+  buttons = new SourceButtons(group, { onChoose: (id) => chosen.push(id) });
+});
+
+afterEach(() => {
+  globalThis.document = before;
+});
+
+const sources = (...names) => names.map((name) => ({ id: `/${name}`, name }));
+const readButton = (button) => [button.dataset.testid, ...button.children.map(({ textContent }) => textContent)].join(" ");
+
+test("each source has a button with its name, and the number of its key where it has one", () => {
+  buttons.offer(sources("Front", "Rear", "Left", "Right", "Top"));
+  assert.deepEqual(group.children.map(readButton), ["view-1 1 Front", "view-2 2 Rear", "view-3 3 Left", "view-4 4 Right", "view-5  Top"]);
+  const keys = group.children.map(({ attributes }) => attributes.get("aria-keyshortcuts"));
+  assert.deepEqual(keys, ["1", "2", "3", "4", undefined]);
+});
+
+test("a button that a finger is on stays as it is when sources come and go", () => {
+  buttons.offer(sources("Front", "Map"));
+  const [front, map] = group.children;
+  inserted = [];
+  buttons.offer(sources("Front", "Rear", "Map"));
+  const rear = group.children[1];
+  assert.deepEqual(group.children, [front, rear, map]);
+  assert.ok(!inserted.includes(front) && !inserted.includes(map));
+  assert.equal(readButton(map), "view-3 3 Map");
+  inserted = [];
+  buttons.offer(sources("Rear", "Map"));
+  assert.deepEqual(group.children, [rear, map]);
+  assert.deepEqual(inserted, []);
+  assert.equal(readButton(rear), "view-1 1 Rear");
+});
+
+test("a source that moves past the fourth place loses its number, and one with another name shows it", () => {
+  buttons.offer(sources("A", "B", "C", "D"));
+  buttons.offer([{ id: "/A", name: "Arm" }, ...sources("New", "B", "C", "D")]);
+  assert.deepEqual(group.children.map(readButton), ["view-1 1 Arm", "view-2 2 New", "view-3 3 B", "view-4 4 C", "view-5  D"]);
+  assert.equal(group.children[4].attributes.get("aria-keyshortcuts"), undefined);
+});
+
+test("a click chooses the source of the button that it is in, and beside the buttons none", () => {
+  buttons.offer(sources("Front", "Rear"));
+  const [, rear] = group.children;
+  group.click({ target: { closest: () => rear } });
+  group.click({ target: { closest: () => null } });
+  assert.deepEqual(chosen, ["/Rear"]);
+});
+
+test("the main one is pressed, and comes into view when it becomes it, not while it is scrolled past", () => {
+  buttons.offer(sources("Front", "Rear"));
+  const pressed = () => group.children.map((button) => button.getAttribute("aria-pressed"));
+  buttons.show("/Rear");
+  assert.deepEqual(pressed(), ["false", "true"]);
+  buttons.show("/Rear");
+  assert.deepEqual(scrolled, ["/Rear"]);
+  buttons.show("/Front");
+  assert.deepEqual(pressed(), ["true", "false"]);
+  buttons.show(null);
+  assert.deepEqual(pressed(), ["false", "false"]);
+});
+
+test("where there is one source there is nothing to choose", () => {
+  buttons.offer(sources("Front"));
+  assert.equal(group.hidden, true);
+  buttons.offer(sources("Front", "Rear"));
+  assert.equal(group.hidden, false);
+});
