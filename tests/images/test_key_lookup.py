@@ -131,6 +131,8 @@ def test_disabled_robots_key_is_refused(stack: Stack, key: RobotKey) -> None:
         assert not cached(key)
     finally:
         stack.robotether("robot", "enable", "thief")
+        # The relay, which reads it a moment later, may lose the database in the next test.
+        stack.wait_for_changes("sim1")
 
 
 def cached(key: RobotKey) -> bool:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
+import socket
 import subprocess
 import sys
 import time
@@ -53,7 +55,6 @@ def in_force(stack: Stack) -> list[str]:
         ("passwordauthentication", "no"),
         ("kbdinteractiveauthentication", "no"),
         ("permitrootlogin", "no"),
-        ("usepam", "no"),
         ("allowusers", "tunnel"),
         ("allowusers", "jump"),
         ("authorizedkeyscommand", "/usr/lib/robotether/authorized-keys %u %f %C"),
@@ -137,6 +138,44 @@ def test_weak_algorithms_are_refused(key: RobotKey, option: str, value: str) -> 
     # An AEAD cipher needs no MAC.
     said = key.ssh("-o", f"{option}={value}", "-o", "Ciphers=aes128-ctr", USER, "id").stderr
     assert "no matching" in said
+
+
+def _sandboxes(stack: Stack, program: str) -> list[tuple[str, int]]:
+    """The user, and how many filters of system calls there are, of each process of a program in sshd's container."""
+    statuses = f"cat $(pgrep -x {program} | sed 's|.*|/proc/&/status|')"
+    printed = stack.exec("sshd", "bash", "-c", statuses)
+    found = re.findall(
+        r"^Uid:\t(\d+).*?^Seccomp_filters:\t(\d+)", printed, re.MULTILINE | re.DOTALL
+    )
+    return [(user, int(count)) for user, count in found]
+
+
+def test_stranger_talks_to_a_process_in_a_sandbox(stack: Stack) -> None:
+    """Before a log-in it is an account without rights, behind a filter of sshd's own beside the container's."""
+    user = stack.exec("sshd", "id", "--user", "sshd").strip()
+    [(_, of_container)] = _sandboxes(stack, "sshd")
+    with socket.create_connection(("127.0.0.1", stack.ssh_port), timeout=10) as stranger:
+        stranger.sendall(b"SSH-2.0-stranger\r\n")
+        stack.wait(
+            "the sandbox",
+            lambda: (user, of_container + 1) in _sandboxes(stack, "sshd-auth"),
+            "sshd",
+        )
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "/usr/sbin/sshd",
+        "/usr/lib/openssh/sshd-session",
+        "/usr/lib/openssh/sshd-auth",
+        "/usr/lib/robotether/authorized-keys",
+        "/usr/lib/robotether/session",
+    ],
+)
+def test_programs_of_a_log_in_load_no_library(stack: Stack, program: str) -> None:
+    """They would make most of its cost: each is static, at a random address all the same."""
+    assert "statically linked" in stack.exec("sshd", "ldd", program)
 
 
 def test_sshd_offers_no_sftp(stack: Stack) -> None:
