@@ -181,6 +181,23 @@ def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
     driven.context.set_offline(False)
 
 
+def test_who_may_not_drive_has_as_large_a_stop(page: Page, stack: Stack, browser: Browser) -> None:
+    """Everybody who sees a robot may stop it, at each size of a screen and with the map beside it."""
+    stack.wait_until_drivable(ROBOT)
+    open_live(page, stack, ROBOT)
+    with closing(PageUsers(stack, browser)) as people:
+        people.let("olga-of-the-layout", "observe", ROBOT)
+        watching = people.open("olga-of-the-layout", ROBOT)
+        expect(watching.get_by_test_id("small-map")).to_be_visible(timeout=10_000)
+        for width, height in (size for sizes in SIZES.values() for size in sizes):
+            for each in (page, watching):
+                each.set_viewport_size(ViewportSize(width=width, height=height))
+                each.evaluate(NEXT_FRAMES)
+            assert _box(watching, "stop") == _box(page, "stop"), f"at {width}x{height}"
+            assert watching.evaluate(UNCOVERED, ["stop"]) == [], f"at {width}x{height}"
+            assert not _overlap(_box(watching, "observing"), _box(watching, "stop"))
+
+
 @BOTH
 def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(
     driven: Page, request: pytest.FixtureRequest
