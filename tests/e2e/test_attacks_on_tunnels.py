@@ -94,6 +94,8 @@ class Session:
         self._control = str(key.file.with_suffix(".control"))
         self._running = key.start("-M", "-S", self._control, USER, "session")
         self._lines: queue.Queue[dict[str, Any] | None] = queue.Queue()
+        # As an agent does: no driver is connected to a robot that does not.
+        self.answers_pings = False
         self._reader = threading.Thread(target=self._read)
         self._reader.start()
 
@@ -102,7 +104,10 @@ class Session:
         for line in self._running.stdout:
             # The last one may be cut, where the session ends at once.
             if line.endswith("\n"):
-                self._lines.put(json.loads(line))
+                said = json.loads(line)
+                if self.answers_pings and said["type"] == "ping":
+                    self.send({"type": "pong", "seq": said["seq"]})
+                self._lines.put(said)
         self._lines.put(None)
 
     def send(self, *lines: object) -> None:
@@ -352,6 +357,7 @@ async def test_a_robot_leads_its_driver_nowhere(
         stolen.forward(video, elsewhere.port)
         # A session of which nothing is heard for 5 s is ended, and the forwards take their time on a busy machine.
         stolen.send({"type": "ping", "seq": 19, "t_ms": 3.0})
+        stolen.answers_pings = True
         async with driver.connect(STOLEN) as socket:
             frame = await asyncio.wait_for(socket.receive(), 10)
         assert socket.close_code in {4503, 4504}, frame
