@@ -145,7 +145,7 @@ class Report:
 class Part:
     """One experiment."""
 
-    # For the results and for ONLY: "high_rate".
+    # For the results and for ONLY: "high-rate".
     name: str
     title: str
     steps: Callable[[Scale], Sequence[Step]]

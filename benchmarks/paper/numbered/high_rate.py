@@ -198,7 +198,7 @@ def _line_row(title: str, run: Mapping[str, Any]) -> Sequence[str]:
 
 
 PART = Part(
-    name="high_rate",
+    name="high-rate",
     title="High rate",
     steps=lambda scale: [case.step() for case in cases(scale)],
     report=report,
