@@ -33,6 +33,7 @@ from weakref import WeakKeyDictionary
 
 import aiohttp
 from local_network import insecure_tls
+from robotether_server.relay.robots.demand import USE_KEPT_S
 
 from paper.costs import Reading, cpu_between, limits_met, memory_between
 from paper.fleet.operators import Arrivals, FleetEvents, Operators
@@ -55,8 +56,8 @@ ROSBRIDGE_WITHIN_S, TRY_AGAIN_S = 30.0, 0.1
 # Also for a relay that holds two connections of each robot, and for this process.
 FILES_OF_OPERATORS = 4096
 POLL_EVERY_S, SETTLES_IN_POLLS = 0.5, 20
-# The relay takes a robot for used as long after its last operator has left, and two heartbeats.
-UNUSED_AFTER_S = 14.0
+# The relay takes a robot for used for a while after its last operator has left; and two heartbeats more.
+UNUSED_AFTER_S = USE_KEPT_S + 4.0
 LOG_LINES = 8
 # In place of an order that was done: the worker is no more.
 GONE = "gone"
