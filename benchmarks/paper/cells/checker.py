@@ -1,0 +1,445 @@
+"""What must hold in every history of cells, and how soon robots were drivable again. Pure.
+
+    violations = check(history, database)
+    returns = find_returns(history, cells)
+
+A rule yields a violation for each event that breaks it, with the robot, the time and a sentence.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from paper.cells.history import Event, by_robot
+
+# A guard stops a robot whose driver is silent for 0.5 s, and knows it by the next turn of its loop.
+DEADMAN_S, TURN_S = 0.5, 0.01
+# A guard that dies in motion is followed by one that stops the robot within a second.
+NEXT_GUARD_S = 1.0
+# What a message needs within a robot on a machine that is busy; what held its process up is added, as it was measured.
+TOLERANCE_S = 0.1
+# The relay writes its records behind what it does: those of the last moments before it is killed may be missing.
+WRITTEN_WITHIN_S = 2.0
+# ... and what waited for a database that was away, until the relay has found it again.
+FOUND_AGAIN_WITHIN_S = 10.0
+# Commands come every 50 ms.
+OUTAGE_S = 0.6
+RELAY_KILLED = {"cell_killed", "relay_killed"}
+DATABASE_GONE = {"database_away", "database_cut"}
+# With one of these, a cell is none for the robots that are concerned.
+CELL_GONE = RELAY_KILLED | DATABASE_GONE | {"cell_paused", "sshd_killed", "robots_cut", "disk_full"}
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A rule was broken; `at_s` is of the history's clock."""
+
+    rule: str
+    robot: str
+    at_s: float
+    words: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Database:
+    """What the database has at the end, by robots' names."""
+
+    drives: Collection[tuple[str, int]] = ()
+    # The newest number of each robot.
+    fences: Mapping[str, int] = field(default_factory=dict)
+    # The reasons in the audit log's lines of stops, and what else was recorded with such a line.
+    stop_reasons: Collection[str] = ()
+    recorded: Collection[str] = ()
+    # Robots that are stopped, and how many open sessions each has.
+    stopped: Collection[str] = ()
+    open_sessions: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Return:
+    """A robot whom somebody wanted to drive, and could not for a while."""
+
+    robot: str
+    # When a live cell was there and nothing stood in the way any more.
+    at_s: float
+    took_s: float
+    # Whether it was driven at the end of it; else its driver gave up.
+    came: bool
+
+
+def check(history: Sequence[Event], database: Database) -> list[Violation]:
+    """All violations, in the order of time."""
+    lateness = Lateness(history)
+    found: list[Violation] = []
+    for events in by_robot(history).values():
+        found += [
+            *_unknown_commands(events),
+            *_interleaved_drivers(events),
+            *_old_fences(events),
+            *_shared_fences(events),
+            *_moves_while_stopped(events, lateness),
+            *_releases_of_nobody(events),
+            *_unattended_motion(events, lateness, history[-1].at_s),
+            *_old_epochs(events),
+        ]
+    found += _lost_records(history, database)
+    found += _wrong_stops(history, database)
+    found += _several_sessions(history, database)
+    return sorted(found, key=lambda one: one.at_s)
+
+
+class Lateness:
+    """How long each process was held up, by its own measure."""
+
+    def __init__(self, history: Sequence[Event]) -> None:
+        self._late: dict[str, list[tuple[float, float]]] = {}
+        for one in history:
+            if one.kind == "late":
+                self._late.setdefault(one.source, []).append((one.at_s, one.number / 1000))
+
+    def between(self, source: str, first_s: float, last_s: float) -> float:
+        """Seconds in all, of what ended from then on, or shortly after."""
+        late = self._late.get(source, [])
+        begin = bisect_left(late, (first_s, 0.0))
+        total = 0.0
+        for at_s, late_s in late[begin:]:
+            if at_s - late_s > last_s:
+                break
+            total += late_s
+        return total
+
+
+def fences_of(events: Iterable[Event]) -> dict[tuple[str, int], int]:
+    """The fence with which each command came to the guard, by connection and number."""
+    return {(one.connection, one.number): one.fence for one in events if one.kind == "arrived"}
+
+
+def _moved(events: Iterable[Event]) -> Iterator[Event]:
+    return (one for one in events if one.kind == "moved")
+
+
+def _unknown_commands(events: Sequence[Event]) -> Iterator[Violation]:
+    """A robot moves by commands alone that its guard got."""
+    known = fences_of(events)
+    for one in _moved(events):
+        if (one.connection, one.number) not in known:
+            words = f"command {one.number} of {one.connection} never came to the guard"
+            yield Violation("unknown command", one.robot, one.at_s, words)
+
+
+def _interleaved_drivers(events: Sequence[Event]) -> Iterator[Violation]:
+    """A connection whose command was followed by another's never moves the robot again."""
+    over: set[str] = set()
+    now = ""
+    for one in _moved(events):
+        if one.connection in over:
+            words = f"{one.connection} moves it after {now}, which came after it"
+            yield Violation("two drivers", one.robot, one.at_s, words)
+        elif one.connection != now:
+            over |= {now} - {""}
+            now = one.connection
+
+
+def _old_fences(events: Sequence[Event]) -> Iterator[Violation]:
+    """A command never moves a robot after one of a newer fence did."""
+    fences = fences_of(events)
+    newest = 0
+    for one in _moved(events):
+        fence = fences.get((one.connection, one.number), newest)
+        if fence < newest:
+            words = f"a command of fence {fence} moves it after one of fence {newest}"
+            yield Violation("old fence", one.robot, one.at_s, words)
+        newest = max(newest, fence)
+
+
+def _shared_fences(events: Sequence[Event]) -> Iterator[Violation]:
+    """No two connections are ever given one number."""
+    owners: dict[int, str] = {}
+    known: set[tuple[int, str]] = set()
+    for one in events:
+        if one.kind != "arrived" or not one.fence or (one.fence, one.connection) in known:
+            continue
+        known.add((one.fence, one.connection))
+        owner = owners.setdefault(one.fence, one.connection)
+        if owner != one.connection:
+            words = f"fence {one.fence} was given to {owner} and to {one.connection}"
+            yield Violation("shared fence", one.robot, one.at_s, words)
+
+
+def _moves_while_stopped(events: Sequence[Event], lateness: Lateness) -> Iterator[Violation]:
+    """Once a stop is confirmed, by the guard or to who asked, nothing moves until a release."""
+    # When it was confirmed, and until when a command may still have been under way in the robot; by whom it was.
+    stopped: dict[str, float] = {}
+    for one in events:
+        if one.kind == "stopped":
+            stopped.setdefault("its guard", one.at_s)
+        elif one.kind == "stop_done" and one.number:
+            stopped.setdefault("the server", one.at_s)
+        elif one.kind == "released":
+            stopped.pop("its guard", None)
+        elif one.kind == "release_asked":
+            stopped.pop("the server", None)
+        elif one.kind == "moved":
+            for who, at_s in stopped.items():
+                late_s = lateness.between(one.source, at_s, one.at_s)
+                if one.at_s > at_s + TOLERANCE_S + late_s:
+                    words = (
+                        f"{one.connection} moves it {one.at_s - at_s:.2f} s after {who} confirmed"
+                    )
+                    yield Violation("stop undone", one.robot, one.at_s, f"{words} a stop")
+
+
+def _releases_of_nobody(events: Sequence[Event]) -> Iterator[Violation]:
+    """A guard releases a robot only for who asked, and not when a stop came between and was confirmed."""
+    asked_s = done_s = -1.0
+    stop_asked_s = -1.0
+    for one in events:
+        if one.kind == "release_asked":
+            asked_s = one.at_s
+        elif one.kind == "stop_asked":
+            stop_asked_s = one.at_s
+        elif one.kind == "stop_done" and stop_asked_s > asked_s:
+            done_s = one.at_s
+        elif one.kind == "released" and (asked_s < 0 or done_s > asked_s):
+            words = (
+                "its guard released it, and nobody had asked"
+                if asked_s < 0
+                else f"its guard released it, asked {one.at_s - asked_s:.2f} s ago, before a stop "
+                f"that was confirmed {one.at_s - done_s:.2f} s ago"
+            )
+            yield Violation("release of nobody", one.robot, one.at_s, words)
+
+
+def _unattended_motion(
+    events: Sequence[Event], lateness: Lateness, end_s: float
+) -> Iterator[Violation]:
+    """A command that moves is followed by another, or by a zero, within the deadman's time."""
+    moving: Event | None = None
+    guard_changed = False
+    for one in events:
+        if one.kind in ("guard_killed", "guard_began"):
+            guard_changed = True
+        elif one.kind in ("moved", "zeroed"):
+            yield from _too_long(moving, one.at_s, lateness, guard_changed=guard_changed)
+            moving, guard_changed = one if one.kind == "moved" else None, False
+    yield from _too_long(moving, end_s, lateness, guard_changed=guard_changed)
+
+
+def _too_long(
+    moving: Event | None, until_s: float, lateness: Lateness, *, guard_changed: bool
+) -> Iterator[Violation]:
+    if moving is None:
+        return
+    allowed_s = DEADMAN_S + TURN_S + TOLERANCE_S + (NEXT_GUARD_S if guard_changed else 0)
+    allowed_s += lateness.between(moving.source, moving.at_s, until_s)
+    if until_s - moving.at_s > allowed_s:
+        words = f"it moved for {until_s - moving.at_s:.2f} s after the last command, {allowed_s:.2f} s are allowed"
+        yield Violation("moves without a driver", moving.robot, moving.at_s, words)
+
+
+def _old_epochs(events: Sequence[Event]) -> Iterator[Violation]:
+    """Each session of a robot has a higher epoch than the one before."""
+    newest = 0
+    for one in events:
+        if one.kind == "session" and one.epoch:
+            if one.epoch <= newest:
+                words = f"its session at {one.cell} has epoch {one.epoch}, one before had {newest}"
+                yield Violation("old epoch", one.robot, one.at_s, words)
+            newest = max(newest, one.epoch)
+
+
+def _lost_records(history: Sequence[Event], database: Database) -> Iterator[Violation]:
+    """What the server said it had is in the database, unless `may_be_lost` says why not."""
+    faults = Faults(history)
+    for one, what, is_there in records(history, database):
+        if not is_there and not faults.may_lose(one):
+            yield Violation("lost record", one.robot, one.at_s, f"the database has no {what}")
+
+
+def excused(history: Sequence[Event], database: Database) -> list[str]:
+    """Records that are missing because the relay that was to write them was killed before it could."""
+    faults = Faults(history)
+    return [
+        f"{one.robot}: {what}"
+        for one, what, is_there in records(history, database)
+        if not is_there and faults.may_lose(one)
+    ]
+
+
+def records(history: Sequence[Event], database: Database) -> Iterator[tuple[Event, str, bool]]:
+    """What the database must have: by which event, what it is, and whether it is there."""
+    for robot, events in by_robot(history).items():
+        fences, seen = fences_of(events), set[int]()
+        cell = ""
+        for one in events:
+            if one.kind == "session":
+                cell = one.cell
+            if one.kind != "moved":
+                continue
+            fence = fences.get((one.connection, one.number), 0)
+            if fence in seen or not fence:
+                continue
+            seen.add(fence)
+            at_cell = Event(at_s=one.at_s, kind=one.kind, robot=robot, cell=cell)
+            yield at_cell, f"drive with fence {fence}", (robot, fence) in database.drives
+            is_there = database.fences.get(robot, 0) >= fence
+            yield at_cell, f"fence as high as {fence}", is_there
+    for one in history:
+        if one.kind == "stop_done" and one.what:
+            yield one, f"audit line of the stop {one.what!r}", one.what in database.stop_reasons
+        elif one.kind == "recorded":
+            yield one, f"record {one.what!r}", one.what in database.recorded
+
+
+@dataclass(frozen=True)
+class _Fault:
+    what: str
+    cell: str
+    source: str
+    begin_s: float
+    end_s: float
+
+
+class Faults:
+    """What the nemesis did, with begin and end."""
+
+    def __init__(self, history: Sequence[Event]) -> None:
+        self.all: list[_Fault] = []
+        begun: dict[tuple[str, str, str], float] = {}
+        for one in history:
+            key = (one.what, one.cell, one.source)
+            if one.kind == "fault":
+                begun.setdefault(key, one.at_s)
+            elif one.kind == "healed" and key in begun:
+                self.all.append(_Fault(*key, begun.pop(key), one.at_s))
+        self.all += [_Fault(*key, at_s, float("inf")) for key, at_s in begun.items()]
+
+    def of_cell(self, cell: str, source: str = "") -> Iterator[_Fault]:
+        """Those that concern a cell, as the robots of a process see it."""
+        return (
+            one
+            for one in self.all
+            if one.cell in ("", cell) and (not one.source or one.source == source)
+        )
+
+    def may_lose(self, record: Event) -> bool:
+        """Whether the relay that had the record was killed before it could write it.
+
+        What the web server confirms is written already.
+        """
+        if record.kind == "recorded":
+            return False
+        at_s, written_s = record.at_s, record.at_s
+        for one in self.of_cell(record.cell):
+            if one.what in DATABASE_GONE and one.begin_s - WRITTEN_WITHIN_S <= at_s <= one.end_s:
+                written_s = max(written_s, one.end_s + FOUND_AGAIN_WITHIN_S)
+        return any(
+            at_s <= one.begin_s <= written_s + WRITTEN_WITHIN_S
+            for one in self.of_cell(record.cell)
+            if one.what in RELAY_KILLED
+        )
+
+    def is_live(self, cell: str, source: str, at_s: float) -> bool:
+        """Whether the robots of a process could use a cell then."""
+        return not any(
+            one.what in CELL_GONE and one.begin_s <= at_s < one.end_s
+            for one in self.of_cell(cell, source)
+        )
+
+    def last_change(self, cells: Sequence[str], source: str, begin_s: float, end_s: float) -> float:
+        """The last moment until `end_s`, at the earliest `begin_s`, that a robot has to begin anew from.
+
+        That is a fault which takes a cell, or the return of the first one that is live.
+        """
+        last_s = begin_s
+        for cell in cells:
+            for one in self.of_cell(cell, source):
+                if one.what not in CELL_GONE:
+                    continue
+                if one.begin_s <= end_s:
+                    last_s = max(last_s, one.begin_s)
+                before_s = one.end_s - 0.001
+                if one.end_s <= end_s and not self.any_live(cells, source, before_s):
+                    last_s = max(last_s, one.end_s)
+        return last_s
+
+    def any_live(self, cells: Sequence[str], source: str, at_s: float) -> bool:
+        """Whether the robots of a process had a live cell then."""
+        return any(self.is_live(cell, source, at_s) for cell in cells)
+
+
+def _wrong_stops(history: Sequence[Event], database: Database) -> Iterator[Violation]:
+    """The database says of each robot what its last stop or release came to."""
+    last: dict[str, Event] = {}
+    for one in history:
+        if one.kind in ("stop_asked", "stop_done", "release_asked", "release_done"):
+            last[one.robot] = one
+    for robot, one in last.items():
+        if one.kind == "stop_done" and robot not in database.stopped:
+            words = "its last stop was confirmed, and the database does not have it"
+            yield Violation("stop undone", robot, one.at_s, words)
+        elif one.kind == "release_done" and robot in database.stopped:
+            words = "its last release was confirmed, and the database has it stopped"
+            yield Violation("release undone", robot, one.at_s, words)
+
+
+def _several_sessions(history: Sequence[Event], database: Database) -> Iterator[Violation]:
+    for robot, count in database.open_sessions.items():
+        if count > 1:
+            words = f"the database has {count} open sessions of it"
+            yield Violation("several sessions", robot, history[-1].at_s, words)
+
+
+def find_returns(history: Sequence[Event], cells: Sequence[str]) -> list[Return]:
+    """Each time that a robot could not be driven by who wanted to, though a live cell was there."""
+    faults = Faults(history)
+    end_s = history[-1].at_s if history else 0.0
+    return [
+        found
+        for robot, events in by_robot(history).items()
+        for found in _returns_of(robot, events, faults, cells, end_s)
+    ]
+
+
+def _returns_of(
+    robot: str, events: Sequence[Event], faults: Faults, cells: Sequence[str], end_s: float
+) -> Iterator[Return]:
+    source = next((one.source for one in events if one.kind in ("session", "moved")), "")
+    wish = _Wish()
+    for one in [*events, Event(at_s=end_s, kind="late")]:
+        since_s, waits = wish.since_s, wish.waits
+        wish.follow(one)
+        ends = one.kind in ("moved", "late") or (one.kind == "leaves" and wish.since_s is None)
+        if not (ends and waits and faults.any_live(cells, source, one.at_s)):
+            continue
+        begin_s = faults.last_change(cells, source, since_s or one.at_s, one.at_s)
+        if one.at_s - begin_s > OUTAGE_S:
+            yield Return(robot, begin_s, one.at_s - begin_s, one.kind == "moved")
+
+
+class _Wish:
+    """Since when a robot is not driven, though somebody wants to."""
+
+    def __init__(self) -> None:
+        self.since_s: float | None = None
+        self._drivers: set[str] = set()
+        self._is_stopped = False
+
+    @property
+    def waits(self) -> bool:
+        return self.since_s is not None and not self._is_stopped
+
+    def follow(self, one: Event) -> None:
+        if one.kind == "wants":
+            self.since_s = self.since_s if self._drivers else one.at_s
+            self._drivers.add(one.what)
+        elif one.kind == "leaves":
+            self._drivers.discard(one.what)
+            self.since_s = self.since_s if self._drivers else None
+        elif one.kind in ("stop_asked", "stopped"):
+            self._is_stopped = True
+        elif one.kind in ("moved", "released", "release_done"):
+            self._is_stopped = self._is_stopped and one.kind == "moved"
+            self.since_s = one.at_s if self._drivers else None

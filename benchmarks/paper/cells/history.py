@@ -1,0 +1,117 @@
+"""The history of a run of cells: what robots, people and the nemesis did and saw, a line of JSON for each event.
+
+Each process writes a file of its own at once, so that what it saw outlives it. All run on one machine and share its
+monotonic clock.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import MISSING, asdict, dataclass, fields
+from pathlib import Path
+from typing import IO, Any, Literal
+
+Kind = Literal[
+    # At a robot. A command came to its guard; its rosbridge got one that moves, or a zero.
+    "arrived",
+    "moved",
+    "zeroed",
+    # Its guard confirmed a stop or a release, began, or was killed.
+    "stopped",
+    "released",
+    "guard_began",
+    "guard_killed",
+    # It has a session at a cell, or lost it; the process that plays it was held up for `number` ms.
+    "session",
+    "session_lost",
+    "late",
+    # A driver wants to drive, or does no more.
+    "wants",
+    "leaves",
+    # An operator stops or releases. `done` is the server's word that it is; `what` of a stop is its reason.
+    "stop_asked",
+    "stop_done",
+    "release_asked",
+    "release_done",
+    # The server confirmed that it has written `what`.
+    "recorded",
+    # The nemesis did `what`, and took it back.
+    "fault",
+    "healed",
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """One of them; what does not belong to its kind is empty."""
+
+    at_s: float
+    kind: Kind
+    robot: str = ""
+    # The name of a driver's connection; each dial is another one.
+    connection: str = ""
+    # A command's, in its connection.
+    number: int = 0
+    fence: int = 0
+    # Empty: all of them.
+    cell: str = ""
+    epoch: int = 0
+    what: str = ""
+    # The process that saw it; of a fault, the one whose robots are concerned, empty: all.
+    source: str = ""
+
+
+_DEFAULTS = {one.name: one.default for one in fields(Event) if one.default is not MISSING}
+ENDING = ".jsonl"
+
+
+class History:
+    """Writes the events that one process sees."""
+
+    def __init__(self, file: IO[str], source: str) -> None:
+        self._file, self._source = file, source
+
+    @classmethod
+    def open(cls, folder: Path, source: str) -> History:
+        """Begin the file of this process; each line is written at once."""
+        return cls((folder / f"{source}{ENDING}").open("a", buffering=1), source)
+
+    def add(self, kind: Kind, **more: Any) -> None:
+        event = Event(at_s=time.monotonic(), kind=kind, **{"source": self._source, **more})
+        self._file.write(f"{as_line(event)}\n")
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def as_line(event: Event) -> str:
+    """JSON without what is empty."""
+    values = asdict(event)
+    return json.dumps({name: one for name, one in values.items() if one != _DEFAULTS.get(name)})
+
+
+def read(folder: Path) -> list[Event]:
+    """All that was written there, in the order of time; the last line of a process that was killed may be half."""
+    events = (
+        Event(**json.loads(line))
+        for path in sorted(folder.glob(f"*{ENDING}"))
+        for line in path.read_text().splitlines(keepends=True)
+        if line.endswith("\n")
+    )
+    return in_order(events)
+
+
+def in_order(events: Iterable[Event]) -> list[Event]:
+    """By time; those of one moment stay as they are."""
+    return sorted(events, key=lambda one: one.at_s)
+
+
+def by_robot(events: Sequence[Event]) -> dict[str, list[Event]]:
+    """Those that are about a robot."""
+    found: dict[str, list[Event]] = {}
+    for one in events:
+        if one.robot:
+            found.setdefault(one.robot, []).append(one)
+    return found
