@@ -11,6 +11,8 @@ from typing import Literal
 MAX_LINE_BYTES = 64 * 1024
 # The numbers of drives, which the database counts.
 MAX_FENCE = 2**63 - 1
+# The agent's number of a session, in milliseconds; each is greater than the one before.
+MAX_EPOCH = 2**53
 
 # What a robot's SSH connection is for.
 Kind = Literal["session", "media", "shell"]
@@ -26,6 +28,7 @@ ByeCode = Literal[
     "key_changed",  # it is neither the robot's key nor the one before its rotation
     "shell_off",
     "unwatched",  # nobody watches any more: the media connection opens again for the next viewer
+    "cell_draining",  # the machine is taken out of service: connect to the next
     "not_ready",  # the relay has not read the database yet
     "relay_stopping",
     "protocol_error",

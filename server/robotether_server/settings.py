@@ -109,6 +109,12 @@ def _parse_endpoint(text: str) -> tuple[str, int]:
     return matching("[A-Za-z0-9.-]+", "").parse(host), PORT.parse(port)
 
 
+def _parse_endpoint_or_empty(text: str) -> str | None:
+    if text:
+        _parse_endpoint(text)
+    return text or None
+
+
 def _parse_origins(text: str) -> tuple[str, ...]:
     origin = matching(r"https?://[a-z0-9.-]+(:[0-9]{1,5})?", "")
     return tuple(origin.parse(part.strip()) for part in text.split(",") if part.strip())
@@ -122,7 +128,9 @@ HOURS = whole(1, 720, "hours")
 KEY = matching(rf"\S{{{MIN_KEY_LENGTH},}}", f"at least {MIN_KEY_LENGTH} characters without spaces")
 PATH = Kind("a path", Path)
 YES_OR_NO = Kind("no or yes", lambda text: matching("yes|no", "").parse(text) == "yes")
+PATH_OR_EMPTY = Kind("a path, or empty", lambda text: Path(text) if text else None)
 ENDPOINT = Kind("host:port", _parse_endpoint)
+ENDPOINT_OR_EMPTY = Kind("host:port, or empty", _parse_endpoint_or_empty)
 PORTS = Kind(
     "port numbers with commas between",
     lambda text: tuple(PORT.parse(part) for part in text.split(",")),
@@ -156,6 +164,12 @@ _TABLE = (
         matching(r"\S+", "a text without spaces"),
         secret=True,
     ),
+    Variable(
+        "DB_CA_FILE",
+        "authority that signs the database's certificate; empty: no TLS to the database",
+        PATH_OR_EMPTY,
+        "",
+    ),
     Variable("TICKET_KEY", "signs tickets; web and relay share it", KEY, secret=True),
     Variable(
         "TICKET_TTL_S", "how long a ticket opens a connection", whole(5, 300, "seconds"), "30"
@@ -171,6 +185,18 @@ _TABLE = (
     ),
     Variable("LOGIN_TTL_H", "how long a login lasts", HOURS, "12"),
     Variable("LOGIN_IDLE_H", "how long an unused login lasts", HOURS, "4"),
+    Variable(
+        "CELL",
+        "name of this machine among those of its site",
+        matching("[a-z0-9-]{1,63}", "1 to 63 of a-z, 0-9 and -"),
+        "main",
+    ),
+    Variable(
+        "PEER_ADDRESS",
+        "where the site's other machines reach this one",
+        ENDPOINT_OR_EMPTY,
+        "",
+    ),
     Variable(
         "PUBLIC_HOST",
         "name or address under which robots and people reach this site",
@@ -245,6 +271,8 @@ class DatabaseSettings:
     name: Annotated[str, "DB_NAME"]
     user: Annotated[str, "DB_USER"]
     password: Annotated[str, "DB_PASSWORD"] = field(repr=False)
+    # None: without TLS.
+    ca_file: Annotated[Path | None, "DB_CA_FILE"] = None
 
 
 @dataclass(frozen=True)
@@ -295,14 +323,26 @@ class WebSettings:
 
 
 @dataclass(frozen=True)
+class CellSettings:
+    """This machine of the site, and where robots and people reach it. `host` None: robots are not sent here."""
+
+    name: Annotated[str, "CELL"]
+    host: Annotated[str | None, "PUBLIC_HOST"]
+    https_port: Annotated[int, "PUBLIC_PORT"]
+    ssh_ports: Annotated[tuple[int, ...], "SSH_PORTS"]
+    # None: it has no peers.
+    peer_address: Annotated[str | None, "PEER_ADDRESS"]
+
+
+@dataclass(frozen=True)
 class RelaySettings:
     """All that the relay needs."""
 
     database: DatabaseSettings
+    cell: CellSettings
     tickets: TicketSettings
     session_key: Annotated[str, "SESSION_KEY"] = field(repr=False)
     tunnel_host: Annotated[str, "TUNNEL_HOST"]
-    public_host: Annotated[str | None, "PUBLIC_HOST"]
     allowed_origins: Annotated[tuple[str, ...], "ALLOWED_ORIGINS"]
     message_limit_bytes: Annotated[int, "MESSAGE_LIMIT_MB"]
     log_level: Annotated[str, "LOG_LEVEL"]

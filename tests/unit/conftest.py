@@ -51,6 +51,7 @@ TABLES = (
     "users",
     "port_pairs",
     "shell_ports",
+    "cells",
 )
 
 

@@ -103,15 +103,15 @@ class NewLease:
     above: int = 0
 
 
-def next_fence(tx: Transaction, lease: NewLease) -> int:
-    """Begin a lease; return its number, which holds once the transaction is committed."""
+def next_fence(tx: Transaction, lease: NewLease, cell: str | None = None) -> int:
+    """Begin a lease of a cell; return its number, which holds once the transaction is committed."""
     # A database that was restored from a copy must not give numbers that a guard has seen.
     tx.change(
-        "INSERT INTO control_leases (robot_id, fence, user_id, user_name, since)"
-        " VALUES (%s, %s + 1, %s, %s, %s) ON DUPLICATE KEY UPDATE"
+        "INSERT INTO control_leases (robot_id, fence, user_id, user_name, since, cell)"
+        " VALUES (%s, %s + 1, %s, %s, %s, %s) ON DUPLICATE KEY UPDATE"
         " fence = GREATEST(fence + 1, VALUES(fence)), user_id = VALUES(user_id), user_name = VALUES(user_name),"
-        " since = VALUES(since), ended_at = NULL",
-        (lease.robot_id, lease.above, lease.user_id, lease.user[:MAX_NAME], lease.since),
+        " since = VALUES(since), cell = VALUES(cell), ended_at = NULL",
+        (lease.robot_id, lease.above, lease.user_id, lease.user[:MAX_NAME], lease.since, cell),
     )
     row = tx.row("SELECT fence FROM control_leases WHERE robot_id = %s", (lease.robot_id,))
     if row is None:
@@ -127,17 +127,20 @@ def end_lease(tx: Transaction, entry: LeaseEnd) -> None:
     )
 
 
-def end_former(tx: Transaction, before: datetime) -> None:
-    """End drives and leases that a relay before this one left open, when they were last written."""
+def end_former(tx: Transaction, before: datetime, cell: str | None) -> None:
+    """End drives and leases that a relay of this cell left open before, when they were last written.
+
+    Those without a cell are of a relay from before there were cells.
+    """
     tx.change(
         "UPDATE drives SET ended_at = updated_at, end_code = 'relay_restarted'"
-        " WHERE ended_at IS NULL AND started_at < %s",
-        (before,),
+        " WHERE ended_at IS NULL AND started_at < %s AND (cell = %s OR cell IS NULL)",
+        (before, cell),
     )
     tx.change(
         "UPDATE control_leases SET ended_at = CURRENT_TIMESTAMP(6)"
-        " WHERE ended_at IS NULL AND since < %s",
-        (before,),
+        " WHERE ended_at IS NULL AND since < %s AND (cell = %s OR cell IS NULL)",
+        (before, cell),
     )
 
 
@@ -178,10 +181,10 @@ PROGRESS = (
 )
 
 
-def write_drive(tx: Transaction, drive: DriveEntry) -> int | None:
+def write_drive(tx: Transaction, drive: DriveEntry, cell: str | None) -> int | None:
     """Write the current record of a drive; return the id of a new row."""
     if drive.row_id is None:
-        return _add_drive(tx, drive)
+        return _add_drive(tx, drive, cell)
     changes = ", ".join(f"{column} = %s" for column in PROGRESS)
     tx.change(
         f"UPDATE drives SET {changes} WHERE id = %s",  # noqa: S608 - the module's own text
@@ -190,12 +193,12 @@ def write_drive(tx: Transaction, drive: DriveEntry) -> int | None:
     return None
 
 
-def _add_drive(tx: Transaction, drive: DriveEntry) -> int:
+def _add_drive(tx: Transaction, drive: DriveEntry, cell: str | None) -> int:
     columns, placeholders = ", ".join(PROGRESS), ", ".join(["%s"] * len(PROGRESS))
     # The same row again: the answer to the first writing was lost with its connection.
     return tx.insert(
-        f"INSERT INTO drives (robot_id, robot, user_name, fence, started_at, address, {columns})"  # noqa: S608 - as above
-        f" VALUES ((SELECT id FROM relay_robots WHERE id = %s), %s, %s, %s, %s, %s, {placeholders})"
+        f"INSERT INTO drives (robot_id, robot, user_name, fence, cell, started_at, address, {columns})"  # noqa: S608 - as above
+        f" VALUES ((SELECT id FROM relay_robots WHERE id = %s), %s, %s, %s, %s, %s, %s, {placeholders})"
         " ON DUPLICATE KEY UPDATE id = LAST_INSERT_ID(id), ended_at = VALUES(ended_at),"
         " end_code = VALUES(end_code)",
         (
@@ -203,6 +206,7 @@ def _add_drive(tx: Transaction, drive: DriveEntry) -> int:
             drive.robot[:MAX_NAME],
             drive.user[:MAX_NAME],
             drive.fence,
+            cell,
             drive.started_at,
             None if drive.address is None else drive.address[:MAX_ADDRESS],
             *_progress(drive),

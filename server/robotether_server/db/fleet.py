@@ -112,6 +112,7 @@ class SessionEntry:
     address: str
     agent_version: str | None = None
     ros_exposed: bool = False
+    epoch: int = 0
     ended_at: datetime | None = None
     end_code: str | None = None
     row_id: int | None = None
@@ -131,7 +132,7 @@ class AuditEntry:
 
 @dataclass(frozen=True)
 class FormerSessions:
-    """All sessions, drives and leases that a relay before this one left open."""
+    """All sessions, drives and leases that a relay of this cell left open before."""
 
     before: datetime
 
@@ -213,31 +214,31 @@ def _holders(tx: Transaction, view: str, digests: Sequence[bytes]) -> Iterable[R
     return tx.rows(sql, digests)
 
 
-def write(tx: Transaction, entries: Iterable[Entry]) -> dict[int, int]:
-    """Write entries in their order; return the new rows' ids by the entry's place.
+def write(tx: Transaction, entries: Iterable[Entry], cell: str | None = None) -> dict[int, int]:
+    """Write entries of a cell in their order; return the new rows' ids by the entry's place.
 
     The caller sets `row_id` from it after the commit: before that the row may yet be rolled back.
     """
     new_rows: dict[int, int] = {}
     for place, entry in enumerate(entries):
-        row_id = _write_one(tx, entry)
+        row_id = _write_one(tx, entry, cell)
         if row_id is not None:
             new_rows[place] = row_id
     return new_rows
 
 
-def _write_one(tx: Transaction, entry: Entry) -> int | None:
+def _write_one(tx: Transaction, entry: Entry, cell: str | None) -> int | None:
     """Write one entry; return the id of a new row that will be written again."""
     match entry:
         case SessionEntry():
-            return _write_session(tx, entry)
+            return _write_session(tx, entry, cell)
         case DriveEntry():
-            return control.write_drive(tx, entry)
+            return control.write_drive(tx, entry, cell)
         case AuditEntry():
             _add_audit(tx, entry)
         case FormerSessions():
-            _end_former_sessions(tx, entry)
-            control.end_former(tx, entry.before)
+            _end_former_sessions(tx, entry, cell)
+            control.end_former(tx, entry.before, cell)
         case LeaseEnd():
             control.end_lease(tx, entry)
         case StopEntry():
@@ -245,28 +246,30 @@ def _write_one(tx: Transaction, entry: Entry) -> int | None:
     return None
 
 
-def _end_former_sessions(tx: Transaction, entry: FormerSessions) -> None:
+def _end_former_sessions(tx: Transaction, entry: FormerSessions, cell: str | None) -> None:
     tx.change(
         "UPDATE robot_sessions SET ended_at = CURRENT_TIMESTAMP(6), end_code = 'relay_restarted'"
-        " WHERE ended_at IS NULL AND started_at < %s",
-        (entry.before,),
+        " WHERE ended_at IS NULL AND started_at < %s AND (cell = %s OR cell IS NULL)",
+        (entry.before, cell),
     )
 
 
-def _write_session(tx: Transaction, entry: SessionEntry) -> int | None:
+def _write_session(tx: Transaction, entry: SessionEntry, cell: str | None) -> int | None:
     if entry.row_id is None:
-        return _add_session(tx, entry)
+        return _add_session(tx, entry, cell)
     _update_session(tx, entry)
     return None
 
 
-def _add_session(tx: Transaction, entry: SessionEntry) -> int:
+def _add_session(tx: Transaction, entry: SessionEntry, cell: str | None) -> int:
     return tx.insert(
         "INSERT INTO robot_sessions"
-        " (robot_id, started_at, address, agent_version, ros_exposed, ended_at, end_code)"
-        " VALUES (%s, %s, %s, %s, %s, %s, %s)",
+        " (robot_id, cell, epoch, started_at, address, agent_version, ros_exposed, ended_at, end_code)"
+        " VALUES (%s, %s, %s, %s, %s, %s, %s, %s, %s)",
         (
             entry.robot_id,
+            cell,
+            entry.epoch,
             entry.started_at,
             entry.address[:MAX_ADDRESS],
             _cut(entry.agent_version, MAX_VERSION),
@@ -279,9 +282,11 @@ def _add_session(tx: Transaction, entry: SessionEntry) -> int:
 
 def _update_session(tx: Transaction, entry: SessionEntry) -> None:
     tx.change(
-        "UPDATE robot_sessions SET agent_version = %s, ros_exposed = %s, ended_at = %s, end_code = %s"
+        "UPDATE robot_sessions"
+        " SET epoch = %s, agent_version = %s, ros_exposed = %s, ended_at = %s, end_code = %s"
         " WHERE id = %s",
         (
+            entry.epoch,
             _cut(entry.agent_version, MAX_VERSION),
             entry.ros_exposed,
             entry.ended_at,

@@ -24,6 +24,7 @@ from robotether_server.relay.app import Cors, Handlers, inside_app, public_app, 
 from robotether_server.relay.auth.access import Access
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
+from robotether_server.relay.cells import Cells
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.control_api import ControlApi
 from robotether_server.relay.db.database import RelayDatabase
@@ -119,8 +120,9 @@ class Relay:
     async def start(self) -> None:
         """Read the records once, if they can be read, and listen."""
         self.event_writer.add(FormerSessions(before=utc_now()))
-        await self.fleet.poll()
+        await asyncio.gather(self.fleet.poll(), self.cells.poll())
         self._tasks = [
+            asyncio.create_task(self.cells.run(), name="cells"),
             asyncio.create_task(self.fleet.run(), name="fleet"),
             asyncio.create_task(self.event_writer.run(), name="event_writer"),
             asyncio.create_task(self._write_drives(), name="drives"),
@@ -160,6 +162,12 @@ class Relay:
         registry, always = self.registry, self._settings.direct
         self.media_demand = Demand(registry.on_media_demand, kept_s=MEDIA_KEPT_S, always=always)
         self.usage = Demand(registry.on_usage, kept_s=USE_KEPT_S, always=always)
+        self.cells = Cells(
+            self._settings.cell,
+            database,
+            registry.online_count,
+            poll_every_s=self._timing.poll_every_s,
+        )
         self.connections = Connections()
         self.viewer_stats = ViewerStats()
         self.control = Control(
@@ -333,7 +341,9 @@ async def run(settings: RelaySettings, listen: Listen) -> None:
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stopped.set)
-    relay = Relay(settings, RelayDatabase(Database(settings.database)), listen=listen)
+    relay = Relay(
+        settings, RelayDatabase(Database(settings.database), settings.cell.name), listen=listen
+    )
     await relay.start()
     await stopped.wait()
     log.info("stopping")

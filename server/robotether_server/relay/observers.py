@@ -120,9 +120,11 @@ class RelayObserver:
 
     def _on_updated(self, change: Change) -> None:
         entry, presence = self._sessions.get(change.robot_id), change.presence
-        reported = (presence.agent_version, presence.ros_exposed)
-        if entry is not None and (entry.agent_version, entry.ros_exposed) != reported:
-            entry.agent_version, entry.ros_exposed = reported
+        reported = (presence.agent_version, presence.ros_exposed, presence.epoch)
+        if entry is None:
+            return
+        if (entry.agent_version, entry.ros_exposed, entry.epoch) != reported:
+            entry.agent_version, entry.ros_exposed, entry.epoch = reported
             self._event_writer.add(entry)
 
     def _on_guard_status(self, change: Change) -> None:

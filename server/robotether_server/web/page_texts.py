@@ -56,6 +56,7 @@ DRIVES: Mapping[str, str] = {
     "protocol_broken": "protocol error",
     "relay_stopping": "server shut down",
     "relay_restarted": "server restarted",
+    "cell_removed": "server machine lost",
     "relay_failed": "server error",
 }
 SESSIONS: Mapping[str, str] = {
@@ -69,6 +70,8 @@ SESSIONS: Mapping[str, str] = {
     "not_ready": "the server was not ready",
     "relay_stopping": "the server stopped",
     "relay_restarted": "the server restarted",
+    "cell_draining": "its server's machine was taken out of service",
+    "cell_removed": "its server's machine was lost",
     "protocol_error": "it sent what the server could not read",
     "timeout": "nothing came from the robot, or it took nothing",
     "unwatched": "nobody watched its video",

@@ -14,6 +14,8 @@ from datetime import datetime, timezone
 
 from fake_robot import FINGERPRINT, HOST, WAIT_S
 from local_network import free_port
+from robotether_server import __version__
+from robotether_server.db.cells import Cell
 from robotether_server.db.control import NewLease, Stop, StoredControl
 from robotether_server.db.fleet import (
     Changes,
@@ -30,7 +32,12 @@ from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.main import Listen, Relay, Timing
 from robotether_server.schemas import Level
-from robotether_server.settings import DatabaseSettings, RelaySettings, TicketSettings
+from robotether_server.settings import (
+    CellSettings,
+    DatabaseSettings,
+    RelaySettings,
+    TicketSettings,
+)
 from robotether_server.tickets import CredentialKind, Mode, Ticket, TicketSigner
 
 SESSION_KEY = "the session key of the tests, long enough"
@@ -63,6 +70,7 @@ class MemoryDatabase(RelayDatabase):
         self.lookups = 0
         self.fences: dict[int, int] = {}
         self.stops: list[Stop] = []
+        self.cells: dict[str, Cell] = {}
 
     def add_robot(self, robot_id: int, name: str, **grants: Level) -> RelayRobot:
         """Add an active robot with free ports, and grants as `u1="drive"`."""
@@ -109,6 +117,22 @@ class MemoryDatabase(RelayDatabase):
         fence = max(self.fences.get(lease.robot_id, 0), lease.above) + 1
         self.fences[lease.robot_id] = fence
         return fence
+
+    async def heartbeat(self, cell: CellSettings, robots: int, started_at: datetime) -> list[Cell]:
+        self._check_up()
+        before = self.cells.get(cell.name)
+        self.cells[cell.name] = Cell(
+            name=cell.name,
+            host=cell.host,
+            https_port=cell.https_port,
+            ssh_ports=cell.ssh_ports,
+            peer_address=cell.peer_address,
+            version=__version__,
+            robots=robots,
+            draining=before is not None and before.draining,
+            is_alive=True,
+        )
+        return list(self.cells.values())
 
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
         self._check_up()
@@ -175,14 +199,23 @@ class RelayServer:
         return login
 
 
-def relay_settings(database: DatabaseSettings | None = None) -> RelaySettings:
+def cell_settings(
+    name: str = "main", host: str | None = None, peer_address: str | None = None
+) -> CellSettings:
+    """A cell, which robots are not sent to unless it has a host."""
+    return CellSettings(name, host, 443, (2222, 443), peer_address)
+
+
+def relay_settings(
+    database: DatabaseSettings | None = None, cell: CellSettings | None = None
+) -> RelaySettings:
     """Settings for a relay whose tunnels end on this machine."""
     return RelaySettings(
         database=database or DatabaseSettings("nowhere", 1, "none", "none", "none"),
+        cell=cell or cell_settings(),
         tickets=TicketSettings(TICKET_KEY, 30),
         session_key=SESSION_KEY,
         tunnel_host=HOST,
-        public_host=None,
         allowed_origins=("https://lab.example",),
         message_limit_bytes=MESSAGE_LIMIT,
         log_level="info",
@@ -191,11 +224,11 @@ def relay_settings(database: DatabaseSettings | None = None) -> RelaySettings:
 
 @asynccontextmanager
 async def running_relay(
-    memory_database: RelayDatabase, timing: Timing = FAST
+    memory_database: RelayDatabase, timing: Timing = FAST, cell: CellSettings | None = None
 ) -> AsyncIterator[RelayServer]:
     """Run the relay inside the block."""
     listen = Listen(host=HOST, http_port=0, session_port=0, inside_port=0)
-    relay = Relay(relay_settings(), memory_database, listen=listen, timing=timing)
+    relay = Relay(relay_settings(cell=cell), memory_database, listen=listen, timing=timing)
     await relay.start()
     try:
         yield RelayServer(relay, memory_database)

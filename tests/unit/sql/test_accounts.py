@@ -12,12 +12,15 @@ from robotether_server.db import Database
 
 DENIED = {
     ER.TABLEACCESS_DENIED_ERROR,
+    ER.COLUMNACCESS_DENIED_ERROR,
     ER.DBACCESS_DENIED_ERROR,
     ER.SPECIFIC_ACCESS_DENIED_ERROR,
     ER.PROCACCESS_DENIED_ERROR,
     ER.ACCESS_DENIED_ERROR,
 }
 EDIT = "SELECT, INSERT, UPDATE, DELETE"
+# All that a relay writes of its cell, by name: who drains one is an admin.
+CELL = "heartbeat_at, host, https_port, peer_address, robots, ssh_ports, started_at, version"
 EXPECTED = {
     "web": {
         "users": EDIT,
@@ -38,6 +41,8 @@ EXPECTED = {
         "drives": "SELECT",
         "robot_stops": "SELECT",
         "audit_events": "SELECT, INSERT",
+        "cells": "SELECT, UPDATE (draining)",
+        "PROCEDURE remove_cell": "EXECUTE",
     },
     "relay": {
         "relay_robots": "SELECT",
@@ -50,6 +55,7 @@ EXPECTED = {
         "drives": "SELECT, INSERT, UPDATE",
         "robot_stops": EDIT,
         "audit_events": "INSERT",
+        "cells": f"SELECT, INSERT ({CELL.replace('peer', 'name, peer')}), UPDATE ({CELL})",
     },
     "keylookup": {
         "tunnel_keys": "SELECT",
@@ -81,9 +87,14 @@ def grants_in_force(mariadb: MariaDb, account: str) -> dict[str, str]:
         if place == "*.*":
             assert rights == "USAGE"
         else:
+            rights = re.sub(r"\(.*?\)", _in_order, rights.replace("`", ""))
             found[place.replace("`", "").replace("robotether.", "")] = rights
         assert "GRANT OPTION" not in line
     return found
+
+
+def _in_order(columns: re.Match[str]) -> str:
+    return f"({', '.join(sorted(columns[0].strip('()').split(', ')))})"
 
 
 @pytest.mark.parametrize("account", ["web", "relay", "keylookup"])
@@ -111,6 +122,10 @@ def test_migrate_rules_its_database_and_nothing_global(mariadb: MariaDb) -> None
         ("web", "UPDATE control_leases SET fence = 1"),
         ("relay", "DELETE FROM control_leases"),
         ("web", "UPDATE audit_events SET actor = 'x'"),
+        ("web", "UPDATE cells SET host = 'x'"),
+        ("web", "DELETE FROM cells"),
+        ("relay", "UPDATE cells SET draining = FALSE"),
+        ("relay", "CALL remove_cell('a')"),
         ("web", "SELECT * FROM port_pairs"),
         ("web", "DELETE FROM port_pairs"),
         ("web", "DELETE FROM shell_ports"),

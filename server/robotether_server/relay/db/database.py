@@ -12,10 +12,12 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from typing import TypeVar
 
-from robotether_server.db import Database, Transaction, control, fleet
+from robotether_server.db import Database, Transaction, cells, control, fleet
+from robotether_server.db.cells import Cell
 from robotether_server.db.control import NewLease, StoredControl
 from robotether_server.db.fleet import Changes, Credential, Entry, RelayUser, Snapshot
 from robotether_server.problems import StoreUnavailable
+from robotether_server.settings import CellSettings
 
 T = TypeVar("T")
 
@@ -25,10 +27,11 @@ MAX_OPEN_QUESTIONS = 64
 
 
 class RelayDatabase:
-    """What the relay asks the database; StoreUnavailable when it does not answer."""
+    """What the relay of a cell asks the database; StoreUnavailable when it does not answer."""
 
-    def __init__(self, database: Database, answer_within_s: float = 3.0) -> None:
+    def __init__(self, database: Database, cell: str, answer_within_s: float = 3.0) -> None:
         self._database = database
+        self._cell = cell
         self._answer_within_s = answer_within_s
         self._threads = ThreadPoolExecutor(THREADS, thread_name_prefix="records")
         self._open = 0
@@ -55,12 +58,21 @@ class RelayDatabase:
 
     async def next_fence(self, lease: NewLease) -> int:
         """Number a drive; the number is committed."""
-        return await self._ask(lambda tx: control.next_fence(tx, lease))
+        return await self._ask(lambda tx: control.next_fence(tx, lease, self._cell))
+
+    async def heartbeat(self, cell: CellSettings, robots: int, started_at: datetime) -> list[Cell]:
+        """Write that this cell is alive, with so many robots; return all cells."""
+
+        def exchange(tx: Transaction) -> list[Cell]:
+            cells.write_heartbeat(tx, cell, robots=robots, started_at=started_at)
+            return cells.read(tx)
+
+        return await self._ask(exchange)
 
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
         """Write entries in one transaction; return new rows' ids by the entry's place."""
         # Not cut short: a write that goes on in its thread and is tried again would be there twice.
-        return await self._in_thread(lambda tx: fleet.write(tx, entries))
+        return await self._in_thread(lambda tx: fleet.write(tx, entries, self._cell))
 
     def close(self) -> None:
         """Let the threads go; does not wait for a database that hangs."""

@@ -234,7 +234,9 @@ class RobotLink:
             case lines.PongLine():
                 self._on_pong(message.seq)
             case lines.HelloLine():
-                self._registry.on_hello(self, message.agent_version, message.guard)
+                self._registry.on_hello(
+                    self, message.agent_version, message.guard, epoch=message.epoch
+                )
             case lines.GuardLine():
                 self._registry.on_guard_status(self, message.report, message.answers)
             case lines.HealthLine(ros, video, ros_exposed):

@@ -12,7 +12,14 @@ from typing import Annotated, Any, TypeVar, get_args
 import msgspec
 from msgspec import Meta, Struct
 from robotether_common.guard import REFUSED_KINDS
-from robotether_common.session import Battery, ByeCode, GuardState, Kind, ServiceState
+from robotether_common.session import (
+    MAX_EPOCH,
+    Battery,
+    ByeCode,
+    GuardState,
+    Kind,
+    ServiceState,
+)
 
 from robotether_server.db.control import MAX_NAME
 from robotether_server.db.fleet import RelayRobot
@@ -25,6 +32,8 @@ MAX_DETAIL = 300
 UptimeMs = Annotated[float, Meta(ge=0, le=1e12)]
 # What a browser, too, reads as the number that it is.
 Count = Annotated[int, Meta(ge=0, le=2**53 - 1)]
+
+Epoch = Annotated[int, Meta(ge=0, le=MAX_EPOCH)]
 
 
 class BrokenLineError(ValueError):
@@ -65,6 +74,7 @@ class HelloLine(Struct, tag="hello"):
     hostname: Annotated[str, Meta(max_length=253)]
     agent_version: Annotated[str, Meta(max_length=32)]
     guard: GuardMode
+    epoch: Epoch = 0
 
     def __post_init__(self) -> None:
         _check_printable("agent_version", self.agent_version)

@@ -85,6 +85,8 @@ class Presence:
     # Everybody in the robot's own network reaches its rosbridge, past the guard.
     ros_exposed: bool = False
     agent_version: str | None = None
+    # The agent's number of its session; 0: it gave none. Of a robot that is offline: of its last one.
+    epoch: int = 0
     guard_mode: GuardMode = "unknown"
     report: GuardReport = NO_REPORT
     battery: Battery | None = None
@@ -196,11 +198,15 @@ class SessionRegistry:
         if self.is_current(link):
             self._forget(link, code)
 
-    def on_hello(self, link: Link, agent_version: str, guard_mode: GuardMode) -> None:
-        """The agent reported its version, and whether it has a guard."""
+    def on_hello(
+        self, link: Link, agent_version: str, guard_mode: GuardMode, *, epoch: int = 0
+    ) -> None:
+        """The agent reported its version, whether it has a guard, and its session's number."""
         if self._is_online(link):
             presence = self.presence(link.robot_id)
-            after = replace(presence, agent_version=agent_version, guard_mode=guard_mode)
+            after = replace(
+                presence, agent_version=agent_version, guard_mode=guard_mode, epoch=epoch
+            )
             self._update(link, after)
 
     def on_guard_status(self, link: Link, report: GuardReport, answers: str | None) -> None:
@@ -244,7 +250,8 @@ class SessionRegistry:
         del self._current[link.robot_id, link.kind]
         before = self.presence(link.robot_id)
         if link.kind == "session" and before.online:
-            after = Presence(since=self._clock(), agent_version=before.agent_version)
+            version, epoch = before.agent_version, before.epoch
+            after = Presence(since=self._clock(), agent_version=version, epoch=epoch)
             self._notify(Change("disconnected", link.robot_id, after, code))
 
     def _notify(self, change: Change) -> None:

@@ -157,3 +157,14 @@ def test_what_a_former_relay_left_open_is_ended(relay_database, sim1, ann):
     assert old["ended_at"] is not None
     assert new["ended_at"] is None
     assert rows(relay_database, "control_leases")[0]["ended_at"] is not None
+
+
+def test_what_another_cell_left_open_stays(relay_database, sim1, ann):
+    """Its own relay ends it, or its removal."""
+    with relay_database.transaction() as tx:
+        control.next_fence(tx, NewLease(sim1, ann, "ann", NOON), "b")
+        fleet.write(tx, [DriveEntry(sim1, "sim1", "ann", 1, NOON)], "b")
+        fleet.write(tx, [FormerSessions(NOON + HOUR)], "a")
+    for table in ("drives", "control_leases"):
+        (row,) = rows(relay_database, table)
+        assert (row["cell"], row["ended_at"]) == ("b", None)

@@ -172,16 +172,18 @@ def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1)
     """The first write makes the row, the second gives it its end."""
     entry = SessionEntry(sim1, NOON, "198.51.100.7", agent_version="0.1.0" * 20)
     with relay_database.transaction() as tx:
-        (entry.row_id,) = fleet.write(tx, [entry]).values()
+        (entry.row_id,) = fleet.write(tx, [entry], "a").values()
     entry.ended_at, entry.end_code, entry.ros_exposed = NOON + HOUR, "timeout", True
+    entry.epoch = 2**53
     with relay_database.transaction() as tx:
-        assert fleet.write(tx, [entry]) == {}
+        assert fleet.write(tx, [entry], "a") == {}
         (row,) = tx.rows("SELECT * FROM robot_sessions")
         assert fleet.last_seen(tx) == [(sim1, NOON + HOUR)]
     assert (row["started_at"], row["ended_at"]) == (NOON, NOON + HOUR)
     assert (row["address"], row["end_code"]) == ("198.51.100.7", "timeout")
     assert len(row["agent_version"]) == fleet.MAX_VERSION
     assert row["ros_exposed"]
+    assert (row["cell"], row["epoch"]) == ("a", 2**53)
 
 
 def test_new_rows_are_told_by_the_entrys_place(relay_database, sim1):
@@ -202,6 +204,16 @@ def test_only_sessions_of_before_the_start_are_closed(relay_database, sim1):
         fleet.write(tx, [FormerSessions(before=NOON + HOUR)])
         rows = tx.rows("SELECT end_code FROM robot_sessions ORDER BY id")
     assert [row["end_code"] for row in rows] == ["relay_restarted", None]
+
+
+def test_sessions_of_other_cells_are_left_open(relay_database, sim1):
+    """But those of a relay from before there were cells are nobody else's."""
+    with relay_database.transaction() as tx:
+        for cell in ("a", "b", None):
+            fleet.write(tx, [SessionEntry(sim1, NOON, "")], cell)
+        fleet.write(tx, [FormerSessions(before=NOON + HOUR)], "a")
+        rows = tx.rows("SELECT cell FROM robot_sessions WHERE ended_at IS NULL")
+    assert [row["cell"] for row in rows] == ["b"]
 
 
 def test_an_audit_line_is_written_whole(database, relay_database, sim1):

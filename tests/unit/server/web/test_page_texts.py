@@ -34,7 +34,7 @@ from robotether_server.web.page_texts import (
 )
 
 # What a relay writes of drives and sessions that the one before it left open.
-BY_THE_NEXT_RELAY = {"relay_restarted"}
+BY_OTHERS = {"relay_restarted", "cell_removed"}
 # Ends who watches alone: a drive has no pictures on its connection.
 OF_VIDEO = {"video_down"}
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
@@ -109,13 +109,13 @@ def test_every_ending_of_a_drive_has_words() -> None:
     """Those of the relay's own list, and no other."""
     written = set(re.findall(r'CloseReason\(\s*\d+, "([a-z_]+)"', inspect.getsource(close_reasons)))
     assert len(written) > 15
-    assert set(DRIVES) == written - OF_VIDEO | BY_THE_NEXT_RELAY
+    assert set(DRIVES) == written - OF_VIDEO | BY_OTHERS
     assert written >= OF_VIDEO
 
 
 def test_every_ending_of_a_session_has_words() -> None:
     """Those that the agent reads in `bye`, and no other."""
-    assert set(SESSIONS) == set(get_args(ByeCode)) | BY_THE_NEXT_RELAY
+    assert set(SESSIONS) == set(get_args(ByeCode)) | BY_OTHERS
 
 
 def test_unknown_code_is_shown_as_it_is() -> None:

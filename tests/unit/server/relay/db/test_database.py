@@ -73,7 +73,9 @@ async def robot_of(relay: RelayServer) -> AsyncIterator[FakeRobot]:
 
 async def test_a_database_that_refuses_is_unavailable():
     """Nobody on the port: StoreUnavailable at once."""
-    memory_database = RelayDatabase(Database(DatabaseSettings("127.0.0.1", 1, "r", "relay", "x")))
+    memory_database = RelayDatabase(
+        Database(DatabaseSettings("127.0.0.1", 1, "r", "relay", "x")), "main"
+    )
     with pytest.raises(StoreUnavailable):
         await memory_database.changes()
     memory_database.close()
@@ -81,7 +83,7 @@ async def test_a_database_that_refuses_is_unavailable():
 
 async def test_a_database_that_hangs_is_unavailable_in_time(paused):
     """No answer: StoreUnavailable after the limit, and the loop was never held up."""
-    memory_database = RelayDatabase(Database(paused.settings("relay")), answer_within_s=0.3)
+    memory_database = RelayDatabase(Database(paused.settings("relay")), "main", answer_within_s=0.3)
     max_s = 0.0
     with Stopwatch() as stopwatch:
         asking = asyncio.gather(
@@ -99,7 +101,9 @@ async def test_a_database_that_hangs_is_unavailable_in_time(paused):
 
 async def test_driving_goes_on_while_the_database_hangs(mariadb, database, ann, http):
     """With the real database paused, an open connection goes on, and a new ticket lets one observe."""
-    memory_database = RelayDatabase(Database(mariadb.settings("relay")), answer_within_s=0.3)
+    memory_database = RelayDatabase(
+        Database(mariadb.settings("relay")), "main", answer_within_s=0.3
+    )
     login = log_in(database)
     async with running_relay(memory_database) as relay, robot_of(relay) as robot:
         sim1 = relay.relay.fleet.known.by_name["sim1"]
@@ -121,7 +125,7 @@ async def test_driving_goes_on_while_the_database_hangs(mariadb, database, ann, 
 
 async def test_rights_in_the_real_database_end_a_connection(mariadb, database, ann, http):
     """Taking the grant's row ends the drive connection within 2 s, and the session has a row."""
-    memory_database = RelayDatabase(Database(mariadb.settings("relay")))
+    memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main")
     login = log_in(database)
     async with running_relay(memory_database) as relay, robot_of(relay):
         sim1 = relay.relay.fleet.known.by_name["sim1"]
@@ -194,7 +198,7 @@ async def test_what_ends_a_credential_ends_what_it_opened(
         else:
             text = credentials.create_token(tx, user, "lab", None)
     credential = credential_of(kind, text)
-    memory_database = RelayDatabase(Database(mariadb.settings("relay")))
+    memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main")
     # This client answers pings only while it receives.
     async with running_relay(memory_database, Timing(poll_every_s=0.1)) as relay, robot_of(relay):
         sim1 = relay.relay.fleet.known.by_name["sim1"]
@@ -216,6 +220,6 @@ async def test_what_ends_a_credential_ends_what_it_opened(
 async def test_a_login_of_the_real_database_is_found(mariadb, database, ann):
     """The cookie's text leads to its user."""
     login = log_in(database)
-    memory_database = RelayDatabase(Database(mariadb.settings("relay")))
+    memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main")
     assert await memory_database.users_of([login]) == {login: ann}
     memory_database.close()

@@ -103,6 +103,11 @@ def test_a_guard_tells_of_itself():
     assert parse(GUARD).answers is None
 
 
+def test_an_agent_may_give_no_epoch():
+    """One from before there were cells."""
+    assert (parse(HELLO).epoch, parse(HELLO, epoch=2**53).epoch) == (0, 2**53)
+
+
 @pytest.mark.parametrize(
     ("battery", "known"),
     [
@@ -120,6 +125,7 @@ def test_a_battery_is_known_in_whole_percent(battery, known):
     ("line", "field", "value"),
     [
         *((GUARD, "refused", {"old": count}) for count in (-1, 2**53, True, "7", 1.5)),
+        *((HELLO, "epoch", epoch) for epoch in (-1, 2**53 + 1, 1.5, "1", None)),
         (GUARD, "refused", ["old"]),
         (GUARD, "state", "asleep"),
         (GUARD, "stopped", 0),

@@ -114,13 +114,13 @@ def test_the_same_health_again_is_no_change(registry, changes):
 
 
 def test_leaving_forgets_what_holds_only_while_online(registry):
-    """Afterwards the robot is offline since now, with the version that it had."""
+    """Afterwards the robot is offline since now, with the version and epoch that it had."""
     link = online(registry)
-    registry.on_hello(link, "0.1.0", "on")
+    registry.on_hello(link, "0.1.0", "on", epoch=8)
     registry.on_heartbeat(link, 12.345)
     assert registry.presence(7).rtt_ms == 12.3
     registry.disconnected(link, "timeout")
-    assert registry.presence(7) == Presence(since=NOW, agent_version="0.1.0")
+    assert registry.presence(7) == Presence(since=NOW, agent_version="0.1.0", epoch=8)
     assert registry.count("session") == 0
 
 

@@ -1,0 +1,122 @@
+"""The cells' rows in the real database, and which cell a robot connects to first."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+from relay_server import cell_settings
+from robotether_server import __version__
+from robotether_server.db import Database, cells
+from robotether_server.db.cells import Cell, sort_for, sort_for_join
+from robotether_server.problems import RecordExists
+from robotether_server.settings import CellSettings
+
+NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
+MINUTE = dt.timedelta(minutes=1)
+A = Cell("a", "a.example", 443, (2222, 443), "a.example:8444", "0.1.0", 0, False, True)
+B, C = replace(A, name="b", host="b.example"), replace(A, name="c", host="c.example")
+
+
+def heartbeat(
+    database: Database, cell: CellSettings, robots: int = 0, started_at: dt.datetime = NOON
+) -> None:
+    with database.transaction() as tx:
+        cells.write_heartbeat(tx, cell, robots=robots, started_at=started_at)
+
+
+def read(database: Database) -> list[Cell]:
+    with database.transaction() as tx:
+        return cells.read(tx)
+
+
+def age(admin_database: Database, seconds: int) -> None:
+    """Let time pass since the last heartbeat of each."""
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE cells SET heartbeat_at = heartbeat_at - INTERVAL %s SECOND", (seconds,))
+
+
+def hosts(robot_id: int, known: list[Cell], first: str | None = None) -> list[str]:
+    return [one.host for one in sort_for(robot_id, known, first)]
+
+
+def test_a_heartbeat_makes_the_row_and_keeps_it_new(relay_database, database):
+    """What the relay says of its cell is what all read; only an admin drains it."""
+    heartbeat(relay_database, cell_settings("b"))
+    heartbeat(relay_database, cell_settings("a", "a.example", "a.example:8444"), robots=2)
+    with database.transaction() as tx:
+        tx.change("UPDATE cells SET draining = TRUE WHERE name = 'a'")
+    heartbeat(relay_database, cell_settings("a", "a.example", "a.example:8444"), robots=3)
+    assert read(database) == [
+        replace(A, version=__version__, robots=3, draining=True),
+        Cell("b", None, 443, (2222, 443), None, __version__, 0, False, True),
+    ]
+
+
+def test_a_cell_is_alive_for_5_seconds(relay_database, admin_database):
+    """By the database's clock."""
+    heartbeat(relay_database, cell_settings("a"))
+    age(admin_database, 4)
+    assert read(relay_database)[0].is_alive
+    age(admin_database, 2)
+    assert not read(relay_database)[0].is_alive
+    heartbeat(relay_database, cell_settings("a"))
+    assert read(relay_database)[0].is_alive
+
+
+def test_of_two_relays_with_one_name_the_older_is_refused(relay_database, admin_database):
+    """Two machines with the same CELL would overwrite each other's address, unless the other is gone."""
+    older, newer = cell_settings("a", "old.example"), cell_settings("a", "new.example")
+    heartbeat(relay_database, older)
+    heartbeat(relay_database, newer, started_at=NOON + MINUTE)
+    with pytest.raises(RecordExists, match="another relay has this name"):
+        heartbeat(relay_database, older)
+    assert read(relay_database)[0].host == "new.example"
+    age(admin_database, 6)
+    heartbeat(relay_database, older)
+    assert read(relay_database)[0].host == "old.example"
+
+
+def test_a_robot_stays_with_the_first_and_then_has_an_own_sequence():
+    """Each robot has the same sequence every time, whatever the sequence of the rows."""
+    for robot_id in range(20):
+        found = hosts(robot_id, [A, B, C], "b")
+        assert found[0] == "b.example"
+        assert sorted(found) == ["a.example", "b.example", "c.example"]
+        assert hosts(robot_id, [C, B, A], "b") == found
+
+
+def test_a_cell_that_goes_moves_its_own_robots_alone():
+    """And spreads them over the others, about evenly."""
+    before = {robot_id: hosts(robot_id, [A, B, C])[0] for robot_id in range(300)}
+    after = {robot_id: hosts(robot_id, [A, B])[0] for robot_id in range(300)}
+    moved = [robot_id for robot_id in before if before[robot_id] != after[robot_id]]
+    assert {before[robot_id] for robot_id in moved} == {"c.example"}
+    counts = Counter(after[robot_id] for robot_id in moved)
+    assert min(counts.values()) > len(moved) / 4
+
+
+@pytest.mark.parametrize("change", [{"draining": True}, {"is_alive": False}, {"host": None}])
+def test_a_cell_that_takes_no_robots_is_not_listed(change):
+    """Not even as the first."""
+    out = replace(A, **change)
+    assert hosts(7, [out, B], "a") == ["b.example"]
+    assert [one.host for one in sort_for_join(7, [out, replace(B, robots=9)])] == ["b.example"]
+    assert sort_for_join(7, [out]) == sort_for(7, [out]) == []
+
+
+def test_who_joins_goes_where_the_fewest_robots_are():
+    """Of several with the fewest each robot has its own."""
+    busy = [replace(A, robots=5), replace(B, robots=4), replace(C, robots=5)]
+    assert {sort_for_join(robot_id, busy)[0].host for robot_id in range(20)} == {"b.example"}
+    even = {sort_for_join(robot_id, [A, B, C])[0].host for robot_id in range(20)}
+    assert even == {"a.example", "b.example", "c.example"}
+
+
+def test_addresses_have_the_ports_of_their_cell():
+    """Each machine may publish others."""
+    other = replace(B, ssh_ports=(22,))
+    found = {one.host: one.ports for one in sort_for(7, [A, other])}
+    assert found == {"a.example": (2222, 443), "b.example": (22,)}
