@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-# Headers of the relay's WebSocket to rosbridge, and the HTTP status for whose lease is not in force.
+# Headers of the relay's WebSocket to rosbridge, and the HTTP status for whose lease is not in force, or whose number
+# the robot's disk does not take.
 KEY_HEADER = "Robotether-Key"
 MODE_HEADER = "Robotether-Mode"
 FENCE_HEADER = "Robotether-Fence"
 FENCE_REFUSED = 409
+DISK_REFUSED = 507
 # The member beside `msg` in a drive command, with `t_ms` and `fence`.
 STAMP = "robotether"
 

@@ -11,7 +11,7 @@ import asyncio
 import re
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 from robotether_common.guard import DEFAULT_MS, DEFAULT_TOPICS, TIMES_MS, RefusedKind
 from robotether_common.ros import MAX_GLOBS
@@ -176,6 +176,8 @@ class State:
     stopped: bool
     by: str
     moving: bool
+    # The newest number of a lease, 0: none.
+    fence: int
 
 
 class GuardReporter:
@@ -207,11 +209,10 @@ class GuardReporter:
         """
         if answers is None and self._can_wait(state, refused):
             return
-        sent = {"stopped": state.stopped, "by": state.by, "moving": state.moving}
         line = {
             "type": "guard",
             "state": "ready",
-            **sent,
+            **asdict(state),
             "answers": answers,
             "refused": dict(refused),
         }
@@ -223,7 +224,7 @@ class GuardReporter:
         sent, since_s = self._sent, self._clock() - self._sent_at
         if state == sent:
             return refused == self._sent_refused or since_s < COUNTS_EVERY_S
-        if state.moving or sent is None or (sent.stopped, sent.by) != (state.stopped, state.by):
+        if sent is None or state != replace(sent, moving=False):
             return False
         return since_s < MOTION_EVERY_S
 

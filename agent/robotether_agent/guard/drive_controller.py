@@ -6,7 +6,8 @@ nobody has driven through this guard.
 
 The `Authorizer` says who may drive now, by key, fence, stop, session and the agent's ticks. Pure. It is asked at each
 handshake and again for each command, so that a right that ended is gone at once. The newest number that anybody
-showed counts: the lease's line and the driver's handshake come on two channels, in either order.
+showed counts, in this session or before: the lease's line and the driver's handshake come on two channels, in either
+order. An older number never counts.
 """
 
 from __future__ import annotations
@@ -73,16 +74,15 @@ class NotAuthorized(Exception):  # noqa: N818 - as its neighbour Refused
 class Authorizer:
     """Decides who may drive now, by what the agent has reported of rights."""
 
-    def __init__(self, now: float) -> None:
+    def __init__(self, now: float, fence: int = 0) -> None:
+        """Begin with the newest number of the guard before this one, which nobody holds."""
         self.key = ""
         self.direct = False
         self.stopped = False
         self.exiting = False
-        self._fence = 0
+        self.fence = fence
         self._held = False
         self._session = False
-        # In a new session the server's first word on the number counts, even if its database was set back.
-        self._first_word = True
         self._agent_at = now
 
     @property
@@ -96,19 +96,16 @@ class Authorizer:
 
     def session(self, *, up: bool) -> None:
         """Note that the session with the server is up, or is lost."""
-        if up and not self._session:
-            self._first_word = True
         if not up:
             self._held = False
         self._session = up
 
     def lease(self, fence: int, *, held: bool) -> None:
         """Note the server's newest number; not `held`: it and all before it are over."""
-        if self._first_word or fence > self._fence:
-            self._fence, self._held = fence, held
-        elif fence == self._fence and not held:
+        if fence > self.fence:
+            self.fence, self._held = fence, held
+        elif fence == self.fence and not held:
             self._held = False
-        self._first_word = False
 
     def stop(self) -> None:
         """Stop the robot, which ends the lease."""
@@ -150,7 +147,7 @@ class Authorizer:
         """Return whether a connection's right to drive still holds, apart from holds that pass."""
         if authorization.mode == "direct":
             return self.direct and not self._held
-        return authorization.mode == "drive" and self._held and authorization.fence == self._fence
+        return authorization.mode == "drive" and self._held and authorization.fence == self.fence
 
     def keeps(self, authorization: Authorization) -> bool:
         """Return whether a connection may stay: a driver whose lease is over may do nothing more."""
@@ -165,9 +162,9 @@ class Authorizer:
             raise NotAuthorized(
                 FENCE_REFUSED, "cannot drive: the robot's session with the server is down"
             )
-        if fence > self._fence:
-            self._fence, self._held, self._first_word = fence, True, False
-        if fence != self._fence or not self._held:
+        if fence > self.fence:
+            self.fence, self._held = fence, True
+        if fence != self.fence or not self._held:
             raise NotAuthorized(FENCE_REFUSED, f"cannot drive: lease {fence} is over")
         return Authorization("drive", fence)
 

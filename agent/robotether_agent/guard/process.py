@@ -30,6 +30,7 @@ from robotether_agent.guard.agent_messages import (
     parse,
 )
 from robotether_agent.guard.drive_controller import Authorizer, DriveController
+from robotether_agent.guard.fences import FenceFile, FenceStore
 from robotether_agent.guard.latch import Latch, StopFile
 from robotether_agent.guard.rosbridge import CmdVelPublisher, new_http
 from robotether_agent.guard.server import Server
@@ -55,7 +56,8 @@ class Guard:
         self._reporter = reporter
         self._config: GuardConfig | None = None
         self._exiting = asyncio.Event()
-        self._authorizer = Authorizer(self._clock())
+        self._fences = FenceStore(FenceFile(state_dir))
+        self._authorizer = Authorizer(self._clock(), self._fences.kept)
         self._controller = DriveController(
             self._authorizer, MotionFile(run_dir), self._clock, self._report_state
         )
@@ -68,6 +70,7 @@ class Guard:
             self._controller,
             lambda: self._config,
             lambda: self._publisher.up,
+            keep_fence=self._fences.keep,
         )
         self._latch = Latch(StopFile(state_dir), self._latch_changed, self._answer)
         self._authorizer.stopped = self._latch.stopped
@@ -87,6 +90,8 @@ class Guard:
             )
         finally:
             await self._server.stop()
+            with suppress(asyncio.TimeoutError):
+                await within(LAST_WRITE_WITHIN_S, self._fences.settled())
 
     def end(self) -> None:
         """Stop the robot, then end."""
@@ -135,6 +140,8 @@ class Guard:
             self._server.rights_changed()
         elif isinstance(message, LeaseUpdate):
             self._authorizer.lease(message.fence, held=message.held)
+            # Begun now, so that the driver, who comes right behind, need not wait for it.
+            self._fences.note(message.fence)
             self._server.rights_changed()
         elif isinstance(message, StopRequest | ReleaseRequest):
             self._latch.handle(message)
@@ -165,7 +172,7 @@ class Guard:
 
     def _report_state(self, *, answers: str | None = None) -> None:
         by = self._latch.reported_by
-        state = State(by is not None, by or "", self._controller.moving)
+        state = State(by is not None, by or "", self._controller.moving, self._authorizer.fence)
         self._reporter.state(state, self._controller.refusals, answers=answers)
 
     async def _tick(self) -> None:

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Literal
 
 import aiohttp
 from aiohttp import WSMsgType, web
-from robotether_common.guard import KEY_HEADER, RefusedKind
+from robotether_common.guard import DISK_REFUSED, KEY_HEADER, RefusedKind
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.guard.agent_messages import GuardConfig
@@ -38,6 +38,7 @@ from robotether_agent.guard.rosbridge import (
     open_rosbridge,
 )
 from robotether_agent.guard.topics import Authorization
+from robotether_agent.problems import StateUnusable
 from robotether_agent.tasks import first_of, within
 
 ADDRESS = "127.0.0.1"
@@ -209,12 +210,15 @@ class Server:
         controller: DriveController,
         config: Callable[[], GuardConfig | None],
         rosbridge_up: Callable[[], bool],
+        *,
+        keep_fence: Callable[[int], Awaitable[None]],
     ) -> None:
         self._http = http
         self._authorizer = authorizer
         self._controller = controller
         self._config = config
         self._rosbridge_up = rosbridge_up
+        self._keep_fence = keep_fence
         self._proxies: set[ClientProxy] = set()
         self._count = 0
         self._direct = 0
@@ -284,6 +288,11 @@ class Server:
     async def _serve(
         self, request: web.BaseRequest, client: ClientSocket, proxy: ClientProxy, url: str
     ) -> web.StreamResponse:
+        try:
+            if proxy.authorization.mode == "drive":
+                await self._keep_fence(proxy.authorization.fence)
+        except StateUnusable as problem:
+            return _problem(DISK_REFUSED, f"cannot drive: {problem.message}")
         try:
             rosbridge = await open_rosbridge(self._http, url)
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:

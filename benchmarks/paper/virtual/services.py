@@ -86,6 +86,7 @@ class Services:
         self._on_message = on_message
         self._authorizer = Authorizer(time.monotonic())
         self._by = ""
+        self._reported_fence = 0
         self._moving = False
         self._was_driven = False
         self._rests_at = 0.0
@@ -110,6 +111,7 @@ class Services:
             "stopped": self._authorizer.stopped,
             "by": self._by,
             "moving": self._moving,
+            "fence": self._authorizer.fence,
             "refused": dict.fromkeys(REFUSED_KINDS, 0),
         }
 
@@ -142,6 +144,9 @@ class Services:
         self.on_guard_changed(message_id)
 
     def _rights_changed(self) -> None:
+        if self._authorizer.fence != self._reported_fence:
+            self._reported_fence = self._authorizer.fence
+            self.on_guard_changed(None)
         for client, (authorization, _) in list(self._clients.items()):
             if not self._authorizer.keeps(authorization):
                 closing = asyncio.ensure_future(client.close(code=1001))

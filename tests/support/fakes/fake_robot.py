@@ -16,6 +16,8 @@ These have the guard switched off, as `guard_off` does, which behaves. With a gu
     guard_silent       never answers an order to stop or to release
     guard_refuses      answers 409 to every driver
     comes_back_stopped says from the beginning that it is stopped
+    guard_quiet        reports nothing by itself
+    disk_full          answers 507 to every driver
 """
 
 from __future__ import annotations
@@ -42,8 +44,17 @@ Mode = Literal[
     "guard_silent",
     "guard_refuses",
     "comes_back_stopped",
+    "guard_quiet",
+    "disk_full",
 ]
-GUARDED = {"guarded", "guard_silent", "guard_refuses", "comes_back_stopped"}
+GUARDED = {
+    "guarded",
+    "guard_silent",
+    "guard_refuses",
+    "comes_back_stopped",
+    "guard_quiet",
+    "disk_full",
+}
 # How far the robot's clock is from this machine's.
 AHEAD_MS = 1e6
 
@@ -82,6 +93,7 @@ class RobotSession:
         self.orders: list[dict[str, Any]] = []
         self.stopped = False
         self.stopped_by = ""
+        self.fence = 0
         self.answers_orders = True
         self.pings = 0
         self.pongs: list[dict[str, Any]] = []
@@ -164,14 +176,18 @@ class RobotSession:
             self.stopped_by = order["by"]
             self.send_guard_status(answers=order["id"])
 
-    def send_guard_status(self, answers: str | None = None, **refused: int) -> None:
-        """Say how the guard is, and what it has refused since its start."""
+    def send_guard_status(
+        self, answers: str | None = None, fence: int | None = None, **refused: int
+    ) -> None:
+        """Say how the guard is, the newest number it knows, and what it has refused since its start."""
+        self.fence = self.fence if fence is None else fence
         self.send(
             type="guard",
             state="ready",
             stopped=self.stopped,
             by=self.stopped_by,
             moving=False,
+            fence=self.fence,
             answers=answers,
             refused={"old": 0, "fence": 0, "stopped": 0, "shape": 0, "held": 0} | refused,
         )
@@ -228,7 +244,8 @@ class FakeRobot:
             session.stopped = session.stopped or self.mode == "comes_back_stopped"
             session.send(type="hello", guard="on", **hello)
             session.send(type="ping", seq=0, t_ms=session.clock_ms())
-            session.send_guard_status()
+            if self.mode != "guard_quiet":
+                session.send_guard_status()
         else:
             session.send(type="hello", guard="off", **hello)
 
@@ -317,7 +334,9 @@ class FakeRobot:
             return 403
         if headers["Robotether-Mode"] != "drive":
             return None
-        newest = session.leases[-1]["fence"]
+        if self.mode == "disk_full":
+            return 507
+        newest = max(session.leases[-1]["fence"], session.fence)
         refused = self.mode == "guard_refuses" or session.stopped
         return 409 if refused or int(headers["Robotether-Fence"]) < newest else None
 

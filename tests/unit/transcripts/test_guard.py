@@ -132,6 +132,7 @@ async def test_what_the_guard_writes(
     await add("it lives", type="tick")
     assert [line["type"] for line in guard.lines[:2]] == ["ready", "guard"]
     await guard.grant(14)
+    await add("it knows a newer lease", type="guard")
     await add("it is released though nobody stopped it", type="guard")
     # Before it has driven: then it would be sent zeros for half a second.
     guard.tell(type="stop", id="5f", by="bën")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 from robotether_server.db.control import LeaseEnd, NewLease
@@ -25,6 +26,9 @@ from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
 
 log = logging.getLogger(__name__)
+
+# A guard reports right behind the first lines of its session, unless it starts at the same time.
+GUARD_REPORTS_WITHIN_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -181,7 +185,8 @@ class Leasing:
 
     async def _next_fence(self, lease: Lease, connection: Connection) -> int:
         robot = connection.robot
-        asked = NewLease(robot.id, connection.user_id, connection.user, utc_now(), lease.fence)
+        above = max(await self._fence_of_guard(robot.id), lease.fence)
+        asked = NewLease(robot.id, connection.user_id, connection.user, utc_now(), above)
         try:
             return await self._database.next_fence(asked)
         except (RecordMissing, RecordRefused) as gone:
@@ -191,6 +196,15 @@ class Leasing:
         except StoreProblem as problem:
             log.warning("robot %s: cannot number a drive: %s", robot.name, problem.detail)
             raise ConnectionClosedError(close_reasons.lease_unavailable(robot.name)) from problem
+
+    async def _fence_of_guard(self, robot_id: int) -> int:
+        """Return the newest number that the guard knows; it may be another relay's, or a lost database's."""
+        link = self._registry.session_of(robot_id)
+        if link is not None:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(GUARD_REPORTS_WITHIN_S):
+                    await link.until_guard_reported()
+        return self._registry.presence(robot_id).report.fence
 
     def _pass(self, robot_id: int, passed: Passed) -> None:
         if passed.driver is not None:

@@ -14,7 +14,13 @@ from aiohttp import (
     ClientSession,
     WSServerHandshakeError,
 )
-from robotether_common.guard import FENCE_HEADER, FENCE_REFUSED, KEY_HEADER, MODE_HEADER
+from robotether_common.guard import (
+    DISK_REFUSED,
+    FENCE_HEADER,
+    FENCE_REFUSED,
+    KEY_HEADER,
+    MODE_HEADER,
+)
 from yarl import URL
 
 from robotether_server.db.fleet import RelayRobot
@@ -100,6 +106,8 @@ class RobotDialer:
             if exc.status == FENCE_REFUSED:
                 return "its guard reports that somebody else drives, or that it is stopped"
             why = f"it answered HTTP {exc.status}"
+            if exc.status == DISK_REFUSED:
+                why = "its guard cannot write to the robot's disk"
             raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
         except (ClientError, OSError) as exc:
             why = "the robot refuses the connection"

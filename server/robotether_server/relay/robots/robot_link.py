@@ -97,6 +97,7 @@ class RobotLink:
         # Set by the answer to a ping that follows the newest configuration, if that has quick heartbeats.
         self._quick = asyncio.Event()
         self._quick_from = 0
+        self._guard_reported = asyncio.Event()
         self._ended = False
 
     @property
@@ -174,6 +175,10 @@ class RobotLink:
         """Wait until the agent has read that heartbeats are quick, as they are while somebody uses the robot."""
         await self._quick.wait()
 
+    async def until_guard_reported(self) -> None:
+        """Wait until the robot's guard has reported on this link, or the agent that there is none."""
+        await self._guard_reported.wait()
+
     @property
     def _needs_media(self) -> bool:
         return self._rules.needs_media(self.robot_id)
@@ -237,8 +242,11 @@ class RobotLink:
                 self._registry.on_hello(
                     self, message.agent_version, message.guard, epoch=message.epoch
                 )
+                if message.guard == "off":
+                    self._guard_reported.set()
             case lines.GuardLine():
                 self._registry.on_guard_status(self, message.report, message.answers)
+                self._guard_reported.set()
             case lines.HealthLine(ros, video, ros_exposed):
                 self._registry.on_health(self, ros, video, ros_exposed=ros_exposed)
             case lines.VitalsLine():

@@ -88,6 +88,7 @@ class GuardLine(Struct, tag="guard"):
     by: Annotated[str, Meta(max_length=MAX_NAME)]
     moving: bool
     refused: dict[str, Count] = {}
+    fence: Count = 0
     answers: Annotated[str, Meta(max_length=64)] | None = None
 
     def __post_init__(self) -> None:
@@ -99,7 +100,7 @@ class GuardLine(Struct, tag="guard"):
         refused = tuple(
             (kind, self.refused[kind]) for kind in REFUSED_KINDS if kind in self.refused
         )
-        return GuardReport(self.state, self.stopped, self.by, self.moving, refused)
+        return GuardReport(self.state, self.stopped, self.by, self.moving, refused, self.fence)
 
 
 class HealthLine(Struct, tag="health"):

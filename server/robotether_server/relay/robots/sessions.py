@@ -54,19 +54,26 @@ class Link(Protocol):
     async def until_quick(self) -> None:
         """Wait until the agent has read that heartbeats are quick."""
 
+    async def until_guard_reported(self) -> None:
+        """Wait until the robot's guard has reported on this link, or the agent that there is none."""
+
     def end(self, code: ByeCode, detail: str) -> None:
         """Say bye and close; afterwards the registry knows the link no more."""
 
 
 @dataclass(frozen=True)
 class GuardReport:
-    """What a robot's guard last reported of itself; `refused` counts drive commands by kind since its start."""
+    """What a robot's guard last reported of itself.
+
+    `refused` counts drive commands by kind since its start, `fence` is the newest number of a lease that it knows.
+    """
 
     state: GuardState = "down"
     stopped: bool = False
     by: str = ""
     moving: bool = False
     refused: tuple[tuple[str, int], ...] = ()
+    fence: int = 0
 
 
 NO_REPORT = GuardReport()

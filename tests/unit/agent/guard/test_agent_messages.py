@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -27,7 +28,7 @@ from robotether_agent.guard.agent_messages import (
 from robotether_common.guard import REFUSED_KINDS
 
 URL = "ws://127.0.0.1:9090"
-STANDS = State(stopped=False, by="", moving=False)
+STANDS = State(stopped=False, by="", moving=False, fence=0)
 COUNTS = dict.fromkeys(REFUSED_KINDS, 0)
 
 
@@ -133,7 +134,7 @@ def test_the_state_is_told_when_it_changes_and_as_an_answer() -> None:
     reports.state(STANDS, COUNTS)
     reports.state(STANDS, COUNTS)
     reports.state(STANDS, COUNTS, answers="5f")
-    reports.state(State(stopped=True, by="ben", moving=True), COUNTS)
+    reports.state(State(stopped=True, by="ben", moving=True, fence=13), COUNTS)
     assert [line["answers"] for line in pipe.lines] == [None, "5f", None]
     assert pipe.lines[-1] == {
         "type": "guard",
@@ -141,6 +142,7 @@ def test_the_state_is_told_when_it_changes_and_as_an_answer() -> None:
         "stopped": True,
         "by": "ben",
         "moving": True,
+        "fence": 13,
         "answers": None,
         "refused": COUNTS,
     }
@@ -151,14 +153,22 @@ def test_a_robot_that_starts_and_stops_all_the_time_is_told_seldom() -> None:
     now = 5.0
     reports = GuardReporter(pipe := FakePipe(), lambda: now)
     for number in range(1000):
-        reports.state(State(stopped=False, by="", moving=number % 2 == 0), COUNTS)
+        reports.state(replace(STANDS, moving=number % 2 == 0), COUNTS)
         now += 0.001
     assert 10 < len(pipe.lines) <= 2 / MOTION_EVERY_S + 1
     now += MOTION_EVERY_S
     reports.state(STANDS, COUNTS)
     assert pipe.lines[-1]["moving"] is False
-    reports.state(State(stopped=True, by="ben", moving=True), COUNTS)
+    reports.state(State(stopped=True, by="ben", moving=True, fence=13), COUNTS)
     assert pipe.lines[-1]["stopped"] is True
+
+
+def test_a_newer_lease_is_told_at_once() -> None:
+    """The robot's next relay must number above it, however soon it comes."""
+    reports = GuardReporter(pipe := FakePipe(), lambda: 5.0)
+    for fence in (13, 14):
+        reports.state(replace(STANDS, fence=fence), COUNTS)
+    assert [line["fence"] for line in pipe.lines] == [13, 14]
 
 
 def test_what_is_refused_is_told_without_a_motion_too() -> None:

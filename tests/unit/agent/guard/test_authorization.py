@@ -92,8 +92,7 @@ def test_a_handshake_may_be_faster_than_the_line_of_its_lease() -> None:
     assert kind(rights, new, 14) == "fence"
 
 
-def test_a_handshake_of_a_new_session_is_its_first_word() -> None:
-    """A line of an older lease that comes after it ends nobody's drive."""
+def test_the_line_of_an_older_lease_ends_nobodys_drive() -> None:
     rights = authorizer(fence=None)
     driver = rights.authorize(headers(fence=14))
     rights.lease(13, held=True)
@@ -108,14 +107,27 @@ def test_a_lease_that_is_over_does_not_come_back() -> None:
     assert status(rights, headers()) == 409
 
 
-def test_a_new_sessions_first_number_counts() -> None:
-    """The server's database may have been set back; its drivers must not wait for old numbers."""
+def test_an_older_number_never_counts_in_a_new_session_either() -> None:
+    """Whether the line or the handshake has it; the server learns the newest number from the guard."""
     rights = authorizer(fence=500)
     rights.session(up=False)
     assert status(rights, headers(fence=501)) == 409
     rights.session(up=True)
     rights.lease(3, held=True)
-    assert rights.authorize(headers(fence=3)) == Authorization("drive", 3)
+    assert status(rights, headers(fence=3)) == 409
+    assert rights.fence == 500
+    assert rights.authorize(headers(fence=501)) == Authorization("drive", 501)
+
+
+def test_a_new_guard_holds_nothing() -> None:
+    """The driver before its start must come with a newer number, whatever the line of its lease says."""
+    rights = Authorizer(NOW, 13)
+    rights.key = "k1"
+    rights.session(up=True)
+    assert status(rights, headers()) == 409
+    rights.lease(13, held=True)
+    assert status(rights, headers()) == 409
+    assert rights.authorize(headers(fence=14)).fence == rights.fence == 14
 
 
 def test_a_new_configuration_begins_no_new_session() -> None:
@@ -190,16 +202,17 @@ def test_a_guard_that_ends_moves_nothing() -> None:
 
 
 EVENTS = st.lists(
-    st.tuples(st.sampled_from(["held", "over", "door", "stop", "release"]), st.integers(1, 6)),
+    st.tuples(
+        st.sampled_from(["held", "over", "door", "stop", "release", "session"]), st.integers(1, 6)
+    ),
     max_size=30,
 )
 
 
 @given(EVENTS)
 def test_an_old_fence_never_passes(events: list[tuple[str, int]]) -> None:
-    """In one session, whatever comes in whatever order: only the newest number drives, and none that ended."""
+    """Whatever comes in whatever order: only the newest number drives, and none that ended."""
     rights = authorizer(fence=None)
-    rights.lease(0, held=False)
     newest, over = 0, set()
     for what, fence in events:
         if what == "held":
@@ -216,6 +229,10 @@ def test_an_old_fence_never_passes(events: list[tuple[str, int]]) -> None:
                 continue
         elif what == "stop":
             rights.stop()
+            over.add(newest)
+        elif what == "session":
+            rights.session(up=False)
+            rights.session(up=True)
             over.add(newest)
         else:
             rights.release()

@@ -236,6 +236,31 @@ async def test_a_killed_guards_successor_stops_the_robot(place: Path, robot: Rob
         await guard.until(lambda: not (place / "motion.json").exists(), "the mark is gone")
 
 
+async def test_a_killed_guards_successor_knows_the_newest_lease(place: Path, robot: Robot) -> None:
+    """It reports the number, and nobody drives with it or an older one, whatever the lease's line says."""
+    async with GuardProcess(place, robot.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 14):
+            guard.process.kill()
+            await guard.ended()
+    async with GuardProcess(place, robot.port) as guard:
+        assert guard.state["fence"] == 14
+        for fence in (13, 14):
+            await guard.grant(fence)
+            with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+                async with GuardClient(guard.port, fence):
+                    pass
+            assert refused.value.status == 409
+        async with GuardClient(guard.port, 15):
+            await guard.until(lambda: guard.state["fence"] == 15, "it reports the next one")
+
+
+async def test_the_line_of_a_lease_brings_its_number_to_the_disk(place: Path, robot: Robot) -> None:
+    async with GuardHere(place, robot.port) as guard:
+        await guard.grant(13)
+    assert json.loads((place / "fence.json").read_text()) == {"fence": 13}
+
+
 async def test_commands_are_checked_and_limited(place: Path, robot: Robot) -> None:
     """Old ones, foreign ones and broken ones are refused with rosbridge's own status, and counted."""
     async with GuardHere(place, robot.port, max_speed_m_s=0.2) as guard:

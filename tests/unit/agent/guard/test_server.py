@@ -15,6 +15,7 @@ from guard_process import KEY, GuardClient
 from robotether_agent.guard import server as server_module
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.drive_controller import Authorizer, DriveController
+from robotether_agent.guard.fences import FenceFile, FenceStore
 from robotether_agent.guard.rosbridge import CmdVelPublisher, new_http
 from robotether_agent.guard.server import MAX_DIRECT_CONNECTIONS, Server
 from robotether_agent.guard.topics import MotionFile
@@ -22,7 +23,9 @@ from sim_client import until
 
 
 @asynccontextmanager
-async def running(port: int | None, place: Path) -> AsyncIterator[tuple[int, Authorizer, Server]]:
+async def running(
+    port: int | None, place: Path, state_dir: Path | None = None
+) -> AsyncIterator[tuple[int, Authorizer, Server]]:
     """A server before a rosbridge, or before its configuration."""
     config = None if port is None else GuardConfig(f"ws://127.0.0.1:{port}/", KEY)
     authorizer = Authorizer(time.monotonic())
@@ -32,7 +35,10 @@ async def running(port: int | None, place: Path) -> AsyncIterator[tuple[int, Aut
     async with new_http() as http:
         controller = DriveController(authorizer, MotionFile(place), time.monotonic, lambda: None)
         controller.publisher = CmdVelPublisher(http, controller, time.monotonic)
-        server = Server(http, authorizer, controller, lambda: config, lambda: True)
+        fences = FenceStore(FenceFile(state_dir or place))
+        server = Server(
+            http, authorizer, controller, lambda: config, lambda: True, keep_fence=fences.keep
+        )
         yield await server.start(), authorizer, server
         await server.stop()
 
@@ -70,6 +76,25 @@ async def test_a_newer_driver_ends_the_older_one(tmp_path: Path) -> None:
         await new.send(op="publish", topic="/echo")
         assert (await new.receive())["topic"] == "/echo"
         assert not observer.socket.closed
+
+
+async def test_who_drives_is_on_the_disk_first(tmp_path: Path) -> None:
+    async with FakeRosbridge() as rosbridge, running(rosbridge.port, tmp_path) as (port, _, _):
+        async with GuardClient(port, 0):
+            assert FenceFile(tmp_path).read() == 0
+        async with GuardClient(port, 14):
+            assert FenceFile(tmp_path).read() == 14
+
+
+async def test_a_disk_that_cannot_be_written_lets_nobody_drive(tmp_path: Path) -> None:
+    """After a restart the guard would not know the number; who observes comes in."""
+    async with (
+        FakeRosbridge() as rosbridge,
+        running(rosbridge.port, tmp_path, tmp_path / "gone") as (port, _, _),
+    ):
+        assert await status(port, 13) == 507
+        async with GuardClient(port, 0):
+            assert rosbridge.connections == 1
 
 
 async def test_a_right_that_ends_closes_its_connection(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ import json
 from types import SimpleNamespace
 
 import pytest
-from fake_robot import WAIT_S
+from fake_robot import WAIT_S, FakeRobot
 from relay_clients import PUBLISH, audit_lines, closing
-from relay_server import until, utc
+from relay_server import SESSION_KEY, until, utc
 from robotether_server.db.control import DriveEntry, LeaseEnd, NewLease
 from robotether_server.db.fleet import AuditEntry, RelayUser
 from robotether_server.problems import (
@@ -21,6 +21,7 @@ from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control import leases, leasing
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.robots.sessions import Presence
 
 ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(3, "ben"), RelayUser(4, "carl")
 NOON = utc(2026, 1, 1, 12, 0)
@@ -71,6 +72,30 @@ async def test_the_robot_hears_of_each_lease(relay, guarded, sim1, http):
         assert guarded.session.leases[-1] == {"type": "lease", "fence": 1, "held": True}
     await until(lambda: not guarded.session.leases[-1]["held"], "the robot hears of the end")
     assert guarded.session.leases[-1]["fence"] == 1
+
+
+async def test_a_new_lease_is_above_what_the_guard_knows(relay, guarded, sim1, http):
+    """The robot may come from another relay, or the database from an older copy."""
+    guarded.session.send_guard_status(fence=500)
+    await until(lambda: relay.relay.registry.presence(sim1.id).report.fence == 500, "it is known")
+    async with http.ws_connect(relay.ros_url(sim1)):
+        (handshake,) = await guarded.connections(1)
+    assert handshake["Robotether-Fence"] == "501"
+
+
+async def test_a_new_lease_waits_for_the_guards_first_report(relay, sim1, http):
+    """Who is faster than that drives at the first attempt, too."""
+    robot = FakeRobot(sim1.id, SESSION_KEY, "guard_quiet")
+    await robot.start(relay.relay.session_port)
+    try:
+        async with http.ws_connect(relay.ros_url(sim1)):
+            await until(lambda: relay.relay.usage.of(sim1.id), "the driver is there")
+            assert not robot.handshakes
+            robot.session.send_guard_status(fence=500)
+            (handshake,) = await robot.connections(1)
+        assert handshake["Robotether-Fence"] == "501"
+    finally:
+        await robot.stop()
 
 
 async def test_what_the_guard_refuses_stands_in_the_drives_record(
@@ -286,11 +311,19 @@ class Bare:
         self.lines: list[dict[str, object]] = []
         self.changed: list[int] = []
         self.ends: list[CloseReason] = []
-        link = SimpleNamespace(send=lambda line: self.lines.append(json.loads(line)))
+        self.reported = asyncio.Event()
+        self.reported.set()
+        link = SimpleNamespace(
+            send=lambda line: self.lines.append(json.loads(line)),
+            until_guard_reported=self.reported.wait,
+        )
+        self.presence = Presence()
         self.leasing = leasing.Leasing(
             database=memory_database,
             event_writer=SimpleNamespace(add=self.written.append),
-            registry=SimpleNamespace(session_of={sim1.id: link}.get),
+            registry=SimpleNamespace(
+                session_of={sim1.id: link}.get, presence=lambda _robot_id: self.presence
+            ),
             stopped=lambda _robot: None,
             changed=self.changed.append,
         )
@@ -368,6 +401,16 @@ async def test_what_is_written_says_who_where_and_when(bare, sim1, memory_databa
         LeaseEnd(sim1.id, 42, NOON),
     ]
     assert bare.ends == [close_reasons.lease_lost("sim1", "carl")]
+
+
+async def test_a_guard_that_reports_nothing_keeps_nobody_waiting_for_long(bare, sim1, monkeypatch):
+    """It may not have started yet; the lease has the number that is known here."""
+    monkeypatch.setattr(leasing, "GUARD_REPORTS_WITHIN_S", 0.05)
+    bare.reported.clear()
+    bare.leasing.remember({sim1.id: 41})
+    async with asyncio.timeout(WAIT_S):
+        await bare.drives(ANN)
+    assert bare.leasing.of(sim1.id).fence == 42
 
 
 async def test_of_two_claims_the_older_hears_of_the_newer(bare, sim1, memory_database, monkeypatch):

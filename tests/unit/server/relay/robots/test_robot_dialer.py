@@ -36,6 +36,16 @@ async def test_a_guard_that_refuses_the_driver_is_told_within_a_second(relay, si
     await robot.stop()
 
 
+async def test_a_robot_whose_disk_is_full_says_so(relay, sim1, http):
+    """At once: it does not help to try again."""
+    robot = await misbehaving(relay, sim1, "disk_full")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        code, reason = await closing(socket)
+    assert (code, len(robot.handshakes)) == (4504, 1)
+    assert reason.endswith("its guard cannot write to the robot's disk")
+    await robot.stop()
+
+
 async def test_what_the_guard_said_is_told_when_patience_ends_first(relay, sim1, http, monkeypatch):
     """The try that is cut short has no answer, and those before it had one."""
     monkeypatch.setattr(robot_dialer, "FORWARD_WITHIN_S", 60.0)

@@ -97,10 +97,11 @@ def parse(line: dict[str, object], **changes: object) -> Line | None:
 
 def test_a_guard_tells_of_itself():
     """Of refused commands it counts the kinds that are known here."""
-    told = parse(GUARD, by="ann", refused={"held": 7, "unheard_of": 1}, answers="a1")
-    assert told.report == GuardReport("ready", stopped=False, by="ann", refused=(("held", 7),))
+    told = parse(GUARD, by="ann", refused={"held": 7, "unheard_of": 1}, fence=13, answers="a1")
+    assert told.report == GuardReport("ready", by="ann", refused=(("held", 7),), fence=13)
     assert told.answers == "a1"
     assert parse(GUARD).answers is None
+    assert parse(GUARD).report.fence == 0
 
 
 def test_an_agent_may_give_no_epoch():
