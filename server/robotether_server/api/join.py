@@ -1,5 +1,6 @@
 """/api/v1/join: a robot's request at its first start, and while it is not admitted."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,6 +11,8 @@ from robotether_common.join import PreviousKey
 from robotether_server import identity
 from robotether_server.api.context import context
 from robotether_server.api.operations import operation
+from robotether_server.db import cells
+from robotether_server.db.cells import SshAddresses
 from robotether_server.db.robots import Report
 from robotether_server.problems import StoreUnavailable
 from robotether_server.schemas import (
@@ -64,13 +67,24 @@ class RobotJoin(Struct):
     previous_key: GivenPreviousKey | UnsetType | None = UNSET
 
 
+class SshOfCell(Struct):
+    """Where a machine of the site accepts tunnels."""
+
+    host: str
+    ports: list[int]
+
+
 class Ssh(Struct):
-    """Where the robot's tunnel goes; `host` null: the host of this request. `host_keys`: TYPE BASE64, to be pinned."""
+    """Where the robot's tunnel goes; `host` null: the host of this request. `host_keys`: TYPE BASE64, to be pinned.
+
+    `cells`: the machines of the site, the one to try first in front; without it there is `host` alone.
+    """
 
     user: str
     host: str | None
     ports: list[int]
     host_keys: list[str]
+    cells: list[SshOfCell] | UnsetType = UNSET
 
 
 class JoinedRobot(Struct):
@@ -95,12 +109,13 @@ def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRob
     """Ask for admission as a robot."""
     asked = _asked(body)
     with context().database.transaction() as tx:
-        answer = joining.is_in(tx, asked)
+        answer, known = joining.is_in(tx, asked), cells.read(tx)
     if answer is None:
         with context().database.transaction() as tx:
             answer = joining.join(tx, asked, context().join)
     if answer.code == "active":
-        return JoinedRobot("active", answer.robot, ssh_of(context().join)), 200
+        addresses = cells.sort_for_join(answer.robot_id, known)
+        return JoinedRobot("active", answer.robot, ssh_of(context().join, addresses)), 200
     return WaitingRobot("pending", answer.robot, answer.code, answer.detail), 202
 
 
@@ -119,10 +134,12 @@ def _asked(body: RobotJoin) -> joining.JoinAttempt:
     )
 
 
-def ssh_of(settings: JoinSettings) -> Ssh:
+def ssh_of(settings: JoinSettings, addresses: Iterable[SshAddresses] = ()) -> Ssh:
     """Return where a robot's tunnel goes, and the keys that it pins; raise StoreUnavailable."""
     host_keys = read_host_keys(settings.ssh_host_keys_dir)
-    return Ssh(SSH_USER, settings.public_host, list(settings.ssh_ports), host_keys)
+    listed = [SshOfCell(one.host, list(one.ports)) for one in addresses]
+    ports = list(settings.ssh_ports)
+    return Ssh(SSH_USER, settings.public_host, ports, host_keys, listed or UNSET)
 
 
 def read_host_keys(folder: Path) -> list[str]:

@@ -14,7 +14,7 @@ from robotether_server.api.exports import USUAL_LIMIT, Limit
 from robotether_server.api.join import Ssh, ssh_of
 from robotether_server.api.operations import operation
 from robotether_server.buttons import GivenButtons
-from robotether_server.db import robots, seen_robots
+from robotether_server.db import cells, robots, seen_robots
 from robotether_server.db.robots import State
 from robotether_server.db.seen_robots import (
     ControlState,
@@ -209,9 +209,9 @@ def register_robot(
         agent_version=body.agent_version or None,
         allow_local_mac=context().join.allow_local_macs,
     )
-    ssh = ssh_of(context().join)
     _, is_new = robot_service.register(tx, caller.source, registration)
     seen = seen_robots.get_seen(tx, robot)
+    ssh = ssh_of(context().join, cells.sort_for_join(seen.robot.id, cells.read(tx)))
     # A join token admits robots; it may not see who drives them.
     control = seen_robots.control_of(tx, seen.robot.id) if admin else None
     shown = structs.asdict(shown_robot(seen, control, for_admin=admin is not None))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from robotether_server import __version__
-from robotether_server.db.database import Transaction, unique
+from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.settings import CellSettings
 
 # A relay writes its row each second.
@@ -41,32 +41,37 @@ class Cell:
     is_alive: bool
 
     @property
-    def ssh(self) -> SshAddresses | None:
-        """Where robots that come now reach it; None: they are not sent there."""
-        if self.host is None or self.draining or not self.is_alive:
-            return None
-        return SshAddresses(self.host, self.ssh_ports)
+    def is_listed(self) -> bool:
+        """Whether robots are sent there."""
+        return self.host is not None and self.is_alive and not self.draining
+
+
+SELECT = (
+    "SELECT c.name, c.host, c.https_port, c.ssh_ports, c.peer_address, c.version, c.robots, c.draining,"  # noqa: S608 - the module's own text
+    f" c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND AS is_alive FROM cells c "
+)
 
 
 def read(tx: Transaction) -> list[Cell]:
     """Read all cells, by name."""
-    rows = tx.rows(
-        "SELECT name, host, https_port, ssh_ports, peer_address, version, robots, draining,"
-        " heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL %s SECOND AS is_alive"
-        " FROM cells ORDER BY name",
-        (ALIVE_S,),
+    return [_cell_of(row) for row in tx.rows(SELECT + "ORDER BY c.name")]
+
+
+def find_of_robot(tx: Transaction, robot_id: int) -> Cell | None:
+    """Return the cell where a robot is online."""
+    row = tx.row(
+        f"{SELECT} JOIN robot_sessions s ON s.cell = c.name AND s.ended_at IS NULL"  # noqa: S608 - as above
+        " WHERE s.id = (SELECT MAX(newest.id) FROM robot_sessions newest WHERE newest.robot_id = %s)",
+        (robot_id,),
     )
-    return [
-        Cell(
-            **row
-            | {
-                "ssh_ports": tuple(int(port) for port in row["ssh_ports"].split(",")),
-                "draining": bool(row["draining"]),
-                "is_alive": bool(row["is_alive"]),
-            }
-        )
-        for row in rows
-    ]
+    return None if row is None else _cell_of(row)
+
+
+def _cell_of(row: Row) -> Cell:
+    ports = tuple(int(port) for port in row["ssh_ports"].split(","))
+    # MariaDB has no truth values of its own.
+    flags = {name: bool(row[name]) for name in ("draining", "is_alive")}
+    return Cell(**row | flags | {"ssh_ports": ports})
 
 
 def write_heartbeat(
@@ -108,18 +113,22 @@ def sort_for(robot_id: int, cells: Iterable[Cell], first: str | None = None) -> 
     ranked = sorted(
         cells, key=lambda cell: (cell.name == first, _weight(robot_id, cell)), reverse=True
     )
-    return [cell.ssh for cell in ranked if cell.ssh is not None]
+    return [
+        SshAddresses(cell.host, cell.ssh_ports)
+        for cell in ranked
+        if cell.is_listed and cell.host is not None
+    ]
 
 
 def sort_for_join(robot_id: int, cells: Sequence[Cell]) -> list[SshAddresses]:
     """Where a robot that joins connects: first where the fewest robots are."""
-    usable = [cell for cell in cells if cell.ssh is not None]
-    if not usable:
+    listed = [cell for cell in cells if cell.is_listed]
+    if not listed:
         return []
-    fewest = min(cell.robots for cell in usable)
-    rivals = [cell for cell in usable if cell.robots == fewest]
-    emptiest = max(rivals, key=lambda cell: _weight(robot_id, cell))
-    return sort_for(robot_id, usable, emptiest.name)
+    fewest = min(cell.robots for cell in listed)
+    emptiest = [cell for cell in listed if cell.robots == fewest]
+    first = max(emptiest, key=lambda cell: _weight(robot_id, cell))
+    return sort_for(robot_id, listed, first.name)
 
 
 def _weight(robot_id: int, cell: Cell) -> bytes:

@@ -237,6 +237,7 @@ class Relay:
                 greeting=self.control.greeting,
                 needs_media=self.media_demand.of,
                 is_used=self.usage.of,
+                cells=self.cells.addresses,
                 heartbeat_s=timing.heartbeat_s,
                 idle_heartbeat_s=timing.idle_heartbeat_s,
                 timeout_s=timing.timeout_s,
@@ -245,6 +246,7 @@ class Relay:
             checker=PortChecker(settings.tunnel_host, self.observer.port_checked),
             refused=self.observer.session_refused,
         )
+        self.cells.listen(self._sessions.on_cells)
 
     def _make_apps(self) -> None:
         settings = self._settings

@@ -9,7 +9,7 @@ signature (`rotate`) or an admin changes the key of an active robot.
 import datetime as dt
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, count
 from typing import Literal
 
@@ -90,11 +90,15 @@ class JoinAttempt:
 
 @dataclass(frozen=True)
 class Answer:
-    """What it is answered: `robot` is its name, or the one that its MAC alone would give it."""
+    """What it is answered: `robot` is its name, or the one that its MAC alone would give it.
+
+    `robot_id` of a robot that is active.
+    """
 
     robot: str
     code: Literal["active", "approval_pending", "mac_in_use"]
     detail: str = ""
+    robot_id: int = field(default=0, compare=False)
 
 
 def is_in(tx: Transaction, request: JoinAttempt) -> Answer | None:
@@ -299,7 +303,7 @@ def _join_token(tx: Transaction, text: str) -> JoinToken:
 
 
 def _active(robot: Robot) -> Answer:
-    return Answer(robot.name, "active")
+    return Answer(robot.name, "active", robot_id=robot.id)
 
 
 def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: PreviousKey) -> bool:

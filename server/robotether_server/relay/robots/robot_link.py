@@ -11,11 +11,12 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from robotether_common.session import ByeCode, Kind
 
+from robotether_server.db.cells import SshAddresses
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.http.timing import RateLimiter, RobotClock
 from robotether_server.relay.robots import session_messages as lines
@@ -46,13 +47,14 @@ class LinkRules:
 
     `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped.
     `needs_media` says of a robot whether somebody watches its video, `is_used` whether anybody is connected to it: a
-    robot that is not used sends and gets heartbeats every `idle_heartbeat_s`.
+    robot that is not used sends and gets heartbeats every `idle_heartbeat_s`. `cells` gives where it connects.
     """
 
     tunnel_host: str
     greeting: Callable[[int], Iterable[bytes]]
     needs_media: Callable[[int], bool]
     is_used: Callable[[int], bool]
+    cells: Callable[[int], Sequence[SshAddresses]] = lambda _: ()
     heartbeat_s: float = 0.5
     idle_heartbeat_s: float = 2.0
     timeout_s: float = 5.0
@@ -94,6 +96,7 @@ class RobotLink:
         # Not before the older link is gone: the agent opens its forwards on the configuration.
         self._configured = False
         self._idle_heartbeat_s: float | None = None
+        self._cells: Sequence[SshAddresses] = ()
         # Set by the answer to a ping that follows the newest configuration, if that has quick heartbeats.
         self._quick = asyncio.Event()
         self._quick_from = 0
@@ -171,6 +174,11 @@ class RobotLink:
             self._configure()
             self._heartbeat()
 
+    def on_cells(self) -> None:
+        """Send where the robot connects, if that has changed."""
+        if self._configured and self._cells != self._cells_now():
+            self._configure()
+
     async def until_quick(self) -> None:
         """Wait until the agent has read that heartbeats are quick, as they are while somebody uses the robot."""
         await self._quick.wait()
@@ -198,6 +206,7 @@ class RobotLink:
     def _configure(self) -> None:
         rules, self._configured = self._rules, True
         self._idle_heartbeat_s = None if rules.is_used(self.robot_id) else rules.idle_heartbeat_s
+        self._cells = self._cells_now()
         self._send(
             lines.config_line(
                 self._robot,
@@ -207,8 +216,13 @@ class RobotLink:
                 guard_key=self.guard_key,
                 direct=rules.direct,
                 media=self._needs_media,
+                cells=self._cells,
             )
         )
+
+    def _cells_now(self) -> Sequence[SshAddresses]:
+        """Where the robot connects; its other connections follow its session."""
+        return self._rules.cells(self.robot_id) if self.kind == "session" else ()
 
     def _greet(self) -> None:
         if self.kind == "session":

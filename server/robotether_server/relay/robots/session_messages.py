@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hmac
 import json
+from collections.abc import Iterable
 from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
@@ -21,6 +22,7 @@ from robotether_common.session import (
     ServiceState,
 )
 
+from robotether_server.db.cells import SshAddresses
 from robotether_server.db.control import MAX_NAME
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.sessions import GuardMode, GuardReport
@@ -196,8 +198,10 @@ def config_line(
     guard_key: str,
     direct: bool,
     media: bool,
+    cells: Iterable[SshAddresses] = (),
 ) -> bytes:
-    """Build the settings that the agent works with."""
+    """Build the settings that the agent works with; `cells` are where it connects, the best first."""
+    listed = [{"host": cell.host, "ports": cell.ports} for cell in cells]
     return _line(
         "config",
         robot=robot.name,
@@ -211,6 +215,7 @@ def config_line(
         guard={"key": guard_key, **robot.settings.guard.as_dict()},
         direct=direct,
         media=media,
+        **({"cells": listed} if listed else {}),
     )
 
 

@@ -78,6 +78,11 @@ class SessionServer:
         for link in list(self._live):
             _apply(snapshot, link)
 
+    def on_cells(self) -> None:
+        """Send robots where they connect, if that has changed."""
+        for link in list(self._live):
+            link.on_cells()
+
     def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.get_running_loop().create_task(self._handle(reader, writer))
         self._tasks.add(task)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import subprocess
 from pathlib import Path
 
 import pytest
 from api_visitor import new_public_key
+from relay_server import cell_settings
 from robot_signer import RobotSigner
 from robotether_server.api.join import read_host_keys, ssh_of
 from robotether_server.api.operations import plain
-from robotether_server.db import Database, robots
+from robotether_server.db import Database, cells, robots
+from robotether_server.db.cells import SshAddresses
 from robotether_server.problems import StoreUnavailable
 from robotether_server.settings import JoinSettings
-from web_visitor import Browser
+from web_visitor import Browser, bearer
 
 MAC = "02:00:00:00:61:01"
 
@@ -125,6 +128,32 @@ def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
         "ports": [2222, 443],
         "host_keys": ["ssh-ed25519 AAAA"],
     }
+    shown = plain(ssh_of(settings, [SshAddresses("b.example", (2222,))]))
+    assert shown["cells"] == [{"host": "b.example", "ports": [2222]}]
+
+
+def test_robot_is_sent_to_the_emptiest_cell_first(
+    program: Browser, database: Database, relay_database: Database, key: str
+) -> None:
+    """Once it is active, by each way of joining."""
+    with relay_database.transaction() as tx:
+        for name, count in (("a", 2), ("b", 1), ("c", 3)):
+            cell = cell_settings(name, f"{name}.example")
+            cells.write_heartbeat(tx, cell, robots=count, started_at=dt.datetime.now(dt.UTC))
+    waiting = program.ask("POST", "/api/v1/join", json=join_body(key)).json
+    assert "ssh" not in waiting
+    with database.transaction() as tx:
+        robots.set_state(tx, robots.get(tx, waiting["robot"]).id, "active")
+    joined = program.ask("POST", "/api/v1/join", json=join_body(key)).json
+    body = {"mac": MAC, "public_key": key}
+    admin = bearer(database, "root")
+    registered = program.ask(
+        "PUT", f"/api/v1/robots/{waiting['robot']}", json=body, headers=admin
+    ).json
+    for answer in (joined, registered):
+        first, *others = answer["ssh"]["cells"]
+        assert first == {"host": "b.example", "ports": [2222, 443]}
+        assert {one["host"] for one in others} == {"a.example", "c.example"}
 
 
 def test_public_keys_are_read_without_their_comments(tmp_path: Path) -> None:

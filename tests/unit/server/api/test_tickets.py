@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import datetime as dt
+
 import pytest
-from robotether_server.db import Database, credentials, robots, users
+from relay_server import cell_settings
+from robotether_server.db import Database, cells, credentials, fleet, robots, users
+from robotether_server.db.fleet import SessionEntry
 from robotether_server.tickets import TicketSigner
 from web_visitor import Browser, bearer
 
@@ -36,6 +40,28 @@ def test_ticket_is_given_within_the_grant(
     assert (ticket.robot_id, ticket.robot, ticket.mode) == (robot.id, "sim1", mode)
     sha256 = credentials.digest(token["Authorization"].removeprefix("Bearer ")).hex()
     assert (ticket.credential, ticket.credential_sha256) == ("token", sha256)
+
+
+def test_ticket_names_the_cell_of_the_robot(
+    program: Browser, database: Database, relay_database: Database
+) -> None:
+    """While the robot is online there, and the cell is in service."""
+    body, headers = {"robot": "sim1", "mode": "observe"}, bearer(database, "ann")
+
+    def ask() -> object:
+        return program.ask("POST", "/api/v1/tickets", json=body, headers=headers).json.get("cell")
+
+    assert ask() is None
+    with database.transaction() as tx:
+        sim1 = robots.get(tx, "sim1")
+    with relay_database.transaction() as tx:
+        now = dt.datetime.now(dt.UTC)
+        cells.write_heartbeat(tx, cell_settings("b", "b.example"), robots=1, started_at=now)
+        fleet.write(tx, [SessionEntry(sim1.id, now, "192.0.2.1")], "b")
+    assert ask() == {"host": "b.example", "port": 443}
+    with database.transaction() as tx:
+        tx.change("UPDATE cells SET draining = TRUE")
+    assert ask() is None
 
 
 @pytest.mark.parametrize(

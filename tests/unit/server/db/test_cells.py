@@ -9,8 +9,9 @@ from dataclasses import replace
 import pytest
 from relay_server import cell_settings
 from robotether_server import __version__
-from robotether_server.db import Database, cells
+from robotether_server.db import Database, cells, fleet, robots
 from robotether_server.db.cells import Cell, sort_for, sort_for_join
+from robotether_server.db.fleet import SessionEntry
 from robotether_server.problems import RecordExists
 from robotether_server.settings import CellSettings
 
@@ -113,6 +114,23 @@ def test_who_joins_goes_where_the_fewest_robots_are():
     assert {sort_for_join(robot_id, busy)[0].host for robot_id in range(20)} == {"b.example"}
     even = {sort_for_join(robot_id, [A, B, C])[0].host for robot_id in range(20)}
     assert even == {"a.example", "b.example", "c.example"}
+
+
+def test_a_robot_is_where_its_newest_session_is(relay_database, database):
+    """As long as that lasts; the one that an older cell has not ended yet does not count."""
+    for name in ("a", "b"):
+        heartbeat(relay_database, cell_settings(name, f"{name}.example"))
+    with database.transaction() as tx:
+        sim1 = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
+        assert cells.find_of_robot(tx, sim1) is None
+    newest = SessionEntry(sim1, NOON + MINUTE, "")
+    with relay_database.transaction() as tx:
+        fleet.write(tx, [SessionEntry(sim1, NOON, "")], "a")
+        (newest.row_id,) = fleet.write(tx, [newest], "b").values()
+        assert cells.find_of_robot(tx, sim1).name == "b"
+        newest.ended_at = NOON + 2 * MINUTE
+        fleet.write(tx, [newest], "b")
+        assert cells.find_of_robot(tx, sim1) is None
 
 
 def test_addresses_have_the_ports_of_their_cell():

@@ -11,6 +11,7 @@ from fake_robot import HOST
 from local_network import free_port
 from relay_clients import configured, ended
 from relay_server import FAST, MemoryDatabase, RelayServer, until
+from robotether_server.db.cells import Cell
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.sessions import Presence
 from robotether_server.robot_settings import DEFAULTS, parse
@@ -65,6 +66,24 @@ async def test_other_kinds_get_a_configuration_but_make_no_robot_online(
     await configured(await connect(kind))
     assert not presence(relay, sim1).online
     assert memory_database.sessions() == []
+
+
+async def test_a_robot_hears_where_else_it_can_connect(relay, memory_database, connect):
+    """On its session alone, and again whenever that changes, but not when only a count does."""
+    other = Cell("b", "b.example", 443, (2222, 443), None, "0.1.0", 3, False, True)
+    memory_database.cells["b"] = other
+    await until(lambda: relay.relay.cells.addresses(7), "b is known")
+    session, media = await configured(await connect()), await configured(await connect("media"))
+    assert session.configs[0]["cells"] == [{"host": "b.example", "ports": [2222, 443]}]
+    memory_database.cells["b"] = replace(other, robots=4)
+    await relay.relay.cells.poll()
+    memory_database.cells["b"] = replace(other, ssh_ports=(22,))
+    await until(lambda: len(session.configs) == 2, "the new port is told")
+    assert session.configs[1]["cells"] == [{"host": "b.example", "ports": [22]}]
+    memory_database.cells["b"] = replace(other, is_alive=False)
+    await until(lambda: len(session.configs) == 3, "it is gone")
+    assert "cells" not in session.configs[2]
+    assert ["cells" in config for config in media.configs] == [False]
 
 
 async def test_heartbeats_measure_the_round_trip_and_are_answered(relay, sim1, connect):
