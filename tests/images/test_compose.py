@@ -84,7 +84,7 @@ def test_secrets_are_made_out_of_reach(stack: Stack) -> None:
 def test_only_nginx_and_sshd_are_published(stack: Stack, service: str) -> None:
     """Every other service is reachable inside only."""
     bindings = stack.container(service).attrs["HostConfig"]["PortBindings"] or {}
-    published = {"nginx": {"8080/tcp", "8443/tcp"}, "sshd": {"2222/tcp"}}
+    published = {"nginx": {"8081/tcp", "8443/tcp"}, "sshd": {"2222/tcp"}}
     assert set(bindings) == published.get(service, set())
 
 

@@ -1,7 +1,7 @@
 """nginx, acme and a real ACME authority (pebble) on a network of their own, without the rest of the stack.
 
 Used by tests/images/test_acme.py. The host name leads to nginx by the engine's own DNS, and pebble asks it on nginx's
-port 8080, since a container without root has no port 80.
+port 8081, since a container without root has no port 80.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ class AcmeNetwork:
             "managementListenAddress": "0.0.0.0:15000",
             "certificate": "/etc/pebble/cert.pem",
             "privateKey": "/etc/pebble/key.pem",
-            "httpPort": 8080,
+            "httpPort": 8081,
             "tlsPort": 8443,
             "ocspResponderURL": "",
             "externalAccountBindingRequired": False,
