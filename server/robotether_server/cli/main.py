@@ -9,6 +9,7 @@ import click
 
 from robotether_server import __version__, settings
 from robotether_server.cli.audit_log import audit_log
+from robotether_server.cli.cells import cell
 from robotether_server.cli.grants import grant, revoke
 from robotether_server.cli.groups import group
 from robotether_server.cli.robot_keys import rejected
@@ -88,6 +89,7 @@ def run_web() -> None:
 
 for command in (
     audit_log,
+    cell,
     grant,
     group,
     join_token,

@@ -12,6 +12,7 @@ from datetime import datetime
 
 from robotether_server import __version__
 from robotether_server.db.database import Row, Transaction, unique
+from robotether_server.problems import RecordMissing
 from robotether_server.settings import CellSettings
 
 # A relay writes its row each second.
@@ -55,6 +56,24 @@ SELECT = (
 def read(tx: Transaction) -> list[Cell]:
     """Read all cells, by name."""
     return [_cell_of(row) for row in tx.rows(SELECT + "ORDER BY c.name")]
+
+
+def get(tx: Transaction, name: str) -> Cell:
+    """Return the cell of that name; raise RecordMissing."""
+    row = tx.row(SELECT + "WHERE c.name = %s", (name,))
+    if row is None:
+        raise RecordMissing(f"cannot find cell {name}: no such cell; see: cell list")
+    return _cell_of(row)
+
+
+def set_draining(tx: Transaction, name: str, *, on: bool) -> None:
+    """Write whether a cell is taken out of service."""
+    tx.change("UPDATE cells SET draining = %s WHERE name = %s", (on, name))
+
+
+def remove(tx: Transaction, name: str) -> None:
+    """Remove a cell, and end what its relay left open."""
+    tx.change("CALL remove_cell(%s)", (name,))
 
 
 def find_of_robot(tx: Transaction, robot_id: int) -> Cell | None:

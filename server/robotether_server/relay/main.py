@@ -24,6 +24,7 @@ from robotether_server.relay.app import Cors, Handlers, inside_app, public_app, 
 from robotether_server.relay.auth.access import Access
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
+from robotether_server.relay.cell_drain import CellDrain, DrainRules
 from robotether_server.relay.cells import Cells
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.control_api import ControlApi
@@ -84,6 +85,7 @@ class Timing:
     timeout_s: float = 5.0
     poll_every_s: float = 1.0
     drives_every_s: float = 10.0
+    drain: DrainRules = field(default_factory=DrainRules)
 
 
 class Relay:
@@ -123,6 +125,7 @@ class Relay:
         await asyncio.gather(self.fleet.poll(), self.cells.poll())
         self._tasks = [
             asyncio.create_task(self.cells.run(), name="cells"),
+            asyncio.create_task(self.cell_drain.run(), name="cell_drain"),
             asyncio.create_task(self.fleet.run(), name="fleet"),
             asyncio.create_task(self.event_writer.run(), name="event_writer"),
             asyncio.create_task(self._write_drives(), name="drives"),
@@ -175,6 +178,14 @@ class Relay:
             event_writer=self.event_writer,
             registry=self.registry,
             snapshot=lambda: self.fleet.known,
+            draining=lambda: self.cells.draining,
+        )
+        self.cell_drain = CellDrain(
+            self.cells,
+            registry,
+            is_driven=lambda robot_id: self.control.driver(robot_id) is not None,
+            is_used=self.usage.of,
+            rules=self._timing.drain,
         )
         self.fleet = Fleet(
             database,

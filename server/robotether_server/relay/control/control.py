@@ -17,6 +17,7 @@ from robotether_server.relay.control.leasing import Leasing, now
 from robotether_server.relay.control.stops import Stops
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.sessions import Change, SessionRegistry
 from robotether_server.times import rfc3339
@@ -34,15 +35,17 @@ class Control:
         event_writer: EventWriter,
         registry: SessionRegistry,
         snapshot: Callable[[], Snapshot],
+        draining: Callable[[], bool],
     ) -> None:
         self._registry = registry
+        self._draining = draining
         self._listeners: list[Callable[[int], None]] = []
         self._watchers: dict[int, set[Callable[[], None]]] = {}
         self.leasing = Leasing(
             database=database,
             event_writer=event_writer,
             registry=registry,
-            stopped=self._why_stopped,
+            stopped=self._why_no_lease,
             changed=self._changed,
         )
         self.stops = Stops(
@@ -111,8 +114,10 @@ class Control:
         if change.what != "heartbeat":
             self._notify_watchers(change.robot_id)
 
-    def _why_stopped(self, robot: RelayRobot) -> CloseReason | None:
-        return self.stops.close_reason(robot)
+    def _why_no_lease(self, robot: RelayRobot) -> CloseReason | None:
+        if (close_reason := self.stops.close_reason(robot)) is not None:
+            return close_reason
+        return close_reasons.cell_draining(robot.name) if self._draining() else None
 
     def _changed(self, robot_id: int) -> None:
         for listener in self._listeners:

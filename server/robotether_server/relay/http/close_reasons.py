@@ -109,6 +109,12 @@ def lease_unavailable(robot: str) -> CloseReason:
     return CloseReason(4510, "lease_unavailable", why)
 
 
+def cell_draining(robot: str) -> CloseReason:
+    """The robot's server is taken out of service; the robot moves to another one shortly."""
+    why = f"cannot let you drive {robot}: its server goes out of service; try again shortly"
+    return CloseReason(4510, "lease_unavailable", why)
+
+
 def client_silent(robot: str, limit_s: float) -> CloseReason:
     """No pong or message for 6 s (pings every 2 s); on a drive connection 2.5 s (every 0.2 s)."""
     why = f"you sent nothing for {limit_s:g} s; the connection to {robot} is closed"

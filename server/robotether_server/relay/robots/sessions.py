@@ -165,6 +165,19 @@ class SessionRegistry:
         """Count the current links of a kind."""
         return sum(each == kind for _, each in self._current)
 
+    def online(self) -> list[tuple[int, datetime]]:
+        """List the robots that are online, and since when."""
+        return [
+            (robot_id, presence.since)
+            for robot_id, presence in self._presences.items()
+            if presence.online and presence.since is not None
+        ]
+
+    def end_links(self, robot_id: int, code: ByeCode, detail: str) -> None:
+        """End a robot's connections, its session first."""
+        for link in self._links_of(robot_id):
+            link.end(code, detail)
+
     def online_count(self) -> int:
         """Count the robots that are online."""
         return sum(presence.online for presence in self._presences.values())

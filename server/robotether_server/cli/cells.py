@@ -1,0 +1,93 @@
+"""robotether cell ...: the machines of the site, and which of them are out of service."""
+
+import click
+
+from robotether_server.cli.common import (
+    JSON,
+    SOURCE,
+    YES,
+    NotDone,
+    open_database,
+    print_records,
+    remove_after_question,
+    wait_for,
+)
+from robotether_server.db import Database, cells
+from robotether_server.db.cells import Cell
+from robotether_server.services import cells as cell_service
+
+
+@click.group()
+def cell() -> None:
+    """List the machines of the site; take one out of service and back."""
+
+
+@cell.command("list")
+@JSON
+def list_cells(as_json: bool) -> None:
+    """List the machines with their robots."""
+    with open_database().transaction() as tx:
+        found = cells.read(tx)
+    print_records(
+        found,
+        ("NAME", "HOST", "ROBOTS", "VERSION", "STATE"),
+        lambda one: (one.name, one.host or "-", str(one.robots), one.version, _state(one)),
+        as_json=as_json,
+    )
+
+
+def _state(one: Cell) -> str:
+    if not one.is_alive:
+        return "down"
+    return "draining" if one.draining else "alive"
+
+
+@cell.command()
+@click.argument("name")
+@click.option("--wait", is_flag=True, help="Wait until its robots have left.")
+@click.option("--timeout", type=float, default=300, show_default=True, metavar="SECONDS")
+def drain(name: str, wait: bool, timeout: float) -> None:
+    """Take a machine out of service.
+
+    Its robots connect to the others, 20 a second, first those that nobody uses. Drives may last for a minute; no new
+    one begins.
+    """
+    database = open_database()
+    with database.transaction() as tx:
+        cell_service.drain(tx, SOURCE, name)
+    if wait and wait_for(lambda: _is_empty(database, name), timeout) is None:
+        with database.transaction() as tx:
+            left = cells.get(tx, name).robots
+        raise NotDone(f"cannot see cell {name} empty after {timeout:g} s: {left} robots are left")
+    click.echo(f"cell {name} is {'empty' if wait else 'draining'}")
+
+
+def _is_empty(database: Database, name: str) -> bool | None:
+    with database.transaction() as tx:
+        found = cells.get(tx, name)
+    # Those of a machine that is down have lost it already.
+    return not found.robots or not found.is_alive or None
+
+
+@cell.command()
+@click.argument("name")
+def resume(name: str) -> None:
+    """Put a machine back into service. Robots that left it stay where they are."""
+    with open_database().transaction() as tx:
+        cell_service.resume(tx, SOURCE, name)
+    click.echo(f"cell {name} is in service")
+
+
+@cell.command()
+@click.argument("name")
+@YES
+def remove(name: str, yes: bool) -> None:
+    """Remove a machine that is down and will not come back."""
+    remove_after_question(
+        "cell",
+        name,
+        f"Remove cell {name}, and end what it left open?",
+        get=cells.get,
+        remove=cell_service.remove,
+        yes=yes,
+    )

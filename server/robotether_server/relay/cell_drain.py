@@ -1,0 +1,83 @@
+"""Takes this cell out of service: sends its robots to the other cells, those first that nobody uses.
+
+`main` runs it. A robot that nobody else can take stays: without another cell it would only come back.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import timedelta
+
+from robotether_server.relay.cells import Cells
+from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+
+log = logging.getLogger(__name__)
+
+DETAIL = "the machine is taken out of service; connect to the next"
+
+
+@dataclass(frozen=True)
+class DrainRules:
+    """How fast robots go; a robot that came within `stays_s` found no other cell, and is not sent away at once."""
+
+    robots_per_s: float = 20.0
+    drives_last_s: float = 60.0
+    stays_s: float = 30.0
+
+
+class CellDrain:
+    """Sends robots away for as long as the cell is drained."""
+
+    def __init__(
+        self,
+        cells: Cells,
+        registry: SessionRegistry,
+        *,
+        is_driven: Callable[[int], bool],
+        is_used: Callable[[int], bool],
+        rules: DrainRules | None = None,
+    ) -> None:
+        self._cells = cells
+        self._registry = registry
+        self._is_driven = is_driven
+        self._is_used = is_used
+        self._rules = rules or DrainRules()
+        self._changed = asyncio.Event()
+        cells.listen(self._changed.set)
+
+    async def run(self) -> None:
+        """Wait for a drain, and carry it out, for ever."""
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            if self._cells.draining:
+                await self._drain()
+
+    async def _drain(self) -> None:
+        loop = asyncio.get_running_loop()
+        began_at = loop.time()
+        log.warning(
+            "cell %s is taken out of service; its robots go to the others", self._cells.name
+        )
+        while self._cells.draining:
+            # Their drives have had their time.
+            with_driven = loop.time() - began_at >= self._rules.drives_last_s
+            robot_id = min(self._movable(with_driven=with_driven), default=(0, None))[1]
+            if robot_id is not None and self._cells.addresses(robot_id):
+                self._registry.end_links(robot_id, "cell_draining", DETAIL)
+            await asyncio.sleep(1 / self._rules.robots_per_s)
+        log.warning("cell %s is in service again", self._cells.name)
+
+    def _movable(self, *, with_driven: bool) -> Iterator[tuple[int, int]]:
+        """Rank the robots that may go now: unused, observed, driven."""
+        since_at_most = utc_now() - timedelta(seconds=self._rules.stays_s)
+        for robot_id, since in self._registry.online():
+            if since > since_at_most:
+                continue
+            if not self._is_driven(robot_id):
+                yield int(self._is_used(robot_id)), robot_id
+            elif with_driven:
+                yield 2, robot_id

@@ -1,0 +1,72 @@
+"""robotether cell ..."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+
+import pytest
+from admin_records import Run
+from relay_server import cell_settings
+from robotether_server import __version__
+from robotether_server.db import Database, cells
+
+NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
+
+
+def heartbeat(relay_database: Database, name: str, robots: int) -> None:
+    host = None if name == "c" else f"{name}.example"
+    with relay_database.transaction() as tx:
+        cells.write_heartbeat(tx, cell_settings(name, host), robots=robots, started_at=NOON)
+
+
+@pytest.fixture(autouse=True)
+def _cells(relay_database: Database, admin_database: Database) -> None:
+    """Cells a and b, and c, which is down."""
+    for name, robots in (("a", 2), ("b", 0), ("c", 0)):
+        heartbeat(relay_database, name, robots)
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE cells SET heartbeat_at = %s WHERE name = 'c'", (NOON,))
+
+
+def test_cells_are_listed(run: Run) -> None:
+    """For people, and for programs."""
+    assert run("cell", "drain", "b").out == "cell b is draining\n"
+    assert [line.split() for line in run("cell", "list").out.splitlines()] == [
+        ["NAME", "HOST", "ROBOTS", "VERSION", "STATE"],
+        ["a", "a.example", "2", __version__, "alive"],
+        ["b", "b.example", "0", __version__, "draining"],
+        ["c", "-", "0", __version__, "down"],
+    ]
+    shown = json.loads(run("cell", "list", "--json").out)
+    assert [(one["name"], one["draining"], one["is_alive"]) for one in shown] == [
+        ("a", False, True),
+        ("b", True, True),
+        ("c", False, False),
+    ]
+
+
+def test_drain_waits_until_the_robots_have_left(run: Run, relay_database: Database) -> None:
+    """At most so long; the cell drains on."""
+    done = run("cell", "drain", "a", "--wait", "--timeout", "0.1")
+    assert (done.status, done.err) == (
+        1,
+        "robotether: cannot see cell a empty after 0.1 s: 2 robots are left\n",
+    )
+    heartbeat(relay_database, "a", 0)
+    assert run("cell", "drain", "a", "--wait").out == "cell a is empty\n"
+
+
+def test_cell_is_put_back_into_service(run: Run, database: Database) -> None:
+    """Robots are sent there again."""
+    run("cell", "drain", "a")
+    assert run("cell", "resume", "a").out == "cell a is in service\n"
+    with database.transaction() as tx:
+        assert not cells.get(tx, "a").draining
+
+
+def test_removal_wants_a_yes(run: Run) -> None:
+    """And a cell that is down."""
+    assert "say --yes" in run("cell", "remove", "c").err
+    assert run("cell", "remove", "c", "--yes").out == "removed cell c\n"
+    assert "it is alive" in run("cell", "remove", "b", "--yes").err

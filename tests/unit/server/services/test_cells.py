@@ -1,0 +1,96 @@
+"""Cells that admins take out of service and remove, in the real database."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+from relay_server import cell_settings
+from robotether_server.db import Database, cells, control, fleet, robots, users
+from robotether_server.db.audit import Source
+from robotether_server.db.control import DriveEntry, NewLease
+from robotether_server.db.fleet import SessionEntry
+from robotether_server.problems import NotPossible, RecordMissing
+from robotether_server.services import cells as cell_service
+
+NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
+ADMIN = Source("root")
+
+
+@pytest.fixture
+def database(database: Database, relay_database: Database) -> Database:
+    """Cells a and b, alive and listed."""
+    with relay_database.transaction() as tx:
+        for name in ("a", "b"):
+            cell = cell_settings(name, f"{name}.example")
+            cells.write_heartbeat(tx, cell, robots=0, started_at=NOON)
+    return database
+
+
+def kill(admin_database: Database, name: str) -> None:
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE cells SET heartbeat_at = %s WHERE name = %s", (NOON, name))
+
+
+def kinds(database: Database) -> list[str]:
+    with database.transaction() as tx:
+        return [row["kind"] for row in tx.rows("SELECT kind FROM audit_events ORDER BY id")]
+
+
+def test_cell_is_drained_and_resumed(database: Database) -> None:
+    """Each once, whatever is asked again."""
+    for service, draining in ((cell_service.drain, True), (cell_service.resume, False)):
+        for _ in range(2):
+            with database.transaction() as tx:
+                service(tx, ADMIN, "a")
+                assert cells.get(tx, "a").draining is draining
+    assert kinds(database) == ["cell_drained", "cell_resumed"]
+
+
+def test_last_cell_in_service_is_not_drained(database: Database, admin_database: Database) -> None:
+    """Its robots would have nowhere to go."""
+    with database.transaction() as tx:
+        cell_service.drain(tx, ADMIN, "a")
+    with database.transaction() as tx, pytest.raises(NotPossible, match="nowhere to go"):
+        cell_service.drain(tx, ADMIN, "b")
+    with database.transaction() as tx:
+        cell_service.resume(tx, ADMIN, "a")
+    kill(admin_database, "a")
+    with database.transaction() as tx, pytest.raises(NotPossible, match="nowhere to go"):
+        cell_service.drain(tx, ADMIN, "b")
+
+
+def test_cell_that_is_alive_is_not_removed(database: Database) -> None:
+    """Its relay would only write its row again."""
+    with database.transaction() as tx, pytest.raises(NotPossible, match="alive"):
+        cell_service.remove(tx, ADMIN, "a")
+
+
+def test_removed_cell_leaves_nothing_open(
+    database: Database, relay_database: Database, admin_database: Database
+) -> None:
+    """Its sessions, drives and leases end; those of another cell go on."""
+    with database.transaction() as tx:
+        ann, sim1 = users.add(tx, "ann", "x", "user"), robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
+        sim2 = robots.add(tx, "00:1b:44:11:3a:b2", "sim2")
+    with relay_database.transaction() as tx:
+        for robot_id, cell in ((sim1, "a"), (sim2, "b")):
+            control.next_fence(tx, NewLease(robot_id, ann, "ann", NOON), cell)
+            drive = DriveEntry(robot_id, "sim", "ann", 1, NOON)
+            fleet.write(tx, [SessionEntry(robot_id, NOON, ""), drive], cell)
+    kill(admin_database, "a")
+    with database.transaction() as tx:
+        cell_service.remove(tx, ADMIN, "a")
+    with database.transaction() as tx:
+        for table in ("robot_sessions", "drives", "control_leases"):
+            rows = tx.rows(f"SELECT cell FROM {table} WHERE ended_at IS NULL")
+            assert [row["cell"] for row in rows] == ["b"], table
+        assert [cell.name for cell in cells.read(tx)] == ["b"]
+    assert kinds(database) == ["cell_removed"]
+
+
+@pytest.mark.parametrize("service", [cell_service.drain, cell_service.resume, cell_service.remove])
+def test_unknown_cell_is_said_so(database: Database, service) -> None:
+    """A name that was mistyped changes nothing."""
+    with database.transaction() as tx, pytest.raises(RecordMissing, match="no such cell"):
+        service(tx, ADMIN, "c")
