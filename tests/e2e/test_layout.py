@@ -17,10 +17,12 @@ from pages import (
     expect_live,
     expect_mode,
     expect_no_sideways_scroll,
+    expect_small_map,
     open_drawer,
     open_live,
+    resize,
 )
-from playwright.sync_api import Browser, FloatRect, Locator, Page, ViewportSize, expect
+from playwright.sync_api import Browser, FloatRect, Locator, Page, expect
 from sim_service import frozen_cameras
 from stack import Stack
 
@@ -52,10 +54,6 @@ PICTURE_SHOWS = """() => {
   const whole = left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight;
   return whole && [0.02, 0.25, 0.5, 0.75, 0.98].every(is);
 }"""
-# Parts that follow the size of another (ResizeObserver) have their place one frame after it.
-NEXT_FRAMES = (
-    "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
-)
 # Shows by force what somebody is asked, with its words: each alone, and both at once, which never comes.
 QUESTIONS = """() => {
   const questions = [...document.querySelectorAll('.question')];
@@ -87,17 +85,17 @@ BOTH = pytest.mark.parametrize("context", [MOUSE, TOUCH], ids=list(SIZES), indir
 
 @pytest.fixture
 def driven(page: Page, stack: Stack) -> Page:
-    """The robot's page, which drives."""
+    """The robot's page, which drives and shows the map."""
     stack.wait_until_drivable(ROBOT)
     drive_live(page, stack, ROBOT)
+    expect_small_map(page)
     return page
 
 
 def _at_each_size(page: Page, request: pytest.FixtureRequest) -> Iterator[str]:
     """Resize the page, and say to what."""
     for width, height in SIZES[request.node.callspec.id]:
-        page.set_viewport_size(ViewportSize(width=width, height=height))
-        page.evaluate(NEXT_FRAMES)
+        resize(page, width, height)
         yield f"at {width}x{height}"
 
 
@@ -188,11 +186,10 @@ def test_who_may_not_drive_has_as_large_a_stop(page: Page, stack: Stack, browser
     with closing(PageUsers(stack, browser)) as people:
         people.let("olga-of-the-layout", "observe", ROBOT)
         watching = people.open("olga-of-the-layout", ROBOT)
-        expect(watching.get_by_test_id("small-map")).to_be_visible(timeout=10_000)
+        expect_small_map(watching)
         for width, height in (size for sizes in SIZES.values() for size in sizes):
             for each in (page, watching):
-                each.set_viewport_size(ViewportSize(width=width, height=height))
-                each.evaluate(NEXT_FRAMES)
+                resize(each, width, height)
             assert _box(watching, "stop") == _box(page, "stop"), f"at {width}x{height}"
             assert watching.evaluate(UNCOVERED, ["stop"]) == [], f"at {width}x{height}"
             assert not _overlap(_box(watching, "observing"), _box(watching, "stop"))
@@ -301,11 +298,21 @@ def test_stop_names_its_key_where_there_are_keys(
     expect(driven.get_by_text("Space = Stop")).to_be_visible(visible=has_keys)
 
 
-def test_an_enlarged_page_keeps_stick_and_stop(driven: Page) -> None:
-    """At twice the size a screen of 1280 by 800 has room for 640 by 400."""
-    driven.set_viewport_size({"width": 640, "height": 400})
-    expect_no_sideways_scroll(driven)
-    assert driven.evaluate(UNCOVERED, ["joystick", "stop"]) == []
+def test_an_enlarged_page_keeps_stick_and_stop(
+    driven: Page, stack: Stack, browser: Browser
+) -> None:
+    """At twice the size a screen of 1280 by 800 has room for 640 by 400: for no map, but for who drives."""
+    with closing(PageUsers(stack, browser)) as people:
+        people.let("olga-of-the-layout", "observe", ROBOT)
+        watching = people.open("olga-of-the-layout", ROBOT)
+        expect(watching.get_by_test_id("driver")).to_contain_text("admin is driving (since")
+        expect_small_map(watching)
+        for page, names in ((driven, ["joystick", "stop"]), (watching, ["stop"])):
+            resize(page, 640, 400)
+            expect_no_sideways_scroll(page)
+            expect(page.get_by_test_id("small-map")).to_have_attribute("data-shown", "false")
+            assert page.evaluate(UNCOVERED, names) == []
+            assert not _overlap(_box(page, "control"), _box(page, "stop"))
 
 
 def test_without_scripts_the_page_says_so_and_shows_no_dead_stop(

@@ -22,6 +22,10 @@ CSRF = re.compile(r'name="csrf_token" value="([^"]+)"')
 ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking")
 # In one look: a page that is held may lose its connection before the next one.
 LIVE = "[data-testid=state][data-state=live]:not([data-shown=held])"
+# A page puts its parts into place in the frame after its size has changed, as of matchMedia and ResizeObserver.
+NEXT_FRAMES = (
+    "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+)
 # Of each site, name and password.
 _cookies: dict[tuple[str, str, str], list[Any]] = {}
 
@@ -131,6 +135,18 @@ def expect_mode(page: Page, mode: str, seconds: float = 10) -> None:
 def expect_live(page: Page, seconds: float) -> None:
     """Wait until the page's connection stands, and whoever drives sees a picture to drive by."""
     expect(page.locator(LIVE)).to_have_count(1, timeout=seconds * 1000)
+
+
+def expect_small_map(page: Page) -> None:
+    """Wait until the drive page shows the map beside its stick, and where the robot is: it comes last."""
+    expect(page.get_by_test_id("small-map")).to_be_visible(timeout=15_000)
+    expect(page.get_by_test_id("small-map-pose")).not_to_be_empty()
+
+
+def resize(page: Page, width: int, height: int) -> None:
+    """Give the page another size, and wait until it is laid out for that."""
+    page.set_viewport_size({"width": width, "height": height})
+    page.evaluate(NEXT_FRAMES)
 
 
 def expect_armed(page: Page) -> None:
