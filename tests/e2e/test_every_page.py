@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from page_users import PageUsers
-from pages import expect_no_sideways_scroll
+from pages import expect_no_sideways_scroll, expect_small_map, resize
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 from robotether_server.settings import (
     DatabaseSettings,
@@ -137,6 +137,8 @@ class Looks:
         response = self.page.goto(self.url + path)
         assert response is not None
         assert "text/html" in response.headers["content-type"], path
+        if self.page.get_by_test_id("small-map").count():
+            expect_small_map(self.page)
         text = self.page.evaluate(
             "document.title + document.querySelector('main').textContent.replace(/\\d+/g, '')"
         )
@@ -177,8 +179,8 @@ class Looks:
         self._be(DESKTOP, forced_colors="none")
 
     def _be(self, size: tuple[int, int], **media: Any) -> None:
-        self.page.set_viewport_size({"width": size[0], "height": size[1]})
         self.page.emulate_media(**media)
+        resize(self.page, *size)
 
     def _axe(self, look: str, rules: list[str]) -> None:
         only = {"type": "tag" if rules is RULES else "rule", "values": rules}
@@ -204,6 +206,7 @@ def operator(stack: Stack, browser: Browser) -> Iterator[Page]:
     admin = stack.admin
     with closing(PageUsers(stack, browser)) as people:
         people.let(OPERATOR, "drive", "sim1")
+        stack.wait_until_drivable("sim1")
         admin.ask("POST", "/groups", {"name": GROUP})
         admin.ask("PUT", f"/groups/{GROUP}/members/{OPERATOR}")
         admin.ask("POST", "/sites", {"name": SITE})
