@@ -19,7 +19,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#define OPTIONS_FILE "/etc/robotether/keylookup.cnf"
+#define OPTIONS_FILE "/run/robotether/keylookup.cnf"
+#define OPTIONS_GROUP "authorized-keys"
 #define PASSWORD_FILE "/run/secrets/mysql_keylookup_password"
 #define CACHE "/var/cache/robotether/"
 #define CACHE_SECONDS (24 * 3600)
@@ -76,7 +77,8 @@ static int read_password(char *into, int size)
     return is_read && into[0] != '\0';
 }
 
-/* The client library's own errors: no socket, no host, no such name, gone, lost. */
+/* The client library's own errors: no socket, no host, no such name, gone, lost, no TLS with whom we trust. Who can bring
+ * the last about can also keep all packets away. */
 static enum answer failure(MYSQL *database)
 {
     switch (mysql_errno(database)) {
@@ -85,6 +87,7 @@ static enum answer failure(MYSQL *database)
     case CR_UNKNOWN_HOST:
     case CR_SERVER_GONE_ERROR:
     case CR_SERVER_LOST:
+    case CR_SSL_CONNECTION_ERROR:
         return UNREACHABLE;
     default:
         return FAILED;
@@ -94,7 +97,6 @@ static enum answer failure(MYSQL *database)
 static enum answer find_line(MYSQL *database, const char *fingerprint, char line[LINE_SIZE])
 {
     char password[256], sql[1024];
-    my_bool with_tls = 0;
     MYSQL_RES *rows;
     MYSQL_ROW row;
     size_t length;
@@ -102,8 +104,7 @@ static enum answer find_line(MYSQL *database, const char *fingerprint, char line
     if (!read_password(password, sizeof password))
         return FAILED;
     mysql_options(database, MYSQL_READ_DEFAULT_FILE, OPTIONS_FILE);
-    /* What `skip-ssl` in the file says to the client program; the library does not know that word. */
-    mysql_options(database, MYSQL_OPT_SSL_ENFORCE, &with_tls);
+    mysql_options(database, MYSQL_READ_DEFAULT_GROUP, OPTIONS_GROUP);
     if (mysql_real_connect(database, NULL, NULL, password, NULL, 0, NULL, 0) == NULL)
         return failure(database);
     snprintf(sql, sizeof sql, LINE_OF_KEY, fingerprint);

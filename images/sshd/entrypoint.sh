@@ -1,13 +1,20 @@
 #!/bin/sh
 # Starts the two watches, nginx for log-ins through 443, and sshd in the foreground. At the first start it makes the host key, which a volume keeps: robots
-# pin it.
+# pin it. A secret of that name goes before what was made: all cells of a site have one.
 set -eu
 
 readonly KEY=/etc/ssh/keys/ssh_host_ed25519_key
+readonly OWN_KEY=/run/secrets/ssh_host_ed25519_key
 readonly PUBLIC=/etc/ssh/public
 readonly PROXY_PROTOCOL=/etc/nginx/proxy-protocol.conf
 
 ensure_host_key() {
+  if [ -s "$OWN_KEY" ]; then
+    (umask 077 && cat "$OWN_KEY" > "$KEY.new")
+    ssh-keygen -y -f "$KEY.new" > "$KEY.pub" || fail "the secret ssh_host_ed25519_key is no private key without a password"
+    mv "$KEY.new" "$KEY"
+    return
+  fi
   if [ -s "$KEY" ]; then return; fi
   ssh-keygen -q -t ed25519 -N '' -C robotether -f "$KEY"
 }
@@ -19,13 +26,35 @@ ensure_public_copy() {
   mv "$PUBLIC/.new" "$PUBLIC/$(basename "$KEY").pub"
 }
 
+fail() {
+  echo "cannot start sshd: $*" >&2
+  exit 1
+}
+
 ensure_secrets() {
   for name in mysql_keylookup_password session_key; do
-    if [ ! -s "/run/secrets/$name" ]; then
-      echo "cannot start sshd: the secret $name is missing or empty; compose's service secrets makes it: docker compose up -d" >&2
-      exit 1
-    fi
+    [ -s "/run/secrets/$name" ] ||
+      fail "the secret $name is missing or empty; compose's service secrets makes it: docker compose up -d"
   done
+}
+
+# How the key look-ups reach the database. sshd gives them no environment, hence a file: what the image has, and where
+# the database is.
+ensure_database_options() {
+  case "${DB_HOST:-mysql}" in *[!A-Za-z0-9.:-]*) fail "DB_HOST is '$DB_HOST'; allowed is a host name or an address" ;; esac
+  case "${DB_PORT:-3306}" in *[!0-9]*) fail "DB_PORT is '$DB_PORT'; allowed is a port number" ;; esac
+  {
+    cat /etc/robotether/keylookup.cnf
+    printf 'host = %s\nport = %s\n' "${DB_HOST:-mysql}" "${DB_PORT:-3306}"
+    # The network `data` exists on one host only, and a handshake costs 3 ms a log-in. The client program and its library
+    # have each a word of their own for it.
+    if [ -n "${DB_CA_FILE:-}" ]; then
+      printf 'ssl-ca = %s\nssl-verify-server-cert = 1\n[authorized-keys]\nssl-enforce = 1\n' "$DB_CA_FILE"
+    else
+      printf 'skip-ssl\n[authorized-keys]\nssl-enforce = 0\n'
+    fi
+  } > /run/robotether/keylookup.cnf
+  chmod 644 /run/robotether/keylookup.cnf
 }
 
 as_jump_watch() { setpriv --reuid jump --regid jumpwatch --clear-groups "$@"; }
@@ -60,6 +89,7 @@ main() {
   ensure_public_copy
   /usr/sbin/sshd -t
   ensure_run_folders
+  ensure_database_options
   as_nginx nginx -t -q -c "$PROXY_PROTOCOL"
   start_beside_sshd
   echo "sshd: host key $(ssh-keygen -lf "$KEY.pub")"

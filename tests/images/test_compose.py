@@ -18,10 +18,26 @@ CAPABILITIES = {
     "secrets": {"CAP_CHOWN", "CAP_DAC_OVERRIDE"},
 }
 SECRETS = {
-    "web": {"admin_password", "mysql_web_password", "ticket_key", "web_secret_key"},
-    "relay": {"mysql_relay_password", "session_key", "ticket_key"},
-    "sshd": {"mysql_keylookup_password", "session_key"},
+    "web": {
+        "admin_password",
+        "database_ca.pem",
+        "mysql_web_password",
+        "ticket_key",
+        "web_secret_key",
+    },
+    "relay": {
+        "database_ca.pem",
+        "mysql_relay_password",
+        "peer_cert.pem",
+        "peer_key.pem",
+        "session_key",
+        "ticket_key",
+    },
+    "sshd": {"database_ca.pem", "mysql_keylookup_password", "session_key"},
     "mysql": {
+        "database_ca.pem",
+        "database_cert.pem",
+        "database_key.pem",
         "mysql_keylookup_password",
         "mysql_migrate_password",
         "mysql_relay_password",

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import subprocess
+import tarfile
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography import x509
+from cryptography.x509.verification import PolicyBuilder, Store
 from dated_certificate import make_certificate
 from image_names import ensure_built, image
 
@@ -22,13 +28,29 @@ FOLDERS: dict[str, set[str]] = {
         "mysql_relay_password",
         "mysql_keylookup_password",
         "mysql_migrate_password",
+        "database_ca.pem",
+        "database_cert.pem",
+        "database_key.pem",
     },
-    "migrate": {"mysql_migrate_password"},
-    "web": {"mysql_web_password", "ticket_key", "web_secret_key", "admin_password"},
-    "relay": {"mysql_relay_password", "ticket_key", "session_key"},
-    "sshd": {"mysql_keylookup_password", "session_key"},
-    "demo": {"mysql_web_password"},
-    "nginx": set(),
+    "migrate": {"mysql_migrate_password", "database_ca.pem"},
+    "web": {
+        "mysql_web_password",
+        "ticket_key",
+        "web_secret_key",
+        "admin_password",
+        "database_ca.pem",
+    },
+    "relay": {
+        "mysql_relay_password",
+        "ticket_key",
+        "session_key",
+        "peer_cert.pem",
+        "peer_key.pem",
+        "database_ca.pem",
+    },
+    "sshd": {"mysql_keylookup_password", "session_key", "database_ca.pem"},
+    "demo": {"mysql_web_password", "database_ca.pem"},
+    "nginx": {"peer_cert.pem", "peer_key.pem"},
 }
 
 
@@ -58,19 +80,33 @@ class Site:
     volume: str
     own: Path
 
-    def make(self, cert: object = "", key: object = "") -> tuple[int, str]:
-        """Run the service as compose does; status and what it printed."""
+    def make(self, cert: object = "", key: object = "", database: str = "mysql") -> tuple[int, str]:
+        """Run the service as compose does, with the host of the database; status and what it printed."""
         done = self._run(
-            "make-secrets",
+            ["make-secrets"],
             f"{self.own}:/own/secrets:ro",
             f"{cert or '/dev/null'}:/own/cert.pem:ro",
             f"{key or '/dev/null'}:/own/key.pem:ro",
+            environment={"DB_HOST": database},
         )
         return done.returncode, done.stdout + done.stderr
 
+    def export(self) -> dict[str, str]:
+        """The secrets that the next machine gets: name -> text."""
+        mounts = [f"{self.own}:/own/secrets:ro"]
+        mounts += [f"/dev/null:/own/{name}.pem:ro" for name in ("cert", "key")]
+        done = self._run(["sh", "-c", "make-secrets export | base64"], *mounts)
+        assert done.returncode == 0, done.stderr
+        with tarfile.open(fileobj=io.BytesIO(base64.b64decode(done.stdout))) as archive:
+            return {
+                one.name: file.read().decode()
+                for one in archive
+                if (file := archive.extractfile(one)) is not None
+            }
+
     def files(self) -> dict[str, dict[str, list[Any]]]:
         """What is in the volume: folder -> name -> owner, mode, text."""
-        found: dict[str, dict[str, list[Any]]] = json.loads(self._run("python3", "").stdout)
+        found: dict[str, dict[str, list[Any]]] = json.loads(self._run(["python3"]).stdout)
         return found
 
     def texts(self) -> dict[str, dict[str, str]]:
@@ -81,7 +117,9 @@ class Site:
             if folder in FOLDERS
         }
 
-    def _run(self, command: str, *mounts: str) -> subprocess.CompletedProcess[str]:
+    def _run(
+        self, command: list[str], *mounts: str, environment: dict[str, str] | None = None
+    ) -> subprocess.CompletedProcess[str]:
         given = ["docker", "run", "--interactive", "--rm", "--read-only", "--network", "none"]
         given += [
             "--user",
@@ -93,10 +131,12 @@ class Site:
             "--cap-add",
             "DAC_OVERRIDE",
         ]
-        for mount in (f"{self.volume}:/secrets", *filter(None, mounts)):
+        for mount in (f"{self.volume}:/secrets", *mounts):
             given += ["--volume", mount]
+        for name, value in (environment or {}).items():
+            given += ["--env", f"{name}={value}"]
         return subprocess.run(
-            [*given, image("server"), command],
+            [*given, image("server"), *command],
             input=LOOK,
             check=False,
             capture_output=True,
@@ -138,8 +178,8 @@ def test_each_service_gets_its_own_secrets(site: Site) -> None:
             assert text not in said
             assert (owner != 0, mode) == (True, 0o440)
     assert {mode for _, mode, _ in made.values()} == {0o600}
-    owners = {owner for owner, _, _ in files["sshd"].values()}
-    assert len(owners) == len(files["sshd"])
+    owners = {name: owner for name, (owner, _, _) in files["sshd"].items()}
+    assert owners.pop("session_key") not in owners.values()
 
 
 def test_later_starts_keep_them(site: Site) -> None:
@@ -167,6 +207,76 @@ def test_files_of_ones_own_win(site: Site) -> None:
     assert len(texts["relay"]["session_key"]) > 40
 
 
+def names_in(certificate: str) -> set[str]:
+    """Host names and addresses for which a certificate is good."""
+    read = x509.load_pem_x509_certificate(certificate.encode())
+    found = read.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    return {str(one.value) for one in found}
+
+
+def test_database_has_a_certificate_for_its_host(site: Site) -> None:
+    """Which the authority that all others get has signed; another host makes another one, of the same authority."""
+    site.make()
+    before = site.texts()
+    assert names_in(before["mysql"]["database_cert.pem"]) == {"mysql", "localhost", "127.0.0.1"}
+    said = site.make(database="192.0.2.7")[1]
+    assert said == "secrets: made database_cert.pem\n"
+    after = site.texts()
+    assert "192.0.2.7" in names_in(after["mysql"]["database_cert.pem"])
+    assert after["mysql"]["database_key.pem"] != before["mysql"]["database_key.pem"]
+    authority = x509.load_pem_x509_certificate(before["web"]["database_ca.pem"].encode())
+    [certificate] = x509.load_pem_x509_certificates(after["mysql"]["database_cert.pem"].encode())
+    asked = x509.IPAddress(ip_address("192.0.2.7"))
+    PolicyBuilder().store(Store([authority])).build_server_verifier(asked).verify(certificate, [])
+    assert site.make(database="192.0.2.7") == (0, "")
+    site.make(database="db1.example")
+    assert "db1.example" in names_in(site.texts()["mysql"]["database_cert.pem"])
+
+
+def test_next_machine_of_a_site_gets_the_same_secrets(site: Site, tmp_path: Path) -> None:
+    """All but the first admin's password and the database's certificate, which it makes of the same authority."""
+    (site.own / "ticket_key").write_text("t" * 40)
+    site.make()
+    shared = site.export()
+    (tmp_path / "next").mkdir()
+    with site_in(tmp_path / "next") as following:
+        for name, text in shared.items():
+            (following.own / name).write_text(text)
+        (following.own / "ssh_host_ed25519_key").write_text("pinned by robots")
+        assert following.make() == (0, "secrets: made database_cert.pem\n")
+        texts, own = following.texts(), site.texts()
+        assert texts["sshd"].pop("ssh_host_ed25519_key") == "pinned by robots"
+        for name in ("database_cert.pem", "database_key.pem"):
+            assert texts["mysql"].pop(name) != own["mysql"].pop(name)
+        assert texts == own
+        assert following.export() == shared
+
+
+def test_database_elsewhere_has_its_own_certificate(site: Site) -> None:
+    """Of its authority there is no key: nothing is made of it, and what was made before is gone."""
+    site.make()
+    authority = site.texts()["web"]["database_ca.pem"]
+    (site.own / "database_ca.pem").write_text(f"{authority}# somebody else's\n")
+    assert site.make() == (0, "")
+    texts = site.texts()
+    assert texts["web"]["database_ca.pem"].endswith("else's\n")
+    assert {"database_cert.pem", "database_key.pem"}.isdisjoint(texts["mysql"])
+    assert "database_ca_key.pem" not in site.export()
+
+
+@pytest.mark.parametrize(
+    ("given", "missing"),
+    [("peer_key.pem", "peer_cert.pem"), ("database_cert.pem", "database_key.pem")],
+)
+def test_half_a_pair_stops_the_start(site: Site, given: str, missing: str) -> None:
+    """The other half, which was made, would not fit."""
+    site.make()
+    (site.own / given).write_text("half")
+    status, said = site.make()
+    assert status == 1
+    assert f"cannot use your own {given}: {missing} is missing" in said
+
+
 def make_pair(folder: Path, name: str, *, days: int = 2) -> tuple[Path, Path]:
     """A self-signed certificate that began nine days ago and ends in so many, and its key."""
     now = datetime.now(UTC)
@@ -185,13 +295,11 @@ def test_own_certificate_is_handed_to_nginx_and_taken_back(site: Site, tmp_path:
     cert, key = make_pair(tmp_path, "robots.example.org")
     assert site.make(cert, key)[0] == 0
     files = site.files()["nginx"]
-    assert {name: found[2] for name, found in files.items()} == {
-        "cert.pem": cert.read_text(),
-        "key.pem": key.read_text(),
-    }
+    served = {name: found[2] for name, found in files.items() if name in ("cert.pem", "key.pem")}
+    assert served == {"cert.pem": cert.read_text(), "key.pem": key.read_text()}
     assert files["key.pem"][1] == 0o440
     assert site.make() == (0, "")
-    assert site.texts()["nginx"] == {}
+    assert set(site.texts()["nginx"]) == FOLDERS["nginx"]
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from pymysql.constants import CLIENT
 from pymysql.cursors import Cursor
 
 from robotether_server.db import Database
-from robotether_server.db.database import CONNECT_TIMEOUT_S, Transaction
+from robotether_server.db.database import CONNECT_TIMEOUT_S, Transaction, tls_options
 from robotether_server.problems import MigrationFailed, StoreUnavailable
 from robotether_server.settings import DatabaseSettings, MigrateSettings
 
@@ -78,7 +78,7 @@ def _connect(settings: DatabaseSettings) -> "pymysql.Connection[Cursor]":
         charset="utf8mb4",
         autocommit=True,
         client_flag=CLIENT.MULTI_STATEMENTS,
-        ssl_disabled=True,
+        **tls_options(settings),
         connect_timeout=CONNECT_TIMEOUT_S,
     )
 

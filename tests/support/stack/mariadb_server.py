@@ -10,9 +10,11 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import docker
+from dated_certificate import make_certificate
 from docker.errors import ImageNotFound
 from docker.models.containers import Container
 from inside import run_inside
@@ -34,11 +36,13 @@ class MariaDb:
     container: Container
     port: int
     passwords: dict[str, str] = field(repr=False)
+    # Its certificate, for localhost and 127.0.0.1: its own authority.
+    certificate: Path
 
-    def settings(self, account: str) -> DatabaseSettings:
-        """How that account reaches the database."""
+    def settings(self, account: str, ca_file: Path | None = None) -> DatabaseSettings:
+        """How that account reaches the database: with an authority by TLS."""
         return DatabaseSettings(
-            "127.0.0.1", self.port, "robotether", account, self.passwords[account]
+            "127.0.0.1", self.port, "robotether", account, self.passwords[account], ca_file
         )
 
     def as_root(self, sql: str) -> str:
@@ -81,12 +85,13 @@ def running(folder: Path) -> Iterator[MariaDb]:
     """A server with its own secrets and empty volume, as unprivileged as in compose.yaml."""
     passwords = {account: secrets.token_urlsafe(24) for account in ACCOUNTS}
     write_secrets(folder, passwords)
+    certificate = write_certificate(folder)
     with engine() as docker_engine:
         container = start(docker_engine, folder)
         try:
             wait_healthy(container)
             port = container.attrs["NetworkSettings"]["Ports"]["3306/tcp"][0]["HostPort"]
-            yield MariaDb(container, int(port), passwords)
+            yield MariaDb(container, int(port), passwords, certificate)
         finally:
             container.remove(force=True, v=True)
 
@@ -98,6 +103,16 @@ def write_secrets(folder: Path, passwords: dict[str, str]) -> None:
         file = folder / f"mysql_{account}_password"
         file.write_text(password)
         file.chmod(0o644)
+
+
+def write_certificate(folder: Path) -> Path:
+    """Write a certificate and its key as the entrypoint expects them; return the former."""
+    now = datetime.now(UTC)
+    both = make_certificate(folder, now - timedelta(days=1), now + timedelta(days=1))
+    for name in ("database_cert.pem", "database_key.pem"):
+        (folder / name).write_bytes(both.read_bytes())
+        (folder / name).chmod(0o644)
+    return folder / "database_cert.pem"
 
 
 def start(

@@ -50,6 +50,8 @@ class Stack:
     # The sources whose tools and settings these are, and what goes before the settings.
     root: Path = ROOT
     variables: dict[str, str] = field(default_factory=dict)
+    # More lines of its .env: what makes it a cell of a site.
+    settings: dict[str, object] = field(default_factory=dict)
     # Two stacks that start at once need not look for changes again.
     is_built: bool = image_names.ARE_BUILT
 
@@ -82,6 +84,7 @@ class Stack:
             # Unlike the demo's, the robots of the tests are alike.
             **{f"SIM{number}_KIND": "differential" for number in (1, 2, 3)},
             **{f"SIM{number}_CAMERAS": 2 for number in (1, 2, 3)},
+            **self.settings,
         }
         lines = [line for line in example.splitlines() if line.split("=")[0] not in ours]
         lines += [f"{name}={value}" for name, value in ours.items()]

@@ -16,7 +16,7 @@ echo "${COMPOSE_PROFILES:+[$COMPOSE_PROFILES] }$*" >> calls
 case "$*" in
   --env*) [ ! -e env ] || sed -n "s/^$2=//p" env ;;
   config) echo 'name: robots' ;;
-  'config --services') printf 'secrets\\nweb\\n'; cat services ;;
+  'config --services') printf 'secrets\\nweb\\n'; cat database services ;;
   run*secrets) exit "$(cat secrets_status)" ;;
   *openssl*) echo 'sha256 Fingerprint=AA:BB' ;;
 esac
@@ -39,6 +39,7 @@ def checkout(tmp_path: Path) -> Path:
     for path in (*tools.iterdir(), tmp_path / "programs" / "docker"):
         path.chmod(0o755)
     (tmp_path / "compose" / "secrets").mkdir(parents=True)
+    (tmp_path / "database").write_text("mysql\n")
     (tmp_path / "services").write_text("")
     (tmp_path / "secrets_status").write_text("0")
     (tmp_path / "volumes").write_text("")
@@ -79,6 +80,15 @@ def test_no_password_is_told_that_admin_does_not_have(checkout: Path) -> None:
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
 
 
+def test_cell_without_a_database_makes_no_password(checkout: Path) -> None:
+    """The site has its admin already."""
+    (checkout / "database").write_text("")
+    said = up(checkout)
+    assert said.returncode == 0, said.stderr
+    assert "the one that admin has on the other machines" in said.stdout
+    assert not (checkout / "compose" / "secrets" / "admin_password").exists()
+
+
 def test_demo_is_a_profile_beside_others(checkout: Path) -> None:
     """And it ends when its robots can be driven."""
     (checkout / "env").write_text("COMPOSE_PROFILES=acme\n")
@@ -103,7 +113,7 @@ def test_images_from_elsewhere_are_taken_as_they_are(checkout: Path) -> None:
     """With --no-build nothing is built or pulled, and no base image is wanted."""
     done = up(checkout, "--no-build")
     assert done.returncode == 0, done.stderr
-    assert "up --detach --wait --no-build --pull never secrets web" in calls(checkout)
+    assert "up --detach --wait --no-build --pull never secrets web mysql" in calls(checkout)
     assert "ensure_base_image" not in calls(checkout)
     assert "build default" not in calls(checkout)
 
@@ -112,7 +122,7 @@ def test_images_are_built_as_they_are_for_a_registry(checkout: Path) -> None:
     """By tools/build, so that they have their labels; the simulator's for those who have it started."""
     assert up(checkout).returncode == 0
     assert calls(checkout).index("ensure_base_image") < calls(checkout).index("build default")
-    assert "up --detach --wait --no-build --pull never secrets web" in calls(checkout)
+    assert "up --detach --wait --no-build --pull never secrets web mysql" in calls(checkout)
     (checkout / "services").write_text("sim1\n")
     assert up(checkout).returncode == 0
     assert "build demo" in calls(checkout)
@@ -124,7 +134,7 @@ def test_nothing_waits_for_an_authority(checkout: Path) -> None:
     (checkout / "env").write_text("DOMAIN=robots.example.org\n")
     assert up(checkout).returncode == 0
     first, last = [line for line in calls(checkout).splitlines() if line.startswith("up ")]
-    assert first == "up --detach --wait --no-build --pull never secrets web"
+    assert first == "up --detach --wait --no-build --pull never secrets web mysql"
     assert last == "up --detach --no-deps --no-build --pull never acme"
 
 

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import datetime as dt
+import socket
+import threading
+from dataclasses import replace
+from pathlib import Path
 
 import pymysql
 import pytest
+from dated_certificate import make_certificate
 from mariadb_server import MariaDb
 from robotether_server.db import Database
 from robotether_server.db.database import translate
-from robotether_server.problems import RecordExists, RecordRefused, StoreUnavailable
+from robotether_server.problems import (
+    RecordExists,
+    RecordRefused,
+    SettingsError,
+    StoreUnavailable,
+)
 from robotether_server.settings import DatabaseSettings
 
 ADD_USER = "INSERT INTO users (name, password_hash, role) VALUES (%s, 'x', %s)"
@@ -110,3 +120,68 @@ def test_connection_that_is_cut_is_unavailable(database: Database, mariadb: Mari
 def test_busy_server_is_unavailable(number: int) -> None:
     """Too many connections, lock waits, deadlocks and lost connections may go better later."""
     assert isinstance(translate(pymysql.OperationalError(number, "x")), StoreUnavailable)
+
+
+def cipher(settings: DatabaseSettings) -> str:
+    """What encrypts a connection; empty: nothing."""
+    with Database(settings).transaction() as tx:
+        row = tx.row("SHOW SESSION STATUS LIKE 'Ssl_cipher'")
+    assert row is not None
+    return str(row["Value"])
+
+
+def test_authority_makes_the_connection_an_encrypted_one(mariadb: MariaDb) -> None:
+    """Without one there is no TLS."""
+    assert cipher(mariadb.settings("web", mariadb.certificate)).startswith("TLS_")
+    assert cipher(mariadb.settings("web")) == ""
+
+
+def test_certificate_of_another_authority_is_refused(mariadb: MariaDb, tmp_path: Path) -> None:
+    now = dt.datetime.now(dt.UTC)
+    other = make_certificate(tmp_path, now - dt.timedelta(days=1), now + dt.timedelta(days=1))
+    with pytest.raises(StoreUnavailable):
+        cipher(mariadb.settings("web", other))
+
+
+def test_certificate_of_another_host_is_refused(mariadb: MariaDb) -> None:
+    """Although the authority is the right one: it may have signed others."""
+    address = mariadb.container.attrs["NetworkSettings"]["IPAddress"]
+    elsewhere = replace(mariadb.settings("web"), host=address, port=3306)
+    assert cipher(elsewhere) == ""
+    with pytest.raises(StoreUnavailable):
+        cipher(replace(elsewhere, ca_file=mariadb.certificate))
+
+
+def test_server_without_tls_gets_no_log_in(mariadb: MariaDb) -> None:
+    """Somebody between who says so must not see one."""
+    greeting = b"\x0a11.8.0-MariaDB\0" + bytes(4) + b"8 chars." + b"\0"
+    greeting += (0xF7FF).to_bytes(2, "little") + b"\x2d\x02\0" + (0x81BF).to_bytes(2, "little")
+    greeting += b"\x15" + bytes(10) + b"12 more here\0mysql_native_password\0"
+    received = []
+
+    def greet() -> None:
+        connection, _ = listener.accept()
+        with connection:
+            connection.sendall(len(greeting).to_bytes(3, "little") + b"\0" + greeting)
+            received.append(connection.recv(1))
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=greet)
+        thread.start()
+        settings = replace(
+            mariadb.settings("web", mariadb.certificate), port=listener.getsockname()[1]
+        )
+        with pytest.raises(StoreUnavailable):
+            cipher(settings)
+        thread.join(timeout=10)
+    assert received == [b""]
+
+
+@pytest.mark.parametrize("text", ["", "no certificate", None])
+def test_authority_that_cannot_be_read_stops_the_start(tmp_path: Path, text: str | None) -> None:
+    """With the variable's name."""
+    file = tmp_path / "ca.pem"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(SettingsError, match=r"cannot use DB_CA_FILE=.*ca\.pem"):
+        Database(DatabaseSettings("127.0.0.1", 1, "robotether", "web", "x", file))

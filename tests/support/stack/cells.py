@@ -1,0 +1,59 @@
+"""A site of two cells on this machine: two compose projects, with the database in the first one.
+
+The second reaches the database, and each reaches the other, by published ports of this machine's address on Docker's
+bridge, as machines in one network do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import docker
+from local_network import free_port
+from stack import PROJECT, Stack
+
+
+def _gateway() -> str:
+    """This machine as all containers and the tests reach it."""
+    client = docker.from_env()
+    try:
+        return str(client.networks.get("bridge").attrs["IPAM"]["Config"][0]["Gateway"])
+    finally:
+        client.close()
+
+
+def _settings(name: str, compose_file: str, host: str) -> dict[str, object]:
+    peer_port = free_port()
+    return {
+        "COMPOSE_FILE": f"compose.yaml:{compose_file}",
+        "CELL": name,
+        "PUBLIC_HOST": host,
+        "PEER_PORT": peer_port,
+        "PEER_ADDRESS": f"{host}:{peer_port}",
+        "DB_HOST": host,
+    }
+
+
+def first_cell(folder: Path) -> Stack:
+    """Cell a, which has the database; not yet started."""
+    port = free_port()
+    settings = _settings("a", "database.yaml", _gateway())
+    published = {"DB_PORT": port, "DB_PUBLISH": f"{settings['DB_HOST']}:{port}"}
+    return Stack(folder, project=f"{PROJECT}-a", settings=settings | published)
+
+
+@contextmanager
+def second_cell(first: Stack) -> Iterator[Stack]:
+    """Cell b of the site of the first, which runs: started without robots, and removed at the end."""
+    folder = first.folder / "b"
+    settings = _settings("b", "cell.yaml", str(first.settings["DB_HOST"]))
+    settings["DB_PORT"] = first.settings["DB_PORT"]
+    cell = Stack(folder, project=f"{PROJECT}-b", settings=settings, is_built=True)
+    first.tool("tools/site_secrets", str(folder / "secrets"))
+    try:
+        cell.up(robots=False)
+        yield cell
+    finally:
+        cell.down()
