@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator
 from random import Random
 
-from robotether_agent.problems import AgentProblem, Retry, ServerSilent
+from robotether_agent.problems import AgentProblem, Retry, ServerSilent, SessionEnded
 
 MIN_DELAY_S = 0.5
 MAX_DELAY_S = 15.0
@@ -76,6 +76,9 @@ class Backoff:
             self._soon = delays(self._rng)
             if isinstance(problem, ServerSilent) and problem.retry is Retry.SOON:
                 return self._rng.uniform(*AFTER_SILENCE_S)
+        elif isinstance(problem, SessionEnded) and problem.retry is Retry.AT_ONCE:
+            # A cell that sends the robot away as soon as it is there has no other one to name.
+            return next(self._soon)
         return retry_or_give_up(problem, self._soon, self._rng)
 
 

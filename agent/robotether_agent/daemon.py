@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 from robotether_agent import __version__
 from robotether_agent.backoff import Backoff, Uptime, keep_going
+from robotether_agent.clock import EpochClock
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.guard.fork_server import ForkServer, fork_server_command
@@ -27,6 +28,7 @@ from robotether_agent.problems import (
     AgentProblem,
     KeyRefused,
     ServerBusy,
+    ServerKeyChanged,
     ServerUnreachable,
     SessionEnded,
     StateUnusable,
@@ -35,7 +37,8 @@ from robotether_agent.settings import Settings
 from robotether_agent.status import CONNECTED, StatusWriter
 from robotether_agent.systemd import Notifier
 from robotether_agent.tasks import first_of, within
-from robotether_agent.tunnel.connection import Connector, Report, Role
+from robotether_agent.tunnel.connection import Report, Role
+from robotether_agent.tunnel.connector import Connector
 from robotether_agent.tunnel.openssh import Forward, forward_to
 from robotether_agent.tunnel.session import Checked, RequestedFeatures, Session, SessionConfig
 from robotether_agent.video.frames_service import FramesService
@@ -70,6 +73,7 @@ class Agent:
         self._notifier = notifier
         self._rng = rng
         self._enroller = Enroller(settings)
+        self._epochs = EpochClock()
         self._connector = Connector(settings, self._enroller)
         self._vitals = Vitals(settings.rosbridge_url)
         self._source_settings = SourceSettings(
@@ -180,7 +184,7 @@ class Agent:
         except ServerBusy:
             # That is the server. Whole fleets that also ask the web now are what would keep it busy.
             raise
-        except ServerUnreachable:
+        except (ServerUnreachable, ServerKeyChanged):
             self._enroller.doubt_address()
             raise
         finally:
@@ -250,7 +254,7 @@ class Agent:
 
     def _reporters(self) -> list[Report]:
         reporters: list[Report] = [
-            partial(report_health, self._health, self._guard),
+            partial(report_health, self._health, self._guard, self._epochs),
             partial(report_vitals, self._vitals),
         ]
         if self._guard is not None:
@@ -304,7 +308,11 @@ class Agent:
         shell = self._shell_state(is_open=self._status_writer.status.shell_tunnel == "open")
         video = self._video_state(is_open=self._status_writer.status.video_tunnel == "open")
         self._status_writer.set(
-            state=CONNECTED, robot=config.robot, shell_tunnel=shell, video_tunnel=video
+            state=CONNECTED,
+            robot=config.robot,
+            ssh=str(target),
+            shell_tunnel=shell,
+            video_tunnel=video,
         )
         log.info("robot %s: connected to %s", config.robot, target)
 
@@ -391,10 +399,13 @@ def _seen_from_server(checked: Checked) -> dict[str, str]:
     }
 
 
-async def report_health(health: Health, guard: GuardSupervisor | None, session: Session) -> None:
+async def report_health(
+    health: Health, guard: GuardSupervisor | None, epochs: EpochClock, session: Session
+) -> None:
     """Report to the server who this is, and how the robot's services are at each change."""
     who = {"hostname": socket.gethostname(), "agent_version": __version__}
-    session.send({"type": "hello", **who, "guard": "off" if guard is None else "on"})
+    mode = "off" if guard is None else "on"
+    session.send({"type": "hello", **who, "guard": mode, "epoch": epochs.next()})
     await session.new_config(None)
     report = health.report
     while True:

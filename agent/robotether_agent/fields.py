@@ -11,22 +11,34 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import cast
 
 JsonObject = Mapping[str, object]
 
 HOST = re.compile(r"(?!-)[A-Za-z0-9._-]{1,253}")
 IPV6 = re.compile(r"[0-9A-Fa-f:.]{2,45}")
+ADDRESS = re.compile(f"(?:{HOST.pattern})|(?:{IPV6.pattern})")
 MAC = re.compile(r"[0-9a-f]{2}(:[0-9a-f]{2}){5}")
 SEPARATORS = re.compile(r"[:.\-\s]")
 HEX12 = re.compile(r"[0-9a-f]{12}")
 # As some systems print it, without leading zeros.
 SIX_PARTS = re.compile(r"[0-9a-f]{1,2}(?:([:-])[0-9a-f]{1,2})(?:\1[0-9a-f]{1,2}){4}")
 ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
+# Of a longer list the first ones are tried: each that does not answer costs some seconds.
+MAX_CELLS = 8
 
 
 class FieldError(ValueError):
     """A field is missing or has the wrong type or range; callers translate it into a Problem."""
+
+
+@dataclass(frozen=True)
+class ListedCell:
+    """One machine of the server: the host and the ports at which its SSH is."""
+
+    host: str
+    ports: tuple[int, ...]
 
 
 def parse_object(data: bytes | str, what: str) -> JsonObject:
@@ -112,6 +124,23 @@ def get_ports(obj: JsonObject, name: str, *, limit: int = 8) -> tuple[int, ...]:
     """Return the list of TCP ports at `name`: at least one, at most `limit`."""
     values = _list(obj, name, limit)
     return tuple(_int(value, f"{name}[{at}]", 1, 65535) for at, value in enumerate(values))
+
+
+def get_cells(obj: JsonObject, name: str) -> tuple[ListedCell, ...]:
+    """Return the first MAX_CELLS of the list of cells at `name`; none when it is null, missing or empty."""
+    values = obj.get(name)
+    if values is None:
+        return ()
+    if not isinstance(values, list):
+        raise FieldError(f"field {name} must be a list of cells, not {_shown(values)}")
+    return tuple(_cell(as_object(value, f"{name}[{at}]")) for at, value in enumerate(values))[
+        :MAX_CELLS
+    ]
+
+
+def _cell(obj: JsonObject) -> ListedCell:
+    # They become arguments of the SSH client, so they must not look like options.
+    return ListedCell(get_match(obj, "host", ADDRESS, "a host name"), get_ports(obj, "ports"))
 
 
 def printable(text: str, limit: int = 500) -> str:

@@ -49,6 +49,8 @@ class Status:
     # The interface that has this MAC now, if any.
     interface: str = ""
     fingerprint: str = ""
+    # The address that has the robot's session, or had it last: with several machines, which of them.
+    ssh: str = ""
     rtt_ms: float = -1.0
     ros: str = "unknown"
     ros_detail: str = ""
@@ -182,6 +184,7 @@ def render(status: Status, now: float) -> str:
     if status.state == CONNECTED and is_alive(status, now):
         rtt = "unknown" if status.rtt_ms < 0 else f"{status.rtt_ms:.1f} ms"
         rows += [
+            ("ssh", status.ssh),
             ("round trip", rtt),
             ("video tunnel", video_tunnel(status)),
             ("shell tunnel", status.shell_tunnel),

@@ -8,6 +8,7 @@ import socket
 from robotether_agent.doctor import Finding, fail, ok, skipped
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
+from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.enrolment.keys import HostKey
 from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
@@ -110,7 +111,9 @@ def check_session(status: Status | None) -> Finding:
         return fail(
             "connection", f"the agent is {status.state}", "wait some seconds and check again"
         )
-    return ok("connection", f"connected as {status.robot}, video tunnel {video_tunnel(status)}")
+    video = video_tunnel(status)
+    where = f" to {status.ssh}" if status.ssh else ""
+    return ok("connection", f"connected{where} as {status.robot}, video tunnel {video}")
 
 
 def check_end_to_end(status: Status | None) -> Finding:
@@ -137,11 +140,13 @@ def check_end_to_end(status: Status | None) -> Finding:
 
 
 def _targets(settings: Settings, known: Enrolment | None) -> list[SshAddress]:
-    host = settings.ssh_host or (known and known.ssh.host) or settings.server_host
-    ports = settings.ssh_ports or (known.ssh.ports if known else DEFAULT_PORTS)
-    user = known.ssh.user if known else "tunnel"
+    ssh = known.ssh if known else SshAccess("tunnel", None, DEFAULT_PORTS)
     dialer = ServerDialer(proxy_of(settings.http_proxy), https_port=settings.server_port)
-    return [SshAddress(host, port, user, dialer) for port in ports]
+    return [
+        SshAddress(cell.host, port, ssh.user, dialer, cell)
+        for cell in ssh.in_order(settings)
+        for port in cell.ports
+    ]
 
 
 async def _problem_at(target: SshAddress, store: EnrolmentStore) -> AgentProblem:
@@ -198,5 +203,5 @@ def _finding(
         known = ", ".join(key.fingerprint for key in pinned)
         return fail(step, f"{problem.message}; pinned is {known}", problem.advice)
     if one_works:
-        return skipped(step, f"{problem.message}; the other port is enough")
+        return skipped(step, f"{problem.message}; another address is enough")
     return fail(step, problem.message, problem.advice)

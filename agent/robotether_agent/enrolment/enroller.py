@@ -38,6 +38,7 @@ from robotether_agent.fields import (
     ROBOT_NAME,
     FieldError,
     JsonObject,
+    ListedCell,
     get_match,
     get_object,
     parse_object,
@@ -121,6 +122,10 @@ class EnrolmentStore:
             keys.check_host_keys(self.known_hosts, before, host_keys)
         else:
             keys.pin_host_keys(self.known_hosts, host_keys)
+        self.write(enrolment)
+
+    def write(self, enrolment: Enrolment) -> None:
+        """Write `enrolment` if it is another one than before."""
         text = json.dumps(asdict(enrolment), indent=1) + "\n"
         if text != read_text(self._file):
             write_atomic(self._file, text, 0o644)
@@ -161,6 +166,8 @@ class Enroller:
         self._absence_logged = False
         self._repeats = Repeats()
         self._asking = asyncio.Lock()
+        # The newest list of the session, which the disk may not have taken.
+        self._cells: tuple[ListedCell, ...] = ()
         self.known_hosts = self._store.known_hosts
 
     async def key(self) -> KeyPair:
@@ -189,7 +196,7 @@ class Enroller:
     async def enrolment(self) -> Enrolment:
         """Return what is known, or what the server answers to a join."""
         identity = self.identity()
-        known = self._store.load(self._settings.server)
+        known = self._known()
         # Only the server can tell a new network card from a copied disk.
         may_be_copy = not (identity.is_present or self._absence_reported)
         usable = known is not None and known.mac == identity.mac and not may_be_copy
@@ -208,6 +215,17 @@ class Enroller:
             log.debug("the web did not answer in %g s: using the kept enrolment", QUICK_ANSWER_S)
             self._doubted = False
         return known
+
+    def keep_cells(self, cells: tuple[ListedCell, ...]) -> None:
+        """Keep the server's newest list of its cells; a disk that takes none must not cost the session."""
+        if cells == self._cells:
+            return
+        self._cells = cells
+        try:
+            if (known := self._known()) is not None:
+                self._store.write(known)
+        except StateUnusable as problem:
+            self._repeats.log_problem("list of cells", problem)
 
     async def refresh(self) -> None:
         """Ask where the server is now, for as long as it takes; what goes wrong is only reported."""
@@ -238,6 +256,13 @@ class Enroller:
         if monotonic() - self._asked_at >= ASK_ADDRESS_EVERY_S:
             self.doubt()
 
+    def _known(self) -> Enrolment | None:
+        """Return the kept enrolment with the newest list of cells."""
+        known = self._store.load(self._settings.server)
+        if known is None or not self._cells:
+            return known
+        return replace(known, ssh=replace(known.ssh, cells=self._cells))
+
     def _state_dir(self) -> Path:
         ensure_directory(self._settings.state_dir, "state_dir", 0o700)
         return self._settings.state_dir
@@ -253,6 +278,7 @@ class Enroller:
             )
         enrolment = Enrolment(settings.server, answer.robot, identity.mac, answer.ssh)
         self._store.keep(enrolment, answer.host_keys)
+        self._cells = ()
         self._doubted = False
         self._absence_reported = not identity.is_present
         self._repeats.forget()

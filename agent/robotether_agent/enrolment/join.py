@@ -19,11 +19,12 @@ from robotether_common.join import PreviousKey
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.keys import HostKey
 from robotether_agent.fields import (
-    HOST,
-    IPV6,
+    ADDRESS,
     ROBOT_NAME,
     FieldError,
     JsonObject,
+    ListedCell,
+    get_cells,
     get_match,
     get_object,
     get_ports,
@@ -51,7 +52,6 @@ TIMEOUT_S = 15.0
 MAX_ANSWER_BYTES = 64 * 1024
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
 USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
-ADDRESS = re.compile(f"(?:{HOST.pattern})|(?:{IPV6.pattern})")
 
 # OpenSSL's X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED.
 WRONG_TIME = frozenset({9, 10})
@@ -117,11 +117,32 @@ class JoinRequest:
 
 @dataclass(frozen=True)
 class SshAccess:
-    """Where the tunnel goes; `host` None is the host that the join went to."""
+    """Where the tunnel goes; `host` None is the host that the join went to.
+
+    `cells` are the server's machines, as it listed them last. The list is trusted because it comes with a join's
+    answer, over the TLS that the settings pin, or on a line of the session, over SSH with a pinned host key. It opens
+    nothing to anybody: whatever address it names, one pin holds for all of them (`keys.ALIAS`), so that each cell
+    must show one of the pinned host keys before it gets a word of the session.
+    """
 
     user: str
     host: str | None
     ports: tuple[int, ...]
+    cells: tuple[ListedCell, ...] = ()
+
+    def in_order(self, settings: Settings) -> list[ListedCell]:
+        """Return the cells in the order in which they are tried; what an admin has set wins over any list.
+
+        Last comes the address of the join: on this robot's network the names of a list may lead nowhere.
+        """
+        host = settings.ssh_host or self.host or settings.server_host
+        listed = () if settings.ssh_host else self.cells
+        return list(
+            dict.fromkeys(
+                ListedCell(cell.host, settings.ssh_ports or cell.ports)
+                for cell in (*listed, ListedCell(host, self.ports))
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -198,7 +219,7 @@ def parse_ssh(obj: JsonObject) -> SshAccess:
     # These become arguments of the SSH client, so they must not look like options.
     host = None if obj.get("host") is None else get_match(obj, "host", ADDRESS, "a host name")
     user = get_match(obj, "user", USER, "a user name")
-    return SshAccess(user, host, get_ports(obj, "ports"))
+    return SshAccess(user, host, get_ports(obj, "ports"), get_cells(obj, "cells"))
 
 
 def parse_host_keys(obj: JsonObject) -> list[HostKey]:

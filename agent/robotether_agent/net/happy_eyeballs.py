@@ -28,7 +28,8 @@ class HappyEyeballs(Generic[T]):
     """Attempts of which one wins; `pause` is between two starts, and `drop` gets what came in too late.
 
     The next attempt starts also when one has failed, if `eager`. Else they go on until something answers: that is for
-    attempts without end, and a refusal ends them.
+    attempts without end, and a refusal ends them. Problems of the kinds `ends` end all attempts at once: usually that
+    the server is busy, whose other ports and addresses would only give it more to do.
     """
 
     def __init__(
@@ -38,11 +39,13 @@ class HappyEyeballs(Generic[T]):
         pause: Pause,
         drop: Callable[[T], None],
         eager: bool = True,
+        ends: tuple[type[AgentProblem], ...] | None = None,
     ) -> None:
         self._waiting: Iterator[Callable[[], Awaitable[T]]] = iter(attempts)
         self._pause = pause
         self._drop = drop
         self._eager = eager
+        self._ends = ends if ends is not None else (ServerBusy if eager else ServerUnreachable,)
         self._running: list[asyncio.Future[T]] = []
         self._pausing: asyncio.Future[None] | None = None
         self._failed: deque[AgentProblem] = deque(maxlen=MAX_PROBLEMS)
@@ -102,9 +105,7 @@ class HappyEyeballs(Generic[T]):
             if not isinstance(error, AgentProblem):
                 raise error
             self._failed.append(error)
-            # A busy server is the server: its other ports and addresses would only give it more to do.
-            ends = ServerBusy if self._eager else ServerUnreachable
-            if isinstance(error, ends):
+            if isinstance(error, self._ends):
                 raise error
             is_time = is_time or self._eager
         if is_time:

@@ -1,4 +1,4 @@
-"""Connects to the server by whichever port, address and proxy works now.
+"""Connects to the server by whichever cell, port, address and proxy works now.
 
 One for all connections of an agent, and for their liveness. It keeps at most one connection in hand, which was tried
 and not used yet, and none for longer than a few seconds. It never speaks SSH itself beyond a first line.
@@ -14,11 +14,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import repeat
+from itertools import chain, groupby, repeat
 from random import Random
 from time import monotonic
 
-from robotether_agent.fields import printable
+from robotether_agent.fields import ListedCell, printable
 from robotether_agent.net import netlink
 from robotether_agent.net.happy_eyeballs import HappyEyeballs
 from robotether_agent.net.http_proxy import Proxy, ask_for
@@ -38,6 +38,8 @@ BANNER_TIMEOUT_S = 15.0
 HTTPS = 443
 # Silence on the first port, where packets to it are dropped, costs no more than this.
 NEXT_PORT_AFTER_S = 0.5
+# A cell that cannot be reached for so long is likely to be gone, and not only slow.
+NEXT_CELL_AFTER_S = 2.0
 # While nothing answers a fresh attempt starts that often, since the kernel's own retries become rare soon.
 TRY_EVERY_S = (0.4, 0.6)
 # A server that accepts a connection but stays silent is overloaded, and each further one adds load: many
@@ -46,9 +48,11 @@ TRY_EVERY_S = (0.4, 0.6)
 BUSY_NEXT_PORT_AFTER_S = 6.0
 BUSY_TRY_AFTER_S = (5.0, 7.0)
 BUSY_FIND_TIMEOUT_S, BUSY_ANSWER_S = 15.0, 0.5
+# Nor does a fleet leave a busy cell at once, and all together, for the next one, which would be as busy then.
+BUSY_NEXT_CELL_AFTER_S = (5.0, 8.0)
 # After a change of the network it takes a while until addresses and routes have settled.
 SETTLED_AFTER_S = 0.05
-# Then the caller learns that nothing answers, and may ask again.
+# Then the caller learns that nothing answers, and may ask again. It is longer with several cells.
 FIND_TIMEOUT_S = 5.0
 SPARE_S = 3.0
 
@@ -114,12 +118,16 @@ def _no_ssh(name: str, words: bytes) -> AgentProblem:
 
 @dataclass(frozen=True)
 class SshAddress:
-    """One SSH address of the server, and who knows the way to it; without, it is gone straight."""
+    """One SSH address of the server, and who knows the way to it; without, it is gone straight.
+
+    Addresses of one `cell` lead to the same machine.
+    """
 
     host: str
     port: int
     user: str
     dialer: ServerDialer | None = field(default=None, compare=False, repr=False)
+    cell: ListedCell | None = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
         return f"{self.host} port {self.port}"
@@ -143,6 +151,14 @@ class _Probed:
         """Let the connection go."""
         if self.connection is not None:
             self.connection.close()
+
+
+@dataclass
+class _Candidate:
+    """One cell: its addresses, and its refusal, after which it is not asked again while others are waited for."""
+
+    addresses: list[SshAddress]
+    refusal: ServerUnreachable | None = None
 
 
 class ServerDialer:
@@ -173,18 +189,24 @@ class ServerDialer:
         """Whether the other end of a connection is a proxy and not the server."""
         return self._proxy is not None
 
-    async def find(self, targets: Sequence[SshAddress]) -> SshAddress:
+    async def find(self, targets: Sequence[SshAddress], *, unreached_s: float = 0.0) -> SshAddress:
         """Return the first of the targets at which an SSH server answers, and keep the connection for `open`.
 
-        Raises ServerUnreachable when something refuses, and NoAnswer after FIND_TIMEOUT_S of silence, or after
-        BUSY_FIND_TIMEOUT_S of it on a connection that is up.
+        The addresses of a cell stand side by side. The next cell is tried too when one refuses, is busy, or does not
+        answer for NEXT_CELL_AFTER_S, of which the first has had `unreached_s` already. Raises ServerUnreachable when
+        something refuses, and NoAnswer after FIND_TIMEOUT_S of silence, or after BUSY_FIND_TIMEOUT_S of it on a
+        connection that is up; each further cell has its own time before that.
         """
+        cells = [
+            _Candidate(list(addresses))
+            for _, addresses in groupby(targets, key=lambda one: one.cell)
+        ]
         for spare in self._spares:
             if spare.target in targets and spare.is_fresh():
                 return spare.target
         with netlink.listening() as network:
             happy_eyeballs = HappyEyeballs(
-                repeat(partial(self._probe_any, targets)),
+                repeat(partial(self._probe_any, cells, unreached_s)),
                 pause=partial(self._pause, network),
                 drop=_Probed.drop,
                 eager=False,
@@ -194,7 +216,7 @@ class ServerDialer:
             async def find() -> None:
                 found.append(await self._keep_winner(happy_eyeballs))
 
-            await first_of(find(), self._give_up())
+            await first_of(find(), self._give_up(len(cells)))
             if not found:
                 raise happy_eyeballs.problem
             return found[0]
@@ -220,10 +242,28 @@ class ServerDialer:
             self._spares.remove(spare)
             spare.drop()
 
-    async def _probe_any(self, targets: Sequence[SshAddress]) -> _Probed:
-        attempts = [partial(self._probe, target) for target in targets]
-        happy_eyeballs = HappyEyeballs(attempts, pause=self._pause_before_port, drop=_Probed.drop)
+    async def _probe_any(self, cells: Sequence[_Candidate], unreached_s: float) -> _Probed:
+        first_s = max(0.0, NEXT_CELL_AFTER_S - unreached_s)
+        pauses_s = chain([first_s], repeat(NEXT_CELL_AFTER_S))
+        happy_eyeballs = HappyEyeballs(
+            [partial(self._probe_cell, cell) for cell in cells],
+            pause=lambda: self._pause_before_cell(next(pauses_s)),
+            drop=_Probed.drop,
+            # Another cell is another machine, which may have room.
+            ends=(),
+        )
         return await happy_eyeballs.winner()
+
+    async def _probe_cell(self, cell: _Candidate) -> _Probed:
+        if cell.refusal is not None:
+            raise cell.refusal
+        attempts = [partial(self._probe, address) for address in cell.addresses]
+        happy_eyeballs = HappyEyeballs(attempts, pause=self._pause_before_port, drop=_Probed.drop)
+        try:
+            return await happy_eyeballs.winner()
+        except ServerUnreachable as problem:
+            cell.refusal = problem
+            raise
 
     async def _probe(self, target: SshAddress) -> _Probed:
         connection = await self._connect(target)
@@ -255,10 +295,12 @@ class ServerDialer:
             if not self._silent_connections:
                 self._none_silent.set()
 
-    async def _give_up(self) -> None:
-        await asyncio.sleep(FIND_TIMEOUT_S)
+    async def _give_up(self, cells: int) -> None:
+        silence_s = FIND_TIMEOUT_S + (cells - 1) * NEXT_CELL_AFTER_S
+        busy_s = BUSY_FIND_TIMEOUT_S + (cells - 1) * BUSY_NEXT_CELL_AFTER_S[1]
+        await asyncio.sleep(silence_s)
         with suppress(asyncio.TimeoutError):
-            await within(BUSY_FIND_TIMEOUT_S - FIND_TIMEOUT_S, self._none_silent.wait())
+            await within(busy_s - silence_s, self._none_silent.wait())
             # The last one may have ended because it was answered, of which HappyEyeballs knows a little later.
             await asyncio.sleep(BUSY_ANSWER_S)
 
@@ -266,6 +308,11 @@ class ServerDialer:
         await asyncio.sleep(NEXT_PORT_AFTER_S)
         if self._silent_connections:
             await asyncio.sleep(BUSY_NEXT_PORT_AFTER_S - NEXT_PORT_AFTER_S)
+
+    async def _pause_before_cell(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+        if self._silent_connections:
+            await asyncio.sleep(self._rng.uniform(*BUSY_NEXT_CELL_AFTER_S) - seconds)
 
     async def _pause(self, network: netlink.Network) -> None:
         """Wait until the next attempt is due, or the network may be another one."""

@@ -1,8 +1,7 @@
 """One connection of a kind (session, media or shell), from the dial to its forward.
 
 Used by the daemon, one of each kind, so that control never waits behind video or a file copy. A connection ends with
-the problem that ended it; it never tries again by itself. The port that worked last is tried first. While nothing
-answers the web is asked now and then where the server is, beside the attempts, which never wait for that.
+the problem that ended it; it never tries again by itself. Where to is connector.py's.
 """
 
 from __future__ import annotations
@@ -12,19 +11,13 @@ import logging
 import socket
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from time import monotonic
+from dataclasses import dataclass, field
 from typing import Any, NoReturn, Protocol
 
 from robotether_common.session import Kind
 
-from robotether_agent.enrolment.enroller import Enroller, Enrolment
-from robotether_agent.enrolment.keys import KeyPair
-from robotether_agent.net.happy_eyeballs import combined_problem
-from robotether_agent.net.http_proxy import proxy_of
-from robotether_agent.net.server_dialer import ServerDialer, SshAddress
-from robotether_agent.problems import AgentProblem, NoAnswer, ServerUnreachable
-from robotether_agent.settings import Settings
+from robotether_agent.fields import ListedCell
+from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import liveness
 from robotether_agent.tunnel.openssh import Forward, SshFiles
@@ -39,9 +32,6 @@ IDLE_CHECK_EVERY_S = 600.0
 
 
 Report = Callable[[Session], Coroutine[Any, Any, None]]
-# A cut is mostly the network's: only after a longer one the server may have moved.
-ASK_WEB_AFTER_S = 15.0
-ASK_WEB_EVERY_S = 30.0
 
 log = logging.getLogger(__name__)
 
@@ -75,6 +65,10 @@ class Role:
     video_proxy: PacedStreams | None = None
     # What stops the robot, joined to the session only; None is a bare forward.
     guard: DriveMessageHandler | None = None
+    # Called with each list of the server's cells; on the session only.
+    on_cells: Callable[[tuple[ListedCell, ...]], None] | None = None
+    # The addresses of the other cells, where the server may answer when this one falls silent.
+    elsewhere: Callable[[], Sequence[SshAddress]] = liveness.nowhere_else
 
 
 async def run_connection(target: SshAddress, files: SshFiles, role: Role) -> NoReturn:
@@ -83,7 +77,9 @@ async def run_connection(target: SshAddress, files: SshFiles, role: Role) -> NoR
     try:
         if role.video_proxy is not None:
             role.video_proxy.use(tunnel.socket)
-        session = Session(tunnel.lines_in, tunnel.lines_out, drive_handler=role.guard)
+        session = Session(
+            tunnel.lines_in, tunnel.lines_out, drive_handler=role.guard, on_cells=role.on_cells
+        )
         await first_of(*_work(tunnel, session, role, target))
         raise await tunnel.why_ended(was_connected=session.config is not None)
     finally:
@@ -101,7 +97,7 @@ def _work(
     work = [
         session.run(),
         _keep_forward(tunnel, session, role, target),
-        liveness.watch(session, tunnel, target),
+        liveness.watch(session, tunnel, target, role.elsewhere),
         *(report(session) for report in role.reports),
     ]
     if role.recheck is not None:
@@ -165,89 +161,3 @@ async def _ask_for_checks(session: Session, recheck: asyncio.Event) -> None:
         every_s = IDLE_CHECK_EVERY_S if session.idle_delay_s else CHECK_EVERY_S
         with suppress(asyncio.TimeoutError):
             await within(every_s - CHECK_PAUSE_S, recheck.wait())
-
-
-class Connector:
-    """Where the server is, and which of its ports is let through on this network."""
-
-    def __init__(self, settings: Settings, enroller: Enroller) -> None:
-        self._settings = settings
-        self._enroller = enroller
-        self._good_port: int | None = None
-        self._server_dialer = ServerDialer(
-            proxy_of(settings.http_proxy), https_port=settings.server_port
-        )
-        self._silent_since: float | None = None
-        self._asked_at = 0.0
-
-    async def connect(self, enrolment: Enrolment, key: KeyPair, role: Role) -> None:
-        """Connect where the server answers; raise what ended the connection."""
-        coming = await self._enroller.next_key()
-        # The server may know either of them when a change of keys was cut short.
-        keys = (key.path,) if coming is None else (key.path, coming.path)
-        control = self._settings.run_dir / f"{role.kind}.ctl"
-        files = SshFiles(keys, self._enroller.known_hosts, control)
-        left = self.targets(enrolment)
-        failed: list[AgentProblem] = []
-        while left:
-            try:
-                target = await self._find(left)
-            except (NoAnswer, ServerUnreachable) as problem:
-                raise combined_problem([*failed, problem]) from problem
-            left.remove(target)
-            failed.append(await self._unless_unreachable(target, files, role))
-        raise combined_problem(failed)
-
-    def targets(self, enrolment: Enrolment) -> list[SshAddress]:
-        """Return the server's SSH addresses in the order in which they are tried."""
-        settings, ssh = self._settings, enrolment.ssh
-        host = settings.ssh_host or ssh.host or settings.server_host
-        ports = settings.ssh_ports or ssh.ports
-        in_order = sorted(ports, key=lambda port: port != self._good_port)
-        return [SshAddress(host, port, ssh.user, self._server_dialer) for port in in_order]
-
-    async def _find(self, targets: list[SshAddress]) -> SshAddress:
-        """Return where the server answers, and know since when it did not."""
-        found: list[SshAddress] = []
-
-        async def find() -> None:
-            found.append(await self._server_dialer.find(targets))
-
-        try:
-            await first_of(find(), *([self._ask_web()] if self._is_silent_for_long() else []))
-        except NoAnswer:
-            self._silent_since = self._silent_since or monotonic()
-            raise
-        except ServerUnreachable:
-            self._silent_since = None
-            raise
-        self._silent_since = None
-        return found[0]
-
-    def _is_silent_for_long(self) -> bool:
-        now, since = monotonic(), self._silent_since
-        if since is None or now - since < ASK_WEB_AFTER_S or now - self._asked_at < ASK_WEB_EVERY_S:
-            return False
-        self._asked_at = now
-        return True
-
-    async def _ask_web(self) -> None:
-        """Learn the server's address and ports again, if the web answers; the next attempt goes by them."""
-        await self._enroller.refresh()
-        # Ends with the attempt beside it.
-        await asyncio.Event().wait()
-
-    async def _unless_unreachable(
-        self, target: SshAddress, files: SshFiles, role: Role
-    ) -> ServerUnreachable:
-        """Connect to `target`; return only if no SSH server lets us begin there."""
-
-        def on_up(at: SshAddress, config: SessionConfig, session: Session) -> None:
-            # On many networks only one of the ports is let out.
-            self._good_port = at.port
-            role.on_up(at, config, session)
-
-        try:
-            await run_connection(target, files, replace(role, on_up=on_up))
-        except ServerUnreachable as problem:
-            return problem

@@ -12,6 +12,7 @@ import errno
 import logging
 import socket
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NoReturn, Protocol
@@ -95,9 +96,22 @@ class MonitoredSession(Protocol):
         """Seconds by which the server's heartbeats come later than those of a robot in use."""
 
 
-async def watch(session: MonitoredSession, tunnel: Tunnel, target: SshAddress) -> NoReturn:
-    """Raise ServerSilent or NetworkChanged when the connection is dead; else never end."""
-    watched = _Watch(session, tunnel, target)
+def nowhere_else() -> Sequence[SshAddress]:
+    """Return no address, for a connection that only its own cell can replace."""
+    return ()
+
+
+async def watch(
+    session: MonitoredSession,
+    tunnel: Tunnel,
+    target: SshAddress,
+    elsewhere: Callable[[], Sequence[SshAddress]] = nowhere_else,
+) -> NoReturn:
+    """Raise ServerSilent or NetworkChanged when the connection is dead; else never end.
+
+    `elsewhere` returns the addresses of the other cells, as they are known by then.
+    """
+    watched = _Watch(session, tunnel, target, elsewhere)
     with netlink.listening() as network:
         await first_of(watched.keep_checking(), watched.watch_network(network))
     raise AssertionError("a watch of a connection ended without a problem")
@@ -157,10 +171,17 @@ class PauseClock:
 class _Watch:
     """One connection, and at most one attempt to reach its server on another."""
 
-    def __init__(self, session: MonitoredSession, tunnel: Tunnel, target: SshAddress) -> None:
+    def __init__(
+        self,
+        session: MonitoredSession,
+        tunnel: Tunnel,
+        target: SshAddress,
+        elsewhere: Callable[[], Sequence[SshAddress]],
+    ) -> None:
         self._session = session
         self._tunnel = tunnel
         self._target = target
+        self._elsewhere = elsewhere
         self._dialer = target.dialer or ServerDialer()
         self._clock = PauseClock()
         self._wake = asyncio.Event()
@@ -183,7 +204,7 @@ class _Watch:
             problem = suspicion(signs := self._signs())
             if problem is None:
                 continue
-            if is_certain(signs) or await self._is_answered_elsewhere():
+            if is_certain(signs) or await self._is_answered_elsewhere(problem):
                 raise problem
 
     async def _until_next_check(self) -> None:
@@ -214,19 +235,25 @@ class _Watch:
             idle_delay_s=self._session.idle_delay_s,
         )
 
-    async def _is_answered_elsewhere(self) -> bool:
-        """Try to reach the server; return True if it answers there while this connection still looks dead."""
+    async def _is_answered_elsewhere(self, problem: LinkProblem) -> bool:
+        """Try to reach the server; return True if it answers there while this connection still looks dead.
+
+        Another cell counts when this one is silent; when only the network has changed it is no reason to leave it.
+        """
         if time.monotonic() < self._rest_until:
             return False
+        others = self._elsewhere() if isinstance(problem, ServerSilent) else ()
+        unreached_s = self._session.silent_s - self._session.idle_delay_s
         answered: list[SshAddress] = []
 
         async def find() -> None:
-            answered.append(await self._dialer.find([self._target]))
+            found = await self._dialer.find([self._target, *others], unreached_s=unreached_s)
+            answered.append(found)
 
         try:
             await first_of(find(), self._until_clear())
-        except AgentProblem as problem:
-            log.debug("the server does not answer on another connection: %s", problem)
+        except AgentProblem as why:
+            log.debug("the server does not answer on another connection: %s", why)
             self._rest_until = time.monotonic() + REST_S
         if replace(self._signs(), is_distrusted=True).is_silent:
             self._rest_until = 0.0

@@ -21,6 +21,8 @@ from robotether_agent.fields import (
     ROBOT_NAME,
     FieldError,
     JsonObject,
+    ListedCell,
+    get_cells,
     get_flag,
     get_int,
     get_match,
@@ -53,8 +55,17 @@ BYE_ADVICE = {
     "key_changed": "the server has another key for this robot now; the next attempt asks why",
 }
 SLOW_BYES = frozenset({"superseded", "robot_disabled", "robot_unknown"})
+# The next cell waits, and this one sends its robots away one after the other.
+AT_ONCE_BYES = frozenset({"cell_draining"})
 
 log = logging.getLogger(__name__)
+
+
+def retry_after_bye(code: str) -> Retry:
+    """Return when to connect again after the server has said goodbye."""
+    if code in AT_ONCE_BYES:
+        return Retry.AT_ONCE
+    return Retry.SLOWLY if code in SLOW_BYES else Retry.SOON
 
 
 class DriveMessageHandler(Protocol):
@@ -168,6 +179,7 @@ class Session:
         lines_out: asyncio.StreamWriter,
         *,
         drive_handler: DriveMessageHandler | None = None,
+        on_cells: Callable[[tuple[ListedCell, ...]], None] | None = None,
         clock: Callable[[], float] = robot_time,
     ) -> None:
         self.config: SessionConfig | None = None
@@ -178,6 +190,7 @@ class Session:
         self._clock = clock
         self._received_at = clock()
         self._drive_handler = drive_handler
+        self._on_cells = on_cells
         self._configured = asyncio.Event()
         self._pings: deque[tuple[int, float]] = deque(maxlen=MAX_PINGS)
         self._heartbeat_due = asyncio.Event()
@@ -261,6 +274,7 @@ class Session:
 
     def _on_config(self, message: JsonObject) -> None:
         idle_delay_s = self.idle_delay_s
+        cells = get_cells(message, "cells")
         self.config = SessionConfig(
             robot=get_match(message, "robot", ROBOT_NAME, "a robot's name"),
             ros_port=get_int(message, "ros_port", 1, 65535),
@@ -274,6 +288,9 @@ class Session:
             direct=get_flag(message, "direct", default=False),
             idle_heartbeat_s=get_optional_number(message, "idle_heartbeat_s", 0.05, 60),
         )
+        if cells and self._on_cells is not None:
+            # At once: a bye that follows may send the robot to another one.
+            self._on_cells(cells)
         if self.idle_delay_s < idle_delay_s:
             # Somebody is about to use the robot: the quick heartbeats begin at once.
             self._heartbeat_due.set()
@@ -305,7 +322,7 @@ class Session:
         raise SessionEnded(
             f"the server ended the connection: {detail}",
             code=code,
-            retry=Retry.SLOWLY if code in SLOW_BYES else Retry.SOON,
+            retry=retry_after_bye(code),
             advice=BYE_ADVICE.get(code, ""),
         )
 

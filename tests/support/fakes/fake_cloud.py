@@ -117,6 +117,8 @@ class FakeCloud:
         self.media = True
         self.idle_heartbeat_s: float | None = None
         self.rotate_key = False
+        # The machines of the server, as it lists them.
+        self.cells: list[dict[str, Any]] | None = None
         # What the agent's guard is to go by.
         self.guard: dict[str, Any] = {"key": GUARD_KEY}
         self.checked = {"ros": "ok", "video": "down", "shell": "unknown"}
@@ -172,8 +174,19 @@ class FakeCloud:
         self.mode, self._approved = "pending", False
         self.ssh.refuse_all()
 
+    @property
+    def cell(self) -> dict[str, Any]:
+        """This machine, as a member of `cells`."""
+        return {"host": "127.0.0.1", "ports": [self.ssh.port]}
+
+    async def be_of_site(self, first: FakeCloud) -> None:
+        """Be one more machine of another one's server, with its host key."""
+        await asyncio.to_thread(self.ssh.stop)
+        self.ssh.take_host_key(first.ssh)
+        await asyncio.to_thread(self.ssh.start)
+
     def configure(self, **changes: Any) -> None:
-        """Change `shell_port`, `media`, `rotate_key` or `guard`, and tell the session, as the relay does."""
+        """Change `cells`, `shell_port`, `media`, `rotate_key` or `guard`, and tell the session, as the relay does."""
         for name, value in changes.items():
             setattr(self, name, value)
         self.authorize(self.robot_key)
@@ -189,7 +202,7 @@ class FakeCloud:
     def active(self) -> web.Response:
         """The answer for an active robot."""
         where = {"user": self.ssh.user, "host": None, "ports": [self.ssh.port]}
-        ssh_part = {**where, "host_keys": self.ssh.host_keys}
+        ssh_part = {**where, "host_keys": self.ssh.host_keys, **self._listed()}
         return web.json_response({"state": "active", "robot": "sim1", "ssh": ssh_part})
 
     def login_missing(self) -> web.Response:
@@ -300,6 +313,9 @@ class FakeCloud:
             link.send({"type": "ping", "seq": seq})
             await asyncio.sleep(HEARTBEAT_S)
 
+    def _listed(self) -> dict[str, Any]:
+        return {} if self.cells is None else {"cells": self.cells}
+
     def _config(self, ports: tuple[int, int]) -> dict[str, Any]:
         return {
             "type": "config",
@@ -314,6 +330,7 @@ class FakeCloud:
             "rotate_key": self.rotate_key,
             "guard": self.guard,
             "direct": False,
+            **self._listed(),
         }
 
 

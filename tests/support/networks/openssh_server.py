@@ -100,6 +100,12 @@ class OpenSshServer:
         subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
         self.host_keys = [path.with_suffix(".pub").read_text().strip()]
 
+    def take_host_key(self, other: OpenSshServer) -> None:
+        """Have the host key of another one, as all machines of a server have."""
+        for name in ("host_key", "host_key.pub"):
+            shutil.copy(other._place / name, self._place / name)
+        self.host_keys = other.host_keys
+
     def authorize(self, public_key: str, ports: tuple[int, ...], robot_id: int = 7) -> None:
         """Let a robot's key in and no other, with the line that the key look-up prints."""
         self._authorized.write_text(self._line(public_key, ports, robot_id))

@@ -27,6 +27,7 @@ from robotether_agent.problems import (
     Retry,
     ServerKeyChanged,
     ServerSilent,
+    SessionEnded,
     TlsUntrusted,
 )
 
@@ -82,6 +83,14 @@ def test_silence_on_a_connection_that_stood_is_the_networks():
     backoff = Backoff(Longest())
     assert backoff.after(ServerSilent("x"), uptime_s=STABLE_S) == 0.5
     assert [backoff.after(ServerSilent("x"), uptime_s=0) for _ in range(3)] == [1, 2, 4]
+
+
+def test_who_is_sent_away_at_once_again_and_again_pauses():
+    """Machines that are all taken out of service are not logged in at all the time."""
+    backoff = Backoff(Longest())
+    sent_away = SessionEnded("x", code="cell_draining", retry=Retry.AT_ONCE)
+    assert backoff.after(sent_away, uptime_s=STABLE_S) == 0.2
+    assert [backoff.after(sent_away, uptime_s=1) for _ in range(3)] == [1, 2, 4]
 
 
 def test_agent_that_fails_at_its_start_pauses_and_one_that_ran_does_not():

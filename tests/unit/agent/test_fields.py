@@ -27,6 +27,16 @@ from robotether_agent.fields import FieldError
         (lambda: fields.get_texts({"keys": []}, "keys"), "field keys must be a list of 1 to 8"),
         (lambda: fields.get_texts({"keys": ["a", 1]}, "keys"), r"field keys\[1\] must be text"),
         (lambda: fields.get_ports({"ports": [22, 0]}, "ports"), r"field ports\[1\] must be"),
+        (lambda: fields.get_cells({"cells": {}}, "cells"), "cells must be a list of cells, not"),
+        (lambda: fields.get_cells({"cells": ["a"]}, "cells"), r"cells\[0\] must be a JSON object"),
+        (
+            lambda: fields.get_cells({"cells": [{"host": "-oA=b", "ports": [22]}]}, "cells"),
+            "field host must be a host name",
+        ),
+        (
+            lambda: fields.get_cells({"cells": [{"host": "a.example", "ports": []}]}, "cells"),
+            "field ports must be a list of 1 to 8",
+        ),
         (
             lambda: fields.get_match({"code": "A B"}, "code", re.compile("[a-z]+"), "a code"),
             "field code must be a code, not 'A B'",
@@ -36,6 +46,19 @@ from robotether_agent.fields import FieldError
 def test_wrong_field_is_named(get, why):
     with pytest.raises(FieldError, match=why):
         get()
+
+
+@pytest.mark.parametrize("said", [{}, {"cells": None}, {"cells": []}])
+def test_a_server_may_list_no_cells(said):
+    assert fields.get_cells(said, "cells") == ()
+
+
+def test_of_a_long_list_of_cells_the_first_count():
+    """Each that does not answer costs time, so a robot never tries dozens of them."""
+    said = {"cells": [{"host": f"{at}.example", "ports": [2222, 443]} for at in range(30)]}
+    cells = fields.get_cells(said, "cells")
+    assert cells[:1] == (fields.ListedCell("0.example", (2222, 443)),)
+    assert len(cells) == fields.MAX_CELLS
 
 
 def test_text_from_outside_cannot_forge_log_lines():

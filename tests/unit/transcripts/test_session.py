@@ -38,7 +38,7 @@ class Session:
         self, server: RecordingServer, relay: RelayServer, database: MemoryDatabase
     ) -> None:
         self.server, self.relay, self.database = server, relay, database
-        self.transcript = Transcript(measured=["t_ms", "seq"])
+        self.transcript = Transcript(measured=["t_ms", "seq", "epoch"])
         self.transcript.name(socket.gethostname(), "hostname")
         for port, name in zip(server.ports, ("ROS port", "video port"), strict=True):
             self.transcript.name(port, name)

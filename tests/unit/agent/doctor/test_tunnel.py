@@ -14,6 +14,7 @@ from robotether_agent.status import Status
 UP = Status(
     state="connected",
     robot="sim1",
+    ssh="b.example port 443",
     video_tunnel="open",
     end_to_end_ros="ok",
     end_to_end_video="ok",
@@ -65,9 +66,22 @@ async def test_one_port_is_enough(settings, cloud):
     both = replace(settings, ssh_ports=(cloud.other_ports[0], cloud.ssh.port))
     blocked, open_port = await tunnel.check_ssh(both)
     assert (blocked.state, open_port.state) == (SKIPPED, OK)
-    assert "the other port is enough" in blocked.detail
+    assert "another address is enough" in blocked.detail
     cloud.ssh.stop()
     assert [finding.state for finding in await tunnel.check_ssh(both)] == [FAIL, FAIL]
+
+
+async def test_each_cell_is_checked(cloud, place):
+    """A robot's other ways in are looked at before it needs them."""
+    gone = {"host": "127.0.0.1", "ports": [cloud.other_ports[0]]}
+    cloud.cells = [gone, cloud.cell]
+    settings = load(None, agent_environ(cloud, place))
+    await Enroller(settings).enrolment()
+    found = await tunnel.check_ssh(settings)
+    assert [(one.state, one.step) for one in found] == [
+        (SKIPPED, f"ssh {cloud.other_ports[0]}"),
+        (OK, f"ssh {cloud.ssh.port}"),
+    ]
 
 
 async def test_before_the_first_join_nothing_is_pinned(settings, place, cloud):
@@ -102,11 +116,11 @@ def test_the_boot_service(state, status, expected):
 @pytest.mark.parametrize(
     ("status", "expected", "told"),
     [
-        (UP, OK, "connected as sim1"),
+        (UP, OK, "connected to b.example port 443 as sim1"),
         (None, SKIPPED, "no agent"),
         (replace(UP, state="connecting"), FAIL, "the agent is connecting"),
         (replace(UP, problem="lost it", problem_code="link_lost"), FAIL, "lost it [link_lost]"),
-        (replace(UP, problem="lost it", problem_over_at=5.0), OK, "connected as sim1"),
+        (replace(UP, problem="lost it", problem_over_at=5.0), OK, "as sim1"),
     ],
 )
 def test_the_connection(status, expected, told):

@@ -16,8 +16,15 @@ import pytest
 from aiohttp import web
 from fake_cloud import FakeCloud, agent_environ
 from fake_root import FakeRoot
-from robotether_agent.enrolment.enroller import FILES, Enroller, enrolment_files, unenrol
+from robotether_agent.enrolment.enroller import (
+    ENROLMENT_FILE,
+    FILES,
+    Enroller,
+    enrolment_files,
+    unenrol,
+)
 from robotether_agent.enrolment.keys import ensure_next_key
+from robotether_agent.fields import ListedCell
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import (
     AlreadyRunning,
@@ -49,7 +56,7 @@ def full_disk() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def read_only(*_: object) -> NoReturn:
+def read_only(*_: object, **__: object) -> NoReturn:
     """Fail as every write to a file system does that the kernel took the writes from."""
     raise OSError(errno.EROFS, "Read-only file system")
 
@@ -98,6 +105,47 @@ async def test_a_fresh_robot_joins_and_a_reboot_does_not(cloud, settings):
     assert cloud.ssh.host_keys[0].split()[1] in enroller.known_hosts.read_text()
     assert await Enroller(settings).enrolment() == enrolment
     assert len(cloud.joins) == 1
+
+
+async def test_the_newest_list_of_cells_is_kept(cloud, settings):
+    """That of the join first, then those of the session; a join that lists none forgets them with its address."""
+    cloud.cells = [cloud.cell]
+    enroller = Enroller(settings)
+    (listed,) = (await enroller.enrolment()).ssh.cells
+    assert listed.ports == (cloud.ssh.port,)
+    newest = (ListedCell("b.example", (2222, 443)), ListedCell("2001:db8::1", (2222,)))
+    enroller.keep_cells(newest)
+    for asked in (enroller, Enroller(settings)):
+        assert (await asked.enrolment()).ssh.cells == newest
+    cloud.cells = None
+    assert (await enroller.join()).ssh.cells == ()
+    assert (await enroller.enrolment()).ssh.cells == ()
+
+
+async def test_a_robot_enrolled_before_there_were_cells(cloud, settings):
+    """Its file has no list, and a file with a list is understood by an agent that knows of none."""
+    known = await Enroller(settings).enrolment()
+    file = settings.state_dir / ENROLMENT_FILE
+    kept = json.loads(file.read_text())
+    del kept["ssh"]["cells"]
+    file.write_text(json.dumps(kept))
+    assert await Enroller(settings).enrolment() == known
+    assert len(cloud.joins) == 1
+
+
+async def test_a_disk_that_takes_no_list_costs_nothing_but_the_file(
+    cloud, settings, monkeypatch, caplog
+):
+    """The list counts until the agent's end, and the kept file is whole."""
+    enroller = Enroller(settings)
+    await enroller.enrolment()
+    newest = (ListedCell("b.example", (2222,)),)
+    with monkeypatch.context() as broken:
+        broken.setattr("robotether_agent.files.tempfile.mkstemp", read_only)
+        enroller.keep_cells(newest)
+    assert "state_unusable" in caplog.text
+    assert (await enroller.enrolment()).ssh.cells == newest
+    assert (await Enroller(settings).enrolment()).ssh.cells == ()
 
 
 async def test_a_fresh_robot_needs_the_server(cloud, settings):

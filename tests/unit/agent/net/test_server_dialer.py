@@ -11,6 +11,7 @@ import pytest
 from fake_cloud import eventually
 from fake_proxy import FakeProxy
 from local_network import free_port
+from robotether_agent.fields import ListedCell
 from robotether_agent.net import server_dialer
 from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
@@ -23,6 +24,11 @@ WAIT_S = 20.0
 
 def at(port: int, host: str = "127.0.0.1") -> SshAddress:
     return SshAddress(host, port, "tunnel")
+
+
+def cells(*ports: int) -> list[SshAddress]:
+    """Machines of the server with a port each."""
+    return [SshAddress("127.0.0.1", port, "tunnel", cell=ListedCell("", (port,))) for port in ports]
 
 
 @pytest.fixture
@@ -169,6 +175,86 @@ async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypa
             await finding
         # One more each, to a server that may have lost the first.
         assert busy.connections + other.connections <= 3
+
+
+async def test_a_cell_that_refuses_leads_to_the_next_at_once():
+    async with SshPort() as door:
+        dead = free_port()
+        started = asyncio.get_running_loop().time()
+        assert await ServerDialer().find(cells(dead, door.port)) == at(door.port)
+        assert asyncio.get_running_loop().time() - started < server_dialer.NEXT_CELL_AFTER_S
+
+
+async def test_a_cell_that_drops_everything_costs_two_seconds(silent_port):
+    """Its own ports are not enough of a reason, and the third cell has its turn after the second."""
+    loop = asyncio.get_running_loop()
+    async with SshPort() as door:
+        gone = ListedCell("gone", (silent_port, silent_port))
+        both = [SshAddress("127.0.0.1", silent_port, "tunnel", cell=gone) for _ in gone.ports]
+        started = loop.time()
+        found = await ServerDialer().find([*both, *cells(free_port(), door.port)])
+        assert found == at(door.port)
+        assert 0 <= loop.time() - started - server_dialer.NEXT_CELL_AFTER_S < 1
+
+
+async def test_the_time_in_which_a_cell_was_silent_already_counts(silent_port):
+    loop = asyncio.get_running_loop()
+    async with SshPort() as door:
+        started = loop.time()
+        found = await ServerDialer().find(cells(silent_port, door.port), unreached_s=1.5)
+        assert found == at(door.port)
+        assert loop.time() - started < server_dialer.NEXT_CELL_AFTER_S - 0.5
+
+
+async def test_each_of_several_silent_cells_has_its_time(silent_port, monkeypatch):
+    """The last one is tried before the robot gives up."""
+    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(server_dialer, "NEXT_CELL_AFTER_S", 0.5)
+    async with SshPort() as door:
+        one, other = ListedCell("one", (silent_port,)), ListedCell("other", (silent_port,))
+        silent = [
+            SshAddress("127.0.0.1", silent_port, "tunnel", cell=cell) for cell in (one, other)
+        ]
+        assert await ServerDialer().find([*silent, *cells(door.port)]) == at(door.port)
+
+
+@pytest.mark.parametrize("mode", ["full", "closes"])
+async def test_a_cell_that_takes_nobody_is_left_alone_while_the_next_is_waited_for(
+    mode, silent_port
+):
+    """It has said so once; its word is what the caller learns in the end."""
+    async with SshPort(mode) as busy:
+        with pytest.raises(ServerUnreachable):
+            await asyncio.wait_for(ServerDialer().find(cells(busy.port, silent_port)), WAIT_S)
+        assert busy.connections == 1
+
+
+async def test_a_busy_cell_leads_to_one_that_has_room():
+    async with SshPort("full") as busy, SshPort() as door:
+        assert await ServerDialer().find(cells(busy.port, door.port)) == at(door.port)
+
+
+async def test_a_silent_cell_is_left_for_the_next_but_not_at_once(quiet_network, monkeypatch):
+    """It may be overloaded: a whole fleet that goes on to the next together would make that one silent, too."""
+    monkeypatch.setattr(server_dialer, "NEXT_CELL_AFTER_S", 0.3)
+    monkeypatch.setattr(server_dialer, "BUSY_NEXT_CELL_AFTER_S", (2.0, 2.0))
+    loop = asyncio.get_running_loop()
+    async with SshPort("silent") as busy, SshPort() as door:
+        started = loop.time()
+        assert await ServerDialer().find(cells(busy.port, door.port)) == at(door.port)
+        assert 1.9 <= loop.time() - started < 4
+        assert busy.connections == 1
+
+
+async def test_a_silent_cell_that_speaks_at_last_wins(quiet_network, monkeypatch):
+    """The attempt there goes on while the next is tried."""
+    monkeypatch.setattr(server_dialer, "NEXT_CELL_AFTER_S", 0.1)
+    monkeypatch.setattr(server_dialer, "BUSY_NEXT_CELL_AFTER_S", (0.2, 0.2))
+    async with SshPort("late") as late, SshPort("silent") as other, asyncio.timeout(WAIT_S):
+        finding = asyncio.ensure_future(ServerDialer().find(cells(late.port, other.port)))
+        await eventually(lambda: other.connections == 1, lambda: "the next is tried")
+        late.may_speak.set()
+        assert await finding == at(late.port)
 
 
 async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):

@@ -9,26 +9,24 @@ from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import pytest
-from fake_cloud import FakeCloud, echo, eventually
+from fake_cloud import FakeCloud, eventually
 from fake_guard import fake_guard_command, heard
-from fake_proxy import FakeProxy
 from local_network import free_port
 from openssh_server import OpenSshServer, listens
 from robotether_agent import __version__
+from robotether_agent.clock import EpochClock
 from robotether_agent.daemon import report_guard, report_health
-from robotether_agent.enrolment.enroller import Enroller, Enrolment
-from robotether_agent.enrolment.join import SshAccess, parse_host_keys
+from robotether_agent.enrolment.join import parse_host_keys
 from robotether_agent.enrolment.keys import KeyPair, ensure_key, pin_host_keys
 from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.health import Health
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import AgentProblem, PortTaken, ServerKeyChanged
-from robotether_agent.settings import MAX_RUN_DIR_LENGTH, Settings
-from robotether_agent.tunnel.connection import Connector, Report, Role, run_connection
+from robotether_agent.settings import MAX_RUN_DIR_LENGTH
+from robotether_agent.tunnel.connection import Report, Role, run_connection
 from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.session import Session, SessionConfig
 from robotether_agent.video.sources import SourceSettings
@@ -90,7 +88,7 @@ class Robot:
 
 
 def reports_of(health: Health, guard: GuardSupervisor | None) -> list[Report]:
-    reports = [partial(report_health, health, guard)]
+    reports = [partial(report_health, health, guard, EpochClock())]
     return [*reports, *([] if guard is None else [partial(report_guard, guard)])]
 
 
@@ -242,7 +240,7 @@ async def test_the_session_tells_each_change_once(cloud, robot, services):
     await eventually(lambda: len(link.of_type("ping")) > pings + 2, lambda: "more heartbeats")
     assert all(before != after for before, after in pairwise(said()))
     who = {"hostname": socket.gethostname(), "agent_version": __version__}
-    hello = {"type": "hello", **who, "guard": "off"}
+    hello = {"type": "hello", **who, "guard": "off", "epoch": link.received[0]["epoch"]}
     assert link.received[0] == hello
     assert link.of_type("hello") == [hello]
 
@@ -395,69 +393,3 @@ async def test_cancelled_before_a_configuration(start_ssh, start_relay, robot):
     await asyncio.wait({connecting}, timeout=5)
     assert connecting.cancelled()
     assert not robot.files.control.exists()
-
-
-@pytest.mark.parametrize(
-    ("host", "settings", "expected"),
-    [
-        (None, {}, ["a.example port 2222", "a.example port 443"]),
-        ("ssh.example", {}, ["ssh.example port 2222", "ssh.example port 443"]),
-        ("ssh.example", {"ssh_host": "b.example", "ssh_ports": (22,)}, ["b.example port 22"]),
-    ],
-)
-def test_the_settings_come_before_the_joins_answer(host, settings, expected):
-    """And a join that names no host means the one that it went to."""
-    values = Settings(server="a.example:8443", state_dir=Path("/none"), **settings)
-    enrolment = Enrolment(
-        "a.example:8443", "sim1", "00:1b:44:11:3a:b7", SshAccess("tunnel", host, (2222, 443))
-    )
-    targets = Connector(values, Enroller(values)).targets(enrolment)
-    assert [str(target) for target in targets] == expected
-
-
-async def test_silence_is_no_reason_to_doubt(make_cloud, place, start_agent, monkeypatch):
-    """While nothing answers the robot says no_answer, and comes back without asking the web first."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    joins = len(cloud.joins)
-    monkeypatch.setattr("robotether_agent.net.server_dialer.FIND_TIMEOUT_S", 0.2)
-    with monkeypatch.context() as cut:
-        cut.setattr("robotether_agent.net.tcp._connect", _never)
-        cloud.ssh.drop_connections()
-        await agent.until(lambda status: status.problem_code == "no_answer", "no answer")
-    await agent.until_connected()
-    assert len(cloud.joins) == joins
-
-
-async def test_a_server_that_moved_is_found_by_the_web(make_cloud, start_agent, monkeypatch):
-    """After a longer silence the web is asked, beside the attempts."""
-    monkeypatch.setattr("robotether_agent.net.server_dialer.FIND_TIMEOUT_S", 1.0)
-    monkeypatch.setattr("robotether_agent.tunnel.connection.ASK_WEB_AFTER_S", 0.0)
-    monkeypatch.setattr("robotether_agent.tunnel.connection.ASK_WEB_EVERY_S", 0.0)
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    joins = len(cloud.joins)
-    with monkeypatch.context() as cut:
-        cut.setattr("robotether_agent.net.tcp._connect", _never)
-        cloud.ssh.drop_connections()
-        await eventually(lambda: len(cloud.joins) > joins, lambda: "the web was asked")
-    await agent.until_connected()
-
-
-async def test_all_goes_through_the_proxy(make_cloud, start_agent):
-    """Where only a proxy leads out, it is asked for the web and for SSH, by their names."""
-    cloud = await make_cloud()
-    async with FakeProxy() as proxy:
-        agent = start_agent(cloud, http_proxy=proxy.url)
-        await agent.until_connected()
-        assert set(proxy.asked) == {cloud.server, f"127.0.0.1:{cloud.ssh.port}"}
-        assert await echo(cloud.ports[0], "through") == "through"
-        await agent.stop()
-
-
-async def _never(*_: object) -> NoReturn:
-    """Packets are dropped."""
-    await asyncio.Event().wait()
-    raise AssertionError("nothing sets it")

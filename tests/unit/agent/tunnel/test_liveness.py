@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import pytest
 from fake_cloud import eventually
+from robotether_agent.fields import ListedCell
 from robotether_agent.net import netlink
 from robotether_agent.net.server_dialer import SETTLED_AFTER_S, SshAddress
 from robotether_agent.problems import NetworkChanged, NoAnswer, Retry, ServerSilent
@@ -113,20 +114,26 @@ class FakeDialer:
     asked: int = 0
     ended: int = 0
     fails: bool = False
+    targets: list[SshAddress] = field(default_factory=list)
+    unreached_s: float = 0.0
 
-    async def find(self, targets):
+    async def find(self, targets, *, unreached_s=0.0):
         self.asked += 1
+        self.targets, self.unreached_s = targets, unreached_s
         try:
             if not self.fails:
                 await self.answers.wait()
             if self.fails:
                 raise NoAnswer("nobody is there")
-            return targets[0]
+            return targets[-1]
         finally:
             self.ended += 1
 
     async def open(self, target):
         raise AssertionError("a watch opens nothing")
+
+
+OTHER = SshAddress("127.0.0.1", 9, "tunnel", cell=ListedCell("127.0.0.1", (9,)))
 
 
 @dataclass
@@ -159,7 +166,7 @@ async def watched(network):
         socket.create_connection(server.getsockname()) as connection,
     ):
         target = SshAddress("127.0.0.1", server.getsockname()[1], "tunnel", dialer)
-        task = asyncio.ensure_future(watch(session, Tunnel(connection), target))
+        task = asyncio.ensure_future(watch(session, Tunnel(connection), target, lambda: [OTHER]))
         yield session, dialer, task
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -182,6 +189,15 @@ async def test_silence_ends_it_when_the_server_answers_elsewhere(watched):
     dialer.answers.set()
     with pytest.raises(ServerSilent, match=r"silent for 2\.0 s"):
         await asyncio.wait_for(task, 5)
+
+
+async def test_a_silent_cell_may_be_answered_for_by_another(watched):
+    """The time of its silence counts, without that in which an idle robot hears nothing anyway."""
+    session, dialer, _ = watched
+    session.silent_s, session.idle_delay_s = 3.2, 1.5
+    await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
+    assert dialer.targets[1:] == [OTHER]
+    assert abs(dialer.unreached_s - 1.7) < 1e-6
 
 
 async def test_a_robot_that_nobody_uses_waits_for_its_slower_heartbeats(watched):
@@ -240,12 +256,13 @@ async def test_a_new_network_that_leads_nowhere_is_not_asked_all_the_time(
 
 
 async def test_a_new_network_takes_over_when_the_server_answers_there(watched, monkeypatch):
-    """The connection over the old one ends then, though it still works."""
+    """The connection over the old one ends then, though it still works; another cell is no reason for that."""
     _, dialer, task = watched
     monkeypatch.setattr(liveness, "path_of", lambda _: Path.MOVED)
     dialer.answers.set()
     with pytest.raises(NetworkChanged, match="another network"):
         await asyncio.wait_for(task, 5)
+    assert OTHER not in dialer.targets
 
 
 async def test_an_address_that_is_gone_ends_it_at_once(watched, monkeypatch):

@@ -13,7 +13,7 @@ import pytest
 from fake_cloud import eventually
 from robotether_agent import clock
 from robotether_agent.clock import robot_time
-from robotether_agent.fields import FieldError
+from robotether_agent.fields import FieldError, ListedCell
 from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
 from robotether_agent.tunnel.session import (
     BYE_ADVICE,
@@ -121,12 +121,21 @@ def drive_handler() -> Noted:
 
 
 @pytest.fixture
-async def ends(drive_handler: Noted) -> AsyncIterator[tuple[Session, Peer]]:
+def lists() -> list[tuple[ListedCell, ...]]:
+    """The lists of cells that came."""
+    return []
+
+
+@pytest.fixture
+async def ends(
+    drive_handler: Noted, lists: list[tuple[ListedCell, ...]]
+) -> AsyncIterator[tuple[Session, Peer]]:
     """A session and its peer."""
     ours, theirs = socket.socketpair()
     reader, writer = await asyncio.open_connection(sock=ours, limit=64 * 1024)
     peer_reader, peer_writer = await asyncio.open_connection(sock=theirs)
-    yield Session(reader, writer, drive_handler=drive_handler), Peer(peer_reader, peer_writer)
+    session = Session(reader, writer, drive_handler=drive_handler, on_cells=lists.append)
+    yield session, Peer(peer_reader, peer_writer)
     for each in (writer, peer_writer):
         each.close()
     await asyncio.gather(writer.wait_closed(), peer_writer.wait_closed(), return_exceptions=True)
@@ -319,3 +328,16 @@ def test_it_goes_on_while_the_robot_sleeps(monkeypatch: pytest.MonkeyPatch) -> N
     shown = {time.CLOCK_MONOTONIC: 5.0, time.CLOCK_BOOTTIME: 65.0}
     monkeypatch.setattr(clock.time, "clock_gettime", shown.get)
     assert robot_time() == 65.0
+
+
+async def test_the_list_of_cells_is_read_before_the_bye_that_follows(ends, lists):
+    """A machine that is taken out of service names the others, and sends the robot there at once."""
+    session, peer = ends
+    peer.send(CONFIG)
+    peer.send({**CONFIG, "cells": []})
+    peer.send({**CONFIG, "cells": [{"host": "b.example", "ports": [2222]}]})
+    peer.send({"type": "bye", "code": "cell_draining", "detail": "connect to the next"})
+    with pytest.raises(SessionEnded) as caught:
+        await asyncio.wait_for(session.run(), 5)
+    assert caught.value.retry is Retry.AT_ONCE
+    assert lists == [(ListedCell("b.example", (2222,)),)]

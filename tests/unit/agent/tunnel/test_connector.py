@@ -1,0 +1,243 @@
+"""Where a robot connects to: the order of the server's machines, and which of them gets its session."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+from fake_cloud import FakeCloud, echo, eventually
+from fake_proxy import FakeProxy
+from local_network import free_port
+from robotether_agent.enrolment.enroller import ENROLMENT_FILE, Enroller
+from robotether_agent.enrolment.join import SshAccess
+from robotether_agent.enrolment.keys import ensure_key
+from robotether_agent.fields import ListedCell
+from robotether_agent.settings import Settings
+from robotether_agent.tunnel.connector import Connector
+
+Site = Callable[..., Awaitable[list[FakeCloud]]]
+NOBODY = {"host": "127.0.0.1", "ports": [1]}
+# Longer than it takes: two log-ins and a few pauses, on a busy machine.
+SOON_S = 10.0
+
+
+A, B = ListedCell("a.example", (2222, 443)), ListedCell("b.example", (2222,))
+
+
+@pytest.mark.parametrize(
+    ("host", "cells", "settings", "expected"),
+    [
+        (None, (), {}, ["a.example 2222", "a.example 443"]),
+        ("ssh.example", (), {}, ["ssh.example 2222", "ssh.example 443"]),
+        ("ssh.example", (A, B), {"ssh_host": "c.example", "ssh_ports": (22,)}, ["c.example 22"]),
+        (None, (B, A), {"ssh_ports": (443,)}, ["b.example 443", "a.example 443"]),
+        (None, (B, A), {}, ["b.example 2222", "a.example 2222", "a.example 443"]),
+        ("old.example", (B,), {}, ["b.example 2222", "old.example 2222", "old.example 443"]),
+    ],
+)
+def test_the_settings_come_before_the_joins_answer(host, cells, settings, expected):
+    """And the list of cells before its address; a join that names no host means the one that it went to."""
+    values = Settings(server="a.example:8443", state_dir=Path("/none"), **settings)
+    access = SshAccess("tunnel", host, (2222, 443), cells)
+    targets = Connector(values, Enroller(values)).targets(access, "session")
+    assert [f"{target.host} {target.port}" for target in targets] == expected
+
+
+async def test_silence_is_no_reason_to_doubt(make_cloud, place, start_agent, monkeypatch):
+    """While nothing answers the robot says no_answer, and comes back without asking the web first."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    joins = len(cloud.joins)
+    monkeypatch.setattr("robotether_agent.net.server_dialer.FIND_TIMEOUT_S", 0.2)
+    with monkeypatch.context() as cut:
+        cut.setattr("robotether_agent.net.tcp._connect", _never)
+        cloud.ssh.drop_connections()
+        await agent.until(lambda status: status.problem_code == "no_answer", "no answer")
+    await agent.until_connected()
+    assert len(cloud.joins) == joins
+
+
+async def test_a_server_that_moved_is_found_by_the_web(make_cloud, start_agent, monkeypatch):
+    """After a longer silence the web is asked, beside the attempts."""
+    monkeypatch.setattr("robotether_agent.net.server_dialer.FIND_TIMEOUT_S", 1.0)
+    monkeypatch.setattr("robotether_agent.tunnel.connector.ASK_WEB_AFTER_S", 0.0)
+    monkeypatch.setattr("robotether_agent.tunnel.connector.ASK_WEB_EVERY_S", 0.0)
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    joins = len(cloud.joins)
+    with monkeypatch.context() as cut:
+        cut.setattr("robotether_agent.net.tcp._connect", _never)
+        cloud.ssh.drop_connections()
+        await eventually(lambda: len(cloud.joins) > joins, lambda: "the web was asked")
+    await agent.until_connected()
+
+
+async def test_all_goes_through_the_proxy(make_cloud, start_agent):
+    """Where only a proxy leads out, it is asked for the web and for SSH, by their names."""
+    cloud = await make_cloud()
+    async with FakeProxy() as proxy:
+        agent = start_agent(cloud, http_proxy=proxy.url)
+        await agent.until_connected()
+        assert set(proxy.asked) == {cloud.server, f"127.0.0.1:{cloud.ssh.port}"}
+        assert await echo(cloud.ports[0], "through") == "through"
+        await agent.stop()
+
+
+@pytest.fixture
+async def site(make_cloud, place) -> Site:
+    """Makes a server of so many machines that let the robot in; only the first has a web."""
+
+    async def make(count: int = 2) -> list[FakeCloud]:
+        first, *others = [await make_cloud() for _ in range(count)]
+        (place / "state").mkdir(mode=0o700)
+        key = await ensure_key(place / "state")
+        for other in others:
+            await other.be_of_site(first)
+            other.authorize(key.public)
+        machines = [first, *others]
+        for machine in machines:
+            # The own one first, as the server has it.
+            rest = [one.cell for one in machines if one is not machine]
+            machine.cells = [machine.cell, *rest]
+        return machines
+
+    return make
+
+
+def kept(place: Path) -> Any:
+    """The list in the robot's file."""
+    return json.loads((place / "state" / ENROLMENT_FILE).read_text())["ssh"]["cells"]
+
+
+async def at(cloud: FakeCloud, kind: str = "session") -> None:
+    """Wait until a connection of a kind is there."""
+    await eventually(
+        lambda: bool(cloud.of_kind(kind)), lambda: f"{kind} at {cloud.cell}", within_s=SOON_S
+    )
+
+
+async def test_a_robot_whose_machine_dies_goes_to_the_next_one(site, start_agent, place):
+    """With its video, and with a greater number in its hello."""
+    first, second = await site()
+    agent = start_agent(first)
+    assert (await agent.until_connected()).ssh == f"127.0.0.1 port {first.ssh.port}"
+    before = (await first.link("session")).received[0]["epoch"]
+    first.ssh.stop()
+    await at(second)
+    await at(second, "media")
+    status = await agent.until_connected()
+    assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
+    assert (await second.link("session")).received[0]["epoch"] > before
+    assert await echo(second.ports[0], "here") == "here"
+    assert kept(place) == second.cells
+    assert len(first.joins) == 1
+
+
+async def test_video_follows_a_session_that_moved(site, start_agent):
+    """Also when its own connection to the machine before still works."""
+    first, second = await site()
+    agent = start_agent(first)
+    await agent.until_connected()
+    first.cells = [second.cell]
+    link = await first.link("session")
+    link.send(first._config(first.ports))
+    link.send({"type": "bye", "code": "cell_draining", "detail": "connect to the next"})
+    await at(second, "media")
+    await eventually(lambda: not first.of_kind("media"), lambda: "the old one has ended")
+
+
+async def test_a_machine_out_of_service_hands_over_its_robot_by_its_newest_list(
+    site, start_agent, place
+):
+    """The list arrives right before the bye, and lasts over a restart of the agent."""
+    first, second = await site()
+    agent = start_agent(first)
+    await agent.until_connected()
+    second.cells = [second.cell]
+    first.configure(cells=[second.cell])
+    link = await first.link("session")
+    link.send({"type": "bye", "code": "cell_draining", "detail": "connect to the next"})
+    await at(second)
+    await agent.stop()
+    assert kept(place) == [second.cell]
+    sessions = len(first.of_kind("session", live=False))
+    await first.stop_web()
+    await start_agent(first).until_connected()
+    assert second.of_kind("session")
+    assert len(first.of_kind("session", live=False)) == sessions
+
+
+async def test_a_machine_with_another_host_key_is_passed_over(site, start_agent, make_cloud):
+    """It hears nothing of the session, and the robot goes on to the one after it."""
+    first, second = await site()
+    stranger = await make_cloud()
+    first.cells = [NOBODY, stranger.cell, second.cell]
+    agent = start_agent(first)
+    status = await agent.until_connected()
+    assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
+    assert "Accepted publickey" not in stranger.ssh.log_text()
+    assert stranger.links == []
+
+
+async def test_a_wrong_host_key_beside_a_dead_machine_does_not_end_the_agent(
+    site, start_agent, make_cloud, caplog
+):
+    """It is told loudly, and the robot is back when one of its server's machines is."""
+    (first,) = await site(1)
+    stranger = await make_cloud()
+    first.cells = [first.cell, stranger.cell]
+    agent = start_agent(first)
+    await agent.until_connected()
+    first.ssh.stop()
+    await agent.until(lambda status: status.problem_code == "host_key_changed", "a stranger")
+    assert "POSING AS THE SERVER there" in caplog.text
+    first.ssh.start()
+    await agent.until_connected()
+    assert stranger.links == []
+
+
+async def test_a_key_that_is_refused_is_refused_by_the_server(site, start_agent):
+    """The robot asks the web why, and does not try its key at machine after machine."""
+    first, second = await site()
+    first.mode = "refuses_key"
+    agent = start_agent(first)
+    await agent.until(lambda status: status.problem_code == "key_refused", "key_refused")
+    await eventually(lambda: len(first.joins) >= 2, lambda: "asks why")
+    assert "Accepted publickey" not in second.ssh.log_text()
+
+
+async def test_a_machine_that_lets_in_and_has_no_relay_comes_last(site, start_agent):
+    """It answers, and is of no use."""
+    first, second = await site()
+    first._relay.close()
+    agent = start_agent(first)
+    status = await agent.until_connected()
+    assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
+    assert first.links == []
+
+
+async def test_what_an_admin_has_set_wins_over_the_list(site, start_agent):
+    first, second = await site()
+    first.cells = [second.cell]
+    agent = start_agent(first, ssh_host="127.0.0.1", ssh_ports=str(first.ssh.port))
+    await agent.until_connected()
+    assert second.links == []
+
+
+async def test_a_list_whose_names_lead_nowhere_does_no_harm(site, start_agent):
+    """The address of the join is still there."""
+    (first,) = await site(1)
+    first.cells = [{"host": "nowhere.invalid", "ports": [free_port()]}]
+    await start_agent(first).until_connected()
+
+
+async def _never(*_: object) -> NoReturn:
+    """Packets are dropped."""
+    await asyncio.Event().wait()
+    raise AssertionError("nothing sets it")
