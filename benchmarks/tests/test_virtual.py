@@ -6,7 +6,7 @@ import asyncio
 import shutil
 import tempfile
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 from random import Random
@@ -15,7 +15,7 @@ from typing import Any
 import aiohttp
 import pytest
 from fake_cameras import FakeVideoServer
-from fake_cloud import agent_environ, eventually
+from fake_cloud import FakeCloud, agent_environ, eventually
 from fake_robot import HOST
 from fake_rosbridge import FakeRosbridge
 from paper.virtual.robot import Account, VirtualRobot
@@ -33,7 +33,7 @@ MOVE = {"op": "publish", "topic": "/cmd_vel", "msg": TWIST}
 TYPED = {"topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
 FRAMES = "/robots/sim1/video/frames?topic=/camera/image_raw"
 # In the middle of a move, and what is measured.
-VARIES = ("t_ms", "seq", "id", "answers")
+VARIES = ("t_ms", "seq", "id", "answers", "epoch")
 Robot = Callable[[RecordingServer, Path], AbstractAsyncContextManager[None]]
 
 
@@ -163,6 +163,35 @@ async def test_the_server_cannot_tell_a_virtual_robot_from_an_agent() -> None:
         assert virtual.told(who, kind) == real.told(who, kind)
     assert real.told("agent", "session")
     assert virtual.statuses == real.statuses == [426, 200, 200, 200]
+
+
+async def test_a_virtual_robot_whose_machine_dies_goes_to_the_next_one() -> None:
+    first, second = FakeCloud(), FakeCloud()
+    place = Path(tempfile.mkdtemp(prefix="rt-"))
+    async with AsyncExitStack() as stack:
+        stack.callback(shutil.rmtree, place)
+        for machine in (first, second):
+            await machine.start()
+            stack.push_async_callback(machine.close)
+        await second.be_of_site(first)
+        # The list of the join is overtaken by that of the session.
+        first.cells = [first.cell]
+        async with virtual_robot(first, place):
+            second.authorize(first.robot_key)
+            await first.link("media")
+            first.configure(cells=[first.cell, second.cell])
+            await first.link("session")
+            pings = len(first.of_kind("session")[0].of_type("ping"))
+            await eventually(
+                lambda: len(first.of_kind("session")[0].of_type("ping")) > pings,
+                lambda: "it has read the list",
+            )
+            first.ssh.stop()
+            await second.link("media")
+            epochs = [
+                (await machine.link("session")).received[0]["epoch"] for machine in (first, second)
+            ]
+            assert epochs[0] < epochs[1]
 
 
 @pytest.mark.parametrize("make", [real_agent, virtual_robot])

@@ -1,9 +1,10 @@
 """A virtual robot: what an agent says to the server, without the programs of a robot; hundreds fit into a process.
 
-Played by worker.py. Its SSH connections are asyncssh's, dialled and tried again by the agent's own rules; its lines are
-the agent's, in the agent's order (benchmarks/tests/test_virtual.py compares them). What lies behind its forwards is
-services.py. It has no guard that could stop anything, no battery, no shell, and does not rotate its key: never let one
-stand for a robot that moves. Its key exchange is the newest of OpenSSH 10's that both ends know.
+Played by worker.py. Its SSH connections are asyncssh's, dialled and tried again by the agent's own rules, at the cells
+of the server's newest list, of which it keeps none on disk; its lines are the agent's, in the agent's order
+(benchmarks/tests/test_virtual.py compares them). What lies behind its forwards is services.py. It has no guard that
+could stop anything, no battery, no shell, and does not rotate its key: never let one stand for a robot that moves. Its
+key exchange is the newest of OpenSSH 10's that both ends know.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import asyncio
 import json
 import logging
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from random import Random
@@ -24,11 +25,12 @@ import asyncssh
 from asyncssh.constants import MSG_IGNORE
 from robotether_agent import __version__
 from robotether_agent.backoff import Backoff, Uptime, keep_going
-from robotether_agent.clock import robot_time
+from robotether_agent.clock import EpochClock, robot_time
 from robotether_agent.daemon import UNWATCHED
 from robotether_agent.enrolment import keys
-from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
-from robotether_agent.fields import line_of
+from robotether_agent.enrolment.enroller import EnrolmentStore
+from robotether_agent.enrolment.join import SshAccess
+from robotether_agent.fields import get_cells, line_of
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.problems import (
     AgentProblem,
@@ -41,12 +43,13 @@ from robotether_agent.problems import (
     ServerSilent,
     SessionEnded,
 )
+from robotether_agent.settings import Settings
 from robotether_agent.tunnel.connection import (
     CHECK_EVERY_S,
     CHECK_PAUSE_S,
     IDLE_CHECK_EVERY_S,
 )
-from robotether_agent.tunnel.session import FIRST_TIMEOUT_S, SLOW_BYES
+from robotether_agent.tunnel.session import FIRST_TIMEOUT_S, retry_after_bye
 from robotether_common.session import Kind
 
 from paper.virtual.services import Services
@@ -65,8 +68,17 @@ log = logging.getLogger(__name__)
 class Account:
     """Where a robot logs in, and with what; read from the files of its enrolment."""
 
-    target: SshAddress
+    settings: Settings
+    ssh: SshAccess
+    dialer: ServerDialer
     options: asyncssh.SSHClientConnectionOptions
+
+    def targets(self) -> list[SshAddress]:
+        """The first port of each cell, in the order in which they are tried."""
+        return [
+            SshAddress(cell.host, cell.ports[0], self.ssh.user, self.dialer, cell)
+            for cell in self.ssh.in_order(self.settings)
+        ]
 
     @classmethod
     def read(cls, settings: Mapping[str, str], dialer: ServerDialer) -> Account:
@@ -80,13 +92,7 @@ class Account:
             asyncssh.read_private_key(state / keys.NAME),
             (state / keys.KNOWN_HOSTS).read_text(),
         )
-        return cls(_target(enrolment, dialer), options)
-
-
-def _target(enrolment: Enrolment, dialer: ServerDialer) -> SshAddress:
-    ssh = enrolment.ssh
-    host = ssh.host or enrolment.server.rpartition(":")[0]
-    return SshAddress(host, ssh.ports[0], ssh.user, dialer)
+        return cls(Settings(server=settings["server"]), enrolment.ssh, dialer, options)
 
 
 @lru_cache(maxsize=8)
@@ -142,6 +148,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         self.config: dict[str, Any] = {}
         self.configs = 0
         self.kind = kind
+        self.target: SshAddress
         self.ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._on_line = on_line
         self._ssh: asyncssh.SSHClientConnection
@@ -157,12 +164,10 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         """The time between heartbeats while nobody uses the robot."""
         return self.config.get("idle_heartbeat_s")
 
-    async def open(self, account: Account) -> None:
+    async def open(self, account: Account, targets: Sequence[SshAddress]) -> None:
         """Log in and ask for the session of this kind; the agent's problems say why not."""
-        dialer = account.target.dialer
-        assert dialer is not None
-        target = await dialer.find([account.target])
-        sock = await dialer.open(target)
+        self.target = target = await account.dialer.find(targets)
+        sock = await account.dialer.open(target)
         try:
             self._ssh = await asyncssh.connect(sock=sock, options=account.options)
         except asyncssh.PermissionDenied as error:
@@ -280,7 +285,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
 
 
 def _ending(bye: Line) -> SessionEnded:
-    retry = Retry.SLOWLY if bye["code"] in SLOW_BYES else Retry.SOON
+    retry = retry_after_bye(bye["code"])
     return SessionEnded(f"the server ended it: {bye['detail']}", code=bye["code"], retry=retry)
 
 
@@ -291,6 +296,7 @@ class VirtualRobot:
         self._account = account
         self._services = services
         self._rng = rng
+        self._epochs = EpochClock()
         self._session_up = asyncio.Event()
         self._next_session = asyncio.Event()
         # The server wants the connection of the camera.
@@ -298,6 +304,7 @@ class VirtualRobot:
         # The server's own view of the forwards may be another one.
         self._recheck = asyncio.Event()
         self._session: Connection | None = None
+        self._media: Connection | None = None
         self._applied: Line = {}
         services.on_guard_changed = self._report_guard
 
@@ -313,11 +320,11 @@ class VirtualRobot:
 
     async def _session_attempt(self, uptime: Uptime) -> None:
         connection = Connection("session", partial(self._on_session_line, uptime))
-        await connection.open(self._account)
+        await connection.open(self._account, self._account.targets())
         try:
             self._session = connection
             who = {"hostname": socket.gethostname(), "agent_version": __version__}
-            connection.send({"type": "hello", **who, "guard": "on"})
+            connection.send({"type": "hello", **who, "guard": "on", "epoch": self._epochs.next()})
             await connection.ended
         finally:
             self._session = None
@@ -329,14 +336,17 @@ class VirtualRobot:
         while not (self._watched.is_set() and self._session_up.is_set()):
             await self._watched.wait()
             await self._session_up.wait()
+        assert self._session is not None
         connection = Connection("media", partial(self._on_media_line, uptime))
-        await connection.open(self._account)
+        await connection.open(self._account, [self._session.target])
         try:
+            self._media = connection
             await connection.ended
         except SessionEnded as problem:
             if problem.code != UNWATCHED:
                 raise
         finally:
+            self._media = None
             await connection.close()
 
     async def _until_next_session(self, most_s: float) -> None:
@@ -347,6 +357,9 @@ class VirtualRobot:
     def _on_session_line(self, uptime: Uptime, connection: Connection, line: Line) -> None:
         kind = line["type"]
         if kind == "config":
+            if cells := get_cells(line, "cells"):
+                ssh = replace(self._account.ssh, cells=cells)
+                self._account = replace(self._account, ssh=ssh)
             self._services.on_config(line["guard"], direct=line["direct"])
             if connection.configs == 1:
                 connection.configured(partial(self._begin_session, uptime, connection))
@@ -369,6 +382,8 @@ class VirtualRobot:
         self._session_up.set()
         self._next_session.set()
         self._next_session = asyncio.Event()
+        if self._media is not None and self._media.target != connection.target:
+            self._media.fail(LinkLost("the session is at another cell now", retry=Retry.AT_ONCE))
         await self._keep_asking_for_checks(connection)
 
     def _apply(self, connection: Connection) -> None:
