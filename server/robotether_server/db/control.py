@@ -19,6 +19,17 @@ MAX_REASON = 255
 
 
 @dataclass(frozen=True)
+class LeaseStart:
+    """A lease that began while the database was away."""
+
+    robot_id: int
+    fence: int
+    user_id: int
+    user: str
+    since: datetime
+
+
+@dataclass(frozen=True)
 class LeaseEnd:
     """A lease that is over."""
 
@@ -117,6 +128,22 @@ def next_fence(tx: Transaction, lease: NewLease, cell: str | None = None) -> int
     if row is None:
         raise RecordMissing("cannot number the drive: the robot was removed meanwhile")
     return int(row["fence"])
+
+
+def start_lease(tx: Transaction, entry: LeaseStart, cell: str | None = None) -> None:
+    """Write a lease that has begun, unless a newer one has its row: the number there never falls."""
+    # The fence comes last: MariaDB assigns in this order, and the others compare with the row's. A user who was
+    # removed meanwhile has no grants.
+    changes = ", ".join(
+        f"{name} = IF(VALUES(fence) >= fence, VALUES({name}), {name})"
+        for name in ("user_id", "user_name", "since", "cell", "ended_at", "fence")
+    )
+    tx.change(
+        "INSERT INTO control_leases (robot_id, fence, user_id, user_name, since, cell, ended_at)"
+        " SELECT id, %s, (SELECT MAX(user_id) FROM relay_grants WHERE user_id = %s), %s, %s, %s, NULL"
+        f" FROM relay_robots WHERE id = %s ON DUPLICATE KEY UPDATE {changes}",  # noqa: S608 - the module's own text
+        (entry.fence, entry.user_id, entry.user[:MAX_NAME], entry.since, cell, entry.robot_id),
+    )
 
 
 def end_lease(tx: Transaction, entry: LeaseEnd) -> None:

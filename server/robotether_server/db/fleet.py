@@ -15,7 +15,7 @@ from functools import cached_property
 
 from robotether_server import robot_settings
 from robotether_server.db import control
-from robotether_server.db.control import DriveEntry, LeaseEnd, StopEntry
+from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, StopEntry
 from robotether_server.db.database import Row, Transaction
 from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import LevelPolicy, Policy, RobotSettings
@@ -137,7 +137,7 @@ class FormerSessions:
     before: datetime
 
 
-Entry = SessionEntry | AuditEntry | FormerSessions | DriveEntry | LeaseEnd | StopEntry
+Entry = SessionEntry | AuditEntry | FormerSessions | DriveEntry | LeaseStart | LeaseEnd | StopEntry
 
 _CREDENTIAL_VIEWS: Mapping[CredentialKind, str] = {"login": "relay_logins", "token": "relay_tokens"}
 
@@ -239,6 +239,8 @@ def _write_one(tx: Transaction, entry: Entry, cell: str | None) -> int | None:
         case FormerSessions():
             _end_former_sessions(tx, entry, cell)
             control.end_former(tx, entry.before, cell)
+        case LeaseStart():
+            control.start_lease(tx, entry, cell)
         case LeaseEnd():
             control.end_lease(tx, entry)
         case StopEntry():

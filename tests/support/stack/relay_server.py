@@ -103,7 +103,9 @@ class MemoryDatabase(RelayDatabase):
         self._check_up()
         return self.seen
 
-    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
+    async def users_of(
+        self, credentials: Collection[Credential], *, briefly: bool = False
+    ) -> dict[Credential, RelayUser]:
         self._check_up()
         self.lookups += 1
         return {key: self.credentials[key] for key in credentials if key in self.credentials}

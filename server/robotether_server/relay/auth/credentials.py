@@ -2,23 +2,28 @@
 
 `access` asks for every request that comes without a ticket. Answers are kept a few seconds, so that
 a page with many videos asks the database once. `fleet` has those that something live hangs on
-asked again; such a one is believed as long as what hangs on it, with the database away, too.
+asked again; such a one is believed as long as what hangs on it, with the database away, too. Who drives
+is asked for each time, and while the database is away believed if the last answer, a short while ago, was yes.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from robotether_server.db.credentials import digest
 from robotether_server.db.fleet import Credential, RelayUser
+from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.tickets import CredentialKind
 
 KEEP_S = 3.0
 MAX_KEPT = 10_000
+# For how long after its last use a credential may begin a drive while the database is away.
+RECENT_S = 15 * 60.0
+MAX_RECENT = 1000
 
 
 def credential_of(kind: CredentialKind, text: str) -> Credential:
@@ -36,6 +41,8 @@ class Credentials:
         self._unchecked: set[Credential] = set()
         # Of those held, whose they were when last asked for; what hangs on one ends when it does.
         self._live: dict[Credential, RelayUser] = {}
+        # When the database last said of those in use that they hold, the oldest first.
+        self._recent: dict[Credential, float] = {}
         self._rechecks = 0
 
     async def user_of(self, credential: Credential) -> RelayUser | None:
@@ -55,8 +62,18 @@ class Credentials:
         return user
 
     async def holds(self, credential: Credential) -> bool:
-        """Ask the database, whatever is remembered. May raise StoreUnavailable."""
-        return credential in await self._database.users_of([credential])
+        """Ask the database, whatever is remembered; StoreUnavailable when it is away and did not say so recently."""
+        rechecks = self._rechecks
+        try:
+            holds = credential in await self._database.users_of([credential], briefly=True)
+        except StoreUnavailable:
+            if credential in self._live or self._is_recent(credential):
+                return True
+            raise
+        # As above.
+        if holds and rechecks == self._rechecks:
+            self._note_recent(credential)
+        return holds
 
     @contextmanager
     def held(self, credential: Credential, end: Callable[[], None]) -> Iterator[None]:
@@ -74,18 +91,24 @@ class Credentials:
                 self._live.pop(credential, None)
 
     async def recheck(self) -> None:
-        """Ask again for all that is held, and end what hangs on the rest."""
+        """Ask again for all that is held or was lately, and end what hangs on the rest."""
         self._kept.clear()
         self._rechecks += 1
-        await self._ask_again(list(self._held))
+        # Without an answer none of these is believed: what has changed may be its end.
+        recent = {one: at for one, at in self._recent.items() if self._is_recent(one)}
+        self._recent = {}
+        valid = await self._ask_again([*self._held, *(recent.keys() - self._held.keys())])
+        still_valid = {one: at for one, at in recent.items() if one in valid}
+        self._recent = {**still_valid, **self._recent}
 
     async def check_new(self) -> None:
         """Ask for those held since the last time: they may have ended while the way was long."""
         await self._ask_again(list(self._unchecked))
 
-    async def _ask_again(self, asked: list[Credential]) -> None:
+    async def _ask_again(self, asked: list[Credential]) -> Mapping[Credential, RelayUser]:
+        """Return those that hold, by their users."""
         if not asked:
-            return
+            return {}
         valid = await self._database.users_of(asked)
         self._unchecked.difference_update(asked)
         for credential in asked:
@@ -93,12 +116,25 @@ class Credentials:
                 self._note_live(credential, valid[credential])
             else:
                 self._live.pop(credential, None)
+                self._recent.pop(credential, None)
                 for end in list(self._held.get(credential, ())):
                     end()
+        return valid
 
     def _note_live(self, credential: Credential, user: RelayUser) -> None:
         if credential in self._held:
             self._live[credential] = user
+            self._note_recent(credential)
+
+    def _note_recent(self, credential: Credential) -> None:
+        self._recent.pop(credential, None)
+        self._recent[credential] = asyncio.get_running_loop().time()
+        while len(self._recent) > MAX_RECENT:
+            del self._recent[next(iter(self._recent))]
+
+    def _is_recent(self, credential: Credential) -> bool:
+        at = self._recent.get(credential)
+        return at is not None and asyncio.get_running_loop().time() - at < RECENT_S
 
     def _keep(self, credential: Credential, now: float, user: RelayUser | None) -> None:
         self._kept[credential] = (now, user)

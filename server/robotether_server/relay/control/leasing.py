@@ -1,8 +1,9 @@
 """Grants and ends leases, with numbers from the database, lines to robots, and timers.
 
 `rosbridge` begins and ends leases, `control_api` does what people ask for, `stops` ends them. A lease is
-granted only after its number is committed, and is over for everybody at once: the robot is notified before
-the connection is closed. The rules themselves are in `leases`.
+granted only after its number is committed, or while the database is away if the robot's guard has reported the
+newest one, which is enough to go on from. It is over for everybody at once: the robot is notified before the
+connection is closed. The rules themselves are in `leases`.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
-from robotether_server.db.control import LeaseEnd, NewLease
+from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
 from robotether_server.db.fleet import AuditEntry, RelayRobot, RelayUser
 from robotether_server.problems import RecordMissing, RecordRefused, StoreProblem
 from robotether_server.relay.auth.connections import Connection
@@ -91,10 +92,13 @@ class Leasing:
             raise ConnectionClosedError(close_reason)
         lease = self.of(robot.id)
         self._claim(lease, connection)
-        fence = await self._next_fence(lease, connection)
+        recorded = await self._next_fence(connection)
+        fence = self._newest_fence(robot.id) + 1 if recorded is None else recorded
         older = lease.driver
         if (driver := lease.grant(connection, fence, now())) is None:
             raise ConnectionClosedError(self._why_not(lease, robot))
+        if recorded is None:
+            self._write_start(robot.id, driver)
         if older is not None and isinstance(older.holder, Connection):
             older.holder.end(close_reasons.superseded(robot.name))
         self._notify(robot.id)
@@ -183,9 +187,11 @@ class Leasing:
             return close_reasons.lease_held(robot.name, kept.user.name, None)
         return close_reasons.lease_unavailable(robot.name)
 
-    async def _next_fence(self, lease: Lease, connection: Connection) -> int:
+    async def _next_fence(self, connection: Connection) -> int | None:
+        """Have the database number a lease; None: it is away, and the robot's guard knows enough."""
         robot = connection.robot
-        above = max(await self._fence_of_guard(robot.id), lease.fence)
+        await self._until_guard_reported(robot.id)
+        above = self._newest_fence(robot.id)
         asked = NewLease(robot.id, connection.user_id, connection.user, utc_now(), above)
         try:
             return await self._database.next_fence(asked)
@@ -195,16 +201,20 @@ class Leasing:
             raise ConnectionClosedError(close_reasons.rights_ended(robot.name)) from gone
         except StoreProblem as problem:
             log.warning("robot %s: cannot number a drive: %s", robot.name, problem.detail)
+            if self._registry.presence(robot.id).guard == "ready":
+                return None
             raise ConnectionClosedError(close_reasons.lease_unavailable(robot.name)) from problem
 
-    async def _fence_of_guard(self, robot_id: int) -> int:
-        """Return the newest number that the guard knows; it may be another relay's, or a lost database's."""
+    async def _until_guard_reported(self, robot_id: int) -> None:
         link = self._registry.session_of(robot_id)
         if link is not None:
             with suppress(TimeoutError):
                 async with asyncio.timeout(GUARD_REPORTS_WITHIN_S):
                     await link.until_guard_reported()
-        return self._registry.presence(robot_id).report.fence
+
+    def _newest_fence(self, robot_id: int) -> int:
+        """Return the newest number that is known here; the guard's may be another relay's, or a lost database's."""
+        return max(self.of(robot_id).fence, self._registry.presence(robot_id).report.fence)
 
     def _pass(self, robot_id: int, passed: Passed) -> None:
         if passed.driver is not None:
@@ -213,6 +223,10 @@ class Leasing:
         if passed.driver is not None and isinstance(passed.driver.holder, Connection):
             connection = passed.driver.holder
             connection.end(close_reasons.lease_lost(connection.robot.name, passed.to.name))
+
+    def _write_start(self, robot_id: int, driver: Driver) -> None:
+        user_id, user = driver.holder.user_id, driver.holder.user
+        self._event_writer.add(LeaseStart(robot_id, driver.fence, user_id, user, driver.since.utc))
 
     def _write_end(self, robot_id: int, driver: Driver) -> None:
         self._event_writer.add(LeaseEnd(robot_id, driver.fence, utc_now()))

@@ -7,6 +7,7 @@ hangs must not take the loop's shared threads, where names are resolved for new 
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
@@ -24,6 +25,8 @@ T = TypeVar("T")
 THREADS = 4
 # A question that waits behind so many others would come too late anyway.
 MAX_OPEN_QUESTIONS = 64
+# Of who takes control, and can do so without an answer.
+BRIEF_S = 1.0
 
 
 class RelayDatabase:
@@ -35,6 +38,8 @@ class RelayDatabase:
         self._answer_within_s = answer_within_s
         self._threads = ThreadPoolExecutor(THREADS, thread_name_prefix="records")
         self._open = 0
+        # Whether the last question that was asked got no answer in time.
+        self._hangs = False
 
     async def changes(self) -> Changes:
         """Return whether anything changed."""
@@ -48,17 +53,19 @@ class RelayDatabase:
         """Read since when robots are offline."""
         return await self._ask(fleet.last_seen)
 
-    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
-        """Read who credentials belong to."""
-        return await self._ask(lambda tx: fleet.users_of(tx, credentials))
+    async def users_of(
+        self, credentials: Collection[Credential], *, briefly: bool = False
+    ) -> dict[Credential, RelayUser]:
+        """Read who credentials belong to; `briefly`: for somebody who waits to drive."""
+        return await self._ask(lambda tx: fleet.users_of(tx, credentials), briefly=briefly)
 
     async def stored_control(self) -> StoredControl:
         """Read the newest numbers of drives, and which robots are stopped."""
         return await self._ask(control.read_stored)
 
     async def next_fence(self, lease: NewLease) -> int:
-        """Number a drive; the number is committed."""
-        return await self._ask(lambda tx: control.next_fence(tx, lease, self._cell))
+        """Number a drive; the number is committed. One that comes too late is not."""
+        return await self._ask(lambda tx: control.next_fence(tx, lease, self._cell), briefly=True)
 
     async def heartbeat(self, cell: CellSettings, robots: int, started_at: datetime) -> list[Cell]:
         """Write that this cell is alive, with so many robots; return all cells."""
@@ -78,15 +85,32 @@ class RelayDatabase:
         """Let the threads go; does not wait for a database that hangs."""
         self._threads.shutdown(wait=False, cancel_futures=True)
 
-    async def _ask(self, question: Callable[[Transaction], T]) -> T:
+    async def _ask(self, question: Callable[[Transaction], T], *, briefly: bool = False) -> T:
+        """Ask, at most for the time that is set; `briefly`: for a second, and not while the database hangs."""
+        within_s = min(BRIEF_S, self._answer_within_s) if briefly else self._answer_within_s
+        if briefly and self._hangs:
+            raise StoreUnavailable("cannot reach the database: it hangs; try again shortly")
+        is_over = threading.Event()
+
+        def answer_in_time(tx: Transaction) -> T:
+            found = question(tx)
+            if is_over.is_set():
+                # Nobody would know of what it wrote.
+                raise StoreUnavailable("cannot reach the database: its answer came too late")
+            return found
+
         try:
-            async with asyncio.timeout(self._answer_within_s):
-                return await self._in_thread(question)
+            async with asyncio.timeout(within_s):
+                found = await self._in_thread(answer_in_time)
         except TimeoutError as exc:
+            self._hangs = True
             raise StoreUnavailable(
-                f"cannot reach the database: no answer in {self._answer_within_s:g} s; "
-                "try again shortly"
+                f"cannot reach the database: no answer in {within_s:g} s; try again shortly"
             ) from exc
+        finally:
+            is_over.set()
+        self._hangs = False
+        return found
 
     async def _in_thread(self, question: Callable[[Transaction], T]) -> T:
         if self._open >= MAX_OPEN_QUESTIONS:

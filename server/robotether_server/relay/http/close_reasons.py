@@ -104,7 +104,7 @@ def lease_lost(robot: str, to: str) -> CloseReason:
 
 
 def lease_unavailable(robot: str) -> CloseReason:
-    """The database, which numbers leases, does not answer."""
+    """The database does not answer, and the robot has no guard, or your login or token was not used for 15 minutes."""
     why = f"cannot let you drive {robot}: the database does not answer; try again shortly"
     return CloseReason(4510, "lease_unavailable", why)
 

@@ -195,7 +195,6 @@ class OperatorSession:
         try:
             holds = await self.context.credentials.holds(self.credential)
         except StoreUnavailable as problem:
-            # A lease would not get its number either.
             raise ConnectionClosedError(close_reasons.lease_unavailable(name)) from problem
         if not holds:
             raise ConnectionClosedError(close_reasons.rights_ended(name))

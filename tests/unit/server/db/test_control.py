@@ -6,8 +6,16 @@ import datetime as dt
 import json
 
 import pytest
+from granted import give
 from robotether_server.db import Database, control, fleet, robots, users
-from robotether_server.db.control import DriveEntry, LeaseEnd, NewLease, Stop, StopEntry
+from robotether_server.db.control import (
+    DriveEntry,
+    LeaseEnd,
+    LeaseStart,
+    NewLease,
+    Stop,
+    StopEntry,
+)
 from robotether_server.db.fleet import FormerSessions
 from robotether_server.problems import RecordRefused
 
@@ -71,6 +79,52 @@ def test_numbers_are_above_what_the_relay_knows(relay_database, sim1, ann):
     assert fence(relay_database, sim1, ann) == 1
     assert fence(relay_database, sim1, ann, above=7) == 8
     assert fence(relay_database, sim1, ann, above=3) == 9
+
+
+@pytest.fixture
+def ben(database: Database, sim1: int) -> int:
+    """The id of user ben, who drives sim1."""
+    with database.transaction() as tx:
+        user_id = users.add(tx, "ben", "x", "user")
+        give(tx, user_id, sim1, "drive")
+    return user_id
+
+
+def lease(database: Database) -> tuple[object, ...]:
+    (row,) = rows(database, "control_leases")
+    return tuple(row[name] for name in ("fence", "user_id", "user_name", "since", "ended_at"))
+
+
+def test_a_lease_that_began_without_the_database_is_written_later(relay_database, sim1, ben):
+    """Numbers go on above it, also where there was none."""
+    write(relay_database, LeaseStart(sim1, 7, ben, "ben", NOON))
+    assert lease(relay_database) == (7, ben, "ben", NOON, None)
+    write(relay_database, LeaseEnd(sim1, 7, NOON + HOUR))
+    write(relay_database, LeaseStart(sim1, 9, ben, "ben", NOON + HOUR))
+    assert lease(relay_database) == (9, ben, "ben", NOON + HOUR, None)
+    assert fence(relay_database, sim1, ben) == 10
+
+
+def test_a_lease_that_is_written_late_leaves_the_newer(relay_database, sim1, ann, ben):
+    """Its number, its driver and its end."""
+    fence(relay_database, sim1, ann, above=8)
+    write(relay_database, LeaseEnd(sim1, 9, NOON + HOUR))
+    write(relay_database, LeaseStart(sim1, 8, ben, "ben", NOON + HOUR))
+    assert lease(relay_database) == (9, ann, "ann", NOON, NOON + HOUR)
+
+
+def test_a_lease_that_is_written_again_is_as_it_began(relay_database, sim1, ann, ben):
+    """The answer to the first writing was lost; or another one's claim had the same number, and was lost."""
+    fence(relay_database, sim1, ann, above=8)
+    for _ in range(2):
+        write(relay_database, LeaseStart(sim1, 9, ben, "ben", NOON + HOUR))
+        assert lease(relay_database) == (9, ben, "ben", NOON + HOUR, None)
+
+
+def test_a_lease_of_somebody_who_is_gone_keeps_its_number(relay_database, sim1):
+    """With the name alone; one of a robot that is gone is nothing."""
+    write(relay_database, LeaseStart(sim1, 7, 999, "gone", NOON), LeaseStart(998, 1, 999, "", NOON))
+    assert lease(relay_database) == (7, None, "gone", NOON, None)
 
 
 def test_a_removed_robot_gets_no_number(relay_database, ann):

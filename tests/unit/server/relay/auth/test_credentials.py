@@ -97,6 +97,116 @@ async def test_what_is_new_while_the_database_is_away_is_asked_for_later(
     assert ended == ["gone"]
 
 
+async def test_who_drove_lately_may_again_while_the_database_is_away(
+    credentials, memory_database, monkeypatch
+):
+    """For a while after the database's last yes; whoever it has not been asked for may not."""
+    login, other = (
+        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
+    )
+    assert await credentials.holds(login)
+    memory_database.down = True
+    assert await credentials.holds(login)
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(other)
+    monkeypatch.setattr(module, "RECENT_S", 0.0)
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(login)
+
+
+async def test_who_is_live_may_drive_while_the_database_is_away(
+    credentials, memory_database, monkeypatch
+):
+    """As long as that lasts, and for a while after it."""
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    with credentials.held(login, lambda: None):
+        await credentials.check_new()
+        memory_database.down = True
+        monkeypatch.setattr(module, "RECENT_S", 0.0)
+        assert await credentials.holds(login)
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(login)
+    monkeypatch.setattr(module, "RECENT_S", 60.0)
+    assert await credentials.holds(login)
+
+
+async def test_what_ended_before_the_database_went_does_not_come_back(credentials, memory_database):
+    """Though nothing hangs on it, the relay asks for it when credentials change."""
+    login, stays = (
+        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
+    )
+    assert await credentials.holds(login)
+    assert await credentials.holds(stays)
+    del memory_database.credentials[login]
+    await credentials.recheck()
+    memory_database.down = True
+    assert await credentials.holds(stays)
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(login)
+
+
+async def test_what_may_have_ended_when_the_database_went_does_not_count(
+    credentials, memory_database
+):
+    """Something has changed, and there is no answer as to what."""
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    assert await credentials.holds(login)
+    memory_database.down = True
+    with pytest.raises(StoreUnavailable):
+        await credentials.recheck()
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(login)
+
+
+async def test_what_ended_while_it_was_held_does_not_come_back(credentials, memory_database):
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    with credentials.held(login, lambda: None):
+        await credentials.check_new()
+        del memory_database.credentials[login]
+        await credentials.check_new()
+        await credentials.recheck()
+    memory_database.down = True
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(login)
+
+
+async def test_a_yes_of_before_a_change_is_not_believed_later():
+    memory_database = SlowDatabase()
+    credentials = Credentials(memory_database)
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    asking = asyncio.create_task(credentials.holds(login))
+    await memory_database.asked.wait()
+    memory_database.credentials.clear()
+    await credentials.recheck()
+    memory_database.go_on.set()
+    assert await asking
+    memory_database.down = True
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(login)
+
+
+async def test_who_may_drive_without_the_database_is_bounded(
+    credentials, memory_database, monkeypatch
+):
+    """Who drove longest ago goes first; and who did too long ago is not asked for again."""
+    monkeypatch.setattr(module, "MAX_RECENT", 2)
+    logins = [
+        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(3)
+    ]
+    for login in (*logins[:2], logins[0], logins[2]):
+        assert await credentials.holds(login)
+    memory_database.down = True
+    assert await credentials.holds(logins[0])
+    assert await credentials.holds(logins[2])
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(logins[1])
+    memory_database.down = False
+    monkeypatch.setattr(module, "RECENT_S", 0.0)
+    asked = memory_database.lookups
+    await credentials.recheck()
+    assert memory_database.lookups == asked
+
+
 class SlowDatabase(MemoryDatabase):
     """Records whose next answer waits until the test lets it go."""
 
@@ -104,7 +214,9 @@ class SlowDatabase(MemoryDatabase):
         super().__init__()
         self.asked, self.go_on = asyncio.Event(), asyncio.Event()
 
-    async def users_of(self, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
+    async def users_of(
+        self, credentials: Collection[Credential], *, briefly: bool = False
+    ) -> dict[Credential, RelayUser]:
         answer = await super().users_of(credentials)
         self.asked.set()
         await self.go_on.wait()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from fake_robot import WAIT_S, FakeRobot
 from relay_clients import PUBLISH, audit_lines, closing
 from relay_server import SESSION_KEY, until, utc
-from robotether_server.db.control import DriveEntry, LeaseEnd, NewLease
+from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, NewLease
 from robotether_server.db.fleet import AuditEntry, RelayUser
 from robotether_server.problems import (
     RecordMissing,
@@ -21,7 +22,7 @@ from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control import leases, leasing
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.robots.sessions import Presence
+from robotether_server.relay.robots.sessions import GuardReport, Presence
 
 ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(3, "ben"), RelayUser(4, "carl")
 NOON = utc(2026, 1, 1, 12, 0)
@@ -207,10 +208,10 @@ async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, m
     await until(lambda: True in free, "those who watch are told")
 
 
-async def test_without_a_database_nobody_begins_to_drive(
+async def test_without_a_database_nobody_new_begins_to_drive(
     relay, guarded, sim1, http, memory_database
 ):
-    """4510, while an observer comes in, and who drives goes on driving."""
+    """A login that the relay has not seen lately is 4510, while an observer comes in."""
     memory_database.down = True
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         assert (await closing(socket))[0] == 4510
@@ -222,17 +223,52 @@ async def test_without_a_database_nobody_begins_to_drive(
         await driven(relay, sim1)
 
 
-async def test_without_a_database_who_drives_is_not_superseded(
+async def test_without_a_database_who_drove_lately_drives_again(
     relay, guarded, sim1, http, memory_database
 ):
-    """A second connection of the driver gets 4510, and the first goes on."""
+    """With the relay's own number, above the guard's; the record has it once the database is back."""
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await driven(relay, sim1)
+    await until(lambda: memory_database.fences == {sim1.id: 1}, "the first has its number")
+    memory_database.down = True
+    guarded.session.send_guard_status(fence=7)
+    await until(lambda: relay.relay.registry.presence(sim1.id).report.fence == 7, "it is known")
+    async with http.ws_connect(relay.ros_url(sim1)):
+        handshakes = await guarded.connections(2)
+    await until(lambda: control(relay, sim1)["driver"] is None, "nobody drives")
+    assert handshakes[-1]["Robotether-Fence"] == "8"
+    assert memory_database.fences == {sim1.id: 1}
+    memory_database.down = False
+    await until(lambda: leases_written(memory_database)[-1:] == [(LeaseEnd, 8)], "it is written")
+    assert leases_written(memory_database)[-2:] == [(LeaseStart, 8), (LeaseEnd, 8)]
+
+
+async def test_without_a_database_a_newer_connection_of_the_driver_takes_over(
+    relay, guarded, sim1, http, memory_database
+):
+    async with http.ws_connect(relay.ros_url(sim1)) as first:
+        await driven(relay, sim1)
+        memory_database.down = True
+        async with http.ws_connect(relay.ros_url(sim1)):
+            assert (await closing(first))[0] == 4002
+            assert control(relay, sim1)["driver"]["fence"] == 2
+
+
+async def test_without_a_database_nobody_drives_a_robot_without_a_guard(
+    relay, robot, sim1, http, memory_database
+):
+    """4510: it would take commands of a driver who has lost control."""
     async with http.ws_connect(relay.ros_url(sim1)):
         await driven(relay, sim1)
         memory_database.down = True
         async with http.ws_connect(relay.ros_url(sim1)) as second:
             assert (await closing(second))[0] == 4510
         assert control(relay, sim1)["driver"]["fence"] == 1
-        assert guarded.session.leases[-1] == {"type": "lease", "fence": 1, "held": True}
+
+
+def leases_written(memory_database) -> list[tuple[type, int]]:
+    kinds = LeaseStart | LeaseEnd
+    return [(type(one), one.fence) for one in memory_database.written if isinstance(one, kinds)]
 
 
 class SlowFences:
@@ -448,6 +484,23 @@ async def test_who_gets_no_number_hears_why(
     with pytest.raises(ConnectionClosedError) as lost:
         await bare.drives(ANN)
     assert lost.value.close_reason == close_reason("sim1")
+
+
+async def test_a_lease_without_the_database_is_written_as_it_began(
+    bare, sim1, memory_database, monkeypatch
+):
+    """Only once it is granted, and only while the guard is there that refuses the older ones."""
+    monkeypatch.setattr(leasing, "utc_now", lambda: NOON)
+    memory_database.down = True
+    bare.leasing.remember({sim1.id: 41})
+    reports = GuardReport("down", fence=50)
+    bare.presence = Presence(online=True, guard_mode="on", report=reports)
+    with pytest.raises(ConnectionClosedError):
+        await bare.drives(ANN)
+    assert bare.written == []
+    bare.presence = Presence(online=True, guard_mode="on", report=replace(reports, state="ready"))
+    await bare.drives(ANN)
+    assert bare.written == [LeaseStart(sim1.id, 51, ANN.id, "ann", NOON)]
 
 
 async def test_who_takes_the_question_back_gets_nothing(bare, sim1):

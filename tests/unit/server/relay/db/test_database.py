@@ -8,16 +8,18 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 
 import pytest
-from fake_robot import FINGERPRINT, FakeRobot
+from fake_robot import FINGERPRINT, WAIT_S, FakeRobot, Mode
 from granted import give
 from mariadb_server import MariaDb
 from relay_clients import closing
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
 from robotether_server.db import Database, Transaction, credentials, grants, robots, users
+from robotether_server.db.control import NewLease
 from robotether_server.db.fleet import Credential, RelayUser
 from robotether_server.identity import PublicKey
 from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth.credentials import credential_of
+from robotether_server.relay.db import database as module
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.main import Timing
 from robotether_server.settings import DatabaseSettings
@@ -59,10 +61,10 @@ def log_in(database: Database) -> Credential:
 
 
 @asynccontextmanager
-async def robot_of(relay: RelayServer) -> AsyncIterator[FakeRobot]:
+async def robot_of(relay: RelayServer, mode: Mode = "guard_off") -> AsyncIterator[FakeRobot]:
     """Have sim1 online and well."""
     sim1 = relay.relay.fleet.known.by_name["sim1"]
-    robot = FakeRobot(sim1.id, SESSION_KEY)
+    robot = FakeRobot(sim1.id, SESSION_KEY, mode)
     await robot.start(relay.relay.session_port)
     await until(lambda: relay.relay.registry.presence(sim1.id).ros == "ok", "sim1 is well")
     try:
@@ -121,6 +123,67 @@ async def test_driving_goes_on_while_the_database_hangs(mariadb, database, ann, 
             finally:
                 mariadb.container.unpause()
             await until(lambda: relay.relay.fleet.store_up, "the database is back", within_s=30)
+
+
+async def test_a_drive_begins_while_the_database_hangs(mariadb, database, ann, http):
+    """The open one goes on until then; and the database has the new one's number once it answers."""
+    login = log_in(database)
+    memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main", WAIT_S * 10)
+    async with running_relay(memory_database) as relay, robot_of(relay, "guarded") as robot:
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as first:
+            await robot.connections(1)
+            mariadb.container.pause()
+            try:
+                await first.send_str(PUBLISH)
+                assert '"fence":1}' in await first.receive_str(timeout=WAIT_S)
+                async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as second:
+                    handshakes = await robot.connections(2)
+                    assert handshakes[1]["Robotether-Fence"] == "2"
+                    assert (await closing(first))[0] == 4002
+                    await second.send_str(SUBSCRIBE)
+                    assert await second.receive_str(timeout=WAIT_S) == SUBSCRIBE
+            finally:
+                mariadb.container.unpause()
+        await relay.relay.event_writer.flush(30)
+        assert fences_in(database) == (2, [1, 2])
+    # The next relay goes on from there.
+    memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main")
+    async with running_relay(memory_database) as relay, robot_of(relay, "guarded") as robot:
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)):
+            await robot.connections(1)
+        await relay.relay.event_writer.flush(30)
+    assert fences_in(database) == (3, [1, 2, 3])
+
+
+def fences_in(database: Database) -> tuple[int, list[int]]:
+    """The newest lease's number, which is over, and those of all drives that are over."""
+    with database.transaction() as tx:
+        (lease,) = tx.rows("SELECT fence FROM control_leases WHERE ended_at IS NOT NULL")
+        drives = tx.rows("SELECT fence FROM drives WHERE ended_at IS NOT NULL ORDER BY fence")
+    return lease["fence"], [drive["fence"] for drive in drives]
+
+
+async def test_a_number_that_comes_too_late_is_not_given(
+    *, mariadb, admin_database, ann, monkeypatch
+):
+    """Else its lease would stay open in the database; and while it hangs nobody waits for it again."""
+    monkeypatch.setattr(module, "BRIEF_S", 0.2)
+    relay_database = RelayDatabase(Database(mariadb.settings("relay")), "main")
+    with admin_database.transaction() as tx:
+        robot_id = robots.get(tx, "sim1").id
+    lease = NewLease(robot_id, ann.id, "ann", dt.datetime.now(dt.UTC))
+    assert await relay_database.next_fence(lease) == 1
+    with admin_database.transaction() as tx:
+        tx.row("SELECT fence FROM control_leases FOR UPDATE")
+        for why in (r"no answer in 0\.2 s", "it hangs"):
+            with pytest.raises(StoreUnavailable, match=why):
+                await relay_database.next_fence(lease)
+        assert relay_database._open == 1
+    await until(lambda: relay_database._open == 0, "the late answer has come")
+    await relay_database.changes()
+    assert await relay_database.next_fence(lease) == 2
+    relay_database.close()
 
 
 async def test_rights_in_the_real_database_end_a_connection(mariadb, database, ann, http):
