@@ -36,6 +36,8 @@ class Ticket:
     mode: Mode
     credential: CredentialKind
     credential_sha256: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
+    # Signed while the database was away, by what web remembered: the relay must know the credential itself.
+    remembered: bool = False
 
 
 def new_id() -> str:
@@ -52,8 +54,11 @@ class TicketSigner:
 
     def sign(self, ticket: Ticket) -> str:
         """Return the ticket as text that is safe in a URL."""
+        fields = asdict(ticket)
+        if not ticket.remembered:
+            del fields["remembered"]
         # A text already; the library's types allow bytes for serializers of other kinds.
-        return str(self._serializer.dumps(asdict(ticket)))
+        return str(self._serializer.dumps(fields))
 
     def verify(self, text: str) -> tuple[Ticket, dt.datetime]:
         """Return the ticket and the time of its signature, to the second.
@@ -85,7 +90,9 @@ def _why_unsigned(text: str) -> TicketForged | TicketMalformed:
 def _ticket(fields: object) -> Ticket:
     """Check the fields too: the same key may have signed another version's ticket."""
     problem = TicketMalformed("cannot read the ticket: it has other fields; get a new one")
-    if not isinstance(fields, dict) or fields.keys() != Ticket.__dataclass_fields__.keys():
+    if not isinstance(fields, dict):
+        raise problem
+    if fields.keys() | {"remembered"} != Ticket.__dataclass_fields__.keys():
         raise problem
     try:
         return msgspec.convert(fields, Ticket)

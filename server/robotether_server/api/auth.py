@@ -17,7 +17,7 @@ from robotether_server.api.context import context, csrf
 from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
-from robotether_server.problems import GrantMissing, LoginMissing, TokenInvalid
+from robotether_server.problems import GrantMissing, LoginMissing, TokenInvalid, Unauthorized
 from robotether_server.services import drive_pages, joining
 from robotether_server.services.joining import EnrolmentCredential
 from robotether_server.tickets import CredentialKind
@@ -52,14 +52,29 @@ def api_user(tx: Transaction, request: Request) -> User:
     notices. A change by a login needs the page's token in X-CSRFToken, as any other site could
     make the browser send the cookie.
     """
+    try:
+        user = _credential_user(tx, request)
+    except Unauthorized:
+        context().recent_rights.forget(credential_of(request))
+        raise
+    protect_login(request)
+    return user
+
+
+def _credential_user(tx: Transaction, request: Request) -> User:
     header = request.headers.get("Authorization")
     if header is not None:
         return token_user(tx, _bearer(header))
     user = page_user(tx, request)
     if user is None:
         raise LoginMissing("cannot identify the caller: log in, or send an API token as Bearer")
-    csrf.protect()
     return user
+
+
+def protect_login(request: Request) -> None:
+    """Refuse a change by a login that does not come from a page of this site."""
+    if "Authorization" not in request.headers:
+        csrf.protect()
 
 
 def enrolment_credential(tx: Transaction, request: Request) -> EnrolmentCredential:
@@ -125,13 +140,13 @@ class EnrolmentCaller:
 
 
 @contextmanager
-def admitted(who: Who, robot: str) -> Iterator[Caller | EnrolmentCaller]:
+def admitted(who: Who, robot: str, *, briefly: bool = False) -> Iterator[Caller | EnrolmentCaller]:
     """Admit the caller of an operation, or raise what `api_user` or `enrolment_credential` raises.
 
     Who is no admin, or does not manage the robot, gets GrantMissing, which reveals nothing about what was asked for;
-    a robot that the user may not see is RobotUnknown.
+    a robot that the user may not see is RobotUnknown. `briefly`: a database that hangs is soon StoreUnavailable.
     """
-    with context().database.transaction() as tx:
+    with context().database.transaction(briefly=briefly) as tx:
         if who == "enroller":
             credential = enrolment_credential(tx, request)
             source = Source(credential.actor, request.remote_addr)

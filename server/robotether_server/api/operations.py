@@ -22,7 +22,13 @@ from flask import Blueprint, Response, jsonify, request
 from robotether_server import schemas
 from robotether_server.api import auth
 from robotether_server.api.auth import Who
-from robotether_server.problems import FieldInvalid, HttpProblem, RecordMissing, RobotUnknown
+from robotether_server.problems import (
+    FieldInvalid,
+    HttpProblem,
+    RecordMissing,
+    RobotUnknown,
+    StoreUnavailable,
+)
 from robotether_server.times import rfc3339
 
 Method = Literal["GET", "POST", "PUT", "PATCH", "DELETE"]
@@ -74,11 +80,13 @@ def operation(
     any_type: bool = False,
     texts: tuple[str, ...] = (),
     problems: tuple[int, ...] = (),
+    without_database: Handler | None = None,
 ) -> Callable[[H], H]:
     """Register a handler for this method of this path, under /api/v1.
 
     It gets the `caller`, unless `who` is anybody, and the names in the path. `name`: the operation's, if it is not the
-    handler's. `any_type`: the body may have any Content-Type, such as that of `curl -d`.
+    handler's. `any_type`: the body may have any Content-Type, such as that of `curl -d`. `without_database` answers
+    in the handler's place while the database is away; it gets no `caller`, and must find out who asks by itself.
     """
 
     def put(handler: H) -> H:
@@ -102,8 +110,13 @@ def operation(
         OPERATIONS.append(one)
 
         def view(**names: Any) -> Response:
-            with _caller(who, names) as caller:
-                return respond(handler(**caller, **names, **_given(one, any_type=any_type)))
+            try:
+                with _caller(who, names, briefly=without_database is not None) as caller:
+                    return respond(handler(**caller, **names, **_given(one, any_type=any_type)))
+            except StoreUnavailable:
+                if without_database is None:
+                    raise
+            return respond(without_database(**names, **_given(one, any_type=any_type)))
 
         blueprint.add_url_rule(path, handler.__name__, view, methods=[method])
         return handler
@@ -124,11 +137,11 @@ def _answers(returned: Any) -> Iterator[tuple[int, Any]]:
 
 
 @contextmanager
-def _caller(who: Who, names: dict[str, Any]) -> Iterator[dict[str, object]]:
+def _caller(who: Who, names: dict[str, Any], *, briefly: bool) -> Iterator[dict[str, object]]:
     if who == "anybody":
         yield {}
         return
-    with auth.admitted(who, names.get("robot", "")) as caller:
+    with auth.admitted(who, names.get("robot", ""), briefly=briefly) as caller:
         yield {"caller": caller}
 
 

@@ -139,9 +139,9 @@ def start_lease(tx: Transaction, entry: LeaseStart, cell: str | None = None) -> 
         for name in ("user_id", "user_name", "since", "cell", "ended_at", "fence")
     )
     tx.change(
-        "INSERT INTO control_leases (robot_id, fence, user_id, user_name, since, cell, ended_at)"
+        "INSERT INTO control_leases (robot_id, fence, user_id, user_name, since, cell, ended_at)"  # noqa: S608 - the module's own text
         " SELECT id, %s, (SELECT MAX(user_id) FROM relay_grants WHERE user_id = %s), %s, %s, %s, NULL"
-        f" FROM relay_robots WHERE id = %s ON DUPLICATE KEY UPDATE {changes}",  # noqa: S608 - the module's own text
+        f" FROM relay_robots WHERE id = %s ON DUPLICATE KEY UPDATE {changes}",
         (entry.fence, entry.user_id, entry.user[:MAX_NAME], entry.since, cell, entry.robot_id),
     )
 

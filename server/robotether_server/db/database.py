@@ -30,6 +30,8 @@ Values = Sequence[object] | Mapping[str, object]
 
 CONNECT_TIMEOUT_S = 5
 ANSWER_TIMEOUT_S = 15
+# For each of the two, of who can do without the database.
+BRIEF_TIMEOUT_S = 2
 
 # MariaDB's own numbers, which pymysql's table of MySQL's lacks.
 CHECK_FAILED = 4025
@@ -120,13 +122,13 @@ class Database:
         self._tls = tls_options(settings)
 
     @contextmanager
-    def transaction(self) -> Iterator[Transaction]:
+    def transaction(self, *, briefly: bool = False) -> Iterator[Transaction]:
         """Open a transaction; commit when the block ends, roll back when it raises.
 
-        Raises what Transaction's methods raise.
+        Raises what Transaction's methods raise; `briefly`: within seconds if the database hangs.
         """
         with _translated():
-            connection = self._connect()
+            connection = self._connect(briefly=briefly)
         try:
             with connection.cursor() as cursor:
                 yield Transaction(cursor)
@@ -136,8 +138,9 @@ class Database:
             # Closing without a commit rolls back, and cannot itself fail on a dead connection.
             connection.close()
 
-    def _connect(self) -> "pymysql.Connection[DictCursor]":
+    def _connect(self, *, briefly: bool) -> "pymysql.Connection[DictCursor]":
         settings = self._settings
+        answer_timeout_s = BRIEF_TIMEOUT_S if briefly else ANSWER_TIMEOUT_S
         return pymysql.connect(
             host=settings.host,
             port=settings.port,
@@ -149,9 +152,9 @@ class Database:
             conv=_CONVERSIONS,
             init_command="SET time_zone = '+00:00'",
             **self._tls,
-            connect_timeout=CONNECT_TIMEOUT_S,
-            read_timeout=ANSWER_TIMEOUT_S,
-            write_timeout=ANSWER_TIMEOUT_S,
+            connect_timeout=BRIEF_TIMEOUT_S if briefly else CONNECT_TIMEOUT_S,
+            read_timeout=answer_timeout_s,
+            write_timeout=answer_timeout_s,
         )
 
 

@@ -34,6 +34,14 @@ def test_format_is_that_of_the_contract() -> None:
     assert TicketSigner(KEY, 30).verify(sign_as_contract_says(asdict(TICKET)))[0] == TICKET
 
 
+def test_ticket_from_memory_says_so_and_no_other_does() -> None:
+    """A relay that does not know the word accepts tickets as before, and none from memory."""
+    remembered = replace(TICKET, remembered=True)
+    assert SIGNER.verify(SIGNER.sign(remembered))[0] == remembered
+    fields = URLSafeTimedSerializer(KEY, salt=SALT).loads(SIGNER.sign(TICKET))
+    assert fields.keys() == Ticket.__dataclass_fields__.keys() - {"remembered"}
+
+
 def test_old_ticket_is_expired(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sentence says how long tickets are good."""
     signer = TicketSigner(KEY, 30)
@@ -70,6 +78,7 @@ def test_ticket_of_another_hand_is_forged(text: str) -> None:
         asdict(TICKET) | {"robot_id": True},
         asdict(TICKET) | {"robot": None},
         asdict(TICKET) | {"more": 1},
+        asdict(TICKET) | {"remembered": "yes"},
         asdict(TICKET) | {"credential": "key"},
         asdict(TICKET) | {"credential_sha256": "0f" * 31},
         asdict(TICKET) | {"credential_sha256": None},

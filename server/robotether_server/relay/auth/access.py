@@ -22,6 +22,7 @@ from robotether_server.problems import (
     LoginMissing,
     OriginRefused,
     RobotUnknown,
+    StoreUnavailable,
     TicketExpired,
     TicketForeign,
     TicketMissing,
@@ -235,6 +236,10 @@ class Access:
         if granted is None or not permits(granted, use):
             raise GrantMissing(f"cannot drive robot {name}: your grant is to observe only")
         credential = Credential(ticket.credential, bytes.fromhex(ticket.credential_sha256))
+        if ticket.remembered and not self._credentials.held_lately(credential):
+            raise StoreUnavailable(
+                f"cannot open robot {name}: the database does not answer; try again shortly"
+            )
         level = granted if use == "drive" else "observe"
         return Permit(user, robot, use, credential, level, may_drive=permits(granted, "drive"))
 

@@ -67,13 +67,17 @@ class Credentials:
         try:
             holds = credential in await self._database.users_of([credential], briefly=True)
         except StoreUnavailable:
-            if credential in self._live or self._is_recent(credential):
+            if self.held_lately(credential):
                 return True
             raise
         # As above.
         if holds and rechecks == self._rechecks:
             self._note_recent(credential)
         return holds
+
+    def held_lately(self, credential: Credential) -> bool:
+        """Return whether the database said so not long ago, or of what is live, and since then not the contrary."""
+        return credential in self._live or self._is_recent(credential)
 
     @contextmanager
     def held(self, credential: Credential, end: Callable[[], None]) -> Iterator[None]:

@@ -10,11 +10,12 @@ from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
     LoginMissing,
     OriginRefused,
+    StoreUnavailable,
     TicketExpired,
     TicketUsed,
     TokenInvalid,
 )
-from robotether_server.relay.auth.access import Access, Request, UsedTickets, request_of
+from robotether_server.relay.auth.access import Access, Permit, Request, UsedTickets, request_of
 from robotether_server.relay.auth.credentials import Credentials, credential_of
 from robotether_server.schemas import Level
 from robotether_server.tickets import Ticket, TicketSigner, new_id
@@ -26,12 +27,14 @@ def later(seconds: float):
     return START + timedelta(seconds=seconds)
 
 
-def access_of(database: MemoryDatabase, granted: Level = "observe") -> Access:
+def access_of(
+    database: MemoryDatabase, granted: Level = "observe", credentials: Credentials | None = None
+) -> Access:
     """Robot 7 is sim1, and user 3 has this grant on it."""
     robot = RelayRobot(7, "sim1", "active", 20000, 20001)
     return Access(
         signer=TicketSigner("key", 30),
-        credentials=Credentials(database),
+        credentials=credentials or Credentials(database),
         snapshot=lambda: Snapshot({7: robot}, {(3, 7): granted}),
         allowed_origins=["https://lab.example"],
         clock=lambda: datetime.now(UTC),
@@ -97,6 +100,32 @@ def test_a_ticket_to_observe_gives_no_more_rights_than_that(granted, mode, level
     request = Request("robots.example", origin=None, ticket=signed, login=None, authorization=None)
     permit = access_of(MemoryDatabase(), granted).for_rosbridge(request, "sim1")
     assert (permit.use, permit.level, permit.may_drive) == (mode, level, may_drive)
+
+
+@pytest.mark.parametrize("opens", ["for_rosbridge", "for_video", "for_frames"])
+async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(opens):
+    """For each of what it opens; and one that the relay knows no more opens nothing."""
+    database = MemoryDatabase()
+    credentials = Credentials(database)
+    access = access_of(database, credentials=credentials)
+    login = credential_of("login", database.add_credential("login", RelayUser(3, "ann")))
+    by = "login", login.digest.hex()
+
+    async def open_by(*, remembered: bool) -> Permit:
+        ticket = Ticket(new_id(), 3, "ann", 7, "sim1", "observe", *by, remembered=remembered)
+        text = TicketSigner("key", 30).sign(ticket)
+        permit = getattr(access, opens)(Request("h", None, text, None, None), "sim1")
+        return permit if isinstance(permit, Permit) else await permit
+
+    assert (await open_by(remembered=False)).credential == login
+    with pytest.raises(StoreUnavailable):
+        await open_by(remembered=True)
+    assert await credentials.holds(login)
+    assert (await open_by(remembered=True)).credential == login
+    database.credentials.clear()
+    await credentials.recheck()
+    with pytest.raises(StoreUnavailable):
+        await open_by(remembered=True)
 
 
 @pytest.mark.parametrize(("granted", "may_drive"), [("observe", False), ("drive", True)])
