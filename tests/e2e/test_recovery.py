@@ -92,8 +92,10 @@ async def test_whole_server_restarted_comes_back(program: Program, stack: Stack)
         await _wait_drivable(program, robot, seconds=60)
 
 
-async def test_open_connection_goes_on_without_the_database(program: Program, stack: Stack) -> None:
-    """A stopped mysql is not noticed by tunnels and open drive connections."""
+async def test_driving_goes_on_and_begins_without_the_database(
+    program: Program, stack: Stack
+) -> None:
+    """A stopped mysql is not noticed by tunnels and open drive connections, nor by who drove shortly before."""
     mysql = stack.container("mysql")
     try:
         async with program.connect("sim1") as socket:
@@ -103,6 +105,9 @@ async def test_open_connection_goes_on_without_the_database(program: Program, st
             await drive_on(socket, asyncio.to_thread(mysql.stop, timeout=20))
             # Longer than the relay waits for an answer, and than a driver lasts of whom nothing comes.
             await drive_on(socket, asyncio.sleep(5))
+        async with program.connect("sim1") as socket:
+            await open_echo(socket)
+            assert await echo(socket, "driving again") == "driving again"
             # This takes seconds on a busy machine, in which a driver who reads nothing is gone.
             await drive_on(socket, asyncio.to_thread(mysql.start))
             await drive_on(socket, asyncio.to_thread(stack.wait_healthy, "mysql"))

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 
 import pytest
+from flask import Flask
+from granted import take
+from mariadb_server import MariaDb
 from relay_server import cell_settings
 from robotether_server.db import Database, cells, credentials, fleet, robots, users
+from robotether_server.db import database as database_module
 from robotether_server.db.fleet import SessionEntry
+from robotether_server.settings import DatabaseSettings
 from robotether_server.tickets import TicketSigner
+from stopwatch import Stopwatch
 from web_visitor import Browser, bearer
 
 TICKET_KEY = "t" * 32  # that of the fixture web_settings
+UNAVAILABLE = (503, "store_unavailable")
+Away = Callable[[], AbstractContextManager[None]]
 
 
 @pytest.mark.parametrize(
@@ -84,3 +95,101 @@ def test_ticket_is_refused(
     answer = program.ask("POST", "/api/v1/tickets", json=body, headers=bearer(database, user))
     assert (answer.status_code, answer.json["code"]) == refusal
     assert answer.content_type == "application/problem+json"
+
+
+@pytest.fixture
+def away(app: Flask) -> Away:
+    """Have the database away for a while; web goes on with what it remembers."""
+
+    @contextmanager
+    def gone() -> Iterator[None]:
+        with_it = app.extensions["robotether"]
+        nobody = Database(DatabaseSettings("127.0.0.1", 1, "robotether", "web", "x"))
+        app.extensions["robotether"] = replace(with_it, database=nobody)
+        try:
+            yield
+        finally:
+            app.extensions["robotether"] = with_it
+
+    return gone
+
+
+def answer_of(visitor: Browser, headers: dict[str, str], **body: str) -> tuple[int, str]:
+    """Status and code of the answer to a wish for a ticket of sim1."""
+    answer = visitor.ask("POST", "/api/v1/tickets", json={"robot": "sim1"} | body, headers=headers)
+    return answer.status_code, answer.json.get("code", "")
+
+
+def test_without_a_database_a_right_of_lately_gives_a_ticket(
+    program: Browser, database: Database, away: Away
+) -> None:
+    """For this token and robot alone, within the grant; the ticket says that it is from memory."""
+    ann, olga = bearer(database, "ann"), bearer(database, "olga")
+    for token in (ann, olga):
+        assert answer_of(program, token, mode="observe") == (201, "")
+    with away():
+        body = {"robot": "sim1", "mode": "drive"}
+        answer = program.ask("POST", "/api/v1/tickets", json=body, headers=ann)
+        assert answer.status_code == 201
+        ticket, _ = TicketSigner(TICKET_KEY, 30).verify(answer.json["ticket"])
+        assert (ticket.user, ticket.robot, ticket.mode) == ("ann", "sim1", "drive")
+        assert ticket.remembered
+        sha256 = credentials.digest(ann["Authorization"].removeprefix("Bearer ")).hex()
+        assert (ticket.credential, ticket.credential_sha256) == ("token", sha256)
+        assert answer_of(program, olga, mode="drive") == (403, "grant_missing")
+        assert answer_of(program, ann, robot="sim2", mode="drive") == UNAVAILABLE
+        other = {"Authorization": "Bearer rt_other"}
+        assert answer_of(program, other, mode="drive") == UNAVAILABLE
+        assert answer_of(program, {"Authorization": "Basic x"}, mode="drive")[0] == 401
+        assert answer_of(program, ann, mode="fly") == (422, "field_invalid")
+
+
+def test_a_database_that_hangs_keeps_nobody_waiting_for_long(
+    program: Browser, database: Database, mariadb: MariaDb, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An operation that can do without it gives up soon."""
+    monkeypatch.setattr(database_module, "BRIEF_TIMEOUT_S", 1)
+    ann = bearer(database, "ann")
+    assert answer_of(program, ann, mode="observe") == (201, "")
+    mariadb.container.pause()
+    try:
+        with Stopwatch() as stopwatch:
+            assert answer_of(program, ann, mode="drive") == (201, "")
+    finally:
+        mariadb.container.unpause()
+    assert stopwatch.s < database_module.ANSWER_TIMEOUT_S / 2
+
+
+def test_what_the_database_denies_is_remembered_no_more(
+    program: Browser, database: Database, away: Away
+) -> None:
+    """The whole token when it has ended, and one robot when that right has."""
+    ann, olga, root = (bearer(database, name) for name in ("ann", "olga", "root"))
+    for token in (ann, olga, root):
+        assert answer_of(program, token, mode="observe") == (201, "")
+    assert answer_of(program, root, robot="sim2", mode="observe") == (201, "")
+    with database.transaction() as tx:
+        (mine,) = credentials.list_tokens_of(tx, users.get(tx, "ann"))
+        credentials.delete_token(tx, mine.id)
+        take(tx, users.get(tx, "olga").id, robots.get(tx, "sim1").id)
+        robots.remove(tx, robots.get(tx, "sim2").id)
+    assert answer_of(program, ann, mode="observe") == (401, "token_invalid")
+    assert answer_of(program, olga, mode="observe") == (404, "robot_unknown")
+    assert answer_of(program, root, robot="sim2", mode="observe") == (404, "robot_unknown")
+    with away():
+        assert answer_of(program, ann, mode="observe") == UNAVAILABLE
+        assert answer_of(program, olga, mode="observe") == UNAVAILABLE
+        assert answer_of(program, root, robot="sim2", mode="observe") == UNAVAILABLE
+        assert answer_of(program, root, mode="observe") == (201, "")
+
+
+def test_without_a_database_a_login_still_needs_the_pages_word(
+    browser: Browser, database: Database, away: Away
+) -> None:
+    """Another site could make the browser send the cookie."""
+    browser.log_in("ann")
+    page = {"X-CSRFToken": browser.csrf_of("/profile")}
+    assert answer_of(browser, page, mode="observe") == (201, "")
+    with away():
+        assert answer_of(browser, page, mode="drive") == (201, "")
+        assert answer_of(browser, {}, mode="drive") == (403, "csrf_refused")
