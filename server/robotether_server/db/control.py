@@ -38,6 +38,10 @@ class LeaseEnd:
     ended_at: datetime
 
 
+# When a robot was stopped, and by whom: no two stops of a robot have both in common.
+StopId = tuple[datetime, str]
+
+
 @dataclass(frozen=True)
 class Stop:
     """A robot that is stopped; `by` is a user's name, or what the robot itself reported (relay/control/stops.py)."""
@@ -47,13 +51,22 @@ class Stop:
     by: str
     reason: str | None = None
 
+    @property
+    def id(self) -> StopId:
+        """What names the stop among those of its robot."""
+        return self.at, self.by
+
 
 @dataclass
 class StopEntry:
-    """The stop of a robot, None: not stopped; one object a robot, so that only its newest state is written."""
+    """The stop of a robot, None: not stopped; one object a robot, so that only its newest state is written.
+
+    `ended` are the last stops that releases ended: another cell may have written one that none of them did.
+    """
 
     robot_id: int
     stop: Stop | None = None
+    ended: tuple[StopId, ...] = field(default=(), compare=False)
 
 
 @dataclass
@@ -94,10 +107,14 @@ class StoredControl:
     stops: list[Stop]
 
 
-def read_stored(tx: Transaction) -> StoredControl:
-    """Read what outlived the relay before this one."""
-    fences = tx.rows("SELECT robot_id, fence FROM control_leases")
-    stops = tx.rows("SELECT robot_id, stopped_at AS at, by_name AS `by`, reason FROM robot_stops")
+def read_stored(tx: Transaction, robot_id: int | None = None) -> StoredControl:
+    """Read what outlived the relay before this one, or what other cells wrote of one robot."""
+    of_one, values = ("", ()) if robot_id is None else (" WHERE robot_id = %s", (robot_id,))
+    fences = tx.rows(f"SELECT robot_id, fence FROM control_leases{of_one}", values)  # noqa: S608 - the module's own text
+    stops = tx.rows(
+        f"SELECT robot_id, stopped_at AS at, by_name AS `by`, reason FROM robot_stops{of_one}",  # noqa: S608 - as above
+        values,
+    )
     return StoredControl(
         {row["robot_id"]: row["fence"] for row in fences}, [Stop(**row) for row in stops]
     )
@@ -172,10 +189,14 @@ def end_former(tx: Transaction, before: datetime, cell: str | None) -> None:
 
 
 def write_stop(tx: Transaction, entry: StopEntry) -> None:
-    """Write whether a robot is stopped."""
+    """Write whether a robot is stopped; a stop that another cell wrote goes only when it has ended."""
+    for at, by in entry.ended:
+        tx.change(
+            "DELETE FROM robot_stops WHERE robot_id = %s AND stopped_at = %s AND by_name = %s",
+            (entry.robot_id, at, by[:MAX_NAME]),
+        )
     stop = entry.stop
     if stop is None:
-        tx.change("DELETE FROM robot_stops WHERE robot_id = %s", (entry.robot_id,))
         return
     reason = None if stop.reason is None else stop.reason[:MAX_REASON]
     tx.change(

@@ -73,9 +73,10 @@ class Control:
                 del self._watchers[robot_id]
 
     def remember(self, stored: StoredControl) -> None:
-        """Take over what the relay before this one kept."""
+        """Take over what the relay before this one kept, or another cell."""
         self.leasing.remember(stored.fences)
-        self.stops.remember(stored.stops)
+        for stop in stored.stops:
+            self.stops.learn(stop)
 
     def on_snapshot(self, snapshot: Snapshot) -> None:
         """Rights or robots changed."""

@@ -4,6 +4,9 @@
 stop needs no database: it holds in memory at once, its row is written when the database is there. A robot
 is stopped when either side says so. The newest stop takes the older one's place, so that a release which
 names what its person saw cannot end one unseen. Nothing here ever releases a robot that did not confirm it.
+
+Cells share their stops (`peers`): each keeps the stops of a robot one by one, with the last that ended. So a release
+ends those that its cell knew, at all cells, and no other.
 """
 
 from __future__ import annotations
@@ -12,10 +15,11 @@ import asyncio
 import logging
 import math
 import secrets
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from robotether_server.db.control import MAX_NAME, Stop, StopEntry
+from robotether_server.db.control import MAX_NAME, Stop, StopEntry, StopId
 from robotether_server.db.fleet import AuditEntry, RelayRobot
 from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
 from robotether_server.relay.db.event_writer import EventWriter
@@ -36,6 +40,8 @@ INSIST_EVERY_S = 0.2
 # A page sends one press on two paths; what comes so soon after another person's stop must not hide that one. No less
 # than the resolution in which times are shown, so that two stops of one person never look alike.
 SAME_PRESS_S = 1.0
+# Of a robot, in force or ended. A stop whose end was forgotten here may come back from a cell that never learned of it.
+MAX_STOPS = 32
 # No name of a user reads like this.
 AT_ROBOT = "somebody at the robot"
 
@@ -46,6 +52,33 @@ class ShownStop:
 
     by: str
     at: str
+
+
+class RobotStops:
+    """The stops of one robot: those in force, the newest last, and those that ended last."""
+
+    def __init__(self, robot_id: int) -> None:
+        self.entry = StopEntry(robot_id)
+        self.in_force: dict[StopId, Stop] = {}
+        self.ended: dict[StopId, None] = {}
+
+    def knows(self, stop_id: StopId) -> bool:
+        """Return whether the stop was here before."""
+        return stop_id in self.in_force or stop_id in self.ended
+
+    def begin(self, stop: Stop) -> None:
+        """Add the newest stop."""
+        self.in_force[stop.id] = self.entry.stop = stop
+        _keep_newest(self.in_force)
+
+    def end(self, stop_ids: Iterable[StopId]) -> None:
+        """Remember that these stops ended."""
+        for stop_id in stop_ids:
+            self.in_force.pop(stop_id, None)
+            self.ended[stop_id] = None
+        _keep_newest(self.ended)
+        self.entry.stop = next(reversed(self.in_force.values()), None)
+        self.entry.ended = tuple(self.ended)
 
 
 class Stops:
@@ -65,29 +98,51 @@ class Stops:
         self._robots = robots
         self._revoke = revoke
         self._changed = changed
-        self._entries: dict[int, StopEntry] = {}
+        self._stops: dict[int, RobotStops] = {}
         self._repeats: dict[int, asyncio.TimerHandle] = {}
         self._sent_at: dict[int, float] = {}
         self._pressed_at: dict[int, dict[str, float]] = {}
         self._releases: dict[int, dict[str, asyncio.Future[None]]] = {}
         self._confirmations: dict[int, set[asyncio.Future[None]]] = {}
 
-    def remember(self, stops: Iterable[Stop]) -> None:
-        """Take over what the relay before this one kept."""
-        for stop in stops:
-            self._entries.setdefault(stop.robot_id, StopEntry(stop.robot_id, stop))
+    def learn(self, stop: Stop) -> None:
+        """Take over a stop that began at another cell, or that the database has; who began it writes it."""
+        stops = self._of(stop.robot_id)
+        if stops.knows(stop.id):
+            return
+        robot = self._robots().get(stop.robot_id)
+        if robot is None:
+            # It is not read yet.
+            stops.begin(stop)
+            return
+        self._fail_releases(robot, stop.by)
+        self._begin(robot, stop)
+
+    def learn_end(self, robot_id: int, stop_id: StopId) -> None:
+        """Take over that another cell released the robot from a stop."""
+        if stop_id not in self._of(robot_id).ended:
+            self._end(robot_id, [stop_id])
+            self._watch(robot_id)
+
+    def known(self, robot_id: int) -> RobotStops | None:
+        """Return the stops of a robot, in force and ended; None: it never had one."""
+        return self._stops.get(robot_id)
+
+    def robot_ids(self) -> Collection[int]:
+        """Return the robots that have had a stop."""
+        return self._stops.keys()
 
     def forget_all_but(self, robot_ids: Iterable[int]) -> None:
         """Drop the stops of robots that are gone."""
-        for robot_id in self._entries.keys() - set(robot_ids):
-            del self._entries[robot_id]
+        for robot_id in self._stops.keys() - set(robot_ids):
+            del self._stops[robot_id]
             self._sent_at.pop(robot_id, None)
             self._pressed_at.pop(robot_id, None)
 
     def of(self, robot_id: int) -> Stop | None:
-        """Return the stop of a robot, None when it is not stopped."""
-        entry = self._entries.get(robot_id)
-        return None if entry is None else entry.stop
+        """Return the newest stop of a robot, None when it is not stopped."""
+        stops = self._stops.get(robot_id)
+        return None if stops is None else stops.entry.stop
 
     def shown(self, robot_id: int) -> ShownStop | None:
         """Return what people see of a robot's stop."""
@@ -101,7 +156,7 @@ class Stops:
 
     def count(self) -> int:
         """How many robots are stopped."""
-        return sum(entry.stop is not None for entry in self._entries.values())
+        return sum(stops.entry.stop is not None for stops in self._stops.values())
 
     def confirmed(self, robot_id: int) -> bool:
         """Return whether the robot's guard has the stop."""
@@ -117,14 +172,11 @@ class Stops:
         self, robot: RelayRobot, by: str, *, reason: str | None = None, address: str | None = None
     ) -> None:
         """Stop the robot, also when it is stopped already or offline."""
-        releases = [each for each in self._releases.get(robot.id, {}).values() if _may_end_it(each)]
-        if self._same_press(robot.id, by) and not releases:
+        if self._same_press(robot.id, by) and not self._pending_releases(robot.id):
             self._insist(robot.id)
             return
-        for answered in releases:
-            if not answered.done():
-                answered.set_exception(_stopped_again(robot, by))
-        self._begin(robot, Stop(robot.id, utc_now(), by, reason))
+        self._fail_releases(robot, by)
+        self._begin_here(robot, by, reason)
         self._pressed_at.setdefault(robot.id, {})[by] = asyncio.get_running_loop().time()
         details: dict[str, object] = {} if reason is None else {"reason": reason}
         self._audit("robot_stopped", robot, by, address, details)
@@ -161,8 +213,9 @@ class Stops:
         NotPossible when another stop is in force than the one that was `seen`.
         """
         self._check_seen(robot, seen)
-        presence, released = self._registry.presence(robot.id), self.of(robot.id)
-        if released is None and not presence.report.stopped:
+        presence, stops = self._registry.presence(robot.id), self._of(robot.id)
+        released = list(stops.in_force)
+        if not released and not presence.report.stopped:
             return
         if not presence.online:
             raise RobotOffline(
@@ -171,11 +224,11 @@ class Stops:
         # Without a guard nobody confirms, and the stop was never more than the server's.
         if presence.guard_mode == "on":
             await self._released_by_guard(robot, by)
-        newer = self.of(robot.id)
-        if newer is not None and newer is not released:
-            # It came between the guard's answer and this line.
-            raise _stopped_again(robot, newer.by)
-        self._end(robot.id)
+        for stop_id, newer in stops.in_force.items():
+            if stop_id not in released:
+                # It came between the guard's answer and this line.
+                raise _stopped_again(robot, newer.by)
+        self._end(robot.id, released)
         self._audit("robot_released", robot, by, address, {})
 
     def on_robot_change(self, change: Change) -> None:
@@ -205,21 +258,35 @@ class Stops:
             sentence = close_reasons.stopped_sentence(robot.name, stop.by, stop.at)
             raise NotPossible(f"{sentence} too; check again before you release it")
 
+    def _of(self, robot_id: int) -> RobotStops:
+        return self._stops.setdefault(robot_id, RobotStops(robot_id))
+
+    def _pending_releases(self, robot_id: int) -> list[asyncio.Future[None]]:
+        return [each for each in self._releases.get(robot_id, {}).values() if _may_end_it(each)]
+
+    def _fail_releases(self, robot: RelayRobot, by: str) -> None:
+        for answered in self._pending_releases(robot.id):
+            if not answered.done():
+                answered.set_exception(_stopped_again(robot, by))
+
+    def _begin_here(self, robot: RelayRobot, by: str, reason: str | None = None) -> None:
+        self._begin(robot, Stop(robot.id, utc_now(), by, reason))
+        self._event_writer.add(self._of(robot.id).entry)
+
     def _begin(self, robot: RelayRobot, stop: Stop) -> None:
-        entry = self._entries.setdefault(robot.id, StopEntry(robot.id))
-        entry.stop = stop
+        self._of(robot.id).begin(stop)
         # The robot first: nothing may come before this line.
         self._send_stop(robot.id, stop)
         self._revoke(robot.id, close_reasons.robot_stopped(robot.name, stop.by, stop.at))
-        self._event_writer.add(entry)
         self._changed(robot.id)
         log.warning("robot %s: %s stopped it", robot.name, stop.by)
 
-    def _end(self, robot_id: int) -> None:
-        entry = self._entries.setdefault(robot_id, StopEntry(robot_id))
-        entry.stop = None
-        self._pressed_at.pop(robot_id, None)
-        self._event_writer.add(entry)
+    def _end(self, robot_id: int, stop_ids: Iterable[StopId]) -> None:
+        stops = self._of(robot_id)
+        stops.end(stop_ids)
+        if stops.entry.stop is None:
+            self._pressed_at.pop(robot_id, None)
+        self._event_writer.add(stops.entry)
         self._changed(robot_id)
 
     def _send_stop(self, robot_id: int, stop: Stop) -> None:
@@ -295,7 +362,7 @@ class Stops:
         robot = self._robots().get(robot_id)
         if self.of(robot_id) is None and robot is not None:
             name = _claimed_name(by)
-            self._begin(robot, Stop(robot_id, utc_now(), name))
+            self._begin_here(robot, name)
             self._audit("robot_stopped", robot, name, None, {"told_by": "robot"})
 
     def _audit(
@@ -307,6 +374,11 @@ class Stops:
         details: Mapping[str, object],
     ) -> None:
         self._event_writer.add(AuditEntry(utc_now(), by, kind, robot.name, address, details))
+
+
+def _keep_newest(stops: dict[StopId, Any]) -> None:
+    while len(stops) > MAX_STOPS:
+        del stops[next(iter(stops))]
 
 
 def _may_end_it(answered: asyncio.Future[None]) -> bool:

@@ -59,9 +59,9 @@ class RelayDatabase:
         """Read who credentials belong to; `briefly`: for somebody who waits to drive."""
         return await self._ask(lambda tx: fleet.users_of(tx, credentials), briefly=briefly)
 
-    async def stored_control(self) -> StoredControl:
-        """Read the newest numbers of drives, and which robots are stopped."""
-        return await self._ask(control.read_stored)
+    async def stored_control(self, robot_id: int | None = None) -> StoredControl:
+        """Read the newest numbers of drives, and which robots are stopped; of all robots, or of one."""
+        return await self._ask(lambda tx: control.read_stored(tx, robot_id))
 
     async def next_fence(self, lease: NewLease) -> int:
         """Number a drive; the number is committed. One that comes too late is not."""

@@ -15,6 +15,7 @@ from robotether_server.db.control import (
     NewLease,
     Stop,
     StopEntry,
+    StoredControl,
 )
 from robotether_server.db.fleet import FormerSessions
 from robotether_server.problems import RecordRefused
@@ -149,9 +150,22 @@ def test_a_relay_finds_numbers_and_stops(relay_database, sim1, ann):
     with relay_database.transaction() as tx:
         found = control.read_stored(tx)
     assert (found.fences, found.stops) == ({sim1: 1}, [stop])
-    write(relay_database, StopEntry(sim1))
+    with relay_database.transaction() as tx:
+        assert control.read_stored(tx, sim1) == found
+        assert control.read_stored(tx, sim1 + 1) == StoredControl({}, [])
+    write(relay_database, StopEntry(sim1, ended=(stop.id,)))
     with relay_database.transaction() as tx:
         assert control.read_stored(tx).stops == []
+
+
+def test_a_release_leaves_a_stop_that_another_cell_wrote(relay_database, sim1):
+    """It is not among those that ended."""
+    stop = Stop(sim1, NOON, "ben")
+    write(relay_database, StopEntry(sim1, stop))
+    ended = ((NOON, "ann"), (NOON - HOUR, "ben"))
+    write(relay_database, StopEntry(sim1, ended=ended))
+    with relay_database.transaction() as tx:
+        assert control.read_stored(tx).stops == [stop]
 
 
 def test_a_stop_of_a_removed_robot_writes_nothing(relay_database, sim1):

@@ -9,6 +9,7 @@ import asyncio
 import json
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
+from datetime import timedelta
 from typing import Any
 from unittest.mock import ANY
 
@@ -422,7 +423,7 @@ async def test_a_release_without_a_guard_is_written(world):
 async def test_an_offline_robot_stays_stopped(world):
     """The problem says since when it is offline."""
     world.registry.remember([(SIM1.id, NOON)])
-    world.stops.remember([Stop(SIM1.id, NOON, "ben")])
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
     with pytest.raises(RobotOffline, match="sim1 has been offline since 2026-01-01 12:00 UTC"):
         await world.stops.release(SIM1, "ann")
     assert world.stops.of(SIM1.id).by == "ben"
@@ -441,7 +442,7 @@ async def test_a_stop_at_the_robot_is_written_as_the_robots(world):
 
 async def test_a_robot_that_connects_is_greeted_with_its_stop(world):
     """And with nothing when it is not stopped."""
-    world.stops.remember([Stop(SIM1.id, NOON, "ben")])
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
     [line] = world.stops.greeting(SIM1.id)
     assert json.loads(line) == {"type": "stop", "id": ANY, "by": "ben"}
     assert len(json.loads(line)["id"]) == 2 * stops_module.MESSAGE_ID_BYTES
@@ -451,7 +452,7 @@ async def test_a_robot_that_connects_is_greeted_with_its_stop(world):
 async def test_what_was_kept_is_ended_in_its_own_row(world):
     """The row is the robot's."""
     world.online("off")
-    world.stops.remember([Stop(SIM1.id, NOON, "ben")])
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
     await world.stops.release(SIM1, "ann")
     assert world.written[0] == StopEntry(SIM1.id, None)
 
@@ -459,7 +460,7 @@ async def test_what_was_kept_is_ended_in_its_own_row(world):
 async def test_a_stop_that_comes_again_is_sent_again_but_not_at_once(world, monkeypatch):
     """One that was never sent goes out at the first press."""
     link = world.online()
-    world.stops.remember([Stop(SIM1.id, NOON, "ben")])
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
     world.stops.stop(SIM1, "ben")
     world.stops.stop(SIM1, "ben")
     assert link.kinds == ["stop"]
@@ -478,7 +479,7 @@ async def test_a_stop_that_no_guard_confirmed_is_sent_again(world, monkeypatch, 
     """From the moment that a guard is known; not to a robot without one, nor to one that is free."""
     monkeypatch.setattr(stops_module, "REPEAT_EVERY_S", 0.01)
     if stopped:
-        world.stops.remember([Stop(SIM1.id, NOON, "ben")])
+        world.stops.learn(Stop(SIM1.id, NOON, "ben"))
     link = world.online(guard)
     if stopped and guard == "on":
         await until(lambda: link.kinds[:2] == ["stop", "stop"], "it is sent again")
@@ -555,7 +556,7 @@ async def test_a_robot_that_is_gone_leaves_nothing(world):
     world.stops.forget_all_but([SIM2.id])
     assert (world.stops.of(SIM1.id), world.stops.of(SIM2.id).by) == (None, "ben")
     link.sent.clear()
-    world.stops.remember([Stop(SIM1.id, NOON, "ben")])
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
     world.stops.stop(SIM1, "ben")
     assert link.kinds == ["stop"]
     world.stops.stop(SIM1, "ann")
@@ -564,3 +565,81 @@ async def test_a_robot_that_is_gone_leaves_nothing(world):
     assert world.stops.of(SIM2.id).by == "ben"
     world.stops.forget_all_but([])
     assert world.stops.of(SIM2.id) is None
+
+
+async def test_a_stop_of_another_cell_is_sent_and_not_written(world):
+    """Who began it writes it; it comes again with each connection of cells."""
+    link, stop = world.online(), Stop(SIM1.id, NOON, "ben", "smoke")
+    for _ in range(2):
+        world.stops.learn(stop)
+    assert [line["by"] for line in link.sent] == ["ben"]
+    assert world.revoked == [(SIM1.id, close_reasons.robot_stopped("sim1", "ben", NOON))]
+    assert world.changed == [SIM1.id]
+    assert world.written == []
+
+
+async def test_what_came_last_is_shown_whenever_it_began(world):
+    """Who releases the robot has seen that one."""
+    world.online("off")
+    world.stops.learn(Stop(SIM1.id, NOON, "ann"))
+    world.stops.learn(Stop(SIM1.id, NOON - timedelta(hours=1), "ben"))
+    assert world.stops.shown(SIM1.id) == ShownStop("ben", "2026-01-01T11:00:00Z")
+    with pytest.raises(NotPossible):
+        await world.stops.release(SIM1, "ann", seen=ShownStop("ann", "2026-01-01T12:00:00Z"))
+    await world.stops.release(SIM1, "ann", seen=world.stops.shown(SIM1.id))
+    assert world.stops.of(SIM1.id) is None
+
+
+async def test_a_release_ends_all_stops_that_were_here_and_writes_which(world):
+    """So that each can be ended wherever it is; it never comes back."""
+    world.online("off")
+    stops = [Stop(SIM1.id, NOON, "ann"), Stop(SIM1.id, NOON, "ben")]
+    for stop in stops:
+        world.stops.learn(stop)
+    await world.stops.release(SIM1, "carl")
+    assert world.written[0].ended == tuple(stop.id for stop in stops)
+    for stop in stops:
+        world.stops.learn(stop)
+    assert world.stops.of(SIM1.id) is None
+
+
+async def test_a_stop_of_another_cell_during_a_release_wins(world):
+    """The guard has it behind the release."""
+    link = world.online()
+    world.stops.stop(SIM1, "ann")
+    release = asyncio.create_task(world.stops.release(SIM1, "ann"))
+    await until(lambda: "release" in link.kinds, "it is on its way")
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
+    with pytest.raises(NotPossible, match="ben has stopped it again"):
+        await release
+    assert link.kinds == ["stop", "release", "stop"]
+
+
+async def test_a_release_at_another_cell_ends_what_it_names(world, monkeypatch):
+    """Whatever is left is sent to the guard that confirmed the release; what was not known here never begins."""
+    monkeypatch.setattr(stops_module, "REPEAT_EVERY_S", 0.01)
+    link = world.online()
+    ann, ben = Stop(SIM1.id, NOON, "ann"), Stop(SIM1.id, NOON, "ben")
+    for stop in (ann, ben):
+        world.stops.learn(stop)
+    link.sent.clear()
+    world.stops.learn_end(SIM1.id, ben.id)
+    assert world.stops.of(SIM1.id) == ann
+    assert world.written == [StopEntry(SIM1.id, ann)]
+    await until(lambda: [line["by"] for line in link.sent][:1] == ["ann"], "the guard has it")
+    world.stops.learn_end(SIM1.id, ann.id)
+    world.stops.learn_end(SIM1.id, (NOON, "carl"))
+    world.stops.learn(Stop(SIM1.id, NOON, "carl"))
+    assert world.stops.of(SIM1.id) is None
+
+
+async def test_stops_of_a_robot_are_bounded(world):
+    """The oldest are forgotten, of those in force and of those that ended."""
+    for minute in range(50):
+        world.stops.learn(Stop(SIM1.id, NOON + timedelta(minutes=minute), "ben"))
+    known = world.stops.known(SIM1.id)
+    assert len(known.in_force) == stops_module.MAX_STOPS
+    assert world.stops.of(SIM1.id).at == NOON + timedelta(minutes=49)
+    for minute in range(50):
+        world.stops.learn_end(SIM1.id, (NOON + timedelta(minutes=minute), "ben"))
+    assert (len(known.ended), known.entry.stop) == (stops_module.MAX_STOPS, None)
