@@ -6,6 +6,17 @@ set -eu
 
 readonly HOST="${PUBLIC_HOST:-localhost}"
 
+# Other cells of the site, if it has a certificate for them. The relay makes the same hash of the key
+# (relay/peers/peer_keys.py).
+serve_peers() {
+  rm -rf /run/nginx/peers
+  mkdir /run/nginx/peers
+  if ! [ -s "$OWN/peer_cert.pem" ] || ! [ -s "$OWN/peer_key.pem" ]; then return; fi
+  (umask 077 && sha256sum "$OWN/peer_key.pem" | sed 's/^\([0-9a-f]*\) .*/proxy_set_header Robotether-Peer \1;/' > /run/nginx/peers/proof)
+  ln -s /etc/nginx/peer-server.conf /run/nginx/peers/server.conf
+  ln -s /etc/nginx/peer-forward.conf /run/nginx/peers/forward.conf
+}
+
 main() {
   case "$HOST" in
     *[!A-Za-z0-9.:-]*)
@@ -14,6 +25,7 @@ main() {
       ;;
   esac
   ensure_self_signed "$HOST"
+  serve_peers
   serve "$(chosen)"
   nginx -t
   # A socket of a former nginx that was killed would keep this one from listening.
