@@ -87,9 +87,10 @@ class StoppedRobot(Struct):
 
 
 class StoppedRobotList(Struct):
-    """The result for each robot."""
+    """The result for each robot; the cells named last learn of the stops once they can be reached."""
 
     robots: list[StoppedRobot]
+    cells_unreached: list[str]
 
 
 BOTH_OR_NEITHER = Meta(extra_json_schema={"dependentRequired": {"by": ["at"], "at": ["by"]}})

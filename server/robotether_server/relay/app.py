@@ -1,4 +1,4 @@
-"""The relay's HTTP applications: the public routes behind nginx, and the inside ones.
+"""The relay's HTTP applications: the public routes behind nginx, the same for other cells, and the inside ones.
 
 `main` makes both. The middleware is the border at which a Problem becomes an answer.
 """
@@ -18,6 +18,9 @@ from robotether_server.problems import PROBLEM_JSON, HttpProblem, OriginRefused,
 from robotether_server.relay.control.control_api import ControlApi
 from robotether_server.relay.events import EventsHandler
 from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.peers.forwarding import Forwarding
+from robotether_server.relay.peers.peer_feed import FLEET_PATH, PeerFeedHandler
+from robotether_server.relay.peers.peer_keys import PROOF_HEADER, PeerKeys
 from robotether_server.relay.rosbridge.handler import RosbridgeHandler
 from robotether_server.relay.video.frames_handler import FramesHandler
 from robotether_server.relay.video.handler import VideoHandler
@@ -66,13 +69,19 @@ class Handlers:
     control: ControlApi
 
 
-def public_app(metrics: Metrics, handlers: Handlers, cors: Cors) -> web.Application:
-    """Make the application that nginx hands requests to."""
+def public_app(
+    metrics: Metrics, handlers: Handlers, cors: Cors, forwarding: Forwarding | None = None
+) -> web.Application:
+    """Make the application that nginx hands requests to; without `forwarding` all are answered here."""
 
     @web.middleware
     async def answer_problems(request: web.Request, handler: Handler) -> web.StreamResponse:
         try:
-            return cors.preflight(request) or await handler(request)
+            if (preflight := cors.preflight(request)) is not None:
+                return preflight
+            if forwarding is not None and (forwarded := forwarding.answer(request)) is not None:
+                return forwarded
+            return await handler(request)
         except Problem as problem:
             metrics.refusals.labels(problem.code).inc()
             # Paths and details hold what came from outside, which must not write a line of its own.
@@ -92,6 +101,24 @@ def public_app(metrics: Metrics, handlers: Handlers, cors: Cors) -> web.Applicat
     app.router.add_get("/api/v1/events", handlers.events.handle, allow_head=False)
     handlers.control.add_routes(app)
     app.on_response_prepare.append(cors.mark)
+    return app
+
+
+def peer_app(
+    metrics: Metrics, handlers: Handlers, cors: Cors, *, keys: PeerKeys, feed: PeerFeedHandler
+) -> web.Application:
+    """Make the application for other cells, whose requests nginx's peer listener passes on."""
+
+    @web.middleware
+    async def check_proof(request: web.Request, handler: Handler) -> web.StreamResponse:
+        # Anybody else could name a client's address in X-Forwarded-For, and see the whole fleet.
+        if not keys.is_proof(request.headers.get(PROOF_HEADER, "")):
+            return problem_answer(HttpProblem(403, "cannot serve the request: no cell sent it"))
+        return await handler(request)
+
+    app = public_app(metrics, handlers, cors)
+    app.middlewares.insert(0, check_proof)
+    app.router.add_get(FLEET_PATH, feed.handle, allow_head=False)
     return app
 
 

@@ -2,7 +2,7 @@
 
 `app` runs one handler a client, which follows the fleet by one `Subscriber`. A subscriber remembers which robots
 changed and not how, so a slow client gets each robot's newest state once, and a subscriber is never larger than the
-fleet. A client that does not read is disconnected after a while.
+fleet. A client that does not read is disconnected after a while. Robots of other cells are in it, too.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Protocol
 
 from aiohttp import web
 
@@ -38,8 +38,57 @@ RobotObject = dict[str, Any]
 Event = tuple[str, object]
 
 
+class ChangedRobots:
+    """Which robots changed since somebody was notified of them."""
+
+    def __init__(self) -> None:
+        self._pending: set[int] = set()
+        self._wake = asyncio.Event()
+        self.ended = False
+
+    def add(self, *robot_ids: int) -> None:
+        """Remember that robots changed."""
+        self._pending.update(robot_ids)
+        self._wake.set()
+
+    def pop(self) -> list[int]:
+        """Return the robots that changed; afterwards nothing is pending."""
+        pending, self._pending = self._pending, set()
+        return sorted(pending)
+
+    def end(self) -> None:
+        """Let whoever follows go."""
+        self.ended = True
+        self._wake.set()
+
+    async def wait(self, timeout_s: float) -> None:
+        """Wait until something is to be sent, at most so long."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._wake.wait()
+        except TimeoutError:
+            return
+        self._wake.clear()
+
+
+class Follower(Protocol):
+    """Who is notified of every change."""
+
+    def mark(self, robot_id: int) -> None:
+        """Remember that a robot changed."""
+
+    def mark_all(self) -> None:
+        """Remember that anything may have changed."""
+
+    def end(self) -> None:
+        """The relay is stopping."""
+
+
 class FleetEvents:
-    """Joins rows, sessions and connections into one object a robot."""
+    """Joins rows, sessions and connections into one object a robot.
+
+    `elsewhere` gives the part that sessions and connections have of a robot at another cell, None if it is at none.
+    """
 
     def __init__(
         self,
@@ -47,12 +96,16 @@ class FleetEvents:
         registry: SessionRegistry,
         connections: Connections,
         control: Control,
+        *,
+        elsewhere: Callable[[int], RobotObject | None] = lambda _robot_id: None,
     ) -> None:
         self._snapshot = snapshot
         self._registry = registry
         self._connections = connections
         self._control = control
+        self._elsewhere = elsewhere
         self._subscribers: set[Subscriber] = set()
+        self._followers: set[Follower] = set()
         self._rtt_notified_at: dict[int, float] = {}
 
     @contextmanager
@@ -61,9 +114,19 @@ class FleetEvents:
         subscriber = Subscriber(self, user_id)
         self._subscribers.add(subscriber)
         try:
-            yield subscriber
+            with self.followed(subscriber):
+                yield subscriber
         finally:
             self._subscribers.discard(subscriber)
+
+    @contextmanager
+    def followed(self, follower: Follower) -> Iterator[None]:
+        """Notify of each change inside the block."""
+        self._followers.add(follower)
+        try:
+            yield
+        finally:
+            self._followers.discard(follower)
 
     def subscriber_count(self) -> int:
         """How many clients follow."""
@@ -75,8 +138,8 @@ class FleetEvents:
 
     def changed(self, robot_id: int) -> None:
         """Something about a robot changed."""
-        for subscriber in self._subscribers:
-            subscriber.mark(robot_id)
+        for follower in self._followers:
+            follower.mark(robot_id)
 
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot; round trips are sent at most every 2 s."""
@@ -88,13 +151,13 @@ class FleetEvents:
     def all_changed(self) -> None:
         """Rows or rights changed: every robot that a subscriber shows or may show now."""
         self._rtt_notified_at.clear()
-        for subscriber in self._subscribers:
-            subscriber.mark_all()
+        for follower in self._followers:
+            follower.mark_all()
 
     def end_subscriptions(self) -> None:
         """The relay is stopping."""
-        for subscriber in list(self._subscribers):
-            subscriber.end()
+        for follower in list(self._followers):
+            follower.end()
 
     def visible(self, user_id: int) -> list[RelayRobot]:
         """The robots that a user may see."""
@@ -109,11 +172,15 @@ class FleetEvents:
 
     def describe(self, robot: RelayRobot) -> RobotObject:
         """Build the robot object of the contract."""
-        presence = self._registry.presence(robot.id)
-        driver = self._control.driver(robot.id)
+        part = self._elsewhere(robot.id) or self.describe_here(robot.id)
+        version = part["agent_version"] or robot.agent_version
+        row = {"name": robot.name, "state": robot.state, "site": robot.site}
+        return row | part | {"agent_version": version}
+
+    def describe_here(self, robot_id: int) -> RobotObject:
+        """Build what of a robot object this cell knows, and no row."""
+        presence, driver = self._registry.presence(robot_id), self._control.driver(robot_id)
         return {
-            "name": robot.name,
-            "state": robot.state,
             "online": presence.online,
             "since": rfc3339(presence.since),
             "address": presence.address,
@@ -121,11 +188,10 @@ class FleetEvents:
             "ros": presence.ros,
             "video": presence.video,
             "drivers": [] if driver is None else [driver],
-            "observers": self._connections.observers(robot.id),
-            "agent_version": presence.agent_version or robot.agent_version,
-            "site": robot.site,
+            "observers": self._connections.observers(robot_id),
+            "agent_version": presence.agent_version,
             "battery": None if presence.battery is None else asdict(presence.battery),
-            "control": self._control.describe(robot.id),
+            "control": self._control.describe(robot_id),
         }
 
     def _rtt_changed(self, robot_id: int) -> None:
@@ -135,16 +201,14 @@ class FleetEvents:
             self.changed(robot_id)
 
 
-class Subscriber:
+class Subscriber(ChangedRobots):
     """What one client has yet to receive."""
 
     def __init__(self, fleet_events: FleetEvents, user_id: int) -> None:
+        super().__init__()
         self._fleet_events = fleet_events
         self.user_id = user_id
         self._shown: dict[int, RobotObject] = {}
-        self._pending: set[int] = set()
-        self._wake = asyncio.Event()
-        self.ended = False
 
     def first_event(self) -> Event:
         """The whole fleet, for the beginning."""
@@ -155,36 +219,15 @@ class Subscriber:
     def mark(self, robot_id: int) -> None:
         """Remember that a robot changed, if it concerns this client."""
         if robot_id in self._shown or self._fleet_events.find(self.user_id, robot_id) is not None:
-            self._pending.add(robot_id)
-            self._wake.set()
+            self.add(robot_id)
 
     def mark_all(self) -> None:
         """Remember that anything may have changed."""
-        self._pending.update(self._shown)
-        self._pending.update(robot.id for robot in self._fleet_events.visible(self.user_id))
-        self._wake.set()
-
-    def end(self) -> None:
-        """Let the client go."""
-        self.ended = True
-        self._wake.set()
-
-    async def wait(self, timeout_s: float) -> None:
-        """Wait until something is to be sent, at most so long."""
-        try:
-            async with asyncio.timeout(timeout_s):
-                await self._wake.wait()
-        except TimeoutError:
-            return
-        self._wake.clear()
+        self.add(*self._shown, *(robot.id for robot in self._fleet_events.visible(self.user_id)))
 
     def pop_events(self) -> list[Event]:
         """The newest state of each robot that changed; afterwards nothing is pending."""
-        pending, self._pending = self._pending, set()
-        events: list[Event] = []
-        for robot_id in sorted(pending):
-            events.extend(self._events_of(robot_id))
-        return events
+        return [event for robot_id in self.pop() for event in self._events_of(robot_id)]
 
     def _events_of(self, robot_id: int) -> Iterator[Event]:
         robot = self._fleet_events.find(self.user_id, robot_id)

@@ -12,6 +12,7 @@ import os
 import signal
 import sys
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import cast
 
 import uvloop
@@ -19,15 +20,22 @@ from aiohttp import ClientSession, ClientWebSocketResponse, DummyCookieJar, TCPC
 
 from robotether_server.db import Database
 from robotether_server.db.fleet import FormerSessions, Snapshot
-from robotether_server.problems import SettingsError
-from robotether_server.relay.app import Cors, Handlers, inside_app, public_app, server_log
+from robotether_server.problems import SettingsError, StoreProblem
+from robotether_server.relay.app import (
+    Cors,
+    Handlers,
+    inside_app,
+    peer_app,
+    public_app,
+    server_log,
+)
 from robotether_server.relay.auth.access import Access
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
 from robotether_server.relay.cell_drain import CellDrain, DrainRules
 from robotether_server.relay.cells import Cells
 from robotether_server.relay.control.control import Control
-from robotether_server.relay.control.control_api import ControlApi
+from robotether_server.relay.control.control_api import ControlApi, OtherCells
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.db.fleet import Fleet
@@ -38,6 +46,11 @@ from robotether_server.relay.http.sockets import RobotSocket, refuse_redirects
 from robotether_server.relay.http.timing import DRIVER_LIMITS, LivenessLimits
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver
+from robotether_server.relay.peers.forwarding import Forwarding
+from robotether_server.relay.peers.peer_dialer import PeerDialer
+from robotether_server.relay.peers.peer_feed import PeerFeed, PeerFeedHandler
+from robotether_server.relay.peers.peer_keys import PeerKeys, read_peer_keys
+from robotether_server.relay.peers.peers import Peers
 from robotether_server.relay.robots.demand import MEDIA_KEPT_S, USE_KEPT_S, Demand
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.robot_link import LinkRules
@@ -60,6 +73,10 @@ LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 # All of stopping together takes under 3 s.
 HANDLERS_STOP_WITHIN_S = 1.0
 EVENTS_WRITTEN_WITHIN_S = 0.7
+# A robot that comes from another cell waits so long for what the database has of it.
+CONTROL_READ_WITHIN_S = 1.0
+# A whole fleet may come at once; others ask the database, too.
+CONTROL_READS_AT_ONCE = 8
 # sshd may come back with another address.
 NAMES_KEPT_S = 2
 
@@ -71,6 +88,7 @@ class Listen:
     host: str = "0.0.0.0"  # noqa: S104  # compose publishes none of these ports
     http_port: int = 8080
     session_port: int = 8091
+    peer_port: int = 8092
     inside_port: int = 9100
 
 
@@ -98,14 +116,18 @@ class Relay:
         *,
         listen: Listen | None = None,
         timing: Timing | None = None,
+        peer_keys: PeerKeys | None = None,
     ) -> None:
         self._settings = settings
+        self._peer_keys = peer_keys
         self._database = database
         self._listen = listen or Listen()
         self._timing = timing or Timing()
         self._tasks: list[asyncio.Task[None]] = []
+        self._control_reads = asyncio.Semaphore(CONTROL_READS_AT_ONCE)
         self._runners: list[web.AppRunner] = []
         self.http_port = 0
+        self.peer_port = 0
         self.inside_port = 0
         self._make_state()
         self._make_client()
@@ -133,6 +155,10 @@ class Relay:
         listen = self._listen
         self.inside_port = await self._serve(self._inside, listen.inside_port)
         self.http_port = await self._serve(self._public, listen.http_port)
+        if self._peer_app is not None:
+            self.peer_port = await self._serve(self._peer_app, listen.peer_port)
+        if self._peer_dialer is not None:
+            self._peer_dialer.start()
         await self._sessions.start(listen.host, listen.session_port)
         log.info("listening on %s: %d and %d", listen.host, self.http_port, self.session_port)
 
@@ -146,6 +172,8 @@ class Relay:
         self.media_demand.close()
         self.usage.close()
         await self._sessions.stop()
+        if self._peer_dialer is not None:
+            await self._peer_dialer.stop()
         self.control.close()
         await self.event_writer.flush(EVENTS_WRITTEN_WITHIN_S)
         for task in self._tasks:
@@ -196,8 +224,13 @@ class Relay:
             on_stored_control=self.control.remember,
             poll_every_s=self._timing.poll_every_s,
         )
+        self.peers = Peers(self.registry, self.control.stops, self._on_elsewhere)
         self.fleet_events = FleetEvents(
-            lambda: self.fleet.known, self.registry, self.connections, self.control
+            lambda: self.fleet.known,
+            self.registry,
+            self.connections,
+            self.control,
+            elsewhere=self.peers.described,
         )
         self.observer = RelayObserver(self.event_writer, self.metrics, lambda: self.fleet.known)
         # First those whose link is lost or whose robot is stopped, then those who watch, then the records.
@@ -206,6 +239,7 @@ class Relay:
             self.control.on_robot_change,
             self.fleet_events.on_robot_change,
             self.observer.on_robot_change,
+            self.peers.on_robot_change,
         )
         self.connections.listen(self.fleet_events.changed)
         self.control.listen(self.fleet_events.changed)
@@ -253,6 +287,7 @@ class Relay:
                 idle_heartbeat_s=timing.idle_heartbeat_s,
                 timeout_s=timing.timeout_s,
                 direct=settings.direct,
+                prepare=self._read_control,
             ),
             checker=PortChecker(settings.tunnel_host, self.observer.port_checked),
             refused=self.observer.session_refused,
@@ -267,6 +302,7 @@ class Relay:
             snapshot=lambda: self.fleet.snapshot,
             allowed_origins=settings.allowed_origins,
             clock=utc_now,
+            began_at=self._began_at,
         )
         context = VideoContext(
             access=access,
@@ -291,10 +327,59 @@ class Relay:
         events = EventsHandler(
             access, self.credentials, self.fleet_events, lambda: self.connections.caps.per_user
         )
-        control = ControlApi(access, self.control, lambda: self.fleet.snapshot)
+        control = ControlApi(
+            access,
+            self.control,
+            lambda: self.fleet.snapshot,
+            OtherCells(self.peers.confirmation, self._cells_unreached),
+        )
         handlers = Handlers(rosbridge, frames, video, events, control)
-        self._public = public_app(self.metrics, handlers, Cors(settings.allowed_origins))
+        cors, forwarding = Cors(settings.allowed_origins), Forwarding(self.peers, self._known)
+        self._public = public_app(self.metrics, handlers, cors, forwarding)
+        self._make_peers(handlers, cors)
         self._inside = inside_app(self.metrics, lambda: self.fleet.store_up)
+
+    def _make_peers(self, handlers: Handlers, cors: Cors) -> None:
+        """Serve other cells, and follow them, if this one has what to show them."""
+        cell, keys = self._settings.cell, self._peer_keys
+        self._peer_feeds = PeerFeedHandler(
+            cell.name,
+            self.fleet_events,
+            lambda: PeerFeed(self.fleet_events, self.registry, self.control.stops),
+        )
+        self._peer_app, self._peer_dialer = None, None
+        if keys is not None:
+            self._peer_app = peer_app(
+                self.metrics, handlers, cors, keys=keys, feed=self._peer_feeds
+            )
+            if cell.peer_address is not None:
+                self._peer_dialer = PeerDialer(self.cells, self.peers, keys)
+
+    def _on_elsewhere(self, robot_id: int) -> None:
+        self.fleet_events.changed(robot_id)
+
+    def _known(self) -> Snapshot:
+        return self.fleet.known
+
+    def _began_at(self, robot_id: int) -> datetime | None:
+        """Return since when a robot is here that may have been at another cell before."""
+        presence = self.registry.presence(robot_id)
+        return presence.since if presence.online and self.cells.peers() else None
+
+    def _cells_unreached(self) -> list[str]:
+        cells = self.cells.peers()
+        return [cell.name for cell in cells if not self._peer_feeds.is_followed_by(cell.name)]
+
+    async def _read_control(self, robot_id: int) -> None:
+        """Read what another cell wrote of a robot that begins a session here."""
+        if not self.cells.peers():
+            return
+        try:
+            async with asyncio.timeout(CONTROL_READ_WITHIN_S), self._control_reads:
+                self.control.remember(await self._database.stored_control(robot_id))
+        except (StoreProblem, TimeoutError):
+            # Then it counts what other cells and the guard reported.
+            log.info("robot %d: its stop and number could not be read", robot_id)
 
     def _bridge_rules(self) -> BridgeRules:
         timing, limit = self._timing, self._settings.message_limit_bytes
@@ -316,6 +401,8 @@ class Relay:
         gauge("observers", "Connections that observe", lambda: connections.count("observe"))
         gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
         gauge("video_feeds", "Cameras that are watched", self.feeds.count)
+        gauge("cells_connected", "Other cells that are connected", self.peers.count)
+        gauge("robots_elsewhere", "Robots of other cells", self.peers.robot_count)
         gauge("event_clients", "Clients of the live fleet", self.fleet_events.subscriber_count)
         gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
         gauge("journal_waiting", "Entries not yet written", self.event_writer.waiting)
@@ -355,7 +442,10 @@ async def run(settings: RelaySettings, listen: Listen) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stopped.set)
     relay = Relay(
-        settings, RelayDatabase(Database(settings.database), settings.cell.name), listen=listen
+        settings,
+        RelayDatabase(Database(settings.database), settings.cell.name),
+        listen=listen,
+        peer_keys=read_peer_keys(),
     )
     await relay.start()
     await stopped.wait()

@@ -212,6 +212,8 @@ class FakeRobot:
         silent = mode == "silent"
         self.session = RobotSession(robot_id, kind="session", session_key=key, silent=silent)
         self.media = RobotSession(robot_id, kind="media", session_key=key)
+        # 0: its agent is older than cells.
+        self.epoch = 0
         self.received: list[str | bytes] = []
         self.video_requests: list[dict[str, Any]] = []
         self.clients: set[web.WebSocketResponse] = set()
@@ -238,7 +240,10 @@ class FakeRobot:
         self._watch = asyncio.create_task(self._close_ports_with_session())
 
     def _say_hello(self) -> None:
-        session, hello = self.session, {"hostname": "turtle", "agent_version": "0.1.0"}
+        session = self.session
+        hello: dict[str, Any] = {"hostname": "turtle", "agent_version": "0.1.0"}
+        if self.epoch:
+            hello["epoch"] = self.epoch
         if self.mode in GUARDED:
             session.answers_orders = self.mode != "guard_silent"
             session.stopped = session.stopped or self.mode == "comes_back_stopped"

@@ -31,6 +31,7 @@ from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.main import Listen, Relay, Timing
+from robotether_server.relay.peers.peer_keys import PeerKeys
 from robotether_server.schemas import Level
 from robotether_server.settings import (
     CellSettings,
@@ -110,9 +111,10 @@ class MemoryDatabase(RelayDatabase):
         self.lookups += 1
         return {key: self.credentials[key] for key in credentials if key in self.credentials}
 
-    async def stored_control(self) -> StoredControl:
+    async def stored_control(self, robot_id: int | None = None) -> StoredControl:
         self._check_up()
-        return StoredControl(dict(self.fences), list(self.stops))
+        fences = {each: fence for each, fence in self.fences.items() if robot_id in {None, each}}
+        return StoredControl(fences, [s for s in self.stops if robot_id in {None, s.robot_id}])
 
     async def next_fence(self, lease: NewLease) -> int:
         self._check_up()
@@ -226,11 +228,15 @@ def relay_settings(
 
 @asynccontextmanager
 async def running_relay(
-    memory_database: RelayDatabase, timing: Timing = FAST, cell: CellSettings | None = None
+    memory_database: RelayDatabase,
+    timing: Timing = FAST,
+    cell: CellSettings | None = None,
+    peer_keys: PeerKeys | None = None,
 ) -> AsyncIterator[RelayServer]:
     """Run the relay inside the block."""
-    listen = Listen(host=HOST, http_port=0, session_port=0, inside_port=0)
-    relay = Relay(relay_settings(cell=cell), memory_database, listen=listen, timing=timing)
+    listen = Listen(host=HOST, http_port=0, session_port=0, peer_port=0, inside_port=0)
+    settings = relay_settings(cell=cell)
+    relay = Relay(settings, memory_database, listen=listen, timing=timing, peer_keys=peer_keys)
     await relay.start()
     try:
         yield RelayServer(relay, memory_database)

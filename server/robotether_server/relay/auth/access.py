@@ -115,7 +115,10 @@ class UsedTickets:
 
 
 class Access:
-    """Decides who may open what, with the newest rights."""
+    """Decides who may open what, with the newest rights.
+
+    `began_at` gives when a robot came to this cell from another, which may have used its tickets; None: from none.
+    """
 
     def __init__(
         self,
@@ -125,12 +128,14 @@ class Access:
         snapshot: Callable[[], Snapshot],
         allowed_origins: Collection[str],
         clock: Callable[[], datetime],
+        began_at: Callable[[int], datetime | None] = lambda _robot_id: None,
     ) -> None:
         self._signer = signer
         self._credentials = credentials
         self._snapshot = snapshot
         self._allowed_origins = frozenset(allowed_origins)
         self._clock = clock
+        self._began_at = began_at
         self._used = UsedTickets(clock(), signer.ttl_s)
 
     def for_rosbridge(self, request: Request, name: str) -> Permit:
@@ -141,7 +146,7 @@ class Access:
             raise TicketMissing(f"cannot open robot {name}: the request has no ticket")
         ticket, issued_at = self._verified(request.ticket)
         permit = self._permit_of_ticket(ticket, name, ticket.mode)
-        self._used.use(ticket.id, issued_at, self._clock())
+        self._use(ticket, issued_at)
         return permit
 
     async def for_video(self, request: Request, name: str) -> Permit:
@@ -161,7 +166,7 @@ class Access:
         permit = await self.for_video(request, name)
         if request.ticket is not None:
             ticket, issued_at = self._verified(request.ticket)
-            self._used.use(ticket.id, issued_at, self._clock())
+            self._use(ticket, issued_at)
         return permit
 
     async def for_events(self, request: Request) -> AuthenticatedUser:
@@ -226,6 +231,14 @@ class Access:
         ticket, issued_at = self._signer.verify(text)
         self._used.refuse_too_old(issued_at)
         return ticket, issued_at
+
+    def _use(self, ticket: Ticket, issued_at: datetime) -> None:
+        began_at = self._began_at(ticket.robot_id)
+        if began_at is not None and issued_at < began_at.replace(microsecond=0):
+            raise TicketExpired(
+                "cannot accept the ticket: the robot has connected elsewhere since; get a new one"
+            )
+        self._used.use(ticket.id, issued_at, self._clock())
 
     def _permit_of_ticket(self, ticket: Ticket, name: str, use: Use) -> Permit:
         user = RelayUser(ticket.user_id, ticket.user)

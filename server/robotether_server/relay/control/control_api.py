@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -28,13 +29,32 @@ MAX_SITE = 63
 NO_STORE = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
 
 
+@dataclass(frozen=True)
+class OtherCells:
+    """What a stop of many robots needs of the site's other cells, which learn of the stops by themselves.
+
+    `confirmation` waits until the guard of a robot at another cell has its stop; None: the robot is at no other.
+    `unreached` names the cells that this one cannot reach now.
+    """
+
+    confirmation: Callable[[int], Awaitable[bool] | None] = lambda _robot_id: None
+    unreached: Callable[[], list[str]] = list
+
+
 class ControlApi:
     """Answers what asks for control over HTTP."""
 
-    def __init__(self, access: Access, control: Control, snapshot: Callable[[], Snapshot]) -> None:
+    def __init__(
+        self,
+        access: Access,
+        control: Control,
+        snapshot: Callable[[], Snapshot],
+        other_cells: OtherCells | None = None,
+    ) -> None:
         self._access = access
         self._control = control
         self._snapshot = snapshot
+        self._other_cells = other_cells or OtherCells()
         self._actions: Mapping[str, Callable[[RelayRobot, leasing.LeaseRequester], None]] = {
             "ask": control.leasing.ask,
             "withdraw": control.leasing.withdraw,
@@ -104,12 +124,16 @@ class ControlApi:
         stops, address = self._control.stops, _address(request)
         for robot in robots:
             stops.stop(robot, user.name, reason=reason, address=address)
-        confirmed = await asyncio.gather(*(stops.confirmation(robot.id) for robot in robots))
+        elsewhere = self._other_cells.confirmation
+        confirmed = await asyncio.gather(
+            *(elsewhere(robot.id) or stops.confirmation(robot.id) for robot in robots)
+        )
         found = [
             {"name": robot.name, "stopped": stops.of(robot.id) is not None, "confirmed": has_it}
             for robot, has_it in zip(robots, confirmed, strict=True)
         ]
-        return web.json_response({"robots": found}, headers=NO_STORE)
+        answer = {"robots": found, "cells_unreached": self._other_cells.unreached()}
+        return web.json_response(answer, headers=NO_STORE)
 
     def _handing_over_to(
         self, action: str | None, to: object

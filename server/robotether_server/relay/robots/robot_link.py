@@ -11,7 +11,7 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from robotether_common.session import ByeCode, Kind
@@ -45,9 +45,10 @@ FAREWELL_S = 0.5
 class LinkRules:
     """What is the same for all links of a relay.
 
-    `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped.
-    `needs_media` says of a robot whether somebody watches its video, `is_used` whether anybody is connected to it: a
-    robot that is not used sends and gets heartbeats every `idle_heartbeat_s`. `cells` gives where it connects.
+    `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped. `prepare` comes
+    before, and reads what other cells wrote of the robot. `needs_media` says of a robot whether somebody watches its
+    video, `is_used` whether anybody is connected to it: a robot that is not used sends and gets heartbeats every
+    `idle_heartbeat_s`. `cells` gives where it connects.
     """
 
     tunnel_host: str
@@ -60,6 +61,7 @@ class LinkRules:
     timeout_s: float = 5.0
     release_wait_s: float = 1.0
     direct: bool = False
+    prepare: Callable[[int], Awaitable[None]] | None = None
 
 
 class RobotLink:
@@ -122,6 +124,8 @@ class RobotLink:
         """Take over from an older link, configure the robot, and listen until the end."""
         try:
             await self._replace_older()
+            if self.kind == "session" and self._rules.prepare is not None:
+                await self._rules.prepare(self.robot_id)
             if not self._ended and not self._reader.at_eof():
                 self._configure()
                 self._greet()

@@ -161,6 +161,12 @@ class SessionRegistry:
         for link in self._links_of(robot_id):
             link.on_usage()
 
+    def seen_elsewhere(self, robot_id: int) -> None:
+        """Another cell had the robot until now."""
+        presence = self.presence(robot_id)
+        if not presence.online:
+            self._presences[robot_id] = replace(presence, since=self._clock())
+
     def count(self, kind: Kind) -> int:
         """Count the current links of a kind."""
         return sum(each == kind for _, each in self._current)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -28,7 +29,11 @@ def later(seconds: float):
 
 
 def access_of(
-    database: MemoryDatabase, granted: Level = "observe", credentials: Credentials | None = None
+    database: MemoryDatabase,
+    granted: Level = "observe",
+    credentials: Credentials | None = None,
+    *,
+    began_at: Callable[[int], datetime | None] = lambda _robot_id: None,
 ) -> Access:
     """Robot 7 is sim1, and user 3 has this grant on it."""
     robot = RelayRobot(7, "sim1", "active", 20000, 20001)
@@ -38,6 +43,7 @@ def access_of(
         snapshot=lambda: Snapshot({7: robot}, {(3, 7): granted}),
         allowed_origins=["https://lab.example"],
         clock=lambda: datetime.now(UTC),
+        began_at=began_at,
     )
 
 
@@ -205,6 +211,25 @@ def test_tickets_of_before_the_start_are_refused():
     with pytest.raises(TicketExpired):
         used.refuse_too_old(later(-1))
     used.refuse_too_old(later(0))
+
+
+@pytest.mark.parametrize(("began_s", "is_good"), [(None, True), (0, True), (-5, True), (2, False)])
+def test_tickets_of_before_the_robot_came_are_refused(began_s, is_good):
+    """Another cell may have used one; signatures have whole seconds."""
+    began_at = None if began_s is None else datetime.now(UTC) + timedelta(seconds=began_s)
+    signer = TicketSigner("key", 30)
+    access = access_of(
+        MemoryDatabase(),
+        "drive",
+        began_at=lambda robot_id: began_at if robot_id == 7 else None,
+    )
+    text = signer.sign(Ticket(new_id(), 3, "ann", 7, "sim1", "drive", "login", "0" * 64))
+    request = Request("robots.example", None, text, None, None)
+    if is_good:
+        access.for_rosbridge(request, "sim1")
+        return
+    with pytest.raises(TicketExpired, match="connected elsewhere"):
+        access.for_rosbridge(request, "sim1")
 
 
 def test_a_full_memory_forgets_no_ticket_that_could_be_used_again():

@@ -161,7 +161,8 @@ async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, memory_data
     await until(lambda: 8 in relay.relay.fleet.known.robots, "the relay knows both")
     status, body = await ask("POST", "/api/v1/stop", "carl")
     assert status == 200
-    assert body == {"robots": [{"name": "sim1", "stopped": True, "confirmed": True}]}
+    robots = [{"name": "sim1", "stopped": True, "confirmed": True}]
+    assert body == {"robots": robots, "cells_unreached": []}
     assert relay.relay.control.stops.of(8) is None
     assert (await ask("POST", "/api/v1/stop", "ann"))[1]["code"] == "grant_missing"
     status, body = await ask("POST", "/api/v1/stop", "carl", {"site": "nowhere"})

@@ -1,0 +1,95 @@
+"""Parses and builds the lines between the relays of two cells.
+
+Pure. The contract is the section "Between cells" of docs/reference/protocols.md.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, get_args
+
+import msgspec
+from msgspec import Struct
+
+from robotether_server.db.control import Stop, StopId
+
+
+class PeerHello(Struct, frozen=True, tag="hello"):
+    """Which cell answers."""
+
+    cell: str
+
+
+class PeerRobot(Struct, frozen=True, tag="robot"):
+    """A robot that has, or had, its session at the cell; `object` is the part of its robot object that no row has."""
+
+    robot_id: int
+    epoch: int
+    online: bool
+    object: dict[str, Any]
+
+
+class PeerStop(Struct, frozen=True, tag="stop"):
+    """A stop that is in force."""
+
+    robot_id: int
+    at: datetime
+    by: str
+    reason: str | None = None
+
+    @property
+    def stop(self) -> Stop:
+        """The stop as the relay keeps it."""
+        return Stop(self.robot_id, self.at, self.by, self.reason)
+
+
+class PeerStopEnd(Struct, frozen=True, tag="released"):
+    """A stop that a release has ended."""
+
+    robot_id: int
+    at: datetime
+    by: str
+
+    @property
+    def stop_id(self) -> StopId:
+        """Which of the robot's stops."""
+        return self.at, self.by
+
+
+PeerMessage = PeerHello | PeerRobot | PeerStop | PeerStopEnd
+_ENCODER = msgspec.json.Encoder()
+_DECODER: msgspec.json.Decoder[PeerMessage] = msgspec.json.Decoder(PeerMessage)
+_KNOWN = frozenset(each.__struct_config__.tag for each in get_args(PeerMessage))
+
+
+class _PeerHead(Struct):
+    type: str
+
+
+_HEAD = msgspec.json.Decoder(_PeerHead)
+
+
+class BrokenPeerMessageError(ValueError):
+    """A message of another cell that breaks the contract."""
+
+
+def parse(text: str) -> PeerMessage | None:
+    """Read a message; None: its type is not known here. Raises BrokenPeerMessageError."""
+    try:
+        return _DECODER.decode(text)
+    except (ValueError, RecursionError) as exc:
+        if _is_unknown(text):
+            return None
+        raise BrokenPeerMessageError(f"cannot read a message: {exc}") from exc
+
+
+def build(message: PeerMessage) -> str:
+    """Write a message."""
+    return _ENCODER.encode(message).decode()
+
+
+def _is_unknown(text: str) -> bool:
+    try:
+        return _HEAD.decode(text).type not in _KNOWN
+    except (ValueError, RecursionError):
+        return False

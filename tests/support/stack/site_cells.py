@@ -1,0 +1,185 @@
+"""Several relays of one site in the test's own process, each behind a peer listener that a test can cut off.
+
+The listener does what nginx's does: TLS with the site's one certificate at both ends, and the proof for the relay.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import copy
+import ssl
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from pathlib import Path
+
+from fake_robot import HOST, FakeRobot
+from relay_server import (
+    FAST,
+    SESSION_KEY,
+    MemoryDatabase,
+    RelayServer,
+    cell_settings,
+    running_relay,
+    until,
+)
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.main import Relay
+from robotether_server.relay.peers.peer_keys import CERTIFICATE, KEY, PROOF_HEADER, PeerKeys
+from tls_front import openssl
+
+
+def make_peer_keys(folder: Path) -> Path:
+    """Make a certificate and its key as images/server/make-secrets does; return their folder."""
+    openssl(
+        *("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"),
+        *("-days", "2", "-subj", "/CN=robotether-peer"),
+        *("-keyout", str(folder / KEY), "-out", str(folder / CERTIFICATE)),
+        *("-addext", "subjectAltName=DNS:robotether-peer"),
+        *("-addext", "basicConstraints=critical,CA:FALSE"),
+    )
+    return folder
+
+
+class PeerListener:
+    """Passes connections of other cells to a relay's peer port; cut, it breaks them, frozen it passes nothing on."""
+
+    def __init__(self, folder: Path, proof: str) -> None:
+        self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        self._context.load_cert_chain(folder / CERTIFICATE, folder / KEY)
+        self._context.load_verify_locations(folder / CERTIFICATE)
+        self._context.verify_mode = ssl.CERT_REQUIRED
+        self._proof = proof
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._server: asyncio.Server
+        self._is_cut = False
+        self._flows = asyncio.Event()
+        self._flows.set()
+        self.relay_port = 0
+        self.port = 0
+
+    async def start(self) -> None:
+        """Listen."""
+        self._server = await asyncio.start_server(self._accept, HOST, 0, ssl=self._context)
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    async def stop(self) -> None:
+        """Listen no more."""
+        self._server.close()
+        await self._break_all()
+
+    @asynccontextmanager
+    async def cut(self) -> AsyncIterator[None]:
+        """Accept nobody inside the block."""
+        self._is_cut = True
+        await self._break_all()
+        yield
+        self._is_cut = False
+
+    @contextmanager
+    def frozen(self) -> Iterator[None]:
+        """Pass nothing on inside the block, as a network does that drops all."""
+        self._flows.clear()
+        yield
+        self._flows.set()
+
+    async def _break_all(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.create_task(self._pass(reader, writer))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(ConnectionError, asyncio.IncompleteReadError):
+            if not self._is_cut:
+                head = await reader.readuntil(b"\r\n")
+                to_relay, relay = await asyncio.open_connection(HOST, self.relay_port)
+                try:
+                    relay.write(head + f"{PROOF_HEADER}: {self._proof}\r\n".encode())
+                    async with asyncio.TaskGroup() as group:
+                        group.create_task(self._pipe(reader, relay))
+                        group.create_task(self._pipe(to_relay, writer))
+                finally:
+                    relay.transport.abort()
+        writer.transport.abort()
+
+    async def _pipe(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(ConnectionError, ssl.SSLError):
+            while data := await reader.read(65536):
+                await self._flows.wait()
+                writer.write(data)
+                await writer.drain()
+        writer.transport.abort()
+
+
+class SiteCell:
+    """One cell of the site under test."""
+
+    def __init__(
+        self, name: str, database: MemoryDatabase, server: RelayServer, listener: PeerListener
+    ) -> None:
+        self.name = name
+        self.database = database
+        self.server = server
+        self.listener = listener
+
+    @property
+    def relay(self) -> Relay:
+        """Its relay."""
+        return self.server.relay
+
+    def owner(self, robot: RelayRobot) -> str | None:
+        """Which other cell has a robot, as this one knows."""
+        peer = self.relay.peers.owner(robot.id)
+        return None if peer is None else peer.name
+
+    def shown(self, robot: RelayRobot) -> dict[str, object]:
+        """The robot as this cell's clients see it."""
+        return self.relay.fleet_events.describe(robot)
+
+    async def robot(self, robot: RelayRobot, mode: str = "guarded", epoch: int = 0) -> FakeRobot:
+        """Have a robot online here; the site's end stops it."""
+        fake = FakeRobot(robot.id, SESSION_KEY, mode)  # type: ignore[arg-type]  # one of its modes
+        fake.epoch = epoch
+        await fake.start(self.relay.session_port)
+        await until(lambda: self.relay.registry.presence(robot.id).guard_mode != "unknown", "hello")
+        return fake
+
+
+class Site:
+    """Cells that share their records, and see each other once they are started."""
+
+    def __init__(self, folder: Path, memory_database: MemoryDatabase) -> None:
+        self._folder = folder
+        self._memory_database = memory_database
+        self._stack = AsyncExitStack()
+        self.cells: dict[str, SiteCell] = {}
+
+    async def add(self, name: str, keys: PeerKeys) -> SiteCell:
+        """Start a cell, and wait until all cells follow each other."""
+        listener = PeerListener(self._folder, keys.proof)
+        await listener.start()
+        self._stack.push_async_callback(listener.stop)
+        # Each with a connection of its own to the same records, which a test takes away.
+        database = copy.copy(self._memory_database)
+        settings = cell_settings(name, peer_address=f"{HOST}:{listener.port}")
+        server = await self._stack.enter_async_context(
+            running_relay(database, FAST, cell=settings, peer_keys=keys)
+        )
+        listener.relay_port = server.relay.peer_port
+        self.cells[name] = cell = SiteCell(name, database, server, listener)
+        await self.connected()
+        return cell
+
+    async def connected(self) -> None:
+        """Wait until all cells follow each other."""
+        cells = self.cells.values()
+        others = len(cells) - 1
+        await until(lambda: all(each.relay.peers.count() == others for each in cells), "connected")
+
+    async def stop(self) -> None:
+        """Stop all cells, the newest first."""
+        await self._stack.aclose()
