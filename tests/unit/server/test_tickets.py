@@ -42,6 +42,22 @@ def test_ticket_from_memory_says_so_and_no_other_does() -> None:
     assert fields.keys() == Ticket.__dataclass_fields__.keys() - {"remembered"}
 
 
+@pytest.mark.parametrize(("later_s", "is_good"), [(-3, False), (-2, True), (30, True), (31, False)])
+def test_ticket_is_good_for_its_time(
+    monkeypatch: pytest.MonkeyPatch, later_s: int, is_good: bool
+) -> None:
+    """And a little before, as another machine's clock may be ahead."""
+    now = int(time.time())
+    monkeypatch.setattr(time, "time", lambda: now)
+    text = SIGNER.sign(TICKET)
+    monkeypatch.setattr(time, "time", lambda: now + later_s)
+    if is_good:
+        assert SIGNER.verify(text)[0] == TICKET
+    else:
+        with pytest.raises(TicketExpired):
+            SIGNER.verify(text)
+
+
 def test_old_ticket_is_expired(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sentence says how long tickets are good."""
     signer = TicketSigner(KEY, 30)
