@@ -3,13 +3,16 @@
  *
  * sshd starts it as user `keylookup` for every key that a client offers: authorized-keys USER FINGERPRINT CONNECTION.
  * It must never print a line for a key that the database does not hold; only while the database cannot be reached
- * does a key that worked in the last 24 hours still work, from the cache. A database that answers with an error
+ * does a key still work that was good in the last 24 hours, from the cache. The container's entrypoint starts
+ * `authorized-keys cache` each minute, which brings the cache in line with the database: a robot whose cell dies together
+ * with the database is let in at the next cell, where it has never been. A database that answers with an error
  * (too many connections, a wrong password) lets nobody in: a stranger could bring that about.
  * It ends with 1 when it cannot tell: sshd then lets the key not in either, and says so in its log.
  *
  * One small C program, not a shell with the database's client: a fleet logs in all at once, and the programs that a
  * script starts were two fifths of what a log-in costs.
  */
+#include <dirent.h>
 #include <errmsg.h>
 #include <mysql.h>
 #include <stdio.h>
@@ -32,15 +35,17 @@
 #define ADDRESS_CHARACTERS "0123456789abcdefABCDEF.:"
 #define ADDRESS_SIZE 46
 #define LINE_SIZE 4096
+#define PATH_SIZE (sizeof CACHE + HASH_LENGTH)
 
 /* The command gets the ports, too: what a login may listen on stays as it was at the log-in. */
-#define LINE_OF_KEY                                                                          \
-    "SELECT CONCAT('restrict,port-forwarding,permitlisten=\"*:', ros_port, "                 \
+#define LINE                                                                                 \
+    "CONCAT('restrict,port-forwarding,permitlisten=\"*:', ros_port, "                 \
     "'\",permitlisten=\"*:', video_port, "                                                   \
     "IFNULL(CONCAT('\",permitlisten=\"*:', shell_port), ''), "                               \
     "'\",command=\"/usr/lib/robotether/session ', robot_id, ' ', fingerprint, ' ', "         \
-    "CONCAT_WS(',', ros_port, video_port, shell_port), '\" ', public_key) "                  \
-    "FROM tunnel_keys WHERE fingerprint = '%s'"
+    "CONCAT_WS(',', ros_port, video_port, shell_port), '\" ', public_key)"
+#define LINE_OF_KEY "SELECT " LINE " FROM tunnel_keys WHERE fingerprint = '%s'"
+#define ALL_LINES "SELECT fingerprint, " LINE " FROM tunnel_keys"
 #define REFUSED_KEY "CALL record_refused_key('%s', '%s')"
 
 enum answer { FOUND, UNKNOWN, UNREACHABLE, FAILED };
@@ -94,12 +99,10 @@ static enum answer failure(MYSQL *database)
     }
 }
 
-static enum answer find_line(MYSQL *database, const char *fingerprint, char line[LINE_SIZE])
+/* FOUND when the database is there. */
+static enum answer find_database(MYSQL *database)
 {
-    char password[256], sql[1024];
-    MYSQL_RES *rows;
-    MYSQL_ROW row;
-    size_t length;
+    char password[256];
 
     if (!read_password(password, sizeof password))
         return FAILED;
@@ -107,6 +110,19 @@ static enum answer find_line(MYSQL *database, const char *fingerprint, char line
     mysql_options(database, MYSQL_READ_DEFAULT_GROUP, OPTIONS_GROUP);
     if (mysql_real_connect(database, NULL, NULL, password, NULL, 0, NULL, 0) == NULL)
         return failure(database);
+    return FOUND;
+}
+
+static enum answer find_line(MYSQL *database, const char *fingerprint, char line[LINE_SIZE])
+{
+    char sql[1024];
+    enum answer connected = find_database(database);
+    MYSQL_RES *rows;
+    MYSQL_ROW row;
+    size_t length;
+
+    if (connected != FOUND)
+        return connected;
     snprintf(sql, sizeof sql, LINE_OF_KEY, fingerprint);
     if (mysql_query(database, sql) != 0 || (rows = mysql_store_result(database)) == NULL)
         return failure(database);
@@ -166,26 +182,83 @@ static void write_cached(const char *path, const char *line)
         unlink(written);
 }
 
-int main(int argc, char **argv)
+/* A fingerprint has no '_', and no file's name has a '/'. */
+static void path_of(const char *fingerprint, char path[PATH_SIZE])
 {
-    char cached[sizeof CACHE + HASH_LENGTH], line[LINE_SIZE], *slash;
-    MYSQL *database;
+    char *slash;
 
-    if (argc != 4 || strcmp(argv[1], "tunnel") != 0 || !is_fingerprint(argv[2]))
-        return 0;
-    snprintf(cached, sizeof cached, "%s%s", CACHE, argv[2] + strlen(HASH));
-    for (slash = cached + strlen(CACHE); (slash = strchr(slash, '/')) != NULL;)
+    snprintf(path, PATH_SIZE, "%s%s", CACHE, fingerprint + strlen(HASH));
+    for (slash = path + strlen(CACHE); (slash = strchr(slash, '/')) != NULL;)
         *slash = '_';
-    database = mysql_init(NULL);
-    if (database == NULL)
+}
+
+static int compare(const void *one, const void *other)
+{
+    return strcmp(*(char *const *)one, *(char *const *)other);
+}
+
+/* Removes what the database no longer has; a key that came in meanwhile is there again at the next turn. */
+static void forget_others(char **fingerprints, size_t count)
+{
+    char fingerprint[sizeof HASH + HASH_LENGTH], path[PATH_SIZE], *wanted = fingerprint, *line;
+    DIR *folder = opendir(CACHE);
+    struct dirent *entry;
+
+    while (folder != NULL && (entry = readdir(folder)) != NULL) {
+        if (strlen(entry->d_name) != HASH_LENGTH)
+            continue;
+        snprintf(fingerprint, sizeof fingerprint, "%s%.*s", HASH, HASH_LENGTH, entry->d_name);
+        for (line = fingerprint; (line = strchr(line, '_')) != NULL;)
+            *line = '/';
+        if (bsearch(&wanted, fingerprints, count, sizeof *fingerprints, compare) != NULL)
+            continue;
+        path_of(fingerprint, path);
+        unlink(path);
+    }
+    if (folder != NULL)
+        closedir(folder);
+}
+
+/* A database that does not answer, or with an error, leaves the cache as it is. */
+static int renew_cache(MYSQL *database)
+{
+    char path[PATH_SIZE], **fingerprints;
+    size_t count = 0;
+    MYSQL_RES *rows;
+    MYSQL_ROW row;
+
+    if (find_database(database) != FOUND || mysql_query(database, ALL_LINES) != 0 ||
+        (rows = mysql_store_result(database)) == NULL)
         return 1;
-    switch (find_line(database, argv[2], line)) {
+    fingerprints = calloc(mysql_num_rows(rows) + 1, sizeof *fingerprints);
+    if (fingerprints == NULL)
+        return 1;
+    while ((row = mysql_fetch_row(rows)) != NULL) {
+        if (row[0] == NULL || row[1] == NULL || !is_fingerprint(row[0]) ||
+            strlen(row[1]) >= LINE_SIZE || row[1][strcspn(row[1], "\r\n")] != '\0')
+            continue;
+        fingerprints[count++] = row[0];
+        path_of(row[0], path);
+        write_cached(path, row[1]);
+    }
+    qsort(fingerprints, count, sizeof *fingerprints, compare);
+    forget_others(fingerprints, count);
+    free(fingerprints);
+    return 0;
+}
+
+static int look_up(MYSQL *database, const char *fingerprint, const char *connection)
+{
+    char cached[PATH_SIZE], line[LINE_SIZE];
+
+    path_of(fingerprint, cached);
+    switch (find_line(database, fingerprint, line)) {
     case FOUND:
         write_cached(cached, line);
         break;
     case UNKNOWN:
         unlink(cached);
-        record_refused_key(database, argv[2], argv[3]);
+        record_refused_key(database, fingerprint, connection);
         line[0] = '\0';
         break;
     case UNREACHABLE:
@@ -195,6 +268,20 @@ int main(int argc, char **argv)
     case FAILED:
         return 1;
     }
-    mysql_close(database);
     return line[0] != '\0' && (puts(line) < 0 || fflush(stdout) != 0);
+}
+
+int main(int argc, char **argv)
+{
+    int is_for_cache = argc == 2 && strcmp(argv[1], "cache") == 0, status;
+    MYSQL *database;
+
+    if (!is_for_cache && (argc != 4 || strcmp(argv[1], "tunnel") != 0 || !is_fingerprint(argv[2])))
+        return 0;
+    database = mysql_init(NULL);
+    if (database == NULL)
+        return 1;
+    status = is_for_cache ? renew_cache(database) : look_up(database, argv[2], argv[3]);
+    mysql_close(database);
+    return status;
 }

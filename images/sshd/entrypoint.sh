@@ -59,6 +59,7 @@ ensure_database_options() {
 
 as_jump_watch() { setpriv --reuid jump --regid jumpwatch --clear-groups "$@"; }
 as_tunnel_watch() { setpriv --reuid tunnel --regid tunnel --clear-groups "$@"; }
+as_keylookup() { setpriv --reuid keylookup --regid keylookup --clear-groups "$@"; }
 as_nginx() { setpriv --reuid www-data --regid www-data --clear-groups "$@"; }
 
 # Root has no right here to give a folder away, so the accounts make their own. The register of connections is written
@@ -80,6 +81,8 @@ start_beside_sshd() {
   as_jump_watch sh -c "$keep_running" loop /usr/lib/robotether/jump-watch &
   as_tunnel_watch sh -c "$keep_running" loop /usr/lib/robotether/tunnel-watch &
   as_nginx sh -c "$keep_running" loop nginx -c "$PROXY_PROTOCOL" &
+  # Fails while the database is away, and leaves the cache as it is then.
+  as_keylookup sh -c 'while :; do /usr/lib/robotether/authorized-keys cache; sleep 60; done' &
 }
 
 main() {

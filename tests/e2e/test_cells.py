@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from contextlib import contextmanager
+from http import HTTPStatus
+from typing import Any
 
 import pytest
 from cells import first_cell, second_cell
@@ -28,6 +32,30 @@ def second(first: Stack) -> Iterator[Stack]:
         yield cell
 
 
+def cells_by(cell: Stack) -> dict[str, dict[str, Any]]:
+    """The cells of the site, as this one lists them."""
+    return {one["name"]: one for one in json.loads(cell.robotether("cell", "list", "--json"))}
+
+
+def test_both_cells_are_listed_and_serve_pages(first: Stack, second: Stack) -> None:
+    """By each of them, with the addresses at which robots reach them."""
+    for cell in (first, second):
+        cell.wait(
+            "both cells alive",
+            lambda cell=cell: [one["is_alive"] for one in cells_by(cell).values()] == [True, True],
+            "relay",
+        )
+        listed = cells_by(cell)
+        assert {name: one["host"] for name, one in listed.items()} == dict.fromkeys(
+            ("a", "b"), first.settings["PUBLIC_HOST"]
+        )
+        assert [listed[name]["https_port"] for name in ("a", "b")] == [
+            first.https_port,
+            second.https_port,
+        ]
+        assert cell.request("GET", "/login")[0] == HTTPStatus.OK
+
+
 def host_key(cell: Stack) -> str:
     return cell.exec("sshd", "cat", "/etc/ssh/public/ssh_host_ed25519_key.pub").split()[1]
 
@@ -40,7 +68,7 @@ def test_cells_are_one_site(first: Stack, second: Stack) -> None:
     token = {"Authorization": f"Bearer {first.token('cells')}"}
     for cell in (first, second):
         status, robots = cell.request("GET", "/api/v1/robots", headers=token)
-        assert status == 200
+        assert status == HTTPStatus.OK
         assert {robot["name"] for robot in robots["robots"]} == {"sim1", "sim2", "sim3"}
 
 
@@ -75,3 +103,43 @@ def test_database_takes_no_connection_without_tls(first: Stack, second: Stack) -
     )
     assert done.returncode != 0
     assert "secure transport" in done.stderr
+
+
+@contextmanager
+def machine_down(cell: Stack) -> Iterator[None]:
+    """The machine is away inside the block, without a word, and boots after it."""
+    containers = [cell.container(name) for name in ("nginx", "web", "relay", "sshd", "mysql")]
+    for container in containers:
+        container.kill()
+    try:
+        yield
+    finally:
+        for container in reversed(containers):
+            container.start()
+        cell.wait_healthy("mysql")
+        cell.wait_healthy("relay")
+
+
+def robots_at(cell: Stack) -> int:
+    """How many are online there, as its relay counts them, which needs no database."""
+    read = "import urllib.request as r; print(r.urlopen('http://127.0.0.1:9100/metrics').read().decode())"
+    [line] = [
+        one
+        for one in cell.exec("relay", "python3", "-c", read).splitlines()
+        if one.startswith("robotether_relay_robots_online ")
+    ]
+    return round(float(line.split()[1]))
+
+
+def test_robots_of_a_machine_that_died_go_to_the_other(first: Stack, second: Stack) -> None:
+    """Although the database died with it, and stay where they are when it is back."""
+    robots = ("sim1", "sim2", "sim3")
+    # By itself within a minute.
+    second.exec("sshd", "/usr/lib/robotether/authorized-keys", "cache", user="keylookup")
+    with machine_down(first):
+        second.wait(
+            "all robots", lambda: robots_at(second) == len(robots), "relay", "sshd", seconds=60
+        )
+    for robot in robots:
+        second.wait(f"{robot} recorded", lambda robot=robot: second.online(robot), "relay", "web")
+    assert robots_at(second) == len(robots)

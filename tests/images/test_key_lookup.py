@@ -135,13 +135,32 @@ def test_disabled_robots_key_is_refused(stack: Stack, key: RobotKey) -> None:
         stack.wait_for_changes("sim1")
 
 
+def cached_names(stack: Stack) -> list[str]:
+    return stack.exec("sshd", "find", CACHE, "-type", "f", user="keylookup").split()
+
+
 def cached(key: RobotKey) -> bool:
-    return file_of(key) in key.stack.exec("sshd", "find", CACHE, user="keylookup").split()
+    return file_of(key) in cached_names(key.stack)
 
 
 def file_of(key: RobotKey) -> str:
     """The key's in the cache; a slash would be a folder."""
     return f"{CACHE}/{key.fingerprint.removeprefix('SHA256:').replace('/', '_')}"
+
+
+def test_cache_follows_the_database(stack: Stack, key: RobotKey) -> None:
+    """A key that never came here is in it, as with a robot whose cell dies, and one that is no longer good is not."""
+    stack.exec("sshd", "rm", "-f", file_of(key), user="keylookup")
+    stack.exec("sshd", PROGRAM, "cache", user="keylookup")
+    assert stack.exec("sshd", "cat", file_of(key), user="keylookup") == line_of(key)
+    stack.robotether("robot", "disable", "thief")
+    try:
+        stack.exec("sshd", PROGRAM, "cache", user="keylookup")
+        assert not cached(key)
+        assert cached_names(stack), "the other robots' keys"
+    finally:
+        stack.robotether("robot", "enable", "thief")
+        stack.wait_for_changes("sim1")
 
 
 def test_database_that_answers_with_an_error_lets_nobody_in(stack: Stack, key: RobotKey) -> None:
