@@ -16,6 +16,7 @@ COMPOSE = """#!/bin/sh
 case "$*" in
   ps*) cat container 2>/dev/null || true ;;
   *mariadb-dump*) echo 'CREATE DATABASE robotether'; exit "$(cat dump_status)" ;;
+  *"SHOW GRANTS FOR 'web'"*) printf 'GRANT USAGE ON *.* TO web\\nGRANT SELECT ON `robotether`.`users` TO web\\n' ;;
 esac
 """
 
@@ -57,7 +58,11 @@ def test_dump_is_for_its_owner_and_old_ones_go(checkout: Path) -> None:
     done = dump(checkout, "dumps", "2")
     assert done.returncode == 0, done.stderr
     newest = checkout / done.stdout.split()[-1]
-    assert gzip.decompress(newest.read_bytes()) == b"CREATE DATABASE robotether\n"
+    # Rights too, but no account with its password.
+    assert gzip.decompress(newest.read_bytes()).decode().splitlines() == [
+        "CREATE DATABASE robotether",
+        "GRANT SELECT ON `robotether`.`users` TO web;",
+    ]
     assert newest.stat().st_mode & 0o077 == 0
     kept = {"robotether-20200103T000000Z.sql.gz", newest.name, "notes.txt"}
     assert {path.name for path in folder.iterdir()} == kept
