@@ -47,9 +47,19 @@ class Cell:
         return self.host is not None and self.is_alive and not self.draining
 
 
+IS_ALIVE = f"c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND"
+# Of a row `s` of sessions or leases. What a dead cell left open is over, though nobody could write that.
+IS_OF_LIVE_CELL = (
+    f"(s.cell IS NULL OR EXISTS (SELECT 1 FROM cells c WHERE c.name = s.cell AND {IS_ALIVE}))"  # noqa: S608 - the module's own text
+)
+# Of a row `s` of robot_sessions: it is the newest of its cell, and lasts. NOT EXISTS would read the whole table.
+IS_PRESENT = (
+    f"s.ended_at IS NULL AND {IS_OF_LIVE_CELL} AND s.id = (SELECT newest.id FROM robot_sessions newest"  # noqa: S608 - as above
+    " WHERE newest.robot_id = s.robot_id AND newest.cell <=> s.cell ORDER BY newest.id DESC LIMIT 1)"
+)
 SELECT = (
-    "SELECT c.name, c.host, c.https_port, c.ssh_ports, c.peer_address, c.version, c.robots, c.draining,"  # noqa: S608 - the module's own text
-    f" c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND AS is_alive FROM cells c "
+    "SELECT c.name, c.host, c.https_port, c.ssh_ports, c.peer_address, c.version, c.robots, c.draining,"  # noqa: S608 - as above
+    f" {IS_ALIVE} AS is_alive FROM cells c "
 )
 
 
@@ -79,8 +89,8 @@ def remove(tx: Transaction, name: str) -> None:
 def find_of_robot(tx: Transaction, robot_id: int) -> Cell | None:
     """Return the cell where a robot is online."""
     row = tx.row(
-        f"{SELECT} JOIN robot_sessions s ON s.cell = c.name AND s.ended_at IS NULL"  # noqa: S608 - as above
-        " WHERE s.id = (SELECT MAX(newest.id) FROM robot_sessions newest WHERE newest.robot_id = %s)",
+        f"{SELECT} JOIN robot_sessions s ON s.cell = c.name"
+        f" WHERE s.robot_id = %s AND {IS_PRESENT} ORDER BY s.id DESC LIMIT 1",
         (robot_id,),
     )
     return None if row is None else _cell_of(row)

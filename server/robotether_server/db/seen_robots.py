@@ -7,31 +7,46 @@ import datetime as dt
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from robotether_server.db import robots
+from robotether_server.db import cells, robots
 from robotether_server.db.database import Row, Transaction
 from robotether_server.db.robots import Robot
 from robotether_server.db.users import User
 from robotether_server.schemas import Level, Timestamp
 
-# The newest session decides presence: one that has not ended is a robot that is online.
-SELECT_SEEN = (
-    f"SELECT {robots.COLUMNS}, "  # noqa: S608 - the module's own text
-    "s.id IS NOT NULL AND s.ended_at IS NULL AS online, "
-    "COALESCE(s.ended_at, s.started_at) AS since, "
-    "COALESCE(s.address, r.join_address) AS seen_address, "
-    "COALESCE(s.agent_version, r.agent_version) AS seen_version, "
-    "s.ended_at IS NULL AND COALESCE(s.ros_exposed, FALSE) AS ros_exposed, "
-    "IF(%(admin)s, 'manage', g.level) AS level "
-    "FROM robots r "
-    "LEFT JOIN robot_sessions s "
-    "ON s.id = (SELECT MAX(newest.id) FROM robot_sessions newest WHERE newest.robot_id = r.id) "
-    "LEFT JOIN (SELECT robot_id, level FROM relay_grants WHERE user_id = %(user_id)s) g "
-    "ON g.robot_id = r.id "
-    "WHERE (%(admin)s OR g.level IS NOT NULL) "
+
+def _select(of_robot: str = "") -> str:
+    # A session that lasts is a robot that is online. Of two cells' rows the one that ended may have been written last.
+    sessions = (
+        "SELECT s.robot_id, MAX(s.id) AS id FROM robot_sessions s "  # noqa: S608 - the modules' own text
+        f"WHERE {cells.IS_PRESENT} {of_robot} GROUP BY s.robot_id"
+    )
+    return (
+        f"SELECT {robots.COLUMNS}, "  # noqa: S608 - as above
+        "present.id IS NOT NULL AS online, "
+        "COALESCE(s.ended_at, IF(present.id IS NULL, lost.heartbeat_at, NULL), s.started_at) AS since, "
+        "COALESCE(s.address, r.join_address) AS seen_address, "
+        "COALESCE(s.agent_version, r.agent_version) AS seen_version, "
+        "present.id IS NOT NULL AND COALESCE(s.ros_exposed, FALSE) AS ros_exposed, "
+        "IF(%(admin)s, 'manage', g.level) AS level "
+        "FROM robots r "
+        f"LEFT JOIN ({sessions}) present ON present.robot_id = r.id "
+        "LEFT JOIN robot_sessions s ON s.id = COALESCE("
+        "present.id, (SELECT MAX(newest.id) FROM robot_sessions newest WHERE newest.robot_id = r.id)) "
+        "LEFT JOIN cells lost ON lost.name = s.cell "
+        "LEFT JOIN (SELECT robot_id, level FROM relay_grants WHERE user_id = %(user_id)s) g "
+        "ON g.robot_id = r.id "
+        "WHERE (%(admin)s OR g.level IS NOT NULL) "
+    )
+
+
+SELECT_ALL = f"{_select()} ORDER BY r.name"
+# MariaDB would find out for all robots which sessions last.
+OF_ROBOT = "AND s.robot_id = (SELECT id FROM robots WHERE name = %(name)s)"
+SELECT_ONE = f"{_select(OF_ROBOT)} AND r.name = %(name)s"
+DRIVERS = (
+    "SELECT s.robot_id, s.user_name AS user, s.since FROM control_leases s "  # noqa: S608 - as above
+    f"WHERE s.ended_at IS NULL AND {cells.IS_OF_LIVE_CELL}"
 )
-
-
-DRIVERS = "SELECT robot_id, user_name AS user, since FROM control_leases WHERE ended_at IS NULL"
 STOPS = "SELECT robot_id, by_name AS `by`, stopped_at AS at FROM robot_stops"
 
 
@@ -105,20 +120,20 @@ def _seen(row: Row) -> SeenRobot:
 def list_seen(tx: Transaction, user: User) -> list[SeenRobot]:
     """Return the robots that the user may see, by name; admins see all, as managers."""
     values = {"admin": user.is_admin, "user_id": user.id}
-    return [_seen(row) for row in tx.rows(SELECT_SEEN + "ORDER BY r.name", values)]
+    return [_seen(row) for row in tx.rows(SELECT_ALL, values)]
 
 
 def find_seen(tx: Transaction, user: User, name: str) -> SeenRobot | None:
     """Return one robot, if there is one of that name that the user may see."""
     values = {"admin": user.is_admin, "user_id": user.id, "name": name}
-    row = tx.row(SELECT_SEEN + "AND r.name = %(name)s", values)
+    row = tx.row(SELECT_ONE, values)
     return _seen(row) if row else None
 
 
 def list_all(tx: Transaction) -> list[SeenRobot]:
     """Return every robot, by name, as an admin sees it."""
     values = {"admin": True, "user_id": 0}
-    return [_seen(row) for row in tx.rows(SELECT_SEEN + "ORDER BY r.name", values)]
+    return [_seen(row) for row in tx.rows(SELECT_ALL, values)]
 
 
 def count_seen(tx: Transaction) -> dict[int, int]:
@@ -130,7 +145,7 @@ def count_seen(tx: Transaction) -> dict[int, int]:
 def get_seen(tx: Transaction, name: str) -> SeenRobot:
     """Return one robot as an admin sees it; raise RecordMissing."""
     values = {"admin": True, "user_id": 0, "name": name}
-    row = tx.row(SELECT_SEEN + "AND r.name = %(name)s", values)
+    row = tx.row(SELECT_ONE, values)
     if row is None:
         raise robots.missing(name)
     return _seen(row)
@@ -148,8 +163,12 @@ def sessions_of(tx: Transaction, robot_id: int, limit: int) -> list[RecordedSess
 
 def is_online(tx: Transaction, robot_id: int) -> bool:
     """Return whether the robot has a session now."""
-    newest = sessions_of(tx, robot_id, 1)
-    return bool(newest) and newest[0].ended_at is None
+    found = tx.row(
+        "SELECT s.id FROM robot_sessions s "  # noqa: S608 - as above
+        f"WHERE s.robot_id = %s AND {cells.IS_PRESENT} LIMIT 1",
+        (robot_id,),
+    )
+    return found is not None
 
 
 def control_of(tx: Transaction, robot_id: int) -> ControlState:

@@ -117,19 +117,20 @@ def test_who_joins_goes_where_the_fewest_robots_are():
 
 
 def test_a_robot_is_where_its_newest_session_is(relay_database, database):
-    """As long as that lasts; the one that an older cell has not ended yet does not count."""
+    """Of those that last, if two cells still say that they have it."""
     for name in ("a", "b"):
         heartbeat(relay_database, cell_settings(name, f"{name}.example"))
     with database.transaction() as tx:
         sim1 = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
         assert cells.find_of_robot(tx, sim1) is None
-    newest = SessionEntry(sim1, NOON + MINUTE, "")
+    older, newer = SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + MINUTE, "")
     with relay_database.transaction() as tx:
-        fleet.write(tx, [SessionEntry(sim1, NOON, "")], "a")
-        (newest.row_id,) = fleet.write(tx, [newest], "b").values()
+        (older.row_id,) = fleet.write(tx, [older], "a").values()
+        (newer.row_id,) = fleet.write(tx, [newer], "b").values()
         assert cells.find_of_robot(tx, sim1).name == "b"
-        newest.ended_at = NOON + 2 * MINUTE
-        fleet.write(tx, [newest], "b")
+        for entry in (newer, older):
+            entry.ended_at = NOON + 2 * MINUTE
+        fleet.write(tx, [older, newer])
         assert cells.find_of_robot(tx, sim1) is None
 
 

@@ -7,14 +7,19 @@ import datetime as dt
 import pytest
 from allotment import mac
 from granted import give
-from robotether_server.db import Database, robots, seen_robots, users
-from robotether_server.db.robots import Report
+from relay_server import cell_settings
+from robotether_server.db import Database, cells, control, fleet, robots, seen_robots, users
+from robotether_server.db.control import NewLease
+from robotether_server.db.fleet import SessionEntry
+from robotether_server.db.robots import Report, Robot
 from robotether_server.db.seen_robots import FREE, ControlState, DrivenBy, Stopped
 from robotether_server.identity import PublicKey
 from robotether_server.problems import (
     RecordMissing,
 )
 
+NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
+HOUR = dt.timedelta(hours=1)
 MAC = "00:1b:44:11:3a:b7"
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
 REPORT = Report("turtle", "0.1.0", "192.0.2.1")
@@ -60,6 +65,53 @@ def test_presence_is_the_newest_session(database: Database, admin_database: Data
     assert online.since is not None
     assert offline.since is not None
     assert (offline.since - online.since).total_seconds() == 3600
+
+
+@pytest.fixture
+def sim1(database: Database, relay_database: Database) -> Robot:
+    """A robot of cell a, where ann has been driving it since noon."""
+    with database.transaction() as tx:
+        ann, robot_id = users.add(tx, "ann", "x", "user"), robots.add(tx, MAC, "sim1")
+    with relay_database.transaction() as tx:
+        for name in ("a", "b"):
+            cells.write_heartbeat(tx, cell_settings(name), robots=1, started_at=NOON)
+        fleet.write(tx, [SessionEntry(robot_id, NOON, "192.0.2.1")], "a")
+        control.next_fence(tx, NewLease(robot_id, ann, "ann", NOON), "a")
+    with database.transaction() as tx:
+        return robots.get(tx, "sim1")
+
+
+def test_robot_of_a_dead_cell_is_offline(
+    sim1: Robot, database: Database, admin_database: Database
+) -> None:
+    """Since the cell was last alive; nobody drives it, though nobody could write either down."""
+    with database.transaction() as tx:
+        assert seen_robots.is_online(tx, sim1.id)
+        assert seen_robots.control_of(tx, sim1.id).driver == DrivenBy("ann", NOON)
+        (seen,) = seen_robots.list_all(tx)
+    assert (seen.online, seen.since) == (True, NOON)
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE cells SET heartbeat_at = %s WHERE name = 'a'", (NOON + HOUR,))
+    with database.transaction() as tx:
+        assert not seen_robots.is_online(tx, sim1.id)
+        assert seen_robots.control_of(tx, sim1.id) == FREE
+        assert seen_robots.control_of_all(tx) == {}
+        (seen,) = seen_robots.list_all(tx)
+    assert (seen.online, seen.since) == (False, NOON + HOUR)
+
+
+def test_ended_session_that_is_written_late_hides_no_open_one(
+    sim1: Robot, database: Database, relay_database: Database
+) -> None:
+    """The robot went from b to a while b could not write."""
+    left = SessionEntry(sim1.id, NOON - HOUR, "192.0.2.2", ended_at=NOON, end_code="cell_draining")
+    with relay_database.transaction() as tx:
+        fleet.write(tx, [left], "b")
+    with database.transaction() as tx:
+        assert seen_robots.is_online(tx, sim1.id)
+        (seen,) = seen_robots.list_all(tx)
+        assert cells.find_of_robot(tx, sim1.id).name == "a"
+    assert (seen.online, seen.since, seen.address) == (True, NOON, "192.0.2.1")
 
 
 def test_address_and_version_are_the_newest_sessions(

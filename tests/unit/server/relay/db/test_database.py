@@ -13,7 +13,7 @@ from granted import give
 from mariadb_server import MariaDb
 from relay_clients import closing
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
-from robotether_server.db import Database, Transaction, credentials, grants, robots, users
+from robotether_server.db import Database, Transaction, cells, credentials, grants, robots, users
 from robotether_server.db.control import NewLease
 from robotether_server.db.fleet import Credential, RelayUser
 from robotether_server.identity import PublicKey
@@ -203,11 +203,12 @@ async def test_rights_in_the_real_database_end_a_connection(mariadb, database, a
         await relay.relay.event_writer.flush(5)
     with database.transaction() as tx:
         (session,) = tx.rows(
-            "SELECT robot_id, end_code, ended_at, agent_version FROM robot_sessions"
+            "SELECT robot_id, cell, end_code, ended_at, agent_version FROM robot_sessions"
         )
         kinds = [row["kind"] for row in tx.rows("SELECT kind FROM audit_events ORDER BY id")]
-        (drive,) = tx.rows("SELECT robot, user_name, fence, end_code, messages FROM drives")
-        (lease,) = tx.rows("SELECT fence, user_name, ended_at FROM control_leases")
+        (drive,) = tx.rows("SELECT robot, user_name, fence, cell, end_code, messages FROM drives")
+        (lease,) = tx.rows("SELECT fence, user_name, cell, ended_at FROM control_leases")
+        (cell,) = cells.read(tx)
     assert (session["robot_id"], session["agent_version"]) == (sim1.id, "0.1.0")
     assert session["ended_at"] is not None
     assert kinds == ["drive_started", "drive_ended"]
@@ -215,10 +216,12 @@ async def test_rights_in_the_real_database_end_a_connection(mariadb, database, a
         "robot": "sim1",
         "user_name": "ann",
         "fence": 1,
+        "cell": "main",
         "end_code": "rights_ended",
         "messages": 1,
     }
-    assert (lease["fence"], lease["user_name"]) == (1, "ann")
+    assert (lease["fence"], lease["user_name"], lease["cell"]) == (1, "ann", "main")
+    assert (cell.name, cell.is_alive, session["cell"]) == ("main", True, "main")
     assert lease["ended_at"] is not None
 
 
