@@ -289,8 +289,7 @@ class Server:
         self, request: web.BaseRequest, client: ClientSocket, proxy: ClientProxy, url: str
     ) -> web.StreamResponse:
         try:
-            if proxy.authorization.mode == "drive":
-                await self._keep_fence(proxy.authorization.fence)
+            await self._keep_fence(proxy.authorization.fence)
         except StateUnusable as problem:
             return _problem(DISK_REFUSED, f"cannot drive: {problem.message}")
         try:

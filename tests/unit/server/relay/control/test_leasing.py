@@ -99,6 +99,13 @@ async def test_a_new_lease_waits_for_the_guards_first_report(relay, sim1, http):
         await robot.stop()
 
 
+async def test_a_robot_without_a_guard_keeps_nobody_waiting(relay, robot, sim1, http, monkeypatch):
+    """Its agent has said that no report will come."""
+    monkeypatch.setattr(leasing, "GUARD_REPORTS_WITHIN_S", WAIT_S * 10)
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await driven(relay, sim1)
+
+
 async def test_what_the_guard_refuses_stands_in_the_drives_record(
     relay, guarded, sim1, http, memory_database
 ):
