@@ -408,6 +408,14 @@ async def _ends_by_messages(ends: Ends) -> None:
     await ends.add("no WebSocket from the robot", by_robot(b"\xff\xff"))
 
 
+async def set_guard(ends: Ends, guard: str) -> None:
+    """Have the agent say so, and wait until the relay knows."""
+    registry = ends.world.relay.relay.registry
+    assert ends.robot is not None
+    ends.robot.session.send(type="hello", hostname="turtle", agent_version="0.1.0", guard=guard)
+    await until(lambda: registry.presence(7).guard_mode == guard, f"the guard is {guard}", WAIT_S)
+
+
 async def _ends_by_rights(ends: Ends) -> None:
     world, database, relay = ends.world, ends.world.database, ends.world.relay.relay
 
@@ -426,9 +434,12 @@ async def _ends_by_rights(ends: Ends) -> None:
     relay.connections.caps = replace(usual, per_user=0)
     await ends.add_refused("too many of a user")
     relay.connections.caps = usual
+    # With a guard the lease would begin all the same.
+    await set_guard(ends, "off")
     database.down = True
     await ends.add_refused("no database")
     database.down = False
+    await set_guard(ends, "on")
     await relay.fleet.poll()
     database.next_fence = broken  # type: ignore[assignment,method-assign]
     await ends.add_refused("a defect of the relay")
