@@ -118,6 +118,12 @@ target "registry" {
   context = "images/registry"
   tags    = ["robotether/registry:${TAG}"]
 }
+# A machine with an engine of its own, for the tests of Docker Swarm.
+target "docker_host" {
+  labels  = labels("docker_host", "A machine with a Docker engine of its own, for tests")
+  context = "images/docker_host"
+  tags    = ["robotether/docker_host:${TAG}"]
+}
 target "frontend_test" {
   inherits = ["server"]
   labels   = labels("frontend_test", "The browser modules with their own tests")

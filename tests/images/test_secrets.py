@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 import subprocess
 import tarfile
 import uuid
@@ -22,6 +23,7 @@ from cryptography.x509.verification import PolicyBuilder, Store
 from dated_certificate import make_certificate
 from image_names import ensure_built, image
 
+ROOT = Path(__file__).resolve().parents[2]
 FOLDERS: dict[str, set[str]] = {
     "mysql": {
         "mysql_web_password",
@@ -250,6 +252,23 @@ def test_next_machine_of_a_site_gets_the_same_secrets(site: Site, tmp_path: Path
             assert texts["mysql"].pop(name) != own["mysql"].pop(name)
         assert texts == own
         assert following.export() == shared
+
+
+def test_a_site_that_nothing_runs_gets_its_secrets(tmp_path: Path) -> None:
+    """For Swarm and Kubernetes: all that any service reads; a second run keeps each file."""
+    folder = tmp_path / "site"
+    made: list[dict[str, bytes]] = []
+    for _ in range(2):
+        subprocess.run(
+            [ROOT / "tools" / "site_secrets", "--new", folder],
+            env={**os.environ, "ENV_FILE": "none"}, check=True, capture_output=True, timeout=60,
+        )  # fmt: skip
+        made.append({file.name: file.read_bytes() for file in folder.iterdir()})
+    assert made[0] == made[1]
+    assert all(made[0].values())
+    more = {"database_ca_key.pem", "ssh_host_ed25519_key"}
+    assert set(made[0]) == set().union(*FOLDERS.values()) | more
+    assert {file.stat().st_mode & 0o777 for file in folder.iterdir()} == {0o600}
 
 
 def test_database_elsewhere_has_its_own_certificate(site: Site) -> None:

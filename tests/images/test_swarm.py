@@ -1,0 +1,162 @@
+"""A site on Docker Swarm: a node with the database, and and two cells; as docs/howto/swarm.md says."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import ssl
+import subprocess
+import tarfile
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from hashlib import sha256
+from typing import Any
+
+import pytest
+from docker.models.containers import Container
+from image_names import ensure_built, image
+from local_network import insecure_tls
+from swarm import ROOT, Swarm
+
+pytestmark = pytest.mark.release
+CELLS = ("a", "b")
+
+
+@pytest.fixture(scope="module")
+def swarm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Swarm]:
+    """The whole site, without robots."""
+    ensure_built("demo")
+    folder = tmp_path_factory.mktemp("swarm")
+    secrets = folder / "secrets"
+    subprocess.run(
+        ["tools/site_secrets", "--new", str(secrets)],
+        cwd=ROOT, env={**os.environ, "ENV_FILE": "none"}, check=True, capture_output=True, timeout=60,
+    )  # fmt: skip
+    with Swarm(folder, secrets, ("database", *CELLS)) as running:
+        running.hand_over("database", "mysql", "server")
+        for cell in CELLS:
+            running.hand_over(cell, "nginx", "server", "sshd")
+            running.manager.run(f"docker node update --label-add robotether.cell={cell} {cell}")
+        running.manager.run("docker node update --label-add robotether.database=true database")
+        running.manager.run(
+            "for file in /site-secrets/*; do docker secret create robotether_${file##*/} $file; done"
+        )
+        running.deploy("robotether", "database.yaml")
+        for cell in CELLS:
+            deploy_cell(running, cell)
+        for stack in ("robotether", "robotether_a", "robotether_b"):
+            running.wait(f"{stack} up", lambda stack=stack: running.is_up(stack), seconds=180)
+        yield running
+
+
+def deploy_cell(swarm: Swarm, cell: str) -> None:
+    swarm.deploy(
+        f"robotether_{cell}", "cell.yaml", CELL=cell, PUBLIC_HOST=swarm.nodes[cell].address
+    )
+
+
+def ask(swarm: Swarm, cell: str, path: str, token: str) -> Any:
+    """What the API of a cell answers, None: nothing."""
+    url = f"https://{swarm.nodes[cell].address}/api/v1{path}"
+    request = urllib.request.Request(url, headers={"Authorization": f"Bearer {token}"})
+    try:
+        with urllib.request.urlopen(request, timeout=5, context=insecure_tls()) as answer:
+            return json.loads(answer.read())
+    except OSError:
+        return None
+
+
+def is_online(swarm: Swarm, cell: str, token: str) -> bool:
+    """Whether a cell says that the robot is online."""
+    answer = ask(swarm, cell, "/robots/sim1", token)
+    return answer is not None and bool(answer["online"])
+
+
+@contextmanager
+def robot(swarm: Swarm, cell: str, join_token: str) -> Iterator[Container]:
+    """A simulated robot that joins at a cell."""
+    address = swarm.nodes[cell].address
+    certificate = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate((address, 443)))
+    files = {
+        "agent.toml": f'tls_fingerprint = "{sha256(certificate).hexdigest()}"\n',
+        "token": join_token,
+    }
+    packed = io.BytesIO()
+    with tarfile.open(fileobj=packed, mode="w") as archive:
+        for name, text in files.items():
+            entry = tarfile.TarInfo(f"etc/robotether/{name}")
+            entry.size, entry.mode = len(text), 0o644
+            archive.addfile(entry, io.BytesIO(text.encode()))
+    container = swarm.engine.containers.create(
+        image("sim_robot"), name=f"{swarm.prefix}-sim1", hostname="sim1",
+        network=swarm.network.name, mac_address="02:00:00:00:51:01",
+        environment={
+            "ROBOTETHER_SERVER": f"{address}:443",
+            "ROBOTETHER_TOKEN_FILE": "/etc/robotether/token",
+            "ROBOTETHER_INTERFACE": "eth0",
+            "ROBOTETHER_ALLOW_LOCAL_MAC": "true",
+            "SIM_NAME": "sim1",
+        },
+    )  # fmt: skip
+    try:
+        assert container.put_archive("/", packed.getvalue())
+        container.start()
+        yield container
+    finally:
+        container.remove(force=True, v=True)
+
+
+def test_parts_of_a_cell_find_each_other(swarm: Swarm) -> None:
+    """On their own node, though all cells have the same names; the database is the same for all."""
+    for cell in CELLS:
+        address = swarm.nodes[cell].inside(f"robotether_{cell}_sshd", "hostname -i").split()
+        found = swarm.nodes[cell].inside(f"robotether_{cell}_relay", "getent ahostsv4 sshd")
+        assert {line.split()[0] for line in found.splitlines()} < set(address)
+
+
+def test_cells_are_one_site(swarm: Swarm) -> None:
+    """They have one SSH host key, and one admin with the password of the folder of secrets."""
+    keys = {
+        swarm.nodes[cell].inside(
+            f"robotether_{cell}_sshd", "cat /etc/ssh/public/ssh_host_ed25519_key.pub"
+        )
+        for cell in CELLS
+    }
+    assert len(keys) == 1
+    listed = swarm.nodes["b"].inside("robotether_b_web", "robotether cell list")
+    assert [line.split()[0] for line in listed.splitlines()[1:]] == list(CELLS)
+
+
+def test_robot_goes_to_the_next_cell(swarm: Swarm) -> None:
+    """It joins at one; when that is removed it is online at the other."""
+    web = partial(swarm.nodes["a"].inside, "robotether_a_web")
+    token = web("robotether token create --user admin --name test").split()[-1]
+    line = web("robotether robot invite --name swarm --uses 1 --hours 1 --host cloud")
+    [join_token] = re.findall(r"--token (\S+)", line)
+    web("robotether robot add sim1 --mac 02:00:00:00:51:01 --allow-local-mac")
+    with robot(swarm, "a", join_token) as container:
+        for cell in CELLS:
+            swarm.wait(f"online at {cell}", lambda cell=cell: is_online(swarm, cell, token))
+        swarm.manager.run("docker stack rm robotether_a")
+        swarm.wait("gone from a", lambda: ask(swarm, "a", "/robots/sim1", token) is None)
+        try:
+            swarm.wait("online at b alone", lambda: is_online(swarm, "b", token))
+        except AssertionError as error:
+            error.add_note(container.logs(tail=40).decode())
+            raise
+        sshd = swarm.nodes["b"].inside("robotether_b_sshd", "ps -u tunnel -o comm=")
+        assert "session" in sshd
+
+
+def test_node_comes_back_by_itself(swarm: Swarm) -> None:
+    """After a power cut of the machine of a cell, its services find each other again."""
+    node = swarm.nodes["b"]
+    node.container.kill()
+    swarm.wait("lost", lambda: not swarm.is_up("robotether_b"))
+    node.container.start()
+    swarm.wait("back", lambda: swarm.is_up("robotether_b"), seconds=180)
+    assert node.succeeds("curl -sk --fail --output /dev/null https://127.0.0.1/login")

@@ -1,0 +1,182 @@
+"""A swarm of Docker engines, each in a container of its own: a manager for the shared part, and a node for each cell.
+
+Nodes reach each other by address on a network of this machine; none has internet, so that images are handed over.
+"""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeVar
+
+import docker
+from docker.models.containers import Container
+from docker.types import Mount
+from image_names import BUILD, image
+from inside import run_inside
+
+ROOT = Path(__file__).resolve().parents[3]
+T = TypeVar("T")
+
+
+@dataclass
+class Node:
+    """One machine of the swarm."""
+
+    name: str
+    container: Container
+
+    @property
+    def address(self) -> str:
+        """Where the other nodes and this machine reach it."""
+        self.container.reload()
+        (network,) = self.container.attrs["NetworkSettings"]["Networks"].values()
+        return str(network["IPAddress"])
+
+    def run(self, command: str, **environment: str) -> str:
+        """Run a shell command on the machine and return what it printed."""
+        wanted = ("bash", "-ec", command)
+        done = run_inside(self.container, *wanted, environment=environment, merged=True)
+        assert done.returncode == 0, f"{command!r} on {self.name}: {done.stdout[-4000:]}"
+        return done.stdout
+
+    def succeeds(self, command: str) -> bool:
+        return run_inside(self.container, "bash", "-c", command).returncode == 0
+
+    def inside(self, service: str, command: str) -> str:
+        """Run a command in the container of a service, such as robotether_a_web."""
+        return self.run(f"docker exec $(docker ps --quiet --filter name={service}) {command}")
+
+    def load(self, archive: Path) -> None:
+        """Take images over, as a node without a registry does."""
+        with archive.open("rb") as stream:
+            subprocess.run(
+                ["docker", "exec", "--interactive", str(self.container.id), "docker", "load", "--quiet"],
+                stdin=stream, check=True, capture_output=True, timeout=300,
+            )  # fmt: skip
+
+
+@dataclass
+class Swarm:
+    """Nodes by name, the first of which is the manager; all are removed at the end."""
+
+    folder: Path
+    secrets: Path
+    names: tuple[str, ...]
+    engine: docker.DockerClient = field(default_factory=docker.from_env)
+    nodes: dict[str, Node] = field(default_factory=dict)
+
+    def __enter__(self) -> Self:
+        subprocess.run([BUILD, "docker_host"], check=True, capture_output=True, timeout=300)
+        self.prefix = f"swarm-test-{uuid.uuid4().hex[:8]}"
+        self.network = self.engine.networks.create(self.prefix, driver="bridge")
+        try:
+            for name in self.names:
+                self._boot(name)
+            for node in self.nodes.values():
+                self.wait(f"the engine of {node.name}", partial(node.succeeds, "docker info"))
+            self._join()
+        except BaseException:
+            self._remove()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._remove()
+
+    @property
+    def manager(self) -> Node:
+        return self.nodes[self.names[0]]
+
+    def hand_over(self, node: str, *names: str) -> None:
+        """Give a node the images that its services need."""
+        archive = self.folder / "images.tar"
+        command = ["docker", "save", "--output", str(archive), *map(image, names)]
+        subprocess.run(command, check=True, timeout=300)
+        self.nodes[node].load(archive)
+        archive.unlink()
+
+    def deploy(self, stack: str, *files: str, **settings: str) -> None:
+        """Start a stack from files of deploy/swarm."""
+        tag = image("server").partition(":")[2]
+        named = " ".join(f"--compose-file /deploy/swarm/{file}" for file in files)
+        # The engines would look for newer images in a registry.
+        self.manager.run(
+            f"docker stack deploy --detach=true --resolve-image never {named} {stack}",
+            TAG=tag,
+            **settings,
+        )
+
+    def states(self, stack: str) -> dict[str, str]:
+        """Service -> what Swarm says of its replicas, such as 1/1."""
+        listed = self.manager.run(
+            f"docker stack services --format '{{{{.Name}}}} {{{{.Replicas}}}}' {stack}"
+        )
+        return dict(line.split(maxsplit=1) for line in listed.splitlines())
+
+    def is_up(self, stack: str) -> bool:
+        """Tell whether all services of a stack run and are healthy."""
+        states = self.states(stack)
+        return bool(states) and all(
+            state.startswith(("1/1", "0/1 (1/1 completed)")) for state in states.values()
+        )
+
+    def wait(self, what: str, condition: Callable[[], T], seconds: float = 60) -> T:
+        """Wait until the condition gives something true; on a time-out show what the manager knows."""
+        end = time.monotonic() + seconds
+        while not (got := condition()):
+            if time.monotonic() > end:
+                raise AssertionError(f"after {seconds} s still not: {what}\n{self._report()}")
+            time.sleep(0.5)
+        return got
+
+    def _report(self) -> str:
+        if not self.nodes:
+            return ""
+        command = (
+            "docker node ls;"
+            "for stack in $(docker stack ls --format '{{.Name}}'); do docker stack ps --no-trunc $stack; done;"
+            "for service in $(docker service ls --quiet); do docker service logs --tail 20 $service; done"
+        )
+        done = run_inside(self.manager.container, "bash", "-c", command, merged=True)
+        return done.stdout[-12000:]
+
+    def _boot(self, name: str) -> None:
+        mounts = [
+            Mount("/var/lib/docker", None, type="volume"),
+            Mount("/deploy", str(ROOT / "deploy"), type="bind", read_only=True),
+            Mount("/site-secrets", str(self.secrets), type="bind", read_only=True),
+        ]
+        container = self.engine.containers.run(
+            image("docker_host"), detach=True, name=f"{self.prefix}-{name}", hostname=name,
+            network=self.network.name, mounts=mounts, cap_add=["SYS_ADMIN", "NET_ADMIN", "SYS_PTRACE"],
+            security_opt=["seccomp=unconfined"], cgroupns="host",
+            volumes={"/sys/fs/cgroup": {"bind": "/sys/fs/cgroup", "mode": "rw"}},
+        )  # fmt: skip
+        self.nodes[name] = Node(name, container)
+
+    def _join(self) -> None:
+        self.manager.run("docker swarm init --advertise-addr eth0")
+        token = self.manager.run("docker swarm join-token --quiet worker").strip()
+        for name in self.names[1:]:
+            self.nodes[name].run(
+                f"docker swarm join --token {shlex.quote(token)} {self.manager.address}:2377"
+            )
+
+    def _remove(self) -> None:
+        for node in self.nodes.values():
+            node.container.remove(force=True, v=True)
+        self.network.remove()
+        self.engine.close()

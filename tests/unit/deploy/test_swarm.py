@@ -1,0 +1,197 @@
+"""deploy/swarm, as Docker reads it, beside compose/compose.yaml: Swarm leaves out in silence what it does not know."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[3]
+SWARM = ROOT / "deploy" / "swarm"
+SERVICES = {
+    "database.yaml": ("mysql", "migrate"),
+    "cell.yaml": ("nginx", "web", "relay", "sshd"),
+}
+BOTH = [(file, name) for file, names in SERVICES.items() for name in names]
+# Everything that a service has there; Swarm heeds it all.
+HEEDED = {
+    *("cap_add", "cap_drop", "command", "deploy", "environment", "healthcheck", "image", "init"),
+    *("logging", "networks", "ports", "read_only", "secrets", "stop_grace_period", "sysctls"),
+    "volumes",
+}
+# Of one cell among others, and always with TLS to the database.
+SET_OTHERWISE = {
+    *("CELL", "DB_CA_FILE", "PEER_ADDRESS", "PUBLIC_HOST", "PUBLIC_PORT", "SSH_PORTS"),
+    # Swarm's files have no service `direct`.
+    "DIRECT_PORTS",
+}
+# What it hands out, with each call in one line.
+MAKE_SECRETS = (
+    (ROOT / "images" / "server" / "make-secrets").read_text(encoding="utf-8").replace("\\\n", "")
+)
+
+
+def read(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    return found
+
+
+def in_compose(name: str) -> dict[str, Any]:
+    found: dict[str, Any] = read(ROOT / "compose" / "compose.yaml")["services"][name]
+    return found
+
+
+def in_swarm(file: str, name: str) -> dict[str, Any]:
+    found: dict[str, Any] = read(SWARM / file)["services"][name]
+    return found
+
+
+def config(*files: str, **settings: str) -> subprocess.CompletedProcess[str]:
+    """What Docker's command makes of the files."""
+    named = [word for file in files for word in ("--compose-file", str(SWARM / file))]
+    return subprocess.run(
+        ["docker", "stack", "config", *named],
+        env={"PATH": os.environ["PATH"], **settings},
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "files", [("database.yaml",), ("cell.yaml",), ("cell.yaml", "certificate.yaml")]
+)
+def test_docker_reads_the_files(files: tuple[str, ...]) -> None:
+    """With settings as compose/.env.example has them."""
+    done = config(*files, CELL="a", PUBLIC_HOST="a.example", SSH_PORT="", TAG="")
+    assert done.returncode == 0, done.stderr
+    # Docker leaves as it is what it cannot replace, such as a default inside a default.
+    assert "${" not in done.stdout
+
+
+@pytest.mark.parametrize("missing", ["CELL", "PUBLIC_HOST"])
+def test_a_cell_needs_its_name_and_address(missing: str) -> None:
+    """Without one of them nothing is started."""
+    settings = {"CELL": "a", "PUBLIC_HOST": "a.example"}
+    del settings[missing]
+    done = config("cell.yaml", **settings)
+    assert done.returncode != 0
+    assert f"required variable {missing} is missing" in done.stderr
+
+
+@pytest.mark.parametrize(("file", "name"), BOTH)
+def test_swarm_heeds_all_of_a_service(file: str, name: str) -> None:
+    """It would leave out limits, mounts of a part of a volume and more, and start the service without."""
+    assert set(in_swarm(file, name)) <= HEEDED
+
+
+@pytest.mark.parametrize(("file", "name"), BOTH)
+def test_services_are_what_they_are_in_compose(file: str, name: str) -> None:
+    """The same images and commands, with no more rights, and the same limits."""
+    ours, theirs = in_swarm(file, name), in_compose(name)
+    same = ("image", "cap_add", "cap_drop", "read_only", "init", "logging", "sysctls")
+    for key in (*same, "stop_grace_period", *(["command"] if "command" in theirs else [])):
+        assert ours.get(key) == theirs.get(key), key
+    limits = ours["deploy"]["resources"]["limits"]
+    assert limits == {"memory": theirs["mem_limit"], "pids": theirs["pids_limit"]}
+    if "healthcheck" in theirs:
+        assert ours["healthcheck"] == theirs["healthcheck"]
+
+
+@pytest.mark.parametrize(("file", "name"), BOTH)
+def test_settings_are_those_of_compose(file: str, name: str) -> None:
+    """By the same names with the same defaults, but for what one cell among others has of its own."""
+    ours = dict(in_swarm(file, name).get("environment", {}))
+    theirs = dict(in_compose(name).get("environment", {}))
+    # A few that only one of these programs reads are given to both.
+    known = set().union(*(in_compose(one).get("environment", {}) for one in ("web", "relay", name)))
+    assert set(theirs) - SET_OTHERWISE <= set(ours) <= known | SET_OTHERWISE
+    for variable in set(ours) & set(theirs) - SET_OTHERWISE:
+        assert ours[variable] == theirs[variable], variable
+
+
+def in_memory(service: dict[str, Any]) -> set[str]:
+    """Folders in memory, however they are written."""
+    short = {entry.split(":")[0] for entry in service.get("tmpfs", [])}
+    mounts = [one for one in service.get("volumes", []) if isinstance(one, dict)]
+    return short | {one["target"] for one in mounts if one["type"] == "tmpfs"}
+
+
+def kept(service: dict[str, Any]) -> set[str]:
+    """Volumes, but for those that Swarm has otherwise: secrets, and what the service acme gets."""
+    names = {one for one in service.get("volumes", []) if isinstance(one, str)}
+    return {name for name in names if not name.startswith("acme_")}
+
+
+@pytest.mark.parametrize(("file", "name"), BOTH)
+def test_services_have_the_folders_of_compose(file: str, name: str) -> None:
+    """What they write must be a volume or in memory, as all else is read-only."""
+    ours, theirs = in_swarm(file, name), in_compose(name)
+    assert in_memory(ours) == in_memory(theirs)
+    assert kept(ours) == kept(theirs)
+
+
+def published(service: dict[str, Any]) -> set[tuple[str, str]]:
+    """(what it is at the machine, what it is in the container) of each port."""
+    found = set()
+    for port in service.get("ports", []):
+        if isinstance(port, dict):
+            assert port["mode"] == "host"
+            found.add((port["published"], str(port["target"])))
+        else:
+            _address, outside, inside = re.fullmatch(
+                r"(\$\{.*?\}):(\$\{.*?\}):(\d+)", port
+            ).groups()  # type: ignore[union-attr]
+            found.add((outside, inside))
+    return found
+
+
+@pytest.mark.parametrize(("file", "name"), BOTH)
+def test_ports_are_those_of_compose(file: str, name: str) -> None:
+    """And the one for other cells."""
+    peers = {("${PEER_PORT:-8444}", "8444")} if name == "nginx" else set()
+    assert published(in_swarm(file, name)) == published(in_compose(name)) | peers
+
+
+def handed_out(service: str) -> dict[str, tuple[str, str]]:
+    """Secret -> (user, group), as make-secrets gives them to a service of compose."""
+    accounts = {
+        name: (user, group)
+        for name, user, group in re.findall(r"\b([A-Z]+)=(\d+):(\d+)\b", MAKE_SECRETS)
+    }
+    found = {}
+    calls = re.findall(rf'\b(?:hand_out|put) {service} "\$(\w+)" ([^;\n"]+)', MAKE_SECRETS)
+    for account, names in calls:
+        for name in names.split():
+            found[name] = accounts[account]
+    return found
+
+
+@pytest.mark.parametrize(("file", "name"), BOTH)
+def test_services_have_the_secrets_of_compose(file: str, name: str) -> None:
+    """No more and no fewer, each readable by the account that needs it alone."""
+    secrets = in_swarm(file, name)["secrets"]
+    ours = {one["source"]: (one["uid"], one["gid"]) for one in secrets}
+    optional = {"cert.pem", "key.pem"}
+    theirs = {secret: owner for secret, owner in handed_out(name).items() if secret not in optional}
+    assert ours == theirs
+    assert {one["mode"] for one in secrets} == {0o440}
+    declared = read(SWARM / file)["secrets"]
+    assert all(declared[secret]["name"] == f"robotether_{secret}" for secret in ours)
+
+
+def test_no_relay_finds_the_sshd_of_another_cell() -> None:
+    """On a network that cells share, a name stands for the services of all of them."""
+    shared = [
+        set(in_swarm("cell.yaml", name)["networks"]) - {"edge", "tunnel"}
+        for name in ("relay", "sshd")
+    ]
+    assert shared[0]
+    assert shared[1]
+    assert shared[0].isdisjoint(shared[1])
+    for name in ("nginx", "web"):
+        assert set(in_swarm("cell.yaml", name)["networks"]) <= {"edge", "tunnel", "data"}
+    assert "data" not in in_swarm("cell.yaml", "nginx")["networks"]
