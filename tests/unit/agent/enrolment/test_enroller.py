@@ -123,7 +123,7 @@ async def test_the_newest_list_of_cells_is_kept(cloud, settings):
 
 
 async def test_a_robot_enrolled_before_there_were_cells(cloud, settings):
-    """Its file has no list, and a file with a list is understood by an agent that knows of none."""
+    """Its file has no list, and it need not ask the server for one."""
     known = await Enroller(settings).enrolment()
     file = settings.state_dir / ENROLMENT_FILE
     kept = json.loads(file.read_text())

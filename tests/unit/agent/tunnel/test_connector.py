@@ -12,12 +12,16 @@ import pytest
 from fake_cloud import FakeCloud, echo, eventually
 from fake_proxy import FakeProxy
 from local_network import free_port
-from robotether_agent.enrolment.enroller import ENROLMENT_FILE, Enroller
+from robotether_agent.enrolment.enroller import ENROLMENT_FILE, Enroller, Enrolment
 from robotether_agent.enrolment.join import SshAccess
-from robotether_agent.enrolment.keys import ensure_key
+from robotether_agent.enrolment.keys import KeyPair, ensure_key
 from robotether_agent.fields import ListedCell
+from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
+from robotether_agent.problems import LinkLost, ServerSilent
 from robotether_agent.settings import Settings
+from robotether_agent.tunnel.connection import Role
 from robotether_agent.tunnel.connector import Connector
+from robotether_agent.tunnel.openssh import SshFiles
 
 Site = Callable[..., Awaitable[list[FakeCloud]]]
 NOBODY = {"host": "127.0.0.1", "ports": [1]}
@@ -25,6 +29,7 @@ NOBODY = {"host": "127.0.0.1", "ports": [1]}
 SOON_S = 10.0
 
 
+MAC = "00:1b:44:11:3a:b7"
 A, B = ListedCell("a.example", (2222, 443)), ListedCell("b.example", (2222,))
 
 
@@ -45,6 +50,34 @@ def test_the_settings_come_before_the_joins_answer(host, cells, settings, expect
     access = SshAccess("tunnel", host, (2222, 443), cells)
     targets = Connector(values, Enroller(values)).targets(access, "session")
     assert [f"{target.host} {target.port}" for target in targets] == expected
+
+
+@pytest.mark.parametrize(
+    ("problem", "unreached_s"),
+    [(ServerSilent("silent"), NEXT_CELL_AFTER_S), (LinkLost("reset"), 0.0)],
+)
+async def test_a_cell_that_just_fell_silent_gets_no_more_time(problem, unreached_s, monkeypatch):
+    """The others are tried beside it; one that ended its connection may be back in a moment."""
+    found: list[float] = []
+
+    async def find(_: ServerDialer, targets: list[SshAddress], *, unreached_s: float) -> SshAddress:
+        found.append(unreached_s)
+        return targets[0]
+
+    async def run(target: SshAddress, _: SshFiles, role: Role) -> NoReturn:
+        role.on_up(target, None, None)
+        raise problem
+
+    monkeypatch.setattr(ServerDialer, "find", find)
+    monkeypatch.setattr("robotether_agent.tunnel.connector.run_connection", run)
+    values = Settings(server="a.example:8443", state_dir=Path("/none"))
+    connector = Connector(values, Enroller(values))
+    enrolment = Enrolment(values.server, "sim1", MAC, SshAccess("tunnel", None, (2222,), (B, A)))
+    role = Role(kind="session", forward=lambda _: None, on_up=lambda *_: None)
+    for _ in range(2):
+        with pytest.raises(type(problem)):
+            await connector.connect(enrolment, KeyPair(Path("/none"), ""), role)
+    assert found == [0.0, unreached_s]
 
 
 async def test_silence_is_no_reason_to_doubt(make_cloud, place, start_agent, monkeypatch):
@@ -213,8 +246,9 @@ async def test_a_key_that_is_refused_is_refused_by_the_server(site, start_agent)
 
 
 async def test_a_machine_that_lets_in_and_has_no_relay_comes_last(site, start_agent):
-    """It answers, and is of no use."""
+    """It answers, and is of no use; the video goes where the session is, whatever the list says."""
     first, second = await site()
+    second.cells = first.cells
     first._relay.close()
     agent = start_agent(first)
     status = await agent.until_connected()
