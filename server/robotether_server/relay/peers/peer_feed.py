@@ -30,6 +30,7 @@ from robotether_server.relay.robots.sessions import SessionRegistry
 FLEET_PATH = "/cell/v1/fleet"
 PING_EVERY_S = 1.0
 SILENT_AFTER_S = 3.0
+ROBOTS_AT_ONCE = 20
 StopState = tuple[tuple[object, ...], tuple[object, ...]]
 
 
@@ -54,14 +55,8 @@ class PeerFeed(ChangedRobots):
         online = (robot_id for robot_id, _ in self._registry.online())
         self.add(*online, *self._stops.robot_ids(), *self._sent)
 
-    def pop_messages(self) -> list[PeerMessage]:
-        """The newest state of each robot that changed, its stops first; afterwards nothing is pending."""
-        changed = self.pop()
-        stops = (each for robot_id in changed for each in self._stops_of(robot_id))
-        robots = (each for robot_id in changed for each in self._robot(robot_id))
-        return [*stops, *robots]
-
-    def _stops_of(self, robot_id: int) -> Iterator[PeerMessage]:
+    def stops_of(self, robot_id: int) -> Iterator[PeerMessage]:
+        """The robot's stops, if they changed since they were sent."""
         known = self._stops.known(robot_id)
         if known is None:
             self._sent_stops.pop(robot_id, None)
@@ -71,7 +66,8 @@ class PeerFeed(ChangedRobots):
             self._sent_stops[robot_id] = state
             yield from _stop_messages(robot_id, known)
 
-    def _robot(self, robot_id: int) -> Iterator[PeerMessage]:
+    def newest(self, robot_id: int) -> Iterator[PeerMessage]:
+        """The robot's newest state, if it is another than the one that was sent."""
         presence, sent = self._registry.presence(robot_id), self._sent.get(robot_id)
         if not presence.online:
             if sent is not None:
@@ -130,8 +126,7 @@ class PeerFeedHandler:
         loop = asyncio.get_running_loop()
         ping_at = loop.time()
         while not feed.ended:
-            for message in feed.pop_messages():
-                await _write(connection, message)
+            await _send_changes(connection, feed)
             if loop.time() >= ping_at:
                 ping_at = loop.time() + PING_EVERY_S
                 async with asyncio.timeout(SILENT_AFTER_S):
@@ -162,6 +157,19 @@ async def _listen(connection: web.WebSocketResponse, feed: PeerFeed) -> None:
             pass
     finally:
         feed.end()
+
+
+async def _send_changes(connection: web.WebSocketResponse, feed: PeerFeed) -> None:
+    changed = feed.pop()
+    for robot_id in changed:
+        for message in feed.stops_of(robot_id):
+            await _write(connection, message)
+    for position, robot_id in enumerate(changed, start=1):
+        for message in feed.newest(robot_id):
+            await _write(connection, message)
+        if position % ROBOTS_AT_ONCE == 0:
+            # A whole fleet must not hold up drivers.
+            await asyncio.sleep(0)
 
 
 async def _write(connection: web.WebSocketResponse, message: PeerMessage) -> None:
