@@ -6,7 +6,9 @@ Then each rule by itself, without a network: what is sent, written, shown and re
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
+import random
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from datetime import timedelta
@@ -643,3 +645,37 @@ async def test_stops_of_a_robot_are_bounded(world):
     for minute in range(50):
         world.stops.learn_end(SIM1.id, (NOON + timedelta(minutes=minute), "ben"))
     assert (len(known.ended), known.entry.stop) == (stops_module.MAX_STOPS, None)
+
+
+@pytest.mark.parametrize("seed", range(20))
+async def test_cells_agree_on_stops_whatever_reaches_whom(seed):
+    """What no release knew stays in force everywhere, and nothing else; the robot is at the first cell."""
+    chance, cells = random.Random(seed), [World() for _ in range(3)]
+    cells[0].online("off")
+    begun: set[object] = set()
+    ended: set[object] = set()
+
+    def report(to: World, of: World) -> None:
+        known = of.stops.known(SIM1.id)
+        for stop_id in list(known.ended) if known else ():
+            to.stops.learn_end(SIM1.id, stop_id)
+        for stop in list(known.in_force.values()) if known else ():
+            to.stops.learn(stop)
+
+    for _ in range(60):
+        cell, other = chance.sample(cells, 2)
+        if chance.random() < 0.4:
+            cell.stops.stop(SIM1, chance.choice(["ann", "ben", "carl"]))
+            begun.add(cell.stops.of(SIM1.id).id)
+        elif chance.random() < 0.7:
+            report(cell, other)
+        else:
+            known = cells[0].stops.known(SIM1.id)
+            ended.update(known.in_force if known else ())
+            await cells[0].stops.release(SIM1, "ann")
+    for _ in cells:
+        for cell, other in itertools.permutations(cells, 2):
+            report(cell, other)
+    for cell in cells:
+        assert set(cell.stops.known(SIM1.id).in_force) == begun - ended
+        cell.stops.close()
