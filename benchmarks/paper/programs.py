@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import selectors
+import queue
 import subprocess
 import sys
+import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -97,13 +99,16 @@ class Program:
 
 
 class LineProgram:
-    """A module of ours that takes and writes lines of JSON; it must end when its input does."""
+    """A module of ours that takes and writes lines of JSON; it must end when its input does.
 
-    def __init__(self, module: str, log: Path) -> None:
+    `before` are words before the command, such as those that run it in a namespace.
+    """
+
+    def __init__(self, module: str, log: Path, before: Sequence[str] = ()) -> None:
         self._log = log
         with log.open("wb") as errors:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", module],
+                [*before, sys.executable, "-m", module],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,
@@ -113,6 +118,11 @@ class LineProgram:
                 # A Ctrl-C is for the experiment, which then ends its programs in order.
                 start_new_session=True,
             )
+        self.pid = self._process.pid
+        # Its lines, and an empty one when it has ended.
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._reading = threading.Thread(target=self._read, daemon=True)
+        self._reading.start()
 
     def send(self, value: object) -> None:
         assert self._process.stdin is not None
@@ -121,22 +131,46 @@ class LineProgram:
 
     def receive(self, what: str, seconds: float) -> Any:
         """Its next line; RuntimeError with its last words when there is none in time, and all of them as a note."""
-        assert self._process.stdout is not None
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._process.stdout, selectors.EVENT_READ)
-            line = self._process.stdout.readline() if selector.select(seconds) else None
+        line = None
+        with suppress(queue.Empty):
+            line = self._lines.get(timeout=seconds)
         if not line:
             why = "ended" if line == "" else f"did not say in {seconds:.0f} s"
-            words = self._log.read_text()[-2000:]
+            words = self.tail()
             last = words.rstrip().rpartition("\n")[2]
             error = RuntimeError(f"a process of ours {why}: {what}; {last or 'it wrote no error'}")
             error.add_note(words)
             raise error
         return json.loads(line)
 
+    def tail(self) -> str:
+        """The end of what it wrote as errors."""
+        return self._log.read_text(errors="replace")[-2000:]
+
+    def end(self, within_s: float) -> None:
+        """Let it end in order, as its input ends; what does not is killed."""
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):
+            self._process.stdin.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(within_s)
+        self.close()
+
     def close(self) -> None:
         self._process.kill()
-        self._process.communicate()
+        self._process.wait()
+        # What it started may hold its output still.
+        self._reading.join(2)
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                with suppress(BrokenPipeError):
+                    stream.close()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._lines.put(line)
+        self._lines.put("")
 
 
 def write_line(value: object) -> None:

@@ -20,7 +20,7 @@ import threading
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
@@ -63,6 +63,8 @@ class World:
         self._container = container
         # Robots' state and logs; gone at the end.
         self.folder = folder
+        # What a part has started beside the stack; it ends before it.
+        self.ends = ExitStack()
 
     @classmethod
     @contextmanager
@@ -72,7 +74,9 @@ class World:
             stack = Stack(folder / "stack")
             try:
                 stack.up(robots=False)
-                yield cls(stack.container, folder)
+                world = cls(stack.container, folder)
+                with world.ends:
+                    yield world
             finally:
                 stack.down()
 

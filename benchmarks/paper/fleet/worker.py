@@ -117,7 +117,7 @@ class GuardHere:
             await asyncio.sleep(TICK_S)
 
 
-class _SupervisorHere(GuardSupervisor):
+class SupervisorHere(GuardSupervisor):
     """Keeps a guard in this process, and no fork server: Python need not start for it."""
 
     def __init__(self, settings: Settings, **others: object) -> None:
@@ -136,7 +136,7 @@ class LightAgent(Agent):
     """The agent, all of it; its guard is no process of its own."""
 
     def _supervisor(self) -> GuardSupervisor:
-        return _SupervisorHere(self._settings, on_change=self._show_guard)
+        return SupervisorHere(self._settings, on_change=self._show_guard)
 
 
 class LightRobot:
@@ -221,7 +221,7 @@ async def obey(order: str, robots: Sequence[Robot]) -> None:
     write_line({"done": order})
 
 
-async def _standard_input() -> asyncio.StreamReader:
+async def standard_input() -> asyncio.StreamReader:
     lines = asyncio.StreamReader(limit=LINE_BYTES)
     protocol = asyncio.StreamReaderProtocol(lines)
     await asyncio.get_running_loop().connect_read_pipe(lambda: protocol, sys.stdin)
@@ -230,7 +230,7 @@ async def _standard_input() -> asyncio.StreamReader:
 
 async def work(make: Make) -> None:
     """Play the robots that the first line of the input names, by the orders that follow."""
-    lines = await _standard_input()
+    lines = await standard_input()
     wanted: dict[str, Any] = json.loads(await lines.readline())
     robots = [make(name, settings) for name, settings in wanted.items()]
     allow_files(len(robots) * FILES_A_ROBOT)
@@ -250,12 +250,16 @@ def allow_files(count: int) -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (count, max(count, hard)))
 
 
-async def work_light(run_dirs: Path) -> None:
+def watch_children() -> None:
+    """Let this loop wait for its children without a thread for each, as the usual watcher of an older Python has it."""
     if sys.version_info < (3, 12):
-        # The usual watcher of this Python has a thread for each child.
         watcher = asyncio.PidfdChildWatcher()
         watcher.attach_loop(asyncio.get_running_loop())
         asyncio.set_child_watcher(watcher)
+
+
+async def work_light(run_dirs: Path) -> None:
+    watch_children()
     numbers = count(1)
 
     def make(name: str, settings: Mapping[str, str]) -> LightRobot:

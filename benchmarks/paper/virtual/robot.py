@@ -31,7 +31,7 @@ from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import EnrolmentStore
 from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.fields import get_cells, line_of
-from robotether_agent.net.server_dialer import ServerDialer, SshAddress
+from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
 from robotether_agent.problems import (
     AgentProblem,
     ForwardFailed,
@@ -149,6 +149,8 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         self.configs = 0
         self.kind = kind
         self.target: SshAddress
+        # Of a session.
+        self.epoch = 0
         self.ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._on_line = on_line
         self._ssh: asyncssh.SSHClientConnection
@@ -164,9 +166,11 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         """The time between heartbeats while nobody uses the robot."""
         return self.config.get("idle_heartbeat_s")
 
-    async def open(self, account: Account, targets: Sequence[SshAddress]) -> None:
+    async def open(
+        self, account: Account, targets: Sequence[SshAddress], *, unreached_s: float = 0.0
+    ) -> None:
         """Log in and ask for the session of this kind; the agent's problems say why not."""
-        self.target = target = await account.dialer.find(targets)
+        self.target = target = await account.dialer.find(targets, unreached_s=unreached_s)
         sock = await account.dialer.open(target)
         try:
             self._ssh = await asyncssh.connect(sock=sock, options=account.options)
@@ -306,6 +310,12 @@ class VirtualRobot:
         self._session: Connection | None = None
         self._media: Connection | None = None
         self._applied: Line = {}
+        # When an address last led to no session, for those since the last one; and the one that fell silent last.
+        self._failed_at: dict[SshAddress, float] = {}
+        self._fell_silent: SshAddress | None = None
+        # Called when a session is up, with its address and epoch, and when it is lost.
+        self.on_session: Callable[[SshAddress, int], None] = lambda _target, _epoch: None
+        self.on_session_lost: Callable[[], None] = lambda: None
         services.on_guard_changed = self._report_guard
 
     async def run(self) -> None:
@@ -320,16 +330,28 @@ class VirtualRobot:
 
     async def _session_attempt(self, uptime: Uptime) -> None:
         connection = Connection("session", partial(self._on_session_line, uptime))
-        await connection.open(self._account, self._account.targets())
+        # As the agent: a cell that let the robot begin, and led to no session, comes after the others.
+        targets = self._account.targets()
+        targets.sort(key=lambda one: self._failed_at.get(one, 0.0))
+        # One that fell silent has had its time to answer.
+        unreached_s = NEXT_CELL_AFTER_S if targets[0] == self._fell_silent else 0.0
+        self._fell_silent = None
+        await connection.open(self._account, targets, unreached_s=unreached_s)
+        self._failed_at[connection.target] = robot_time()
         try:
             self._session = connection
             who = {"hostname": socket.gethostname(), "agent_version": __version__}
-            connection.send({"type": "hello", **who, "guard": "on", "epoch": self._epochs.next()})
+            connection.epoch = self._epochs.next()
+            connection.send({"type": "hello", **who, "guard": "on", "epoch": connection.epoch})
             await connection.ended
+        except ServerSilent:
+            self._fell_silent = connection.target
+            raise
         finally:
             self._session = None
             self._session_up.clear()
             self._services.on_session_lost()
+            self.on_session_lost()
             await connection.close()
 
     async def _media_attempt(self, uptime: Uptime) -> None:
@@ -378,6 +400,8 @@ class VirtualRobot:
     async def _open_session(self, uptime: Uptime, connection: Connection) -> None:
         await connection.forward(connection.config["ros_port"], self._services.ros_channel)
         uptime.is_up()
+        self._failed_at.clear()
+        self.on_session(connection.target, connection.epoch)
         self._apply(connection)
         self._session_up.set()
         self._next_session.set()

@@ -52,7 +52,7 @@ def _small_jpeg() -> bytes:
 FRAME = _small_jpeg()
 
 
-class _Channel(asyncssh.SSHTCPSession[bytes]):
+class Channel(asyncssh.SSHTCPSession[bytes]):
     """Hands a forwarded connection to aiohttp, for which the channel is a transport like any other."""
 
     def __init__(self, protocol: asyncio.Protocol) -> None:
@@ -97,11 +97,11 @@ class Services:
 
     def ros_channel(self) -> asyncssh.SSHTCPSession[bytes]:
         """A new connection to the port of guard and rosbridge."""
-        return _Channel(self._ros())
+        return Channel(self._ros())
 
     def video_channel(self) -> asyncssh.SSHTCPSession[bytes]:
         """A new connection to the port of the camera."""
-        return _Channel(self._video())
+        return Channel(self._video())
 
     @property
     def guard(self) -> Mapping[str, Any]:

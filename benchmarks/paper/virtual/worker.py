@@ -24,7 +24,7 @@ from paper.virtual.services import Services
 log = logging.getLogger(__name__)
 
 
-class _Numeric(Resolver):
+class Numeric(Resolver):
     """Takes addresses only, which needs no thread for each connection."""
 
     async def addresses(self, host: str, port: int) -> list[Address]:
@@ -36,7 +36,7 @@ class FleetRobot:
 
     def __init__(self, name: str, settings: Mapping[str, str]) -> None:
         self._name = name
-        account = Account.read(settings, ServerDialer(resolver=_Numeric()))
+        account = Account.read(settings, ServerDialer(resolver=Numeric()))
         self._robot = VirtualRobot(account, Services(self._on_message), random.SystemRandom())
         self._running: asyncio.Task[None] | None = None
 

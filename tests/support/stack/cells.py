@@ -1,6 +1,6 @@
-"""A site of two cells on this machine: two compose projects, with the database in the first one.
+"""A site of cells on this machine: a compose project each, with the database in the first one.
 
-The second reaches the database, and each reaches the other, by published ports of this machine's address on Docker's
+The others reach the database, and each reaches the other, by published ports of this machine's address on Docker's
 bridge, as machines in one network do.
 """
 
@@ -45,12 +45,12 @@ def first_cell(folder: Path) -> Stack:
 
 
 @contextmanager
-def second_cell(first: Stack) -> Iterator[Stack]:
-    """Cell b of the site of the first, which runs: started without robots, and removed at the end."""
-    folder = first.folder / "b"
-    settings = _settings("b", "cell.yaml", str(first.settings["DB_HOST"]))
+def second_cell(first: Stack, name: str = "b") -> Iterator[Stack]:
+    """Cell b, or another, of the site of the first, which runs: started without robots, and removed at the end."""
+    folder = first.folder / name
+    settings = _settings(name, "cell.yaml", str(first.settings["DB_HOST"]))
     settings["DB_PORT"] = first.settings["DB_PORT"]
-    cell = Stack(folder, project=f"{PROJECT}-b", settings=settings, is_built=True)
+    cell = Stack(folder, project=f"{PROJECT}-{name}", settings=settings, is_built=True)
     first.tool("tools/site_secrets", str(folder / "secrets"))
     try:
         cell.up(robots=False)
