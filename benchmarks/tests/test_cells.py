@@ -6,7 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from paper.cells.checker import Database, Return, check, excused, find_returns
+from paper.cells.checker import (
+    Database,
+    Return,
+    check,
+    excused,
+    find_ignored_stops,
+    find_returns,
+)
 from paper.cells.history import Event, History, in_order, read
 
 CELLS = ("main", "second")
@@ -210,6 +217,14 @@ def test_two_open_sessions_of_one_robot():
     ]
 
 
+def test_a_stop_that_the_robot_did_not_get_for_a_while():
+    asked = [event(1.2, "stop_asked"), event(1.3, "stop_done")]
+    found = find_ignored_stops(in_order([*driven("ann", 1, 1, 3), *asked, event(4, "stopped")]))
+    assert found == [pytest.approx(1.65, abs=0.01)]
+    found = find_ignored_stops(in_order([*driven("ann", 1, 1, 1.35), *asked]))
+    assert found == []
+
+
 # How soon a robot is drivable again.
 
 
@@ -246,8 +261,15 @@ def test_a_robot_that_is_cut_from_one_cell_has_another():
 
 
 def test_no_return_is_counted_without_a_live_cell():
+    other = event(2, "fault", what="sshd_killed", cell="second")
+    assert returns(WANTS, *driven("a1", 1, 0, 2), KILLED, other, LEAVES) == []
+
+
+def test_without_a_database_a_cell_is_still_one():
     away = event(2, "fault", what="database_away")
-    assert returns(WANTS, *driven("a1", 1, 0, 2), away, LEAVES) == []
+    history = [WANTS, *driven("a1", 1, 0, 2), away, *driven("a2", 2, 5, 6)]
+    left = event(6.1, "leaves", what="ann")
+    assert returns(*history, left) == [(1.95, 3.05, True)]
 
 
 def test_a_driver_who_gives_up():

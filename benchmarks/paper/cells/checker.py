@@ -28,8 +28,14 @@ FOUND_AGAIN_WITHIN_S = 10.0
 OUTAGE_S = 0.6
 RELAY_KILLED = {"cell_killed", "relay_killed"}
 DATABASE_GONE = {"database_away", "database_cut"}
-# With one of these, a cell is none for the robots that are concerned.
-CELL_GONE = RELAY_KILLED | DATABASE_GONE | {"cell_paused", "sshd_killed", "robots_cut", "disk_full"}
+# With one of these, a cell is none for the robots that are concerned. Without a database it still is one.
+CELL_GONE = RELAY_KILLED | {
+    "cell_paused",
+    "sshd_killed",
+    "relay_restarted",
+    "robots_cut",
+    "disk_full",
+}
 
 
 @dataclass(frozen=True)
@@ -390,6 +396,23 @@ def _several_sessions(history: Sequence[Event], database: Database) -> Iterator[
         if count > 1:
             words = f"the database has {count} open sessions of it"
             yield Violation("several sessions", robot, history[-1].at_s, words)
+
+
+def find_ignored_stops(history: Sequence[Event]) -> list[float]:
+    """For how long robots were moved after stops that the server took and no guard had confirmed."""
+    found: list[float] = []
+    for events in by_robot(history).values():
+        done: Event | None = None
+        moved_s = 0.0
+        for one in [*events, Event(at_s=0, kind="release_asked")]:
+            if one.kind == "stop_done" and not one.number:
+                done, moved_s = one, 0.0
+            elif one.kind == "moved" and done is not None:
+                moved_s = one.at_s - done.at_s
+            elif one.kind in ("stopped", "release_asked", "stop_done"):
+                found += [moved_s] * (done is not None and moved_s > TOLERANCE_S)
+                done = None
+    return found
 
 
 def find_returns(history: Sequence[Event], cells: Sequence[str]) -> list[Return]:

@@ -1,0 +1,283 @@
+"""Breaks a site by a seed, one or two things at a time, and mends each again; at the end all, also when it is ended.
+
+What it can do is in FAULTS. Nothing steps a clock: the containers' clocks are the machine's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from typing import Protocol
+
+from paper.cells.history import History
+from paper.cells.site import OF_DATABASE, OF_PEERS, SERVICES, Cell, Site, drop
+
+LASTS_S, BETWEEN_S = (3.0, 10.0), (3.0, 8.0)
+# What is broken at once, at most; and how many cells at least are as they should be, but where all are concerned.
+MOST_AT_ONCE = 2
+# The database comes back from a loss of power.
+DATABASE_WITHIN_S = 60.0
+GUARDS_SHARE = 0.2
+FULL = "full"
+
+
+class Robots(Protocol):
+    """The robots of one process, as the nemesis hurts them."""
+
+    source: str
+    # Where their guards' disks are; it is a file system of its own.
+    disk: Path
+
+    def inside(self) -> Sequence[str]:
+        """What runs a command in their network."""
+
+    def kill_guards(self, rng: Random) -> None:
+        """Kill the guards of some."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is concerned, by names; empty: all, or none."""
+
+    cell: str = ""
+    source: str = ""
+
+
+@dataclass
+class Context:
+    """What faults work on."""
+
+    site: Site
+    robots: Mapping[str, Robots]
+    rng: Random
+
+    def cell(self, target: Target) -> Cell:
+        return next(one for one in self.site.cells if one.name == target.cell)
+
+    def others(self, target: Target) -> list[Cell]:
+        return [one for one in self.site.cells if one.name != target.cell]
+
+
+Do = Callable[[Context, Target], None]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One kind; `mend` may be called twice, and for what was only half done."""
+
+    do: Do
+    mend: Do
+    # What it is done to.
+    of_cell: bool = True
+    of_robots: bool = False
+    weight: int = 2
+
+
+def _kill(*services: str) -> Do:
+    return lambda context, target: context.cell(target).each(services, "kill")
+
+
+def _start(*services: str) -> Do:
+    def mend(context: Context, target: Target) -> None:
+        context.cell(target).each(services, "start")
+        context.cell(target).wait_live()
+
+    return mend
+
+
+def _pause(context: Context, target: Target) -> None:
+    context.cell(target).each(SERVICES, "pause")
+
+
+def _unpause(context: Context, target: Target) -> None:
+    context.cell(target).each(SERVICES, "unpause")
+    context.cell(target).wait_live()
+
+
+def _restart(context: Context, target: Target) -> None:
+    context.cell(target).each(["relay"], "restart", timeout=15)
+
+
+def _robots_cut(*, to_drop: bool) -> Do:
+    def do(context: Context, target: Target) -> None:
+        cell, robots = context.cell(target), context.robots[target.source]
+        drop(robots.inside(), cell.ssh_ports, to_drop=to_drop)
+
+    return do
+
+
+def _database_cut(*, to_drop: bool) -> Do:
+    return lambda context, target: context.cell(target).drop_to(
+        OF_DATABASE, context.site.database_ports, to_drop=to_drop
+    )
+
+
+def _peers_cut(*, to_drop: bool) -> Do:
+    """Cut a cell from all others, both ways."""
+
+    def do(context: Context, target: Target) -> None:
+        cell, others = context.cell(target), context.others(target)
+        cell.drop_to(OF_PEERS, [one.peer_port for one in others], to_drop=to_drop)
+        for one in others:
+            one.drop_to(OF_PEERS, [cell.peer_port], to_drop=to_drop)
+
+    return do
+
+
+def _kill_database(context: Context, _: Target) -> None:
+    context.site.cells[0].each(["mysql"], "kill")
+
+
+def _start_database(context: Context, _: Target) -> None:
+    first = context.site.cells[0]
+    first.each(["mysql"], "start")
+    first.stack.wait_healthy("mysql", DATABASE_WITHIN_S)
+    context.site.wait_live()
+
+
+def _fill(context: Context, target: Target) -> None:
+    """Write until nothing more fits; zeros in small pieces, so that nothing is left."""
+    with (
+        (context.robots[target.source].disk / FULL).open("wb", buffering=0) as file,
+        suppress(OSError),
+    ):
+        while True:
+            file.write(bytes(4096))
+
+
+def _empty(context: Context, target: Target) -> None:
+    (context.robots[target.source].disk / FULL).unlink(missing_ok=True)
+
+
+def _kill_guards(context: Context, target: Target) -> None:
+    context.robots[target.source].kill_guards(context.rng)
+
+
+def _nothing(_: Context, __: Target) -> None:
+    """It mends itself."""
+
+
+FAULTS: Mapping[str, Fault] = {
+    "cell_killed": Fault(_kill(*SERVICES), _start(*SERVICES), weight=3),
+    "relay_killed": Fault(_kill("relay"), _start("relay"), weight=3),
+    "sshd_killed": Fault(_kill("sshd"), _start("sshd")),
+    "relay_restarted": Fault(_restart, _start("relay")),
+    "cell_paused": Fault(_pause, _unpause, weight=3),
+    "robots_cut": Fault(
+        _robots_cut(to_drop=True), _robots_cut(to_drop=False), of_robots=True, weight=3
+    ),
+    "database_cut": Fault(_database_cut(to_drop=True), _database_cut(to_drop=False)),
+    "peers_cut": Fault(_peers_cut(to_drop=True), _peers_cut(to_drop=False), weight=3),
+    "database_away": Fault(_kill_database, _start_database, of_cell=False),
+    "disk_full": Fault(_fill, _empty, of_cell=False, of_robots=True, weight=1),
+    "guards_killed": Fault(_kill_guards, _nothing, of_cell=False, of_robots=True),
+}
+# With one of these no other is begun that takes something from another cell: one stays whole.
+TAKES_A_CELL = frozenset(FAULTS) - {"disk_full", "guards_killed", "peers_cut"}
+
+
+@dataclass
+class _Open:
+    name: str
+    target: Target
+    until_s: float
+
+
+@dataclass
+class Nemesis:
+    """One that works until it is ended."""
+
+    context: Context
+    history: History
+    faults: Mapping[str, Fault] = field(default_factory=lambda: FAULTS)
+    done: list[str] = field(default_factory=list)
+    _open: list[_Open] = field(default_factory=list)
+
+    async def run(self, seconds: float) -> None:
+        """Break and mend for so long, and mend all at the end, whatever ends it."""
+        end = time.monotonic() + seconds
+        try:
+            while time.monotonic() < end:
+                await asyncio.sleep(self.context.rng.uniform(*BETWEEN_S))
+                await self._mend_those_due()
+                if (chosen := self.choose()) is not None:
+                    await self.begin(*chosen)
+            await asyncio.sleep(LASTS_S[0])
+        finally:
+            await asyncio.shield(asyncio.to_thread(self.mend_all))
+
+    def choose(self) -> tuple[str, Target] | None:
+        """The next fault: one that leaves a cell whole beside what is broken already; None: there is none."""
+        rng, open_ones = self.context.rng, self._open
+        names = [
+            name
+            for name in self.faults
+            if all(one.name != name for one in open_ones)
+            and not (name in TAKES_A_CELL and any(one.name in TAKES_A_CELL for one in open_ones))
+        ]
+        if not names:
+            return None
+        [name] = rng.choices(names, [self.faults[one].weight for one in names])
+        fault = self.faults[name]
+        cell = rng.choice(self.context.site.names) if fault.of_cell else ""
+        source = rng.choice(sorted(self.context.robots)) if fault.of_robots else ""
+        return name, Target(cell, source)
+
+    async def begin(self, name: str, target: Target) -> None:
+        """Do one fault."""
+        lasts_s = self.context.rng.uniform(*LASTS_S)
+        self._add("fault", name, target)
+        self._open.append(_Open(name, target, time.monotonic() + lasts_s))
+        self.done.append(name)
+        await asyncio.to_thread(self.faults[name].do, self.context, target)
+
+    async def _mend_those_due(self) -> None:
+        for one in list(self._open):
+            if one.until_s <= time.monotonic() or len(self._open) >= MOST_AT_ONCE:
+                await asyncio.to_thread(self._mend, one)
+
+    def mend_all(self) -> None:
+        """Mend what is broken still, the last first; what cannot be mended does not keep the others from it."""
+        tried = [self._try_to_mend(one) for one in reversed(list(self._open))]
+        if problems := [one for one in tried if one is not None]:
+            raise RuntimeError(f"cannot mend all: {problems}") from problems[0]
+
+    def _try_to_mend(self, one: _Open) -> Exception | None:
+        try:
+            self._mend(one)
+        except Exception as error:  # noqa: BLE001 (whatever it is, the others must be mended)
+            return error
+        return None
+
+    def _mend(self, one: _Open) -> None:
+        self.faults[one.name].mend(self.context, one.target)
+        self._open.remove(one)
+        self._add("healed", one.name, one.target)
+
+    def _add(self, kind: str, name: str, target: Target) -> None:
+        self.history.add(kind, what=name, cell=target.cell, source=target.source)  # type: ignore[arg-type] # two of them
+
+
+def make_disk(place: Path, size_bytes: int, folders: Sequence[Path]) -> None:
+    """Mount a small file system there, and move folders into it."""
+    place.mkdir()
+    options = f"size={size_bytes},mode=0700"
+    subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", options, "robots", str(place)],
+        check=True,
+        capture_output=True,
+    )
+    for folder in folders:
+        shutil.copytree(folder, place / folder.parent.name / folder.name)
+
+
+def remove_disk(place: Path) -> None:
+    """Take it away, whoever still holds a file of it."""
+    subprocess.run(["umount", "--lazy", str(place)], check=False, capture_output=True)

@@ -1,0 +1,515 @@
+"""A process of drivers, observers and operators, started by run.py as `python -m paper.cells.people`.
+
+In: a line with the cells, the people and the robots, then `settle`, then `end`. Out: `begun`, what they have seen
+until `settle`, and `settled` when each operator has had its last word on each of its robots. All choose robots and
+cells by the seed; whoever loses a connection goes to the next cell by itself, with a fresh ticket. What counts is
+written into the history.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import sys
+import time
+from collections import Counter
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from http import HTTPStatus
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import aiohttp
+import uvloop
+from local_network import insecure_tls
+
+from paper.cells.commands import TOPIC, TYPE, command, origin
+from paper.cells.history import History
+from paper.numbered.messages import Histogram
+from paper.programs import write_line
+
+# Long enough for a cell that is busy, short enough to go to the next one.
+REQUEST_S, CLOSE_S = 2.5, 0.3
+# A stop is answered within 1 s, a release within 2 s, by a cell that must ask another one.
+ORDER_S = 5.0
+# A driver whose commands are not heard for so long goes to the next cell.
+SILENT_S = 1.0
+AGAIN_S, STOPPED_AGAIN_S = 0.1, 0.5
+# How long one drives a robot; who cannot, waits that much longer before it gives up.
+DRIVE_S, PATIENCE_S = (6.0, 15.0), 60.0
+# A few robots are what several drivers want.
+HOT_SHARE = 0.6
+BETWEEN_STOPS_S, STOPPED_FOR_S = (2.0, 6.0), (0.3, 2.0)
+LAST_STOPS = 60
+# In which times of stops are shown.
+RESOLUTION_S = 1.0
+RECORD_EVERY_S = 0.5
+OBSERVE_S = (20.0, 60.0)
+STOPPED_CODE, HELD_CODES = 4003, (4009, 4010)
+# Names of a driver's connections: so many of each.
+CONNECTIONS_A_DRIVER = 10_000
+MAX_WORDS = 90
+_NUMBER = re.compile(r"\d+")
+
+
+@dataclass(frozen=True)
+class CellAddress:
+    """A cell by its name and HOST:PORT."""
+
+    name: str
+    address: str
+
+
+class Refused(Exception):  # noqa: N818 - no error: the next cell may not refuse
+    """A cell did not do what it was asked; `code` is a WebSocket's or 0."""
+
+    def __init__(self, why: str, code: int = 0) -> None:
+        super().__init__(why)
+        self.code = code
+
+
+# What a person meets and goes to the next cell for.
+FAILURES = (aiohttp.ClientError, OSError, TimeoutError, Refused)
+
+
+class Person:
+    """Somebody with a token, at one cell after the other."""
+
+    def __init__(
+        self, name: str, token: str, cells: Sequence[CellAddress], http: aiohttp.ClientSession
+    ) -> None:
+        self.name = name
+        self._headers = {"Authorization": f"Bearer {token}"}
+        self._cells = cells
+        self._at = 0
+        self._http = http
+        # What stood in the way, by the words of the server, and how often.
+        self.met: Counter[str] = Counter()
+
+    @property
+    def cell(self) -> CellAddress:
+        return self._cells[self._at]
+
+    def begin_at(self, number: int) -> None:
+        self._at = number % len(self._cells)
+
+    def go_on(self) -> None:
+        """Go to the next cell."""
+        self._at = (self._at + 1) % len(self._cells)
+
+    def meet(self, error: BaseException) -> None:
+        if isinstance(error, Refused):
+            words = str(error)
+        elif isinstance(error, aiohttp.WSServerHandshakeError):
+            words = f"no WebSocket: {error.status}"
+        else:
+            words = type(error).__name__
+        self.met[words[:MAX_WORDS]] += 1
+
+    async def post(
+        self, path: str, body: Mapping[str, Any], within_s: float = REQUEST_S
+    ) -> tuple[int, Any]:
+        """Ask the cell; status and parsed answer."""
+        timeout = aiohttp.ClientTimeout(total=within_s)
+        url = f"https://{self.cell.address}/api/v1{path}"
+        async with self._http.post(
+            url, json=body, headers=self._headers, timeout=timeout
+        ) as answer:
+            text = await answer.text()
+            return answer.status, json.loads(text) if text.startswith("{") else text
+
+    async def ticket(self, robot: str, mode: str) -> Mapping[str, Any]:
+        status, answer = await self.post("/tickets", {"robot": robot, "mode": mode})
+        if status != HTTPStatus.CREATED:
+            raise Refused(f"no ticket: {status} {_code(answer)}")
+        return dict(answer)
+
+    async def connect(
+        self, robot: str, mode: str, path: str, *, straight: bool
+    ) -> aiohttp.ClientWebSocketResponse:
+        """Open a WebSocket with a fresh ticket: at the cell, or straight at the one that the ticket names."""
+        ticket = await self.ticket(robot, mode)
+        return await self.open(robot, path, ticket, straight=straight)
+
+    async def open(
+        self, robot: str, path: str, ticket: Mapping[str, Any], *, straight: bool = False
+    ) -> aiohttp.ClientWebSocketResponse:
+        """Open a WebSocket with this ticket."""
+        there = ticket.get("cell")
+        address = f"{there['host']}:{there['port']}" if straight and there else self.cell.address
+        mark = "&" if "?" in path else "?"
+        url = f"https://{address}/robots/{robot}/{path}{mark}ticket={ticket['ticket']}"
+        async with asyncio.timeout(REQUEST_S):
+            return await self._http.ws_connect(
+                url, compress=0, max_msg_size=0, timeout=aiohttp.ClientWSTimeout(ws_close=CLOSE_S)
+            )
+
+
+class Driver(Person):
+    """Drives one robot after the other at a fixed rate."""
+
+    def __init__(self, number: int, *person: Any) -> None:
+        super().__init__(*person)
+        self.begin_at(number)
+        self._dials = number * CONNECTIONS_A_DRIVER
+        self.sent = 0
+        self.round_trips = Histogram()
+
+    async def run(
+        self,
+        robots: Sequence[str],
+        hot: Sequence[str],
+        rate_hz: float,
+        rng: Random,
+        history: History,
+    ) -> None:
+        while True:
+            robot = rng.choice(hot if rng.random() < HOT_SHARE else robots)
+            history.add("wants", robot=robot, what=self.name)
+            try:
+                await self._drive(robot, rng.uniform(*DRIVE_S), rate_hz, rng)
+            finally:
+                history.add("leaves", robot=robot, what=self.name)
+
+    async def _drive(self, robot: str, seconds: float, rate_hz: float, rng: Random) -> None:
+        """Drive for so long, by as many connections as it takes; give up when somebody else does."""
+        began = time.monotonic()
+        end, patience = began + seconds, began + seconds + PATIENCE_S
+        while time.monotonic() < end:
+            heard = _Heard()
+            try:
+                await self._connection(robot, end, rate_hz, heard, straight=rng.random() < 0.5)
+            except FAILURES as error:
+                self.meet(error)
+                code = error.code if isinstance(error, Refused) else 0
+                if code in HELD_CODES:
+                    return
+                if code == STOPPED_CODE:
+                    await asyncio.sleep(STOPPED_AGAIN_S)
+                    continue
+                self.go_on()
+                if not heard.count:
+                    # Until it is driven, who wants to drive it stays.
+                    end = min(max(end, time.monotonic() + DRIVE_S[0]), patience)
+                await asyncio.sleep(AGAIN_S)
+
+    async def _connection(
+        self, robot: str, end: float, rate_hz: float, heard: _Heard, *, straight: bool
+    ) -> None:
+        socket = await self.connect(robot, "drive", "ros", straight=straight)
+        self._dials += 1
+        listening = asyncio.ensure_future(self._listen(socket, str(self._dials), heard))
+        try:
+            for op in ("advertise", "subscribe"):
+                await socket.send_json({"op": op, "topic": TOPIC, "type": TYPE})
+            await self._send(socket, listening, heard, end, rate_hz)
+        finally:
+            listening.cancel()
+            await asyncio.gather(listening, return_exceptions=True)
+            with suppress(Exception):
+                await asyncio.wait_for(socket.close(), CLOSE_S)
+
+    async def _send(
+        self,
+        socket: aiohttp.ClientWebSocketResponse,
+        listening: asyncio.Future[None],
+        heard: _Heard,
+        end: float,
+        rate_hz: float,
+    ) -> None:
+        heard.at_s = due = time.monotonic()
+        number = 0
+        while time.monotonic() < end:
+            if listening.done():
+                raise Refused(f"closed with {socket.close_code}", socket.close_code or 0)
+            if time.monotonic() - heard.at_s > SILENT_S:
+                raise Refused("no command is heard")
+            heard.sent_at[number] = time.monotonic()
+            try:
+                await asyncio.wait_for(socket.send_json(command(self._dials, number)), SILENT_S)
+            except ConnectionError:
+                # It says why, if the other end has.
+                await asyncio.wait({listening}, timeout=CLOSE_S)
+                raise Refused(f"closed with {socket.close_code}", socket.close_code or 0) from None
+            number += 1
+            self.sent += 1
+            due = max(due + 1 / rate_hz, time.monotonic() - 1 / rate_hz)
+            await asyncio.sleep(due - time.monotonic())
+
+    async def _listen(
+        self, socket: aiohttp.ClientWebSocketResponse, connection: str, heard: _Heard
+    ) -> None:
+        async for frame in socket:
+            if frame.type is not aiohttp.WSMsgType.TEXT:
+                continue
+            said = json.loads(frame.data)
+            if said.get("op") == "status":
+                self.met[_NUMBER.sub("N", str(said.get("msg")))[:MAX_WORDS]] += 1
+            elif said.get("op") == "publish":
+                sent = origin(said["msg"])
+                if sent is not None and sent[0] == connection:
+                    self._heard(heard, sent[1])
+
+    def _heard(self, heard: _Heard, number: int) -> None:
+        now = time.monotonic()
+        heard.at_s, heard.count = now, heard.count + 1
+        sent_at = heard.sent_at.pop(number, None)
+        if sent_at is not None:
+            self.round_trips.add((now - sent_at) * 1000)
+
+
+class _Heard:
+    """What a driver heard of its own commands by one connection."""
+
+    def __init__(self) -> None:
+        self.at_s = 0.0
+        self.count = 0
+        self.sent_at: dict[int, float] = {}
+
+
+class Observer(Person):
+    """Watches one robot after the other; those with a camera by their video, too."""
+
+    frames = messages = 0
+
+    async def run(self, robots: Sequence[str], cameras: Sequence[str], rng: Random) -> None:
+        self.begin_at(rng.randrange(len(self._cells)))
+        while True:
+            robot = rng.choice(cameras or robots)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(rng.uniform(*OBSERVE_S)):
+                    await asyncio.gather(
+                        self._again(partial(self._topic, robot)),
+                        *[self._again(partial(self._video, robot))] * (robot in cameras),
+                    )
+
+    async def _again(self, watch: Callable[[], Awaitable[None]]) -> None:
+        while True:
+            try:
+                await watch()
+            except FAILURES as error:
+                self.meet(error)
+                self.go_on()
+            await asyncio.sleep(STOPPED_AGAIN_S)
+
+    async def _topic(self, robot: str) -> None:
+        async with await self.connect(robot, "observe", "ros", straight=False) as socket:
+            await socket.send_json({"op": "subscribe", "topic": TOPIC, "type": TYPE})
+            async for _ in socket:
+                self.messages += 1
+            raise Refused(f"closed with {socket.close_code}")
+
+    async def _video(self, robot: str) -> None:
+        path = "video/frames?topic=/camera/image_raw"
+        async with await self.connect(robot, "observe", path, straight=False) as socket:
+            await socket.send_json({"op": "want"})
+            await socket.send_json({"op": "credit", "frames": 2, "taken": None})
+            async for message in socket:
+                if message.type is aiohttp.WSMsgType.BINARY:
+                    self.frames += 1
+                    await socket.send_json({"op": "credit", "frames": 1, "taken": None})
+            raise Refused(f"closed with {socket.close_code}")
+
+
+class Operator(Person):
+    """Stops robots of its own and releases them, each request at any cell."""
+
+    def __init__(self, robots: Sequence[str], rng: Random, history: History, *person: Any) -> None:
+        super().__init__(*person)
+        self.robots = robots
+        self._rng, self._history = rng, history
+        self._numbers = 0
+        self.confirmed = 0
+
+    async def run(self) -> None:
+        while True:
+            await asyncio.sleep(self._rng.uniform(*BETWEEN_STOPS_S))
+            robot = self._rng.choice(self.robots)
+            await self.stop(robot)
+            await asyncio.sleep(self._rng.uniform(*STOPPED_FOR_S))
+            await self.release(robot)
+
+    async def settle(self) -> None:
+        """Have the last word: every second robot stays stopped."""
+        for at, robot in enumerate(self.robots):
+            await self.release(robot)
+            if at % 2:
+                await self._stop_for_sure(robot)
+
+    async def _stop_for_sure(self, robot: str) -> None:
+        for _ in range(LAST_STOPS):
+            if await self.stop(robot):
+                return
+            await asyncio.sleep(STOPPED_AGAIN_S)
+        raise RuntimeError(f"{robot} did not confirm a stop, and nothing is broken any more")
+
+    async def stop(self, robot: str) -> bool:
+        """Stop a robot that was released; whether the guard confirmed it."""
+        self.begin_at(self._rng.randrange(len(self._cells)))
+        self._numbers += 1
+        reason = f"{self.name} {self._numbers}"
+        self._history.add("stop_asked", robot=robot, connection=self.name, cell=self.cell.name)
+        asked_at = time.time()
+        answer = await self._ask(robot, "stop", {"reason": reason})
+        if answer is None:
+            return False
+        stopped = answer.get("stopped") or {}
+        confirmed = bool(stopped.get("confirmed"))
+        self.confirmed += confirmed
+        self._history.add(
+            "stop_done",
+            robot=robot,
+            connection=self.name,
+            cell=self.cell.name,
+            number=int(confirmed),
+            what=reason if self._is_own(stopped, asked_at) else "",
+        )
+        return confirmed
+
+    def _is_own(self, stopped: Mapping[str, Any], asked_at: float) -> bool:
+        """Whether the stop is this one, which is written down, and none of before, which came to the robot late."""
+        if stopped.get("by") != self.name:
+            return False
+        return datetime.fromisoformat(stopped["at"]).timestamp() >= asked_at - RESOLUTION_S
+
+    async def release(self, robot: str) -> None:
+        """Release a robot, by as many requests as it takes."""
+        while True:
+            self.begin_at(self._rng.randrange(len(self._cells)))
+            where = {"connection": self.name, "cell": self.cell.name}
+            self._history.add("release_asked", robot=robot, **where)
+            if await self._ask(robot, "release", {}) is not None:
+                self._history.add("release_done", robot=robot, **where)
+                return
+            await asyncio.sleep(STOPPED_AGAIN_S)
+
+    async def _ask(
+        self, robot: str, what: str, body: Mapping[str, Any]
+    ) -> Mapping[str, Any] | None:
+        try:
+            status, answer = await self.post(f"/robots/{robot}/{what}", body, ORDER_S)
+            if status != HTTPStatus.OK:
+                raise Refused(f"{what}: {status} {_code(answer)}")
+        except FAILURES as error:
+            self.meet(error)
+            return None
+        return dict(answer)
+
+
+class Recorder(Person):
+    """An admin who adds one site after the other, at one cell after the other."""
+
+    async def run(self, prefix: str, history: History) -> None:
+        number = 0
+        while True:
+            await asyncio.sleep(RECORD_EVERY_S)
+            self.go_on()
+            number += 1
+            name = f"{prefix}-{number}"
+            try:
+                status, answer = await self.post("/sites", {"name": name})
+                if status != HTTPStatus.CREATED:
+                    raise Refused(f"site: {status} {_code(answer)}")
+            except FAILURES as error:
+                self.meet(error)
+            else:
+                history.add("recorded", what=name, cell=self.cell.name)
+
+
+def _code(answer: Any) -> str:
+    return str(answer.get("code", "")) if isinstance(answer, dict) else ""
+
+
+class People:
+    """All of them."""
+
+    def __init__(self, order: Mapping[str, Any], http: aiohttp.ClientSession) -> None:
+        self._order = order
+        seed = order["seed"]
+        cells = [CellAddress(**one) for one in order["cells"]]
+        self.history = History.open(Path(order["folder"]), "people")
+        self.drivers = [
+            Driver(number, one["name"], one["token"], cells, http)
+            for number, one in enumerate(order["drivers"], 1)
+        ]
+        self.observers = [
+            Observer(one["name"], one["token"], cells, http) for one in order["observers"]
+        ]
+        hot = order["hot"]
+        self.operators = [
+            Operator(
+                hot[number :: len(order["operators"])],
+                Random(f"{seed} {one['name']}"),
+                self.history,
+                one["name"],
+                one["token"],
+                cells,
+                http,
+            )
+            for number, one in enumerate(order["operators"])
+        ]
+        self.recorder = Recorder("admin", order["admin"], cells, http)
+
+    def begin(self) -> list[asyncio.Task[None]]:
+        order, tasks = self._order, []
+        for one in self.drivers:
+            rng = Random(f"{order['seed']} {one.name}")
+            work = one.run(order["robots"], order["hot"], order["rate_hz"], rng, self.history)
+            tasks.append(asyncio.create_task(work))
+        for watcher in self.observers:
+            rng = Random(f"{order['seed']} {watcher.name}")
+            work = watcher.run(order["robots"], order["cameras"], rng)
+            tasks.append(asyncio.create_task(work))
+        tasks += [asyncio.create_task(one.run()) for one in self.operators]
+        tasks.append(asyncio.create_task(self.recorder.run(order["prefix"], self.history)))
+        return tasks
+
+    def seen(self) -> dict[str, Any]:
+        everybody: list[Person] = [*self.drivers, *self.observers, *self.operators, self.recorder]
+        trips = Histogram.merged(one.round_trips for one in self.drivers)
+        return {
+            "sent": sum(one.sent for one in self.drivers),
+            "heard": trips.total,
+            "round_trips": trips.as_json(),
+            "frames": sum(one.frames for one in self.observers),
+            "messages": sum(one.messages for one in self.observers),
+            "confirmed_stops": sum(one.confirmed for one in self.operators),
+            "met": dict(sum((one.met for one in everybody), Counter[str]()).most_common(30)),
+        }
+
+
+async def _line() -> Any:
+    return json.loads(await asyncio.to_thread(sys.stdin.readline) or "null")
+
+
+async def work() -> None:
+    order = await _line()
+    connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0, force_close=True)
+    async with aiohttp.ClientSession(connector=connector) as http:
+        people = People(order, http)
+        tasks = people.begin()
+        write_line({"begun": True})
+        await _line()
+        for task in tasks:
+            task.cancel()
+        ended = await asyncio.gather(*tasks, return_exceptions=True)
+        failed = [repr(one) for one in ended if isinstance(one, Exception)]
+        write_line({**people.seen(), "failed": failed})
+        await asyncio.gather(*(one.settle() for one in people.operators))
+        write_line({"settled": True})
+        # The database is read meanwhile.
+        await _line()
+        for one in people.operators:
+            for robot in one.robots:
+                await one.release(robot)
+        people.history.close()
+        write_line({"ended": True})
+
+
+if __name__ == "__main__":
+    uvloop.run(work())

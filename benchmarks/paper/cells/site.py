@@ -1,0 +1,214 @@
+"""A site of several cells on this machine, each a compose project of its own, as the experiments reach and hurt it.
+
+    with Site.started(world, 3) as site:
+        site.cells[1].kill("relay")
+
+The first cell has the database. All cells are reached by published ports of one address, as from outside.
+"""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from cells import first_cell, second_cell
+from local_network import insecure_tls
+
+from paper.world import Enrolled, World
+
+if TYPE_CHECKING:
+    from docker.models.containers import Container
+    from stack import Stack
+
+# Those of a cell, without the database.
+SERVICES = ("nginx", "web", "relay", "sshd")
+# They reach the database.
+OF_DATABASE = ("web", "relay", "sshd")
+# They reach other cells.
+OF_PEERS = ("nginx", "relay")
+DATABASE_PORT = 3306
+# Of web and of the relay, which both answer 401 to who shows nothing.
+HEALTH_PATHS = ("/api/v1/me", "/api/v1/events")
+HEALTHY_WITHIN_S, ASK_EVERY_S = 120.0, 0.2
+AT_ONCE = 4
+
+
+@dataclass
+class Cell:
+    """One cell."""
+
+    name: str
+    stack: Stack
+    # HOST of all of them.
+    host: str
+
+    @property
+    def address(self) -> str:
+        """HOST:PORT of its pages."""
+        return f"{self.host}:{self.stack.https_port}"
+
+    @property
+    def ssh_ports(self) -> tuple[int, int]:
+        """Where robots log in, the usual one first."""
+        return self.stack.ssh_port, self.stack.https_port
+
+    @property
+    def peer_port(self) -> int:
+        return int(str(self.stack.settings["PEER_PORT"]))
+
+    def container(self, service: str) -> Container:
+        return self.stack.container(service)
+
+    def each(self, services: Sequence[str], do: str, **how: Any) -> None:
+        """Do the same with several containers at once; one that is so already stays."""
+        with ThreadPoolExecutor(AT_ONCE) as threads:
+            list(threads.map(lambda one: self._do(one, do, how), services))
+
+    def _do(self, service: str, do: str, how: dict[str, Any]) -> None:
+        container = self.container(service)
+        is_running, is_paused = (
+            container.status in ("running", "paused"),
+            container.status == "paused",
+        )
+        needed = {
+            "kill": is_running,
+            "start": not is_running,
+            "pause": is_running and not is_paused,
+            "unpause": is_paused,
+        }
+        if needed.get(do, True):
+            getattr(container, do)(**how)
+
+    def wait_live(self) -> None:
+        """Wait until pages and relay answer."""
+        end = time.monotonic() + HEALTHY_WITHIN_S
+        while not self.is_live():
+            if time.monotonic() > end:
+                logs = self.stack.logs(*SERVICES)
+                raise RuntimeError(
+                    f"cell {self.name} is not back within {HEALTHY_WITHIN_S:g} s\n{logs}"
+                )
+            time.sleep(ASK_EVERY_S)
+
+    def is_live(self) -> bool:
+        """Whether each of its services answers now; sshd by its first line."""
+        return self._has_sshd() and all(self._status(path) == 401 for path in HEALTH_PATHS)
+
+    def _has_sshd(self) -> bool:
+        try:
+            with socket.create_connection((self.host, self.ssh_ports[0]), timeout=2) as connection:
+                connection.settimeout(2)
+                return connection.recv(4) == b"SSH-"
+        except OSError:
+            return False
+
+    def _status(self, path: str) -> int:
+        try:
+            with urllib.request.urlopen(
+                f"https://{self.address}{path}", context=insecure_tls(), timeout=2
+            ) as answer:
+                return int(answer.status)
+        except urllib.error.HTTPError as error:
+            with error:
+                return error.code
+        except OSError:
+            return 0
+
+    def drop_to(self, services: Sequence[str], ports: Sequence[int], *, to_drop: bool) -> None:
+        """Let containers reach nothing at these TCP ports, or again; what a new container does is not hindered."""
+        for service in services:
+            container = self.container(service)
+            pid = container.attrs["State"]["Pid"]
+            if pid:
+                drop(["nsenter", "-t", str(pid), "-n"], ports, to_drop=to_drop)
+
+
+def drop(inside: Sequence[str], ports: Sequence[int], *, to_drop: bool) -> None:
+    """Drop all packets to and from TCP ports of others in the network that `inside` runs a command in, or no more."""
+    how = "-I" if to_drop else "-D"
+    for port in dict.fromkeys(ports):
+        for chain, side in (("OUTPUT", "--dport"), ("INPUT", "--sport")):
+            rule = [how, chain, "-p", "tcp", side, str(port), "-j", "DROP"]
+            # A rule that has gone with its container needs not be taken back.
+            subprocess.run(
+                [*inside, "iptables", "-w", *rule], check=to_drop, capture_output=True, text=True
+            )
+
+
+class Site:
+    """All cells, the first of which has the database, and the world in which robots enrol at them."""
+
+    def __init__(self, cells: Sequence[Cell], world: World) -> None:
+        self.cells = list(cells)
+        # Its stack is the first cell.
+        self.world = world
+        self._enrolled: list[Enrolled] = []
+        self._tokens: dict[str, str] = {}
+
+    @classmethod
+    @contextmanager
+    def started(cls, folder: World, count: int) -> Iterator[Site]:
+        """Start so many cells, and remove them at the end."""
+        with ExitStack() as made:
+            first = first_cell(folder.folder / "site")
+            made.callback(first.down)
+            first.up(robots=False)
+            stacks = {"a": first}
+            for name in "bcdefgh"[: count - 1]:
+                stacks[name] = made.enter_context(second_cell(first, name))
+            world = World(first.container, folder.folder)
+            cells = [Cell(name, one, world.machine) for name, one in stacks.items()]
+            yield cls(cells, world)
+
+    @classmethod
+    def part(cls, whole: Site, cells: Sequence[Cell]) -> Site:
+        """The same site with some of its cells."""
+        some = cls(cells, whole.world)
+        some._enrolled, some._tokens = whole._enrolled, whole._tokens
+        return some
+
+    @property
+    def names(self) -> list[str]:
+        return [cell.name for cell in self.cells]
+
+    @cached_property
+    def ssh_addresses(self) -> dict[str, str]:
+        """The names of the cells by HOST:PORT at which robots log in."""
+        return {f"{cell.host}:{port}": cell.name for cell in self.cells for port in cell.ssh_ports}
+
+    def robots(self, count: int) -> list[Enrolled]:
+        """The first so many robots of the site; those that are missing join now."""
+        if len(self._enrolled) < count:
+            names = self.world.names("cells", count - len(self._enrolled))
+            self._enrolled += self.world.enrol(names)
+        return self._enrolled[:count]
+
+    def tokens(self, user: str) -> str:
+        """An API token of a user of this name, who is an admin."""
+        if user not in self._tokens:
+            self.world.api("POST", "/users", {"name": user, "role": "admin"})
+            token = self.world.api("POST", "/tokens", {"name": "cells", "user": user})
+            self._tokens[user] = str(token["token"])
+        return self._tokens[user]
+
+    @property
+    def database_ports(self) -> list[int]:
+        """Inside and published."""
+        return [DATABASE_PORT, int(str(self.cells[0].stack.settings["DB_PORT"]))]
+
+    def wait_live(self) -> None:
+        for cell in self.cells:
+            cell.wait_live()
+
+    def sql(self, query: str) -> list[list[str]]:
+        """Rows of the database, as text."""
+        return self.cells[0].stack.sql(query)

@@ -1,0 +1,385 @@
+"""A process of robots that write their history, started by fleet.py in an uplink's namespace.
+
+Some are the real agent with its own OpenSSH clients, the others virtual (paper.virtual). Each has the guard's own code
+and a rosbridge, both in this process; what comes to the guard, what it confirms and what it lets through is written
+down. In: a line that says where to write and which robots there are, then orders. Out: `done` for each.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import random
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import asyncssh
+from fake_cameras import FakeVideoServer
+from robotether_agent import settings as agent_settings
+from robotether_agent.daemon import Agent
+from robotether_agent.fields import JsonObject
+from robotether_agent.guard.agent_messages import GuardReporter
+from robotether_agent.guard.child_process import GuardProcess
+from robotether_agent.guard.drive_messages import DriveMessage
+from robotether_agent.guard.process import Guard
+from robotether_agent.guard.rosbridge import new_http
+from robotether_agent.guard.supervisor import NO_STATUS, GuardSupervisor
+from robotether_agent.net.server_dialer import ServerDialer
+from robotether_agent.settings import Settings
+from robotether_agent.systemd import Notifier
+from robotether_common.guard import STAMP
+from sim_robot.graph import Node, TopicMessage
+
+from paper.bus_robot import BusRobot
+from paper.cells.commands import TOPIC, TYPE, origin
+from paper.cells.history import History
+from paper.fleet.worker import (
+    FILES_A_ROBOT,
+    LOCALHOST,
+    LOG_FORMAT,
+    NO_FILE,
+    GuardHere,
+    SupervisorHere,
+    allow_files,
+    standard_input,
+    watch_children,
+)
+from paper.programs import write_line
+from paper.virtual.robot import Account, VirtualRobot
+from paper.virtual.services import Channel, Services
+from paper.virtual.worker import Numeric
+from paper.world import environment
+
+# A turn of this loop that comes so much later than it should is written down.
+TURN_EVERY_S, LATE_S = 0.02, 0.01
+FPS = 5.0
+log = logging.getLogger(__name__)
+
+
+class Watch:
+    """Writes down what happens at one robot."""
+
+    def __init__(self, robot: str, history: History) -> None:
+        self._add = partial(history.add, robot=robot)
+        # What stops and releases under way are, by their ids.
+        self._orders: dict[str, str] = {}
+        self._epoch = 0
+
+    def on_arrived(self, message: DriveMessage) -> None:
+        """A drive message came to the guard."""
+        if message.operation != "publish":
+            return
+        stamp, sent = message.fields.get(STAMP), origin(message.fields["msg"])  # type: ignore[arg-type] # as sent
+        if sent is not None and isinstance(stamp, dict):
+            connection, number = sent
+            self._add("arrived", connection=connection, number=number, fence=stamp["fence"])
+
+    def on_command(self, message: TopicMessage) -> None:
+        """The rosbridge got a command."""
+        sent = origin(message.values)
+        if sent is None:
+            self._add("zeroed")
+        else:
+            self._add("moved", connection=sent[0], number=sent[1])
+
+    def on_order(self, line: Mapping[str, object]) -> None:
+        """The agent says something to the guard."""
+        if line["type"] in ("stop", "release"):
+            self._orders[str(line["id"])] = str(line["type"])
+
+    def on_report(self, line: JsonObject) -> None:
+        """The guard says something to the agent."""
+        order = self._orders.pop(str(line.get("answers")), "")
+        if order == "stop" and line["stopped"]:
+            self._add("stopped", what=str(line["by"]))
+        elif order == "release" and not line["stopped"]:
+            self._add("released")
+
+    def on_guard(self, *, killed: bool) -> None:
+        self._add("guard_killed" if killed else "guard_began")
+
+    def on_session(self, cell: str, epoch: int) -> None:
+        """There is a session, maybe with a new forward only."""
+        if epoch != self._epoch:
+            self._epoch = epoch
+            self._add("session", cell=cell, epoch=epoch)
+
+    def on_session_lost(self) -> None:
+        self._add("session_lost")
+
+
+class WatchedGuard(GuardHere):
+    """A guard in this process, with somebody who watches."""
+
+    def __init__(self, state_dir: Path, run_dir: Path, watch: Watch) -> None:
+        self._watch = watch
+        self.guard: Guard | None = None
+        super().__init__(state_dir, run_dir)
+
+    def send(self, message: Mapping[str, object]) -> None:
+        self._watch.on_order(message)
+        super().send(message)
+
+    async def serve(self, on_line: Callable[[JsonObject], None]) -> Any:
+        def watched(line: JsonObject) -> None:
+            if line["type"] == "guard":
+                self._watch.on_report(line)
+            on_line(line)
+
+        await super().serve(watched)
+
+    async def _run(self, state_dir: Path, run_dir: Path) -> None:
+        async with new_http() as http:
+            self.guard = Guard(http, state_dir, run_dir, GuardReporter(self._pipe))
+            controller = self.guard._controller
+            handle = controller.handle
+
+            async def watched(source: Any, message: DriveMessage) -> None:
+                self._watch.on_arrived(message)
+                await handle(source, message)
+
+            controller.handle = watched  # type: ignore[method-assign] # nothing else knows what comes
+            await self.guard.run(self._messages)
+
+
+class WatchedSupervisor(SupervisorHere):
+    """Keeps a guard that is watched."""
+
+    def __init__(self, settings: Settings, watch: Watch, **others: object) -> None:
+        super().__init__(settings, **others)
+        self._watch = watch
+        self.now: WatchedGuard | None = None
+
+    async def kill(self) -> None:
+        """End the guard as a crash does; another one follows."""
+        if self.now is not None:
+            self._watch.on_guard(killed=True)
+            await self.now.kill()
+
+    async def _start_guard(self) -> GuardProcess:
+        self._watch.on_guard(killed=False)
+        self.now = WatchedGuard(*self._directories, self._watch)
+        return self.now  # type: ignore[return-value] # as its base
+
+
+class GuardedServices(Services):
+    """Behind a virtual robot's forwards: a guard as an agent has it, with its rosbridge, and the small camera."""
+
+    def __init__(self, supervisor: WatchedSupervisor) -> None:
+        super().__init__(lambda _topic, _message: None)
+        self._supervisor = supervisor
+        self._status: JsonObject = {**NO_STATUS, "state": "down", "stopped": False, "by": ""}
+
+    async def run(self) -> None:
+        """Keep the guard, and pass on what it says."""
+        with self._supervisor.following() as lines:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._supervisor.run())
+                group.create_task(self._follow(lines))
+
+    async def _follow(self, lines: asyncio.Queue[JsonObject]) -> None:
+        while True:
+            line = dict(await lines.get())
+            line.pop("type")
+            answers = line.pop("answers")
+            self._status = line
+            self.on_guard_changed(answers)  # type: ignore[arg-type] # text or nothing
+
+    def ros_channel(self) -> asyncssh.SSHTCPSession[bytes]:
+        here = self._supervisor.now
+        if here is None or here.guard is None or self._supervisor.view.port is None:
+            raise asyncssh.ChannelOpenError(asyncssh.OPEN_CONNECT_FAILED, "no guard")
+        make = here.guard._server._runner.server
+        assert make is not None
+        return Channel(make())
+
+    @property
+    def guard(self) -> Mapping[str, Any]:
+        return self._status
+
+    def on_config(self, guard: Mapping[str, Any], *, direct: bool) -> None:
+        self._supervisor.on_config(guard, direct=direct)
+
+    def on_session_lost(self) -> None:
+        self._supervisor.on_session_lost()
+
+    def on_lease(self, fence: int, *, held: bool) -> None:
+        self._supervisor.on_lease(fence, held=held)
+
+    def on_order(self, order: str, message_id: str, by: str) -> None:
+        (self._supervisor.on_stop if order == "stop" else self._supervisor.on_release)(
+            message_id, by
+        )
+
+
+class CellRobot:
+    """One robot, agent or virtual; its guard's disk is in the folder that the settings name."""
+
+    def __init__(self, name: str, given: Mapping[str, str], history: History) -> None:
+        self.name = name
+        self._given = given
+        self._watch = Watch(name, history)
+        # The names of cells by their SSH addresses.
+        self.cells: Mapping[str, str] = {}
+        self._ros = BusRobot(LOCALHOST, 0)
+        self._ros.graph.bus.subscribe(TOPIC, TYPE, Node("/history"), self._watch.on_command)
+        self._running: asyncio.Task[None] | None = None
+        self.supervisor: WatchedSupervisor | None = None
+
+    async def open(self) -> None:
+        await self._ros.__aenter__()
+
+    async def close(self) -> None:
+        await self.end()
+        await self._ros.__aexit__()
+
+    def start(self) -> None:
+        self._running = asyncio.create_task(self._run())
+
+    async def end(self) -> None:
+        if self._running is not None:
+            self._running.cancel()
+            await asyncio.gather(self._running, return_exceptions=True)
+            self._running = None
+
+    async def _run(self) -> None:
+        try:
+            await self.play()
+        except Exception as error:
+            # The border of a robot: the others go on.
+            log.exception("the robot %s ended", self.name)
+            write_line({"robot": self.name, "failed": repr(error)})
+
+    async def play(self) -> None:
+        """Be the robot."""
+        raise NotImplementedError
+
+    def is_up(self, address: str, epoch: int) -> None:
+        """Write down that there is a session at this HOST:PORT."""
+        self._watch.on_session(self.cells.get(address, address), epoch)
+
+    @property
+    def _settings(self) -> Settings:
+        url = f"ws://{LOCALHOST}:{self._ros.rosbridge.port}"
+        given = {**self._given, "rosbridge_url": url, "shell_address": "none"}
+        return agent_settings.load(NO_FILE, environment(given))
+
+
+class RealRobot(CellRobot):
+    """The real agent, all of it; its guard is no process of its own."""
+
+    async def play(self) -> None:
+        robot, watch = self, self._watch
+
+        class WatchedAgent(Agent):
+            def _supervisor(self) -> GuardSupervisor:
+                robot.supervisor = WatchedSupervisor(
+                    self._settings, watch, on_change=self._show_guard
+                )
+                return robot.supervisor
+
+            def _session_is_up(self, uptime: Any, target: Any, *others: Any) -> None:
+                super()._session_is_up(uptime, target, *others)
+                robot.is_up(f"{target.host}:{target.port}", self._epochs._last)
+
+            def _no_session(self, problem: Any) -> None:
+                watch.on_session_lost()
+                super()._no_session(problem)
+
+        await WatchedAgent(self._settings, Notifier(None), random.SystemRandom()).run()
+
+
+class PlayedRobot(CellRobot):
+    """A virtual one with a real guard."""
+
+    async def play(self) -> None:
+        self.supervisor = WatchedSupervisor(self._settings, self._watch)
+        services = GuardedServices(self.supervisor)
+        account = Account.read(self._given, ServerDialer(resolver=Numeric()))
+        robot = VirtualRobot(account, services, random.SystemRandom())
+        robot.on_session = lambda target, epoch: self.is_up(f"{target.host}:{target.port}", epoch)
+        robot.on_session_lost = self._watch.on_session_lost
+        async with asyncio.TaskGroup() as group:
+            group.create_task(services.run())
+            group.create_task(robot.run())
+
+
+async def obey(order: Mapping[str, Any], robots: Mapping[str, CellRobot]) -> None:
+    """Do one order, and tell when it is done."""
+    if order["do"] == "start":
+        for robot in robots.values():
+            robot.cells = order["cells"]
+            robot.start()
+    elif order["do"] == "end":
+        await asyncio.gather(*(robot.end() for robot in robots.values()))
+    elif order["do"] == "kill_guards":
+        chosen = [robots[name].supervisor for name in order["robots"]]
+        await asyncio.gather(*(one.kill() for one in chosen if one is not None))
+    else:
+        raise ValueError(f"there is no order {order}")
+    write_line({"done": order["do"]})
+
+
+async def keep_time(history: History) -> None:
+    """Write down when this process was held up: what it then does too late is no robot's fault."""
+    while True:
+        due = time.monotonic() + TURN_EVERY_S
+        await asyncio.sleep(TURN_EVERY_S)
+        late_s = time.monotonic() - due
+        if late_s > LATE_S:
+            history.add("late", number=round(late_s * 1000))
+
+
+async def work(run_dirs: Path) -> None:
+    """Play the robots that the first line of the input names, by the orders that follow."""
+    watch_children()
+    lines = await standard_input()
+    wanted = json.loads(await lines.readline())
+    history = History.open(Path(wanted["folder"]), wanted["source"])
+    numbers = count(1)
+    async with FakeVideoServer(fps=FPS) as video:
+        robots: dict[str, CellRobot] = {}
+        for kind, make in (("agents", RealRobot), ("virtual", PlayedRobot)):
+            for name, given in wanted[kind].items():
+                run_dir = run_dirs / str(next(numbers))
+                run_dir.mkdir()
+                local = {"run_dir": str(run_dir), "video_url": video.url}
+                robots[name] = make(name, {**given, **local}, history)
+        await _play(lines, list(robots.values()), robots, history)
+
+
+async def _play(
+    lines: asyncio.StreamReader,
+    all_robots: Sequence[CellRobot],
+    robots: Mapping[str, CellRobot],
+    history: History,
+) -> None:
+    allow_files(len(robots) * FILES_A_ROBOT)
+    await asyncio.gather(*(robot.open() for robot in all_robots))
+    clock = asyncio.create_task(keep_time(history))
+    try:
+        write_line({"done": "open"})
+        while line := await lines.readline():
+            await obey(json.loads(line), robots)
+    finally:
+        clock.cancel()
+        await asyncio.gather(*(robot.close() for robot in all_robots))
+        history.close()
+
+
+def main() -> None:
+    """Work in folders that end with this process; their paths must be short, as they hold sockets."""
+    logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
+    logging.getLogger("asyncssh").setLevel(logging.ERROR)
+    with tempfile.TemporaryDirectory(prefix="rt-", dir="/tmp") as folder:
+        asyncio.run(work(Path(folder)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,326 @@
+"""Robots, people and nemesis of one run at a site, each from its begin to its end, and what the database says of it.
+
+with Workload.running(site, size, folder, seed) as workload:
+    await workload.nemesis(60)
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import shutil
+import time
+import urllib.request
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from local_network import insecure_tls
+
+from paper.cells.checker import Database
+from paper.cells.history import History
+from paper.cells.nemesis import GUARDS_SHARE, Context, Nemesis, make_disk, remove_disk
+from paper.cells.site import Cell, Site
+from paper.fleet.fleet import VIRTUAL_IN_A_WORKER, placed, workers_for
+from paper.networks import PLAIN, Uplink
+from paper.programs import LineProgram
+from paper.robots import ASIDE
+from paper.world import Enrolled
+
+RATE_HZ = 20
+MOST_AGENTS_IN_A_WORKER = 15
+# A key, an enrolment, a fence and a stop of each robot, in pages of 4 KB; and some for what is written anew beside.
+DISK_BYTES_A_ROBOT = 64 * 1024
+HOT_ROBOTS = 6
+OPENS_WITHIN_S, ENDS_WITHIN_S, DONE_WITHIN_S = 120.0, 60.0, 30.0
+ONLINE_WITHIN_S, ASK_EVERY_S = 240.0, 0.5
+# What the relays have to write after everything was mended, and what an operator needs to have the last word.
+WRITES_WITHIN_S, SETTLES_WITHIN_S = 20.0, 240.0
+SETTLES_S = 20.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    """How large a run is."""
+
+    cells: int
+    agents: int
+    virtual: int
+    drivers: int = 0
+    observers: int = 0
+    operators: int = 0
+    seconds: float = 0.0
+
+    @property
+    def robots(self) -> int:
+        return self.agents + self.virtual
+
+
+class RobotProcess:
+    """Robots in one process, in a network and on a disk of their own; the nemesis' Robots."""
+
+    def __init__(
+        self,
+        *,
+        source: str,
+        uplink: Uplink,
+        agents: Sequence[Enrolled],
+        virtual: Sequence[Enrolled],
+        folder: Path,
+        place: Path,
+    ) -> None:
+        self.source = source
+        self.disk = place / f"disk-{source}"
+        self.names = [one.name for one in (*agents, *virtual)]
+        self._uplink = uplink
+        self._told = {
+            "folder": str(folder),
+            "source": source,
+            "agents": {one.name: self._settings(one) for one in agents},
+            "virtual": {one.name: self._settings(one) for one in virtual},
+        }
+        self._folders = [one.state_dir for one in (*agents, *virtual)]
+        self._log = place / f"{source}.log"
+        self._program: LineProgram
+        # What robots said that ended, which none may.
+        self.failed: list[str] = []
+
+    def __enter__(self) -> RobotProcess:
+        make_disk(self.disk, DISK_BYTES_A_ROBOT * len(self.names), self._folders)
+        before = self._uplink.inside.command(*ASIDE)
+        self._program = LineProgram("paper.cells.worker", self._log, before)
+        self._program.send(self._told)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._program.end(ENDS_WITHIN_S)
+        remove_disk(self.disk)
+
+    @property
+    def pid(self) -> int:
+        return self._program.pid
+
+    def inside(self) -> Sequence[str]:
+        return self._uplink.inside.command()
+
+    def has_done(self, what: str, within_s: float) -> None:
+        """Wait until it tells that an order is done."""
+        while True:
+            said = self._program.receive(f"that {what} is done", within_s)
+            if "failed" in said:
+                self.failed.append(f"{said['robot']}: {said['failed']}")
+            elif said.get("done") == what:
+                return
+
+    def do(self, what: str, within_s: float, **more: Any) -> None:
+        self._program.send({"do": what, **more})
+        self.has_done(what, within_s)
+
+    def kill_guards(self, rng: Random) -> None:
+        some = rng.sample(self.names, max(1, round(len(self.names) * GUARDS_SHARE)))
+        self.do("kill_guards", DONE_WITHIN_S, robots=some)
+
+    def log_tail(self) -> str:
+        return self._program.tail()
+
+    def _settings(self, robot: Enrolled) -> dict[str, str]:
+        state_dir = self.disk / robot.name / robot.state_dir.name
+        return {**robot.settings, "state_dir": str(state_dir)}
+
+
+class Workload:
+    """Robots at a site, online inside `running`."""
+
+    def __init__(
+        self, site: Site, size: Size, folder: Path, seed: int, processes: Sequence[RobotProcess]
+    ) -> None:
+        self.site, self.size, self.folder, self.seed = site, size, folder, seed
+        self.robots = [one.name for one in site.robots(size.robots)]
+        self.cameras = self.robots[: size.agents]
+        self.processes = {one.source: one for one in processes}
+
+    @classmethod
+    @contextmanager
+    def running(cls, site: Site, size: Size, folder: Path, seed: int) -> Iterator[Workload]:
+        """Start the robots, and wait until all are online."""
+        robots = site.robots(size.robots)
+        agents, virtual = robots[: size.agents], robots[size.agents :]
+        of_agents = workers_for(len(agents), MOST_AGENTS_IN_A_WORKER)
+        of_virtual = workers_for(len(virtual), VIRTUAL_IN_A_WORKER)
+        folder.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            uplinks = stack.enter_context(site.world.uplinks([PLAIN] * (of_agents + of_virtual)))
+            place = site.world.folder / f"run-{time.monotonic_ns()}"
+            place.mkdir()
+            stack.callback(shutil.rmtree, place, ignore_errors=True)
+            places = [
+                *((one, some, []) for one, some in placed(agents, uplinks[:of_agents]) if agents),
+                *((one, [], some) for one, some in placed(virtual, uplinks[of_agents:]) if virtual),
+            ]
+            processes = [
+                stack.enter_context(
+                    RobotProcess(
+                        source=f"robots-{at}",
+                        uplink=uplink,
+                        agents=real,
+                        virtual=played,
+                        folder=folder,
+                        place=place,
+                    )
+                )
+                for at, (uplink, real, played) in enumerate(places, 1)
+            ]
+            workload = cls(site, size, folder, seed, processes)
+            workload.start()
+            yield workload
+
+    def start(self) -> None:
+        for one in self.processes.values():
+            one.has_done("open", OPENS_WITHIN_S)
+        for one in self.processes.values():
+            one.do("start", DONE_WITHIN_S, cells=self.site.ssh_addresses)
+        self.wait_online(ONLINE_WITHIN_S)
+
+    def wait_online(self, within_s: float, cells: Sequence[Cell] | None = None) -> float:
+        """Wait until each of the cells says that all robots are online; return the seconds that it took."""
+        began = time.monotonic()
+        missing: Mapping[str, set[str]] = {}
+        while time.monotonic() - began < within_s:
+            missing = {
+                cell.name: set(self.robots) - self.online_at(cell)
+                for cell in cells or self.site.cells
+            }
+            if not any(missing.values()):
+                return round(time.monotonic() - began, 3)
+            time.sleep(ASK_EVERY_S)
+        shown = {name: sorted(some)[:5] for name, some in missing.items() if some}
+        logs = "\n".join(one.log_tail() for one in self.processes.values())
+        counts = {name: len(some) for name, some in missing.items()}
+        raise RuntimeError(
+            f"robots are not online within {within_s:g} s: {counts}, such as {shown}\n{logs}"
+        )
+
+    def online_at(self, cell: Cell) -> set[str]:
+        """What the relay of a cell says; nobody, while it says nothing."""
+        request = urllib.request.Request(
+            f"https://{cell.address}/api/v1/events",
+            headers={"Authorization": f"Bearer {self.site.world.token}"},
+        )
+        try:
+            with urllib.request.urlopen(request, context=insecure_tls(), timeout=5) as answer:
+                for line in answer:
+                    if line.startswith(b"data: "):
+                        fleet = json.loads(line.removeprefix(b"data: "))
+                        return {one["name"] for one in fleet if one["online"]}
+        except OSError:
+            pass
+        return set()
+
+    @contextmanager
+    def people(self) -> Iterator[People]:
+        """Drivers, observers and operators at work."""
+        log = self.folder.parent / f"people-{os.getpid()}.log"
+        program = LineProgram("paper.cells.people", log)
+        try:
+            program.send(self._order())
+            program.receive("that people have begun", OPENS_WITHIN_S)
+            yield People(program)
+        finally:
+            program.end(DONE_WITHIN_S)
+            log.unlink()
+
+    def _order(self) -> dict[str, Any]:
+        size, tokens = self.size, self.site.tokens
+        kinds = {
+            "drivers": ("driver", size.drivers),
+            "observers": ("observer", size.observers),
+            "operators": ("operator", size.operators),
+        }
+        people = {
+            kind: [
+                {"name": f"x-{one}-{number}", "token": tokens(f"x-{one}-{number}")}
+                for number in range(1, count + 1)
+            ]
+            for kind, (one, count) in kinds.items()
+        }
+        return {
+            **people,
+            "folder": str(self.folder),
+            "seed": self.seed,
+            "cells": [{"name": one.name, "address": one.address} for one in self.site.cells],
+            "admin": self.site.world.token,
+            "robots": self.robots,
+            # Agents and virtual ones.
+            "hot": [*self.robots[: HOT_ROBOTS // 2], *self.robots[-HOT_ROBOTS // 2 :]],
+            "cameras": self.cameras,
+            "rate_hz": RATE_HZ,
+            "prefix": f"x{self.seed}",
+        }
+
+    async def nemesis(self, seconds: float) -> Sequence[str]:
+        """Break and mend for so long, then let things settle; return what was done, in its order."""
+        context = Context(self.site, self.processes, Random(self.seed))
+        history = History.open(self.folder, "nemesis")
+        nemesis = Nemesis(context, history)
+        try:
+            await nemesis.run(seconds)
+        finally:
+            history.close()
+        await asyncio.sleep(SETTLES_S)
+        return nemesis.done
+
+    @property
+    def failed(self) -> list[str]:
+        return [words for one in self.processes.values() for words in one.failed]
+
+
+class People:
+    """They work until `seen`."""
+
+    def __init__(self, program: LineProgram) -> None:
+        self._program = program
+
+    def seen(self) -> dict[str, Any]:
+        """End their work; what they saw."""
+        self._program.send("settle")
+        return dict(self._program.receive("what people have seen", DONE_WITHIN_S))
+
+    def settle(self) -> None:
+        """Wait until each operator has had the last word; then the database may be read."""
+        self._program.receive("that operators have settled", SETTLES_WITHIN_S)
+
+    def end(self) -> None:
+        """Let them release all robots."""
+        self._program.send("end")
+        self._program.receive("that all is released", SETTLES_WITHIN_S)
+
+
+def read_database(site: Site) -> Database:
+    """What it has of drives, stops, sites and sessions."""
+    rows = site.sql
+    drives = rows("SELECT robot, fence FROM drives")
+    fences = rows("SELECT r.name, l.fence FROM control_leases l JOIN robots r ON r.id = l.robot_id")
+    reasons = rows(
+        "SELECT JSON_VALUE(details, '$.reason') FROM audit_events WHERE kind = 'robot_stopped'"
+    )
+    recorded = rows(
+        "SELECT s.name FROM sites s JOIN audit_events a"
+        " ON a.kind = 'site_added' AND JSON_VALUE(a.details, '$.site') = s.name"
+    )
+    stopped = rows("SELECT r.name FROM robot_stops s JOIN robots r ON r.id = s.robot_id")
+    sessions = rows(
+        "SELECT r.name, COUNT(*) FROM robot_sessions s JOIN robots r ON r.id = s.robot_id"
+        " WHERE s.ended_at IS NULL GROUP BY r.name"
+    )
+    return Database(
+        drives={(robot, int(fence)) for robot, fence in drives},
+        fences={robot: int(fence) for robot, fence in fences},
+        stop_reasons={one for [one] in reasons},
+        recorded={one for [one] in recorded},
+        stopped={one for [one] in stopped},
+        open_sessions={robot: int(count) for robot, count in sessions},
+    )

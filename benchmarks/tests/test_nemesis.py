@@ -1,0 +1,106 @@
+"""The nemesis: the same faults by the same seed, one cell whole beside them, and all mended at the end."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from paper.cells import nemesis as module
+from paper.cells.history import History, read
+from paper.cells.nemesis import FAULTS, TAKES_A_CELL, Context, Fault, Nemesis, Target
+
+Deeds = list[tuple[str, str]]
+
+
+def context(seed: int = 1) -> Context:
+    site = cast(Any, SimpleNamespace(names=["a", "b", "c"], cells=[]))
+    return Context(site, cast(Any, {"robots-1": None, "robots-2": None}), Random(seed))
+
+
+def noting(deeds: Deeds, *, failing: str = "") -> dict[str, Fault]:
+    """Faults that only note what is done."""
+
+    def fault(name: str) -> Fault:
+        def mend(_: Context, __: Target) -> None:
+            deeds.append(("mend", name))
+            if name == failing:
+                raise RuntimeError("it is on fire")
+
+        return Fault(lambda _, __: deeds.append(("do", name)), mend)
+
+    return {name: fault(name) for name in FAULTS}
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LASTS_S", (0.02, 0.05))
+    monkeypatch.setattr(module, "BETWEEN_S", (0.01, 0.03))
+
+
+@pytest.fixture
+def history(tmp_path: Path) -> Iterator[History]:
+    one = History.open(tmp_path, "nemesis")
+    yield one
+    one.close()
+
+
+def open_nemesis(history: History, deeds: Deeds, **how: Any) -> Nemesis:
+    return Nemesis(context(), history, noting(deeds, **how))
+
+
+def test_the_seed_decides(history: History) -> None:
+    def chosen(seed: int) -> list[Any]:
+        one = Nemesis(context(seed), history)
+        return [one.choose() for _ in range(20)]
+
+    assert chosen(5) == chosen(5)
+    assert chosen(5) != chosen(6)
+
+
+async def test_what_is_broken_is_mended_and_written_down(
+    tmp_path: Path, history: History, quick: None
+) -> None:
+    deeds: Deeds = []
+    one = open_nemesis(history, deeds)
+    await one.run(0.5)
+    assert sorted(name for what, name in deeds if what == "do") == sorted(one.done)
+    assert sorted(name for what, name in deeds if what == "mend") == sorted(one.done)
+    assert len(one.done) > 3
+    events = read(tmp_path)
+    for kind in ("fault", "healed"):
+        assert sorted(each.what for each in events if each.kind == kind) == sorted(one.done)
+
+
+async def test_one_cell_stays_whole(history: History, quick: None) -> None:
+    deeds: Deeds = []
+    await open_nemesis(history, deeds).run(1.0)
+    takers = [what for what, name in deeds if name in TAKES_A_CELL]
+    # One of them is mended before the next is done.
+    assert takers[::2] == ["do"] * len(takers[::2])
+    assert takers[1::2] == ["mend"] * len(takers[1::2])
+
+
+async def test_a_run_that_is_interrupted_mends_all(history: History, quick: None) -> None:
+    deeds: Deeds = []
+    one = open_nemesis(history, deeds)
+    running = asyncio.ensure_future(one.run(60))
+    await asyncio.sleep(0.3)
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    assert len(deeds) == 2 * len(one.done) > 0
+
+
+async def test_what_cannot_be_mended_does_not_keep_the_others_from_it(history: History) -> None:
+    deeds: Deeds = []
+    one = open_nemesis(history, deeds, failing="peers_cut")
+    for name in ("cell_killed", "peers_cut", "disk_full"):
+        await one.begin(name, Target("a"))
+    with pytest.raises(RuntimeError, match="on fire"):
+        one.mend_all()
+    mended = [name for what, name in deeds if what == "mend"]
+    assert mended == ["disk_full", "peers_cut", "cell_killed"]
