@@ -1,4 +1,4 @@
-"""The paper's five experiments, a machine's limits, and a comparison; `make experiments` runs each step as a test.
+"""The paper's five experiments, a machine's limits, a comparison, and cells that break: each step is a test.
 
 A step that raises has failed and stays failed. What ends the run instead is Ctrl-C, which leaves the step out, and a
 stack that no longer answers, which would fail all that follows without a word.
@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from paper.cells import cells
 from paper.conftest import scale_of
 from paper.density import density
 from paper.fleet import startup
@@ -35,6 +36,7 @@ PARTS = (
     spiral.PART,
     operators.PART,
     peers.PART,
+    cells.PART,
 )
 # A path that nginx, web and the database take part in, and that costs the same however many robots there are.
 CHEAP_PATH = "/me"

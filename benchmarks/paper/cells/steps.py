@@ -1,0 +1,442 @@
+"""What is measured at a site beside the nemesis.
+
+A killed cell, a database that is away, a drain, how work spreads over cells, and what forwarding costs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import aiohttp
+from local_network import insecure_tls
+
+from paper.cells.commands import TOPIC, TYPE, command, origin
+from paper.cells.people import FAILURES, CellAddress, Person
+from paper.cells.site import SERVICES, Cell, Site
+from paper.cells.workload import Size, Workload, read_database
+from paper.costs import use_of
+from paper.density.drivers import Drive, Driver
+from paper.fleet.operators import FleetEvents
+from paper.numbered.messages import Histogram
+from paper.step import Values
+
+RATE_HZ, FULL_RATE_HZ = 20, 50
+# The relay lets one user have 32 connections.
+CONNECTIONS_A_USER = 25
+AGAIN_S, HEARD_WITHIN_S, BACK_WITHIN_S = 0.2, 2.0, 60.0
+# Drives that are open when the database goes, and that begin without it.
+DRIVEN, BEFORE_S, AWAY_S, AFTER_S = 10, 5.0, 15.0, 10.0
+BEGUN_WITHIN_S, WRITTEN_WITHIN_S = 10.0, 30.0
+# A driven robot is sent to another cell when its drive ends, or 60 s after the drain's begin.
+DRAIN_DRIVE_S, DRAINED_WITHIN_S = 30.0, 120.0
+# Of one core, for each container of a cell: a cell is a machine of its own, and this one has few cores.
+SHARES = {"relay": 0.15, "nginx": 0.1, "sshd": 0.1, "web": 0.1}
+PERIOD_US = 100_000
+DRIVEN_A_CELL, SPREAD_S = 12, 20.0
+ECHO_TOPIC, ECHO_TYPE, ECHO_BYTES = "/echo", "std_msgs/String", 200
+
+
+@dataclass(frozen=True)
+class Probe:
+    """How soon one robot was drivable."""
+
+    robot: str
+    took_s: float | None
+
+
+def sessions(site: Site) -> dict[str, str]:
+    """Each robot's cell, by the newest open session."""
+    rows = site.sql(
+        "SELECT r.name, s.cell FROM robot_sessions s JOIN robots r ON r.id = s.robot_id"
+        " WHERE s.ended_at IS NULL ORDER BY s.epoch"
+    )
+    return {robot: cell for robot, cell in rows}  # noqa: C416 (a list of lists is no dict's)
+
+
+def robots_at(workload: Workload, cell: Cell) -> list[str]:
+    where = sessions(workload.site)
+    return [robot for robot in workload.robots if where.get(robot) == cell.name]
+
+
+@contextmanager
+def some_robots(site: Site, size: Size) -> Iterator[Workload]:
+    """Robots at a site, with a history that nobody reads."""
+    with (
+        TemporaryDirectory(prefix="rt-cells-") as folder,
+        Workload.running(site, size, Path(folder), 0) as workload,
+    ):
+        yield workload
+
+
+@asynccontextmanager
+async def web() -> AsyncIterator[aiohttp.ClientSession]:
+    connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0, force_close=True)
+    async with aiohttp.ClientSession(connector=connector) as http:
+        yield http
+
+
+def person(site: Site, number: int, cell: Cell, http: aiohttp.ClientSession) -> Person:
+    """Somebody who is at one cell; so many of them are one user as may be."""
+    name = f"x-driver-{number // CONNECTIONS_A_USER + 1}"
+    return Person(name, site.tokens(name), [CellAddress(cell.name, cell.address)], http)
+
+
+# A cell is killed.
+
+
+def kill_cell(site: Site, size: Size) -> Values:
+    """Kill a cell at once; how soon each of its robots is drivable at another."""
+    victim, other = site.cells[-1], site.cells[0]
+    with some_robots(site, size) as workload:
+        robots = robots_at(workload, victim)
+        began = time.monotonic()
+        victim.each(SERVICES, "kill")
+        try:
+            probes, met = asyncio.run(_probe_all(site, other, robots, began))
+        finally:
+            victim.each(SERVICES, "start")
+            victim.wait_live()
+    times = [one.took_s for one in probes]
+    return {"robots": len(robots), "of": size.robots, "took_s": times, "met": dict(met)}
+
+
+async def _probe_all(
+    site: Site, cell: Cell, robots: Sequence[str], began: float
+) -> tuple[list[Probe], Counter[str]]:
+    met: Counter[str] = Counter()
+    headers = {"Authorization": f"Bearer {site.world.token}"}
+    async with (
+        web() as http,
+        aiohttp.ClientSession(
+            connector=aiohttp.TCPConnector(ssl=insecure_tls()), headers=headers
+        ) as following,
+    ):
+        events = FleetEvents(following, f"https://{cell.address}")
+        task = asyncio.ensure_future(events.follow())
+        try:
+            probes = await asyncio.gather(
+                *(
+                    _probe(person(site, at, cell, http), robot, at + 1, began, events, met)
+                    for at, robot in enumerate(robots)
+                )
+            )
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+    return list(probes), met
+
+
+async def _probe(  # noqa: PLR0917 (one call)
+    who: Person,
+    robot: str,
+    number: int,
+    began: float,
+    events: FleetEvents,
+    met: Counter[str],
+) -> Probe:
+    with suppress(TimeoutError):
+        async with asyncio.timeout(BACK_WITHIN_S):
+            while True:
+                await events.until([robot], online=True)
+                try:
+                    await drive_once(who, robot, number)
+                except FAILURES as error:
+                    who.meet(error)
+                else:
+                    return Probe(robot, round(time.monotonic() - began, 3))
+                finally:
+                    met.update(who.met)
+                    who.met.clear()
+                await asyncio.sleep(AGAIN_S)
+    return Probe(robot, None)
+
+
+async def drive_once(who: Person, robot: str, number: int, ticket: Any = None) -> None:
+    """Drive until a command has been heard of the robot; raise what stands in the way."""
+    connecting = (
+        who.open(robot, "ros", ticket)
+        if ticket
+        else who.connect(robot, "drive", "ros", straight=False)
+    )
+    async with await connecting as socket:
+        for op in ("advertise", "subscribe"):
+            await socket.send_json({"op": op, "topic": TOPIC, "type": TYPE})
+        sending = asyncio.ensure_future(_send(socket, number))
+        try:
+            async with asyncio.timeout(HEARD_WITHIN_S):
+                await _until_heard(socket, str(number))
+        finally:
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
+
+
+async def _send(socket: aiohttp.ClientWebSocketResponse, connection: int) -> None:
+    number = 0
+    while True:
+        await socket.send_json(command(connection, number))
+        number += 1
+        await asyncio.sleep(1 / RATE_HZ)
+
+
+async def _until_heard(socket: aiohttp.ClientWebSocketResponse, connection: str) -> None:
+    async for frame in socket:
+        if frame.type is aiohttp.WSMsgType.TEXT:
+            said = json.loads(frame.data)
+            sent = origin(said["msg"]) if said.get("op") == "publish" else None
+            if sent is not None and sent[0] == connection:
+                return
+    raise ConnectionError(f"closed with {socket.close_code}")
+
+
+# The database is away.
+
+
+def database_away(site: Site, size: Size) -> Values:
+    """Drive on without a database, and begin other drives meanwhile."""
+    with some_robots(site, size) as workload:
+        values = asyncio.run(_database_away(site, workload.robots))
+        asked = {one["robot"] for one in values["begun"] if one["began"]}
+        values["recorded"] = _recorded_later(site, asked)
+        return values
+
+
+async def _database_away(site: Site, robots: Sequence[str]) -> dict[str, Any]:
+    driven, others = robots[:DRIVEN], robots[DRIVEN : 2 * DRIVEN]
+    seconds = BEFORE_S + AWAY_S + AFTER_S
+    cell = site.cells[0]
+    async with driving(site, driven, cell, RATE_HZ, seconds) as runs, web() as http:
+        await asyncio.sleep(BEFORE_S)
+        people = [person(site, at, cell, http) for at in range(len(others))]
+        pairs = list(zip(people, others, strict=True))
+        tickets = await asyncio.gather(*(one.ticket(robot, "drive") for one, robot in pairs))
+        await asyncio.to_thread(site.cells[0].each, ["mysql"], "kill")
+        began = time.monotonic()
+        try:
+            begun = await asyncio.gather(
+                *(
+                    _begin(one, robot, ticket, 1000 + at)
+                    for at, ((one, robot), ticket) in enumerate(zip(pairs, tickets, strict=True))
+                )
+            )
+            fresh = await asyncio.gather(
+                *(one.ticket(robot, "drive") for one, robot in pairs), return_exceptions=True
+            )
+            await asyncio.sleep(max(0.0, AWAY_S - (time.monotonic() - began)))
+        finally:
+            await asyncio.to_thread(_start_database, site)
+        open_drives = await runs
+    return {
+        "open": open_drives,
+        "away_s": AWAY_S,
+        "begun": begun,
+        "fresh_tickets": sum(not isinstance(one, BaseException) for one in fresh),
+    }
+
+
+def _start_database(site: Site) -> None:
+    site.cells[0].each(["mysql"], "start")
+    site.cells[0].stack.wait_healthy("mysql")
+
+
+async def _begin(who: Person, robot: str, ticket: Any, number: int) -> dict[str, Any]:
+    began = time.monotonic()
+    try:
+        async with asyncio.timeout(BEGUN_WITHIN_S):
+            await drive_once(who, robot, number, ticket)
+    except FAILURES as error:
+        return {"robot": robot, "began": False, "why": str(error) or type(error).__name__}
+    return {"robot": robot, "began": True, "took_s": round(time.monotonic() - began, 3)}
+
+
+def _recorded_later(site: Site, robots: set[str]) -> int:
+    """How many of the drives that began meanwhile the database has in the end."""
+    end = time.monotonic() + WRITTEN_WITHIN_S
+    while True:
+        found = {robot for robot, _ in read_database(site).drives} & robots
+        if found == robots or time.monotonic() > end:
+            return len(found)
+        time.sleep(AGAIN_S)
+
+
+@asynccontextmanager
+async def driving(
+    site: Site, robots: Sequence[str], cell: Cell, rate_hz: float, seconds: float
+) -> AsyncIterator[asyncio.Future[list[Mapping[str, Any]]]]:
+    """Drive robots for so long; what becomes of it is awaited."""
+    connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0)
+    async with aiohttp.ClientSession(connector=connector) as http:
+        drivers = [
+            Driver(Drive(robot, site.tokens(_user(at)), "virtual"), cell.address, http)
+            for at, robot in enumerate(robots)
+        ]
+        await asyncio.gather(*(one.open() for one in drivers))
+        begin = time.monotonic() + 0.2
+
+        async def run() -> list[Mapping[str, Any]]:
+            begins = [begin + at / rate_hz / len(drivers) for at in range(len(drivers))]
+            runs = (one.run(at, rate_hz, seconds) for one, at in zip(drivers, begins, strict=True))
+            await asyncio.gather(*runs)
+            return [one.result() for one in drivers]
+
+        task = asyncio.ensure_future(run())
+        try:
+            yield task
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+            await asyncio.gather(*(one.close() for one in drivers))
+
+
+def _user(at: int) -> str:
+    return f"x-driver-{at // CONNECTIONS_A_USER + 1}"
+
+
+# A drain.
+
+
+def drain(site: Site, size: Size) -> Values:
+    """Take a cell out of service while some of its robots are driven; it serves again at the end."""
+    victim, other = site.cells[-1], site.cells[0]
+    with some_robots(site, size) as workload:
+        robots = robots_at(workload, victim)
+        command_line = ("robotether", "cell")
+        try:
+            drives, took_s = asyncio.run(_drain(site, victim, robots[:DRIVEN]))
+        finally:
+            site.world.exec("web", *command_line, "resume", victim.name)
+        online_s = workload.wait_online(BACK_WITHIN_S, [other])
+    return {
+        "robots": len(robots),
+        "drives": drives,
+        "drive_s": DRAIN_DRIVE_S,
+        "empty_s": took_s,
+        "online_s": online_s,
+    }
+
+
+async def _drain(
+    site: Site, victim: Cell, driven: Sequence[str]
+) -> tuple[list[Mapping[str, Any]], float | None]:
+    async with driving(site, driven, victim, RATE_HZ, DRAIN_DRIVE_S) as runs:
+        await asyncio.sleep(BEFORE_S)
+        began = time.monotonic()
+        await asyncio.to_thread(site.world.exec, "web", "robotether", "cell", "drain", victim.name)
+        drives = await runs
+    while time.monotonic() - began < DRAINED_WITHIN_S:
+        if victim.name not in (await asyncio.to_thread(sessions, site)).values():
+            return drives, round(time.monotonic() - began, 3)
+        await asyncio.sleep(AGAIN_S)
+    return drives, None
+
+
+# One, two and three cells.
+
+
+def spread(site: Site, count: int, robots_a_cell: int) -> Values:
+    """What so many cells carry, each with its own share of the processor; the others are off."""
+    used, unused = site.cells[:count], site.cells[count:]
+    for cell in unused:
+        cell.each(SERVICES, "kill")
+    try:
+        limit(used, SHARES)
+        size = Size(cells=count, agents=0, virtual=count * robots_a_cell)
+        began = time.monotonic()
+        with some_robots(Site.part(site, used), size) as workload:
+            online_s = time.monotonic() - began
+            cpu = [_cpu_s(one) for one in used]
+            drives = asyncio.run(_drive_everywhere(site, used, workload))
+            cpu = [round(_cpu_s(one) - before, 3) for one, before in zip(used, cpu, strict=True)]
+    finally:
+        limit(used, {})
+        for cell in unused:
+            cell.each(SERVICES, "start")
+            cell.wait_live()
+    return {
+        "cells": count,
+        "robots": size.robots,
+        "online_s": round(online_s, 3),
+        "drives": drives,
+        "seconds": SPREAD_S,
+        "cpu_s": cpu,
+        "share": sum(SHARES.values()),
+    }
+
+
+def limit(cells: Sequence[Cell], shares: Mapping[str, float]) -> None:
+    """Give each container its share of a core; without shares, all that there is."""
+    for cell in cells:
+        for service in SERVICES:
+            quota = round(shares[service] * PERIOD_US) if service in shares else -1
+            cell.container(service).update(cpu_period=PERIOD_US, cpu_quota=quota)
+
+
+def _cpu_s(cell: Cell) -> float:
+    return sum(use_of(cell.container(service)).cpu_s for service in SERVICES)
+
+
+async def _drive_everywhere(
+    site: Site, cells: Sequence[Cell], workload: Workload
+) -> list[Mapping[str, Any]]:
+    where = await asyncio.to_thread(sessions, site)
+    drives: list[Mapping[str, Any]] = []
+
+    async def at(cell: Cell) -> None:
+        robots = [one for one in workload.robots if where.get(one) == cell.name][:DRIVEN_A_CELL]
+        async with driving(site, robots, cell, FULL_RATE_HZ, SPREAD_S) as runs:
+            drives.extend(await runs)
+
+    await asyncio.gather(*map(at, cells))
+    return drives
+
+
+# What forwarding costs.
+
+
+def forwarding(site: Site, size: Size, turns: int, messages: int) -> Values:
+    """Round trips of a robot's messages through its own cell and through another one, in turns."""
+    with some_robots(site, size) as workload:
+        where = sessions(site)
+        robot = workload.robots[-1]
+        own = next(one for one in site.cells if one.name == where[robot])
+        other = next(one for one in site.cells if one is not own)
+        through: dict[str, Histogram] = {"own": Histogram(), "other": Histogram()}
+        for _ in range(turns):
+            for name, cell in (("own", own), ("other", other)):
+                asyncio.run(_round_trips(site, cell, robot, messages, through[name]))
+    return {"bytes": ECHO_BYTES, **{name: one.as_json() for name, one in through.items()}}
+
+
+async def _round_trips(site: Site, cell: Cell, robot: str, messages: int, times: Histogram) -> None:
+    async with web() as http:
+        who = person(site, 0, cell, http)
+        async with await who.connect(robot, "drive", "ros", straight=False) as socket:
+            for op in ("advertise", "subscribe"):
+                await socket.send_json({"op": op, "topic": ECHO_TOPIC, "type": ECHO_TYPE})
+            for number in range(-10, messages):
+                sent_at = time.monotonic()
+                text = str(number).ljust(ECHO_BYTES)
+                await socket.send_json(
+                    {"op": "publish", "topic": ECHO_TOPIC, "msg": {"data": text}}
+                )
+                async with asyncio.timeout(HEARD_WITHIN_S):
+                    await _until_back(socket, text)
+                if number >= 0:
+                    times.add((time.monotonic() - sent_at) * 1000)
+
+
+async def _until_back(socket: aiohttp.ClientWebSocketResponse, text: str) -> None:
+    async for frame in socket:
+        if frame.type is aiohttp.WSMsgType.TEXT:
+            said = json.loads(frame.data)
+            if said.get("op") == "publish" and said["msg"].get("data") == text:
+                return
+    raise ConnectionError(f"closed with {socket.close_code}")

@@ -1,0 +1,122 @@
+"""What the page makes of cells: broken rules fail the run, aims that are not met fall short."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from paper.cells.cells import PART
+from paper.cells.report import report, times
+from paper.step import Outcome, Scale
+
+TRIPS = {"5.00": 99, "50.00": 1}
+
+
+def nemesis(**others: Any) -> Outcome:
+    size = {"cells": 3, "agents": 1, "virtual": 2, "drivers": 1, "observers": 1, "operators": 1}
+    seen = {"sent": 100, "heard": 99, "round_trips": TRIPS, "frames": 5, "messages": 6}
+    values = {
+        "seed": 7,
+        "size": {**size, "seconds": 600.0},
+        "faults": {"cell_killed": 2},
+        "events": {"moved": 99},
+        "violations": [],
+        "broken": 0,
+        "returns": [],
+        "excused": [],
+        "ignored_stops_s": [],
+        "seen": {**seen, "confirmed_stops": 1},
+        "failed": [],
+        "online_s": 1.0,
+        "kept": "",
+    }
+    return Outcome(values={**values, **others})
+
+
+def drive(**others: Any) -> dict[str, Any]:
+    return {"sent": 100, "lost": 0, "unsent": 0, "endings": {}, **others}
+
+
+def short(**outcomes: Outcome) -> dict[str, float]:
+    """What is worse than its aim or rule."""
+    found = report({name.replace("_", "-"): one for name, one in outcomes.items()})
+    return {row.what: row.ours for row in found.comparisons if row.is_short}
+
+
+def test_a_broken_rule_fails_the_run_and_is_told():
+    broken = {"rule": "two drivers", "robot": "one", "at_s": 1.0, "words": "a moves it after b"}
+    outcome = nemesis(violations=[broken], broken=1, kept="tests/artifacts/cells/x")
+    found = report({"nemesis": outcome})
+    [row] = [row for row in found.comparisons if row.is_short and row.better == "equal"]
+    assert row.what == "rules broken under the nemesis"
+    assert "two drivers: one: a moves it after b" in found.shortfalls
+    assert any("seed 7 is in tests/artifacts/cells/x" in line for line in found.shortfalls)
+
+
+def test_a_robot_that_failed_fails_the_run():
+    assert short(nemesis=nemesis(failed=["one: it ended"]))["processes and robots that failed"] == 1
+
+
+def test_returns_are_judged_by_their_p99():
+    late = [{"robot": "one", "at_s": 1.0, "took_s": 9.0, "came": True}]
+    found = short(nemesis=nemesis(returns=late))
+    assert found["drivable again once a live cell is there, p99"] == 9.0
+
+
+def test_who_gives_up_soon_tells_nothing():
+    returns = [
+        {"robot": "one", "at_s": 1.0, "took_s": took_s, "came": came}
+        for took_s, came in ((1.0, True), (2.0, False), (60.0, False))
+    ]
+    assert times(returns) == [1.0, 60.0]
+
+
+def test_a_robot_of_a_killed_cell_that_never_comes_back():
+    values = {"robots": 2, "of": 6, "took_s": [1.0, None], "met": {}}
+    found = short(cell_killed=Outcome(values=values))
+    assert found == {"robots of a killed cell that never came back": 1.0}
+
+
+def test_drives_without_a_database():
+    values = {
+        "open": [drive(lost=2, endings={"close code 4510": 1})],
+        "away_s": 15.0,
+        "begun": [
+            {"robot": "one", "began": True, "took_s": 0.1},
+            {"robot": "two", "began": False, "why": "closed with 4510"},
+        ],
+        "fresh_tickets": 0,
+        "recorded": 0,
+    }
+    outcome = Outcome(values=values)
+    assert set(short(database_away=outcome)) == {
+        "open drives that ended without the database",
+        "commands lost without the database",
+        "drives that did not begin without the database",
+        "drives without the database that were not recorded later",
+    }
+    found = report({"database-away": outcome})
+    assert "without the database 1 drives did not begin: closed with 4510" in found.shortfalls
+
+
+def test_a_drain_that_loses_commands_or_leaves_robots():
+    values = {"robots": 3, "drives": [drive(lost=1)], "drive_s": 30.0, "empty_s": None}
+    found = short(drain=Outcome(values=values))
+    assert found == {"commands lost in a drain": 1.0, "drains that left robots behind": 1.0}
+
+
+def test_what_cells_carry_is_beside_what_one_carries():
+    def run(cells: int) -> Outcome:
+        drives = [drive(sent=1000, lost=0) for _ in range(cells)]
+        values = {"cells": cells, "robots": 10 * cells, "online_s": 5.0, "drives": drives}
+        return Outcome(values={**values, "seconds": 10.0, "cpu_s": [4.0] * cells, "share": 0.45})
+
+    found = report({"spread-1": run(1), "spread-2": run(2)})
+    [section] = found.sections
+    assert [row[4:6] for row in section.rows] == [("100", "1.00"), ("200", "2.00")]
+
+
+def test_steps_are_as_many_as_cells():
+    for scale in (Scale(quick=True), Scale(), Scale(full=True)):
+        names = [step.name for step in PART.steps(scale)]
+        assert names[0] == "nemesis"
+        assert sum(name.startswith("spread-") for name in names) == (2 if scale.quick else 3)
