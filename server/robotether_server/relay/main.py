@@ -11,6 +11,7 @@ import logging
 import os
 import signal
 import sys
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import cast
@@ -151,6 +152,7 @@ class Relay:
             asyncio.create_task(self.fleet.run(), name="fleet"),
             asyncio.create_task(self.event_writer.run(), name="event_writer"),
             asyncio.create_task(self._write_drives(), name="drives"),
+            asyncio.create_task(self._read_stops(), name="stops"),
         ]
         listen = self._listen
         self.inside_port = await self._serve(self._inside, listen.inside_port)
@@ -380,6 +382,14 @@ class Relay:
         except (StoreProblem, TimeoutError):
             # Then it counts what other cells and the guard reported.
             log.info("robot %d: its stop and number could not be read", robot_id)
+
+    async def _read_stops(self) -> None:
+        """Read what other cells wrote while one of them is not connected: a stop must not wait for the connection."""
+        while True:
+            await asyncio.sleep(self._timing.poll_every_s)
+            if self.peers.count() < len(self.cells.peers()):
+                with suppress(StoreProblem):
+                    self.control.remember(await self._database.stored_control())
 
     def _bridge_rules(self) -> BridgeRules:
         timing, limit = self._timing, self._settings.message_limit_bytes

@@ -9,6 +9,7 @@ from fake_robot import RobotSession
 from relay_clients import configured, ended
 from relay_server import SESSION_KEY, until
 from robotether_server.db.control import Stop
+from robotether_server.relay.robots.sessions import utc_now
 from site_cells import SiteCell
 
 
@@ -131,6 +132,16 @@ async def test_a_stop_reaches_a_robot_of_another_cell_and_is_confirmed(site, cel
     assert robot.session.stopped_by == "ben"
     assert cell_a.shown(sim1)["control"]["stopped"]["by"] == "ben"
     assert cell_b.relay.peers.confirmation(sim1.id) is None
+    await robot.stop()
+
+
+async def test_a_stop_comes_by_the_database_while_cells_are_apart(site, cell_a, cell_b, sim1):
+    """The other one has written it, and cannot say so."""
+    robot = await cell_b.robot(sim1)
+    async with cell_a.listener.cut():
+        await until(lambda: cell_b.relay.peers.count() == 0, "b is alone")
+        cell_b.database.stops.append(Stop(sim1.id, utc_now(), "ben"))
+        await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped")
     await robot.stop()
 
 
