@@ -70,8 +70,10 @@ class Credentials:
             if self.held_lately(credential):
                 return True
             raise
+        if not holds:
+            self._forget(credential)
         # As above.
-        if holds and rechecks == self._rechecks:
+        elif rechecks == self._rechecks:
             self._note_recent(credential)
         return holds
 
@@ -119,11 +121,14 @@ class Credentials:
             if credential in valid:
                 self._note_live(credential, valid[credential])
             else:
-                self._live.pop(credential, None)
-                self._recent.pop(credential, None)
+                self._forget(credential)
                 for end in list(self._held.get(credential, ())):
                     end()
         return valid
+
+    def _forget(self, credential: Credential) -> None:
+        self._live.pop(credential, None)
+        self._recent.pop(credential, None)
 
     def _note_live(self, credential: Credential, user: RelayUser) -> None:
         if credential in self._held:

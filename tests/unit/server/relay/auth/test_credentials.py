@@ -158,16 +158,39 @@ async def test_what_may_have_ended_when_the_database_went_does_not_count(
         await credentials.holds(login)
 
 
-async def test_what_ended_while_it_was_held_does_not_come_back(credentials, memory_database):
+@pytest.mark.parametrize("asks", ["holds", "check_new"])
+async def test_what_ended_by_any_answer_does_not_come_back(credentials, memory_database, asks):
+    """Also before the relay reads that credentials have changed, and though something hangs on it."""
     login = credential_of("login", memory_database.add_credential("login", ANN))
     with credentials.held(login, lambda: None):
         await credentials.check_new()
+        assert await credentials.holds(login)
         del memory_database.credentials[login]
-        await credentials.check_new()
-        await credentials.recheck()
+        with credentials.held(login, lambda: None):
+            if asks == "holds":
+                assert not await credentials.holds(login)
+            else:
+                await credentials.check_new()
+        memory_database.down = True
+        with pytest.raises(StoreUnavailable):
+            await credentials.holds(login)
+
+
+async def test_who_begins_to_drive_during_a_recheck_is_known_after_it():
+    memory_database = SlowDatabase()
+    credentials = Credentials(memory_database)
+    login, late = (
+        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
+    )
+    with credentials.held(login, lambda: None):
+        recheck = asyncio.create_task(credentials.recheck())
+        await memory_database.asked.wait()
+        memory_database.is_slow = False
+        assert await credentials.holds(late)
+        memory_database.go_on.set()
+        await recheck
     memory_database.down = True
-    with pytest.raises(StoreUnavailable):
-        await credentials.holds(login)
+    assert await credentials.holds(late)
 
 
 async def test_a_yes_of_before_a_change_is_not_believed_later():
@@ -213,13 +236,15 @@ class SlowDatabase(MemoryDatabase):
     def __init__(self) -> None:
         super().__init__()
         self.asked, self.go_on = asyncio.Event(), asyncio.Event()
+        self.is_slow = True
 
     async def users_of(
         self, credentials: Collection[Credential], *, briefly: bool = False
     ) -> dict[Credential, RelayUser]:
         answer = await super().users_of(credentials)
         self.asked.set()
-        await self.go_on.wait()
+        if self.is_slow:
+            await self.go_on.wait()
         return answer
 
 
