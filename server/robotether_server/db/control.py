@@ -149,11 +149,10 @@ def next_fence(tx: Transaction, lease: NewLease, cell: str | None = None) -> int
 
 def start_lease(tx: Transaction, entry: LeaseStart, cell: str | None = None) -> None:
     """Write a lease that has begun, unless a newer one has its row: the number there never falls."""
-    # The fence comes last: MariaDB assigns in this order, and the others compare with the row's. A user who was
-    # removed meanwhile has no grants.
+    # A user who was removed meanwhile has no grants.
     changes = ", ".join(
         f"{name} = IF(VALUES(fence) >= fence, VALUES({name}), {name})"
-        for name in ("user_id", "user_name", "since", "cell", "ended_at", "fence")
+        for name in ("fence", "user_id", "user_name", "since", "cell", "ended_at")
     )
     tx.change(
         "INSERT INTO control_leases (robot_id, fence, user_id, user_name, since, cell, ended_at)"  # noqa: S608 - the module's own text
