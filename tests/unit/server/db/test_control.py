@@ -106,6 +106,15 @@ def test_a_lease_that_began_without_the_database_is_written_later(relay_database
     assert fence(relay_database, sim1, ben) == 10
 
 
+def test_a_lease_is_of_the_cell_that_wrote_it_last(relay_database, sim1, ben):
+    """Whose relay ends it, should it be left open."""
+    for number, cell in enumerate("ab", start=1):
+        with relay_database.transaction() as tx:
+            fleet.write(tx, [LeaseStart(sim1, number, ben, "ben", NOON)], cell)
+        (row,) = rows(relay_database, "control_leases")
+        assert row["cell"] == cell
+
+
 def test_a_lease_that_is_written_late_leaves_the_newer(relay_database, sim1, ann, ben):
     """Its number, its driver and its end."""
     fence(relay_database, sim1, ann, above=8)
