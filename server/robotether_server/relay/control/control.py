@@ -76,7 +76,7 @@ class Control:
         """Take over what the relay before this one kept, or another cell."""
         self.leasing.remember(stored.fences)
         for stop in stored.stops:
-            self.stops.learn(stop)
+            self.stops.learn(stop, is_written=True)
 
     def on_snapshot(self, snapshot: Snapshot) -> None:
         """Rights or robots changed."""

@@ -105,8 +105,8 @@ class Stops:
         self._releases: dict[int, dict[str, asyncio.Future[None]]] = {}
         self._confirmations: dict[int, set[asyncio.Future[None]]] = {}
 
-    def learn(self, stop: Stop) -> None:
-        """Take over a stop that began at another cell, or that the database has; who began it writes it."""
+    def learn(self, stop: Stop, *, is_written: bool = False) -> None:
+        """Take over a stop that began at another cell, which may end before it is written, or that the database has."""
         stops = self._of(stop.robot_id)
         if stops.knows(stop.id):
             return
@@ -114,9 +114,11 @@ class Stops:
         if robot is None:
             # It is not read yet.
             stops.begin(stop)
-            return
-        self._fail_releases(robot, stop.by)
-        self._begin(robot, stop)
+        else:
+            self._fail_releases(robot, stop.by)
+            self._begin(robot, stop)
+        if not is_written:
+            self._event_writer.add(stops.entry)
 
     def learn_end(self, robot_id: int, stop_id: StopId) -> None:
         """Take over that another cell released the robot from a stop."""
