@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 import socket
 import threading
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 from dated_certificate import make_certificate
 from mariadb_server import MariaDb
 from robotether_server.db import Database
+from robotether_server.db import database as module
 from robotether_server.db.database import translate
 from robotether_server.problems import (
     RecordExists,
@@ -21,8 +23,25 @@ from robotether_server.problems import (
     StoreUnavailable,
 )
 from robotether_server.settings import DatabaseSettings
+from stopwatch import Stopwatch
 
 ADD_USER = "INSERT INTO users (name, password_hash, role) VALUES (%s, 'x', %s)"
+
+
+def test_database_that_is_not_reached_is_soon_given_up_by_who_can_do_without(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Such as one whose machine is off: nothing answers, not even with a refusal."""
+    monkeypatch.setattr(module, "BRIEF_TIMEOUT_S", 1)
+    with socket.create_server(("127.0.0.1", 0), backlog=0) as full, ExitStack() as stack:
+        for _ in range(3):
+            filler = stack.enter_context(socket.socket())
+            filler.setblocking(False)
+            filler.connect_ex(full.getsockname())
+        nobody = DatabaseSettings(*full.getsockname(), "robotether", "web", "x")
+        with Stopwatch() as stopwatch, pytest.raises(StoreUnavailable):
+            stack.enter_context(Database(nobody).transaction(briefly=True))
+    assert stopwatch.s < module.CONNECT_TIMEOUT_S - 1
 
 
 def test_block_that_raises_leaves_nothing(database: Database) -> None:
