@@ -42,8 +42,10 @@ class FenceFile:
             return 0
 
     def write(self, fence: int) -> None:
-        """Keep the number, through a loss of power too; StateUnusable when that fails."""
-        write_atomic(self._path, json.dumps({"fence": fence}) + "\n", 0o600)
+        """Keep the number; StateUnusable when that fails."""
+        # Not synced, which takes seconds on a memory card that is written to: a driver waits for this. A loss of
+        # power also ends whatever could come with an older number.
+        write_atomic(self._path, json.dumps({"fence": fence}) + "\n", 0o600, lasts=False)
 
 
 class FenceStore:
