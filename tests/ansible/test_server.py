@@ -2,92 +2,66 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
-from docker.types import Mount
-from image_names import image
-from robot_hosts import ROOT, SYSTEMD, RobotHost, RobotHosts
+from cloud_machines import (
+    FOLDER,
+    Controller,
+    are_healthy,
+    boot_machine,
+    clone_sources,
+    compose,
+    image_tag,
+    save_images,
+    secrets_of,
+)
+from robot_hosts import RobotHost, RobotHosts
 
 pytestmark = pytest.mark.release
-FOLDER = "/opt/robotether"
 SERVICES = {"mysql", "nginx", "relay", "sshd", "web"}
-IMAGES = [image(name) for name in ("mysql", "sshd", "nginx", "acme", "server")]
-# A container's /proc/sys is read-only, and Docker inside it sets its bridges up there.
-DROP_IN = b"[Service]\nExecStartPre=/bin/mount -o remount,rw,bind /proc/sys\n"
-RECAP = re.compile(r"changed=(\d+)\s+unreachable=(\d+)\s+failed=(\d+)")
 
 
 @dataclass
 class Server:
-    """The machine, and the inventory that names it."""
+    """The machine, and the admin's own."""
 
     host: RobotHost
-    inventory: Path
-    sources: Path
+    controller: Controller
 
     def play(self, *arguments: str) -> tuple[int, str]:
         """Run server.yml; how much it changed, and what it printed."""
-        playbook = Path(sys.executable).with_name("ansible-playbook")
-        done = subprocess.run(
-            [playbook, "-i", str(self.inventory), "server.yml", *arguments],
-            cwd=self.sources / "ansible",
-            env={**os.environ, "ANSIBLE_NOCOLOR": "1"},
-            check=False,
-            capture_output=True,
-            text=True,
-            timeout=600,
-        )
-        recap = RECAP.search(done.stdout)
-        assert recap, done.stdout[-6000:] + done.stderr
-        assert (recap[2], recap[3]) == ("0", "0"), done.stdout[-6000:] + done.stderr
-        return int(recap[1]), done.stdout
+        return self.controller.play("server.yml", *arguments)
 
     def compose(self, arguments: str) -> str:
-        return self.host.run(f"cd {FOLDER} && tools/compose {arguments}")
+        return compose(self.host, arguments)
 
     def healthy(self) -> bool:
         """Tell whether Docker calls all services healthy."""
-        if not self.host.succeeds("docker info"):
-            return False
-        listed = self.compose("ps --format '{{.Service}} {{.Health}}'").split("\n")
-        return {line.split()[0] for line in listed if line.endswith(" healthy")} == SERVICES
+        return are_healthy(self.host, SERVICES)
 
     def secrets(self) -> str:
-        return self.host.run(f"sha256sum {FOLDER}/compose/secrets/*")
+        return secrets_of(self.host)
 
 
 @pytest.fixture(scope="module")
 def server(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """A bare machine; its images are handed over, as on a site without internet."""
     folder = tmp_path_factory.mktemp("server")
-    images = folder / "images.tar"
-    subprocess.run(["docker", "save", "--output", str(images), *IMAGES], check=True, timeout=300)
-    host = hosts.boot(
-        "cloud-vm",
-        # overlay2 needs another file system than the container's own; runc needs to look into what it started.
-        mounts=[Mount("/var/lib/docker", None, type="volume")],
-        cap_add=[*SYSTEMD["cap_add"], "SYS_PTRACE"],
-    )
-    host.run("systemctl disable --now sim-robot")
-    host.put(DROP_IN, "/etc/systemd/system/docker.service.d/container.conf")
+    images = save_images(folder)
+    host = boot_machine(hosts, "cloud-vm")
     inventory = folder / "server.ini"
-    tag = IMAGES[0].partition(":")[2]
-    settings = f'{{"PUBLIC_HOST": "robots.test", "JOIN_POLICY": "token-only", "TAG": "{tag}"}}'
+    settings = (
+        f'{{"PUBLIC_HOST": "robots.test", "JOIN_POLICY": "token-only", "TAG": "{image_tag()}"}}'
+    )
     inventory.write_text(
         f"[robotether_server]\n{host.inventory_line(robotether_server_settings=settings)}\n"
         f"[robotether_server:vars]\nrobotether_server_images={images}\n"
     )
-    # A commit made while the tests run would be an upgrade.
-    sources = folder / "sources"
-    subprocess.run(["git", "clone", "--quiet", str(ROOT), str(sources)], check=True, timeout=60)
-    yield Server(host, inventory, sources)
+    yield Server(host, Controller(inventory, clone_sources(folder)))
     images.unlink()
 
 
@@ -154,8 +128,10 @@ def test_upgrade_dumps_the_database_first(server: Server) -> None:
     found = server.host.run(f"ls {dumps}").split()
     assert len(found) == 1
     server.compose("exec -T web robotether robot remove kept --yes")
-    # As docs/howto/server.md says.
-    server.compose("stop nginx web relay sshd")
+    # As docs/howto/server.md says, into a new volume, whose accounts have no rights yet.
+    server.compose("down")
+    server.host.run("docker volume rm robotether_mysql")
+    server.compose("up --detach --wait mysql")
     server.compose(
         f"exec -T mysql mariadb --defaults-file=/etc/mysql/mariadb.cnf < <(zcat {dumps}/{found[0]})"
     )

@@ -90,6 +90,7 @@ def test_archive_has_what_belongs_to_it(archive: Path) -> None:
         ".ansible-lint",
         "robots.ini.example",
         "server.ini.example",
+        "site.ini.example",
     }
     local |= {f"collections/ansible_collections/{NAME.replace('.', '/')}"}
     local |= {f"{name}.yml" for name in PLAYBOOKS}

@@ -1,0 +1,124 @@
+"""ansible/site.yml, run for real: three bare Debians with systemd become the cells of one site."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+from cloud_machines import (
+    FOLDER,
+    Controller,
+    are_healthy,
+    boot_machine,
+    clone_sources,
+    compose,
+    image_tag,
+    save_images,
+    secrets_of,
+)
+from robot_hosts import RobotHost, RobotHosts
+
+pytestmark = pytest.mark.release
+SERVICES = {"nginx", "relay", "sshd", "web"}
+NAMES = ("cell-a", "cell-b", "cell-c")
+
+
+@dataclass
+class Site:
+    """The machines, of which the first has the database, and the admin's own."""
+
+    machines: list[RobotHost]
+    controller: Controller
+
+    def play(self, *arguments: str) -> tuple[int, str]:
+        """Run site.yml; how much it changed, and what it printed."""
+        return self.controller.play("site.yml", *arguments)
+
+    def healthy(self) -> bool:
+        """Tell whether all machines have what they should have."""
+        first, *others = self.machines
+        return are_healthy(first, SERVICES | {"mysql"}) and all(
+            are_healthy(one, SERVICES) for one in others
+        )
+
+    def alive(self) -> set[str]:
+        """The cells that the database calls alive."""
+        query = "SELECT name FROM cells WHERE heartbeat_at > NOW() - INTERVAL 5 SECOND"
+        asked = f"mariadb --batch --skip-column-names robotether -e '{query}'"
+        return set(compose(self.machines[0], f"exec -T --user root mysql {asked}").split())
+
+
+@pytest.fixture(scope="module")
+def site(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """Bare machines; their images are handed over, as on a site without internet."""
+    folder = tmp_path_factory.mktemp("site")
+    images = save_images(folder)
+    machines = [boot_machine(hosts, name) for name in NAMES]
+    inventory = folder / "site.ini"
+    lines = [one.inventory_line(robotether_cell_public_host=f"{one.name}.test") for one in machines]
+    inventory.write_text(
+        "[robotether_cells]\n" + "\n".join(lines) + "\n[robotether_cells:vars]\n"
+        f"robotether_server_images={images}\n"
+        f'robotether_server_settings={{"TAG": "{image_tag()}"}}\n'
+    )
+    yield Site(machines, Controller(inventory, clone_sources(folder)))
+    images.unlink()
+
+
+def test_bare_machines_become_one_site_once(site: Site) -> None:
+    """--check works before; a second run changes nothing; what people and robots see is the same everywhere."""
+    before = [one.run("ls /opt /etc") for one in site.machines]
+    site.play("--check")
+    assert [one.run("ls /opt /etc") for one in site.machines] == before
+
+    changed, said = site.play()
+    assert changed > 0
+    assert site.healthy()
+    first, *others = site.machines
+    first.wait("all cells alive", lambda: site.alive() == set(NAMES))
+    compose(first, "exec -T web robotether user add ann")
+    key = "exec -T sshd cat /etc/ssh/public/ssh_host_ed25519_key.pub"
+    for other in others:
+        assert "ann" in compose(other, "exec -T web robotether user list")
+        assert compose(other, key) == compose(first, key)
+    secret = others[0].run(f"cat {FOLDER}/compose/secrets/ticket_key")
+    assert secret not in said
+
+    secrets = [secrets_of(one) for one in site.machines]
+    changed, said = site.play()
+    assert changed == 0, said
+    changed, said = site.play("--check")
+    assert changed == 0, said
+    assert [secrets_of(one) for one in site.machines] == secrets
+
+
+def test_database_is_for_the_cells_alone(site: Site) -> None:
+    """The firewall of its machine drops what comes from elsewhere, although Docker publishes it."""
+    first, other, _ = site.machines
+    first.container.reload()
+    (network,) = first.container.attrs["NetworkSettings"]["Networks"].values()
+    address = network["IPAddress"]
+    for port in (3306, 8444):
+        connect = f"timeout 4 bash -c '</dev/tcp/{address}/{port}'"
+        assert other.succeeds(connect)
+        done = subprocess.run(["bash", "-c", connect], check=False, capture_output=True)
+        assert done.returncode != 0
+
+
+def test_upgrade_takes_one_cell_after_the_other(site: Site) -> None:
+    """Each is emptied before it is restarted, and takes robots again after it."""
+    for one in site.machines:
+        one.run(f"echo 'older built' > {FOLDER}/compose/.deployed")
+    changed, said = site.play()
+    assert changed > 0
+    assert said.count("Move the robots of this cell to the others") == len(site.machines)
+    assert site.healthy()
+    site.machines[0].wait("all cells alive", lambda: site.alive() == set(NAMES))
+    draining = (
+        "exec -T --user root mysql mariadb -N -e 'SELECT SUM(draining) FROM robotether.cells'"
+    )
+    assert compose(site.machines[0], draining).strip() == "0"
+    # Of the upgrade there is a dump, where the database is.
+    assert "robotether-" in site.machines[0].run("ls /var/backups/robotether")
