@@ -6,11 +6,14 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 
 import pytest
 from cells import first_cell, second_cell
 from inside import run_inside
+from jump_people import end
+from robot_key import RobotKey, session_line
 from stack import Stack
 
 
@@ -83,6 +86,30 @@ def test_key_look_up_works_at_both(first: Stack, second: Stack) -> None:
         )
         assert (done.returncode, done.stdout[:9]) == (0, "restrict,")
         assert "jump-watch" not in cell.logs("sshd")
+
+
+def test_robot_that_joins_at_one_cell_may_connect_to_both(
+    first: Stack, second: Stack, tmp_path: Path
+) -> None:
+    """Its answer names both, and each lets its key in."""
+    mac = "00:00:5e:00:53:70"
+    key = RobotKey(second, tmp_path, "roamer")
+    second.robotether("robot", "add", "roamer", "--mac", mac)
+    key.join(mac)
+    second.robotether("robot", "approve", "roamer", "--yes")
+    status, answer = key.join(mac)
+    assert status == HTTPStatus.OK
+    ssh: Any = answer["ssh"]
+    assert sorted(cell["ports"][0] for cell in ssh["cells"]) == sorted(
+        [first.ssh_port, second.ssh_port]
+    )
+    for cell in ssh["cells"]:
+        session = key.start("tunnel@127.0.0.1", "session", port=cell["ports"][0])
+        try:
+            assert session_line(session)["robot"] == "roamer"
+        finally:
+            end(session)
+    second.admin.remove("robots", "roamer")
 
 
 def test_database_takes_no_connection_without_tls(first: Stack, second: Stack) -> None:
