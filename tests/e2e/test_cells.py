@@ -75,6 +75,17 @@ def test_cells_are_one_site(first: Stack, second: Stack) -> None:
         assert {robot["name"] for robot in robots["robots"]} == {"sim1", "sim2", "sim3"}
 
 
+def test_secrets_are_exported_for_their_owner_alone(second: Stack) -> None:
+    folder = second.folder / "secrets"
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert {file.stat().st_mode & 0o077 for file in folder.iterdir()} == {0}
+
+
+def test_migrations_run_from_a_cell_too(second: Stack) -> None:
+    """For a database that no machine of the site has."""
+    assert "nothing was missing" in second.compose("run", "--rm", "--no-TTY", "migrate")
+
+
 def test_key_look_up_works_at_both(first: Stack, second: Stack) -> None:
     """By TLS, and with the program of people's keys too, which asks by another client."""
     [[fingerprint]] = first.sql("SELECT fingerprint FROM tunnel_keys LIMIT 1")
