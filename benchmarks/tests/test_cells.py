@@ -243,6 +243,8 @@ def test_a_robot_returns_to_another_cell():
     history = [WANTS, *driven("a1", 1, 0, 2), KILLED, *driven("a2", 2, 5, 6), HEALED]
     left = event(6.1, "leaves", what="ann")
     assert returns(*history, left) == [(2, 3.0, True)]
+    [found] = find_returns(in_order([*history, left]), CELLS)
+    assert found.after == "cell_killed"
 
 
 def test_the_clock_begins_when_a_cell_is_live_again():

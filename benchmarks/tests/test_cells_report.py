@@ -57,9 +57,11 @@ def test_a_robot_that_failed_fails_the_run():
 
 
 def test_returns_are_judged_by_their_p99():
-    late = [{"robot": "one", "at_s": 1.0, "took_s": 9.0, "came": True}]
-    found = short(nemesis=nemesis(returns=late))
+    late = {"robot": "one", "at_s": 1.0, "took_s": 9.0, "came": True, "after": "cell_paused"}
+    found = short(nemesis=nemesis(returns=[late]))
     assert found["drivable again once a live cell is there, p99"] == 9.0
+    _, section, *_ = report({"nemesis": nemesis(returns=[late])}).sections
+    assert section.rows == [("cell paused", 1, "9.00", "9.00", "9.00")]
 
 
 def test_who_gives_up_soon_tells_nothing():

@@ -73,6 +73,8 @@ class Return:
     took_s: float
     # Whether it was driven at the end of it; else its driver gave up.
     came: bool
+    # The fault that it begins with, or with whose end.
+    after: str = ""
 
 
 def check(history: Sequence[Event], database: Database) -> list[Violation]:
@@ -354,22 +356,24 @@ class Faults:
             for one in self.of_cell(cell, source)
         )
 
-    def last_change(self, cells: Sequence[str], source: str, begin_s: float, end_s: float) -> float:
-        """The last moment until `end_s`, at the earliest `begin_s`, that a robot has to begin anew from.
+    def last_change(
+        self, cells: Sequence[str], source: str, begin_s: float, end_s: float
+    ) -> tuple[float, str]:
+        """The last moment until `end_s`, at the earliest `begin_s`, that a robot has to begin anew from, and why.
 
         That is a fault which takes a cell, or the return of the first one that is live.
         """
-        last_s = begin_s
+        last = (begin_s, "")
         for cell in cells:
             for one in self.of_cell(cell, source):
                 if one.what not in CELL_GONE:
                     continue
                 if one.begin_s <= end_s:
-                    last_s = max(last_s, one.begin_s)
+                    last = max(last, (one.begin_s, one.what))
                 before_s = one.end_s - 0.001
                 if one.end_s <= end_s and not self.any_live(cells, source, before_s):
-                    last_s = max(last_s, one.end_s)
-        return last_s
+                    last = max(last, (one.end_s, f"end of {one.what}"))
+        return last
 
     def any_live(self, cells: Sequence[str], source: str, at_s: float) -> bool:
         """Whether the robots of a process had a live cell then."""
@@ -437,9 +441,9 @@ def _returns_of(
         ends = one.kind in ("moved", "late") or (one.kind == "leaves" and wish.since_s is None)
         if not (ends and waits and faults.any_live(cells, source, one.at_s)):
             continue
-        begin_s = faults.last_change(cells, source, since_s or one.at_s, one.at_s)
+        begin_s, after = faults.last_change(cells, source, since_s or one.at_s, one.at_s)
         if one.at_s - begin_s > OUTAGE_S:
-            yield Return(robot, begin_s, one.at_s - begin_s, one.kind == "moved")
+            yield Return(robot, begin_s, one.at_s - begin_s, one.kind == "moved", after)
 
 
 class _Wish:

@@ -30,6 +30,8 @@ def report(results: Results) -> Report:
         "forwarding": _forwarding,
     }
     sections = [make(values[name]) for name, make in makers.items() if name in values]
+    if "nemesis" in values:
+        sections.insert(1, _returns(values["nemesis"]["returns"]))
     spread = [one for name, one in values.items() if name.startswith("spread-")]
     if spread:
         sections.insert(-1 if "forwarding" in values else len(sections), _spread(spread))
@@ -68,6 +70,22 @@ def _nemesis(run: Values) -> Section:
     )
     rows = [(name.replace("_", " "), count) for name, count in sorted(events.items())]
     return Section("Nemesis", text, "event | times", rows)
+
+
+def _returns(returns: Sequence[Mapping[str, Any]]) -> Section:
+    text = (
+        "How long robots were not drivable by who wanted to, from when a live cell was there and the last fault of a "
+        "cell had begun; an outage below 0.6 s is none. Who gives up within 5 s is left out."
+    )
+    by_cause: dict[str, list[Mapping[str, Any]]] = {}
+    for one in returns:
+        by_cause.setdefault(one["after"].replace("_", " ") or "no fault of a cell", []).append(one)
+    rows = [
+        (cause, len(took), *_quantiles(took))
+        for cause, some in sorted(by_cause.items())
+        if (took := times(some))
+    ]
+    return Section("Drivable again", text, "after | times | p50, s | p99, s | max, s", rows)
 
 
 def _counts(faults: Mapping[str, int]) -> str:

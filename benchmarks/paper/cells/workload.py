@@ -157,9 +157,11 @@ class Workload:
             place = site.world.folder / f"run-{time.monotonic_ns()}"
             place.mkdir()
             stack.callback(shutil.rmtree, place, ignore_errors=True)
+            behind = placed(agents, uplinks[:of_agents]) if agents else []
+            played = placed(virtual, uplinks[of_agents:]) if virtual else []
             places = [
-                *((one, some, []) for one, some in placed(agents, uplinks[:of_agents]) if agents),
-                *((one, [], some) for one, some in placed(virtual, uplinks[of_agents:]) if virtual),
+                *((uplink, some, []) for uplink, some in behind),
+                *((uplink, [], some) for uplink, some in played),
             ]
             processes = [
                 stack.enter_context(
@@ -167,12 +169,12 @@ class Workload:
                         source=f"robots-{at}",
                         uplink=uplink,
                         agents=real,
-                        virtual=played,
+                        virtual=others,
                         folder=folder,
                         place=place,
                     )
                 )
-                for at, (uplink, real, played) in enumerate(places, 1)
+                for at, (uplink, real, others) in enumerate(places, 1)
             ]
             workload = cls(site, size, folder, seed, processes)
             workload.start()
