@@ -8,6 +8,8 @@ BY_FILE := -n 2 --dist loadfile --no-loadscope-reorder
 # A test that hangs ends its worker with the traceback of each thread: a page that waits for ever hears nothing gentler.
 # The seconds are of a test with what it sets up first, such as the stack or enrolled robots.
 ENDS_AFTER := --timeout-method thread --timeout
+# Machines with a Docker engine of their own inside, which need all of this one.
+SERVERS := tests/ansible/test_server.py tests/ansible/test_site.py
 # Where programs that are no tests find the modules of tests/support.
 SUPPORT := tests/support/fakes:tests/support/networks:tests/support/stack:tests/support/browser
 
@@ -55,9 +57,9 @@ test: ## everything that any change may break: checks, unit, images, end to end,
 	@$(MAKE) --no-print-directory --jobs=4 --output-sync=target ready
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-unit test-running test-ansible
 
-test-release: venv images robot-host-image ## before a release, after make test: long tests, experiments in small, server.yml (some 25 minutes)
+test-release: venv images robot-host-image ## before a release, after make test: long tests, experiments in small, server.yml, site.yml (some 40 minutes)
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 900 -m release tests/images tests/e2e tests/ansible --ignore tests/ansible/test_server.py
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 900 -m release tests/images tests/e2e tests/ansible $(SERVERS:%=--ignore %)
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-server
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory experiments QUICK=1 RESTART=1
 
@@ -103,11 +105,11 @@ test-running: venv images ## the tests of images and end to end in one go, with 
 
 test-ansible: venv images robot-host-image ## playbooks and install line on hosts that boot systemd, against a stack of their own
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 600 -m "not release" tests/ansible --ignore tests/ansible/test_server.py
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 600 -m "not release" tests/ansible $(SERVERS:%=--ignore %)
 
-test-server: venv images robot-host-image ## server.yml on a machine of its own with a Docker engine inside (4 to 10 minutes)
+test-server: venv images robot-host-image ## server.yml and site.yml on machines of their own with a Docker engine inside (some 18 minutes)
 	@tools/ensure_test_hosts
-	@$(PYTEST) tests/ansible/test_server.py
+	@$(PYTEST) $(SERVERS)
 
 enrol-times: venv images robot-host-image ## seconds from ansible-playbook, and from power-on, to a drivable robot; one and five robots
 	@PYTHONPATH=$(SUPPORT):common:server $(VENV)/bin/python benchmarks/enrol_times.py
