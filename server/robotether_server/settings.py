@@ -178,7 +178,7 @@ _TABLE = (
     Variable("SESSION_KEY", "proves sshd to the relay; both share it", KEY, secret=True),
     Variable(
         "ADMIN_PASSWORD",
-        "password of the first admin, whom web makes when there is no user",
+        "password of the first admin, whom web or migrate makes when there is no user",
         PASSWORD_OR_EMPTY,
         "",
         secret=True,
@@ -361,6 +361,8 @@ class MigrateSettings:
     shell_port_first: Annotated[int, "SHELL_PORT_FIRST"]
     shell_port_last: Annotated[int, "SHELL_PORT_LAST"]
     audit_days: Annotated[int, "AUDIT_DAYS"] = 365
+    # None: web makes the first admin.
+    admin_password: Annotated[str | None, "ADMIN_PASSWORD"] = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Raise SettingsError for ranges that do not fit."""

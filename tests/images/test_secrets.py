@@ -34,7 +34,7 @@ FOLDERS: dict[str, set[str]] = {
         "database_cert.pem",
         "database_key.pem",
     },
-    "migrate": {"mysql_migrate_password", "database_ca.pem"},
+    "migrate": {"mysql_migrate_password", "database_ca.pem", "admin_password"},
     "web": {
         "mysql_web_password",
         "ticket_key",
@@ -171,7 +171,8 @@ def test_each_service_gets_its_own_secrets(site: Site) -> None:
     files = site.files()
     made = files.pop("made")
     assert {folder: set(found) for folder, found in files.items()} == FOLDERS
-    assert files["web"].pop("admin_password")[2] == ""
+    for folder in ("web", "migrate"):
+        assert files[folder].pop("admin_password")[2] == ""
     assert len({text for _, _, text in made.values()}) == len(made)
     for found in files.values():
         for name, (owner, mode, text) in found.items():

@@ -156,3 +156,13 @@ def test_robot_goes_to_the_next_cell(swarm: Swarm) -> None:
             raise
         sshd = swarm.nodes["b"].inside("robotether_b_sshd", "ps -u tunnel -o comm=")
         assert "session" in sshd
+
+
+def test_node_comes_back_by_itself(swarm: Swarm) -> None:
+    """After a power cut of the machine of a cell, its services find each other again."""
+    node = swarm.nodes["b"]
+    node.container.kill()
+    status = "docker node ls --filter name=b --format '{{.Status}}'"
+    swarm.wait("lost", lambda: swarm.manager.run(status).strip() == "Down")
+    node.container.start()
+    swarm.wait("back", partial(ask, swarm, "b", "/login", ""), seconds=180)

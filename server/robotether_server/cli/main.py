@@ -17,7 +17,7 @@ from robotether_server.cli.robots import robot
 from robotether_server.cli.sites import site
 from robotether_server.cli.ssh_keys import print_ssh_config, ssh_key
 from robotether_server.cli.tokens import join_token, token
-from robotether_server.cli.users import ensure_first_admin, user
+from robotether_server.cli.users import add_first_admin, ensure_first_admin, user
 from robotether_server.db import migrate
 from robotether_server.problems import Problem, StoreUnavailable
 
@@ -70,9 +70,11 @@ def show_settings() -> None:
 
 @cli.command("migrate")
 def run_migrate() -> None:
-    """Bring the database up to date: schema and ports."""
+    """Bring the database up to date: schema and ports; with ADMIN_PASSWORD also the first admin."""
     loaded = settings.load(settings.MigrateSettings, os.environ)
     applied = migrate.migrate(loaded)
+    if loaded.admin_password:
+        add_first_admin(loaded.database, loaded.admin_password)
     click.echo(f"applied: {', '.join(applied) or 'nothing was missing'}")
     click.echo(f"ports for robots: {loaded.port_range_first} to {loaded.port_range_last}")
 

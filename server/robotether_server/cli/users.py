@@ -19,7 +19,7 @@ from robotether_server.db.users import ROLES, Role
 from robotether_server.install_line import SiteAddress
 from robotether_server.problems import StoreUnavailable
 from robotether_server.services import users
-from robotether_server.settings import WebSettings
+from robotether_server.settings import DatabaseSettings, WebSettings
 
 PASSWORD_STDIN = click.option(
     "--password-stdin",
@@ -50,6 +50,13 @@ def ensure_first_admin(loaded: WebSettings) -> None:
     except StoreUnavailable as problem:
         # At a reboot web may be there before the database, which then has its admin.
         click.echo(f"web: cannot check for a first admin: {problem.detail}", err=True)
+
+
+def add_first_admin(database: DatabaseSettings, password: str) -> None:
+    """Make the user admin with this password, where there is no user; raise StoreUnavailable."""
+    with Database(database).transaction() as tx:
+        if users.add_first(tx, SOURCE, password):
+            click.echo(f"made the first user: {users.FIRST_ADMIN}")
 
 
 @click.group()

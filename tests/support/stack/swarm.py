@@ -162,7 +162,7 @@ class Swarm:
         container = self.engine.containers.run(
             image("docker_host"), detach=True, name=f"{self.prefix}-{name}", hostname=name,
             network=self.network.name, mounts=mounts, cap_add=["SYS_ADMIN", "NET_ADMIN", "SYS_PTRACE"],
-            security_opt=["seccomp=unconfined"], cgroupns="host",
+            security_opt=["seccomp=unconfined"], cgroupns="host", tmpfs={"/run": ""},
             volumes={"/sys/fs/cgroup": {"bind": "/sys/fs/cgroup", "mode": "rw"}},
         )  # fmt: skip
         self.nodes[name] = Node(name, container)

@@ -34,17 +34,39 @@ def test_wrong_setting_stops_every_start(
     assert "cannot use DB_PORT='many'" in done.err
 
 
-def test_migrate_says_what_it_did(
+@pytest.fixture
+def run_as_migrate(
     run: Run, mariadb: MariaDb, monkeypatch: pytest.MonkeyPatch, sql_dir: Path
-) -> None:
-    """As account migrate; the range of ports is told too."""
+) -> Run:
+    """The command with the settings of migrate."""
     settings = mariadb.settings("migrate")
     monkeypatch.setenv("DB_USER", settings.user)
     monkeypatch.setenv("DB_PASSWORD", settings.password)
     monkeypatch.setenv("MIGRATIONS_DIR", str(sql_dir))
     monkeypatch.setenv("PORT_RANGE_LAST", "20199")
-    done = run("migrate")
+    return run
+
+
+def test_migrate_says_what_it_did(run_as_migrate: Run) -> None:
+    """As account migrate; the range of ports is told too."""
+    done = run_as_migrate("migrate")
     assert done == (0, "applied: nothing was missing\nports for robots: 20000 to 20199\n", "")
+
+
+def test_migrate_makes_the_first_admin_with_a_password_alone(
+    run_as_migrate: Run, database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where web may start before the database; a second run, with another password, changes nothing."""
+    run_as_migrate("migrate")
+    with database.transaction() as tx:
+        assert users.list_all(tx) == []
+    monkeypatch.setenv("ADMIN_PASSWORD", "a-password-of-ones-own")
+    assert "made the first user: admin\n" in run_as_migrate("migrate").out
+    monkeypatch.setenv("ADMIN_PASSWORD", "another-password")
+    done = run_as_migrate("migrate")
+    assert (done.status, "admin" in done.out) == (0, False)
+    with database.transaction() as tx:
+        assert passwords.matches("a-password-of-ones-own", users.get(tx, "admin").password_hash)
 
 
 def test_database_that_is_away_is_told_with_its_host(
