@@ -247,6 +247,13 @@ def test_a_robot_returns_to_another_cell():
     assert found.after == "cell_killed"
 
 
+def test_a_fault_that_takes_a_moment_is_still_the_cause():
+    history = [WANTS, *driven("a1", 1, 0, 2.2), KILLED, *driven("a2", 2, 5, 6), HEALED]
+    left = event(6.1, "leaves", what="ann")
+    [found] = find_returns(in_order([*history, left]), CELLS)
+    assert (round(found.took_s, 2), found.after) == (2.85, "cell_killed")
+
+
 def test_the_clock_begins_when_a_cell_is_live_again():
     second = event(3, "fault", what="cell_paused", cell="second")
     back = event(9, "healed", what="cell_paused", cell="second")

@@ -363,7 +363,15 @@ class Faults:
 
         That is a fault which takes a cell, or the return of the first one that is live.
         """
-        last = (begin_s, "")
+        # A fault is written down before it is done, and may be what the robot's last command came after.
+        open_ones = [
+            (one.begin_s, one.what)
+            for one in self.all
+            if one.begin_s <= begin_s <= one.end_s
+            and one.what in CELL_GONE
+            and one.source in ("", source)
+        ]
+        last = (begin_s, max(open_ones, default=(0.0, ""))[1])
         for cell in cells:
             for one in self.of_cell(cell, source):
                 if one.what not in CELL_GONE:
