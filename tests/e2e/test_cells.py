@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import ssl
+import time
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
+import aiohttp
 import pytest
 from cells import first_cell, second_cell
+from frames_viewer import FramesViewer
 from inside import run_inside
 from jump_people import end
+from local_network import insecure_tls
+from programs import Program, drive_forward, open_echo
 from robot_key import RobotKey, session_line
 from stack import Stack
+
+TOPIC = "/camera/image_raw"
 
 
 @pytest.fixture(scope="module")
@@ -181,3 +193,153 @@ def test_robots_of_a_machine_that_died_go_to_the_other(first: Stack, second: Sta
     for robot in robots:
         second.wait(f"{robot} recorded", lambda robot=robot: second.online(robot), "relay", "web")
     assert robots_at(second) == len(robots)
+
+
+def wait_at(first: Stack, cell: str, *robots: str) -> None:
+    """Wait until the robots' newest sessions are at a cell, and their guards are ready."""
+    query = (
+        "SELECT cell FROM robot_sessions JOIN robots ON robots.id = robot_id"
+        " WHERE name = '{}' AND ended_at IS NULL ORDER BY robot_sessions.id DESC LIMIT 1"
+    )
+
+    def are_there() -> bool:
+        return all(first.sql(query.format(robot)) == [[cell]] for robot in robots)
+
+    first.wait(f"{robots} at {cell}", are_there, "relay", *robots, seconds=60)
+    for robot in robots:
+        first.wait_until_drivable(robot)
+
+
+@pytest.fixture(scope="module")
+def program(first: Stack, second: Stack) -> Program:
+    """The admin's program, which opens cell a alone, while all robots are at cell b."""
+    token = first.token("forwarding")
+    first.robotether("cell", "drain", "a")
+    wait_at(first, "b", "sim1", "sim2", "sim3")
+    return Program(first, token)
+
+
+def control(cell: Stack, robot: str) -> dict[str, object]:
+    return dict(cell.admin.ask("GET", f"/robots/{robot}/control"))
+
+
+async def test_robot_of_another_cell_is_driven(program: Program) -> None:
+    """By a WebSocket that nginx passes on, with what the robot answers."""
+    assert await drive_forward(program, "sim1") > 0.4
+
+
+async def test_its_video_is_seen(program: Program) -> None:
+    """Frames, MJPEG as it comes, and single pictures."""
+    base, tls = f"{program.stack.url}/robots/sim1/video", insecure_tls()
+    assert await asyncio.to_thread(
+        program.stack.wait,
+        "a picture",
+        lambda: program.stack.admin.sees(f"/robots/sim1/video/snapshot?topic={TOPIC}"),
+    )
+    async with aiohttp.ClientSession(headers=program.headers) as http:
+        async with http.ws_connect(f"{base}/frames?topic={quote(TOPIC)}", ssl=tls) as socket:
+            viewer = FramesViewer(socket)
+            await viewer.want()
+            for _ in range(5):
+                await viewer.credit()
+                assert (await viewer.frame()).jpeg[:2] == b"\xff\xd8"
+        async with http.get(f"{base}/stream?topic={quote(TOPIC)}", ssl=tls) as answer:
+            assert answer.content_type == "multipart/x-mixed-replace"
+            begun_at = time.monotonic()
+            async for part in answer.content.iter_any():
+                assert part
+                if time.monotonic() - begun_at > 1:
+                    break
+
+
+def test_it_is_stopped_and_released_there(program: Program, first: Stack, second: Stack) -> None:
+    """With the body of the request, which is sent on."""
+    stopped = first.admin.ask("POST", "/robots/sim1/stop", {"reason": "x" * 250})["stopped"]
+    assert (stopped["by"], stopped["confirmed"]) == ("admin", True)
+    [[reason]] = first.sql("SELECT reason FROM robot_stops")
+    assert reason == "x" * 250
+    assert control(second, "sim1")["stopped"] == stopped
+    assert first.admin.ask("POST", "/robots/sim1/release")["stopped"] is None
+    assert first.sql("SELECT * FROM robot_stops") == []
+
+
+def test_all_robots_are_stopped_at_once(program: Program, first: Stack, second: Stack) -> None:
+    """Each by its own cell, which confirms it."""
+    answer = first.admin.ask("POST", "/stop")
+    assert answer["cells_unreached"] == []
+    assert all(robot["confirmed"] for robot in answer["robots"])
+    for robot in ("sim1", "sim2", "sim3"):
+        assert second.admin.ask("POST", f"/robots/{robot}/release")["stopped"] is None
+    first.wait("a knows", lambda: control(first, "sim1")["stopped"] is None)
+
+
+def test_fleet_shows_it(program: Program, first: Stack) -> None:
+    """As online, in the live fleet of the other cell."""
+    request = urllib.request.Request(f"{first.url}/api/v1/events", headers=program.headers)
+    with urllib.request.urlopen(request, timeout=10, context=insecure_tls()) as answer:
+        assert answer.readline() == b"event: fleet\n"
+        robots = json.loads(answer.readline().removeprefix(b"data: "))
+    assert {(robot["name"], robot["online"]) for robot in robots} == {
+        ("sim1", True),
+        ("sim2", True),
+        ("sim3", True),
+    }
+
+
+async def test_ticket_opens_one_connection_at_all_cells(program: Program, second: Stack) -> None:
+    """The robot's cell burns it, whichever was asked."""
+    ticket = await asyncio.to_thread(program.ticket, "sim1", "observe")
+    async with program.connect("sim1", ticket=ticket) as socket:
+        await socket.send_json({"op": "robotether.beat", "t_ms": 1.0})
+    for cell in (program.stack, second):
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            async with Program(cell, "").connect("sim1", ticket=ticket):
+                pass
+        assert refused.value.status == 401
+
+
+async def test_pages_of_the_asked_cell_alone_may_drive(program: Program, second: Stack) -> None:
+    """The robot's cell compares a page's origin with the host that was asked."""
+    async with program.connect("sim1", origin=program.stack.url) as socket:
+        await open_echo(socket)
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        async with program.connect("sim1", origin=second.url):
+            pass
+    assert refused.value.status == 403
+
+
+def test_drive_has_the_clients_address(program: Program, first: Stack) -> None:
+    """As the nginx saw it that was asked, and not that nginx's own."""
+    [[address]] = first.sql("SELECT DISTINCT address FROM drives WHERE robot = 'sim1'")
+    [[at_first]] = first.sql(
+        "SELECT DISTINCT address FROM audit_events WHERE kind = 'robot_released' AND robot = 'sim1'"
+        " AND address IS NOT NULL LIMIT 1"
+    )
+    assert address == at_first
+
+
+def test_peer_listener_accepts_cells_alone(first: Stack, second: Stack) -> None:
+    """Nobody without the site's certificate gets an answer from the relay."""
+    url = f"https://{second.settings['PEER_ADDRESS']}/api/v1/robots/sim1/control"
+    context = insecure_tls()
+    context.minimum_version = ssl.TLSVersion.TLSv1_3
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(url, timeout=5, context=context)
+    with refused.value as error:
+        assert error.code == 400
+        assert b"certificate" in error.read()
+
+
+async def test_robot_of_a_cell_that_dies_is_driven_at_another(
+    program: Program, first: Stack, second: Stack
+) -> None:
+    """A stop that was on its way to the dead cell begins here, and is in force when the robot comes."""
+    first.robotether("cell", "resume", "a")
+    for service in ("nginx", "relay", "sshd", "web"):
+        second.container(service).kill()
+    status, answer = first.admin.try_to("POST", "/robots/sim1/stop")
+    assert (status, answer["stopped"]["by"]) == (200, "admin")
+    wait_at(first, "a", "sim1")
+    first.wait("it is stopped", lambda: (control(first, "sim1")["stopped"] or {}).get("confirmed"))
+    assert first.admin.ask("POST", "/robots/sim1/release")["stopped"] is None
+    assert await drive_forward(program, "sim1") > 0.4
