@@ -211,8 +211,9 @@ class Driver(Person):
         finally:
             listening.cancel()
             await asyncio.gather(listening, return_exceptions=True)
-            with suppress(Exception):
-                await asyncio.wait_for(socket.close(), CLOSE_S)
+            with suppress(*FAILURES):
+                async with asyncio.timeout(CLOSE_S):
+                    await socket.close()
 
     async def _send(
         self,
@@ -231,7 +232,9 @@ class Driver(Person):
                 raise Refused("no command is heard")
             heard.sent_at[number] = time.monotonic()
             try:
-                await asyncio.wait_for(socket.send_json(command(self._dials, number)), SILENT_S)
+                # No wait_for, which before Python 3.12 may lose a cancellation.
+                async with asyncio.timeout(SILENT_S):
+                    await socket.send_json(command(self._dials, number))
             except ConnectionError:
                 # It says why, if the other end has.
                 await asyncio.wait({listening}, timeout=CLOSE_S)

@@ -39,8 +39,8 @@ BEGUN_WITHIN_S, WRITTEN_WITHIN_S = 10.0, 30.0
 # A driven robot is sent to another cell when its drive ends, or 60 s after the drain's begin.
 DRAIN_DRIVE_S, DRAINED_WITHIN_S = 30.0, 120.0
 # Of one core, for each container of a cell: a cell is a machine of its own, and this one has few cores.
-SHARES = {"relay": 0.15, "nginx": 0.1, "sshd": 0.1, "web": 0.1}
-PERIOD_US = 100_000
+SHARES = {"relay": 0.1, "nginx": 0.06, "sshd": 0.06, "web": 0.1}
+PERIOD_US = 50_000
 DRIVEN_A_CELL, SPREAD_S = 12, 20.0
 ECHO_TOPIC, ECHO_TYPE, ECHO_BYTES = "/echo", "std_msgs/String", 200
 
