@@ -48,8 +48,9 @@ TRY_EVERY_S = (0.4, 0.6)
 BUSY_NEXT_PORT_AFTER_S = 6.0
 BUSY_TRY_AFTER_S = (5.0, 7.0)
 BUSY_FIND_TIMEOUT_S, BUSY_ANSWER_S = 15.0, 0.5
-# Nor does a fleet leave a busy cell at once, and all together, for the next one, which would be as busy then.
-BUSY_NEXT_CELL_AFTER_S = (5.0, 8.0)
+# Nor does a fleet leave a busy cell all together for the next one. A machine that hangs looks the same, and its robots
+# are to be drivable elsewhere within 5 s; each robot asks each cell once.
+BUSY_NEXT_CELL_AFTER_S = (2.0, 4.0)
 # After a change of the network it takes a while until addresses and routes have settled.
 SETTLED_AFTER_S = 0.05
 # Then the caller learns that nothing answers, and may ask again. It is longer with several cells.
