@@ -34,17 +34,16 @@ from robotether_agent.net.server_dialer import ServerDialer
 from robotether_agent.settings import Settings
 from robotether_agent.systemd import Notifier
 from robotether_common.guard import STAMP
-from sim_robot.graph import Node, TopicMessage
+from sim_robot.graph import TopicMessage
 
-from paper.bus_robot import BusRobot
 from paper.cells.commands import TOPIC, TYPE, origin
 from paper.cells.history import History
 from paper.fleet.worker import (
     FILES_A_ROBOT,
-    LOCALHOST,
     LOG_FORMAT,
     NO_FILE,
     GuardHere,
+    RosRobot,
     SupervisorHere,
     allow_files,
     standard_input,
@@ -59,7 +58,6 @@ from paper.world import environment
 # A turn of this loop that comes so much later than it should is written down.
 TURN_EVERY_S, LATE_S = 0.02, 0.01
 FPS = 5.0
-log = logging.getLogger(__name__)
 
 
 class Watch:
@@ -218,47 +216,16 @@ class GuardedServices(Services):
         )
 
 
-class CellRobot:
+class CellRobot(RosRobot):
     """One robot, agent or virtual; its guard's disk is in the folder that the settings name."""
 
     def __init__(self, name: str, given: Mapping[str, str], history: History) -> None:
-        self.name = name
-        self._given = given
         self._watch = Watch(name, history)
+        super().__init__(name, TOPIC, TYPE, self._watch.on_command)
+        self._given = given
         # The names of cells by their SSH addresses.
         self.cells: Mapping[str, str] = {}
-        self._ros = BusRobot(LOCALHOST, 0)
-        self._ros.graph.bus.subscribe(TOPIC, TYPE, Node("/history"), self._watch.on_command)
-        self._running: asyncio.Task[None] | None = None
         self.supervisor: WatchedSupervisor | None = None
-
-    async def open(self) -> None:
-        await self._ros.__aenter__()
-
-    async def close(self) -> None:
-        await self.end()
-        await self._ros.__aexit__()
-
-    def start(self) -> None:
-        self._running = asyncio.create_task(self._run())
-
-    async def end(self) -> None:
-        if self._running is not None:
-            self._running.cancel()
-            await asyncio.gather(self._running, return_exceptions=True)
-            self._running = None
-
-    async def _run(self) -> None:
-        try:
-            await self.play()
-        except Exception as error:
-            # The border of a robot: the others go on.
-            log.exception("the robot %s ended", self.name)
-            write_line({"robot": self.name, "failed": repr(error)})
-
-    async def play(self) -> None:
-        """Be the robot."""
-        raise NotImplementedError
 
     def is_up(self, address: str, epoch: int) -> None:
         """Write down that there is a session at this HOST:PORT."""
@@ -266,8 +233,11 @@ class CellRobot:
 
     @property
     def _settings(self) -> Settings:
-        url = f"ws://{LOCALHOST}:{self._ros.rosbridge.port}"
-        given = {**self._given, "rosbridge_url": url, "shell_address": "none"}
+        given = {
+            **self._given,
+            "rosbridge_url": self.rosbridge_url,
+            "shell_address": "none",
+        }
         return agent_settings.load(NO_FILE, environment(given))
 
 

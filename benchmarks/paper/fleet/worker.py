@@ -18,11 +18,12 @@ import resource
 import sys
 import tempfile
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 from robotether_agent import settings as agent_settings
 from robotether_agent.daemon import Agent
@@ -139,39 +140,76 @@ class LightAgent(Agent):
         return SupervisorHere(self._settings, on_change=self._show_guard)
 
 
-class LightRobot:
-    """One robot; its agent runs between `start` and `end`."""
+class Robot(ABC):
+    """What a process of robots plays; it is connected between `start` and `end`."""
 
-    def __init__(self, name: str, given: Mapping[str, str]) -> None:
+    def __init__(self, name: str) -> None:
         self.name = name
-        self._given = given
+        self._running: asyncio.Task[None] | None = None
+
+    @abstractmethod
+    async def open(self) -> None:
+        """Have all that needs no server."""
+
+    def start(self) -> None:
+        """Connect, and stay connected."""
+        self._running = asyncio.create_task(self._run())
+
+    async def end(self) -> None:
+        """Disconnect."""
+        if self._running is not None:
+            self._running.cancel()
+            await asyncio.gather(self._running, return_exceptions=True)
+            self._running = None
+
+    async def close(self) -> None:
+        """Leave nothing."""
+        await self.end()
+
+    @abstractmethod
+    async def play(self) -> None:
+        """Be the robot."""
+
+    async def _run(self) -> None:
+        try:
+            await self.play()
+        except Exception as error:
+            # The border of a robot: the others go on.
+            log.exception("the robot %s ended", self.name)
+            write_line({"robot": self.name, "failed": repr(error)})
+
+
+class RosRobot(Robot):
+    """One with a rosbridge of its own, which tells what it was sent on a topic."""
+
+    def __init__(
+        self, name: str, topic: str, message_type: str, on_message: Callable[[TopicMessage], None]
+    ) -> None:
+        super().__init__(name)
         self._ros = BusRobot(LOCALHOST, 0)
-        self._ros.graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self._on_message)
-        self._agent: asyncio.Task[None] | None = None
+        self._ros.graph.bus.subscribe(topic, message_type, Node("/listener"), on_message)
 
     async def open(self) -> None:
         await self._ros.__aenter__()
 
     async def close(self) -> None:
-        await self.end()
+        await super().close()
         await self._ros.__aexit__()
 
-    def start(self) -> None:
-        self._agent = asyncio.create_task(self._run())
+    @property
+    def rosbridge_url(self) -> str:
+        return f"ws://{LOCALHOST}:{self._ros.rosbridge.port}"
 
-    async def end(self) -> None:
-        if self._agent is not None:
-            self._agent.cancel()
-            await asyncio.gather(self._agent, return_exceptions=True)
-            self._agent = None
 
-    async def _run(self) -> None:
-        try:
-            await LightAgent(self._settings, Notifier(None), random.SystemRandom()).run()
-        except Exception as error:
-            # The border of a robot: the others go on.
-            log.exception("the agent of %s ended", self.name)
-            write_line({"robot": self.name, "failed": repr(error)})
+class LightRobot(RosRobot):
+    """One robot with its agent."""
+
+    def __init__(self, name: str, given: Mapping[str, str]) -> None:
+        super().__init__(name, TOPIC, TYPE, self._on_message)
+        self._given = given
+
+    async def play(self) -> None:
+        await LightAgent(self._settings, Notifier(None), random.SystemRandom()).run()
 
     def _on_message(self, message: TopicMessage) -> None:
         at_ns = time.monotonic_ns()
@@ -179,31 +217,14 @@ class LightRobot:
 
     @property
     def _settings(self) -> Settings:
-        port = self._ros.rosbridge.port
         given = {
             **self._given,
-            "rosbridge_url": f"ws://{LOCALHOST}:{port}",
+            "rosbridge_url": self.rosbridge_url,
             # No camera: what is asked for is one message.
             "video_source": "rosbridge",
             "shell_address": "none",
         }
         return agent_settings.load(NO_FILE, environment(given))
-
-
-class Robot(Protocol):
-    """What a process of robots plays."""
-
-    async def open(self) -> None:
-        """Have all that needs no server."""
-
-    def start(self) -> None:
-        """Connect, and stay connected."""
-
-    async def end(self) -> None:
-        """Disconnect."""
-
-    async def close(self) -> None:
-        """Leave nothing."""
 
 
 Make = Callable[[str, Mapping[str, str]], Robot]
