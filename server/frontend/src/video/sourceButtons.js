@@ -3,7 +3,7 @@
 
 import { make, part, setText } from "../pages/page.js";
 
-const NUMBER_KEYS = 4; // as of viewActionOf in view.js
+export const NUMBER_KEYS = 4; // of the sources, as of viewActionOf in view.js
 
 export class SourceButtons {
   // `onChoose(id)` makes a source the main one.

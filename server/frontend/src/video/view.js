@@ -12,7 +12,7 @@ import { video as texts } from "../texts/video.js";
 import { cameraTopics, frameTopics, offeredCameras, topicOf } from "../topics/discovery.js";
 import { requestedQuality } from "./cameraTile.js";
 import { Layout, MAP } from "./layout.js";
-import { SourceButtons } from "./sourceButtons.js";
+import { NUMBER_KEYS, SourceButtons } from "./sourceButtons.js";
 import { Tiles } from "./tiles.js";
 
 const OLD_MS = 1000; // where old video does not pause driving
@@ -337,8 +337,8 @@ export function viewActionOf(event) {
   const { code } = event;
   if (code === "KeyC") return { next: true };
   if (code === "KeyF") return { fullscreen: true };
-  const digit = /^(?:Digit|Numpad)([1-4])$/.exec(code);
-  return digit && { nth: Number(digit[1]) - 1 };
+  const number = Number(/^(?:Digit|Numpad)(\d)$/.exec(code)?.[1]);
+  return number >= 1 && number <= NUMBER_KEYS ? { nth: number - 1 } : null;
 }
 
 const isMeantForOthers = ({ repeat, ctrlKey, altKey, metaKey, target }) => repeat || ctrlKey || altKey || metaKey || matches(target, TEXT);
