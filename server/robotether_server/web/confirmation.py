@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from http import HTTPStatus
 
 from flask import Blueprint, make_response, render_template, request
+from markupsafe import escape
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
@@ -100,13 +101,14 @@ def ask_first(
 def _ask(
     action: ConfirmedAction, back: str, words: Words, problem: Problem | None = None
 ) -> AnyResponse:
-    effects = [effect.format_map(words) for effect in action.effects]
+    # As markup that escapes what is none: a time among the words is the reader's own.
+    effects = [escape(effect).format_map(words) for effect in action.effects]
     page = render_template(
         "confirm.html",
         action=action,
         title=action.title.format_map(words),
         effects=[effect for effect in effects if effect],
-        undo=action.undo.format_map(words),
+        undo=escape(action.undo).format_map(words),
         back=back,
         fields=[replace(one, value=one.value.format_map(words)) for one in action.fields],
         hidden=[(name, value.format_map(words)) for name, value in action.hidden],

@@ -21,13 +21,28 @@ from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web import confirmation, forms
 from robotether_server.web.confirmation import ConfirmedAction, Words
 from robotether_server.web.forms import Saved, form
-from robotether_server.web.page_texts import time_element, timestamp_words
+from robotether_server.web.page_texts import time_element
 
 blueprint = Blueprint("grants", __name__)
 
 MAX_CHOICE_LENGTH = 80
 # What a field of time sends without the page's script.
 WITHOUT_ZONE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d{1,3})?)?", re.ASCII)
+# What the question about a grant says of it.
+TEXTS = {
+    "lost": Markup(
+        "The {who}, who may {level} now{end}, loses what only this grant gives for {what}."
+    ),
+    "cut": Markup(
+        "Connections that need it are cut within 2 seconds; a robot that is driven by it stops by itself."
+    ),
+    "undo": Markup("Give the {who} the grant {level} for {what}{end} again."),
+}
+ENDED_TEXTS = {
+    "lost": Markup("It no longer allows anything: {level}{end}. It is removed from the lists."),
+    "cut": Markup(""),
+    "undo": Markup("Give the grant again, with an end in the future."),
+}
 # Title, and value and words of what there is to choose from.
 Choices = list[tuple[str, list[tuple[str, str]]]]
 
@@ -102,8 +117,7 @@ def _give(tx: Transaction, source: Source) -> str:
     level = forms.choice("level", "May", LEVELS)
     given, _ = grants.give(tx, source, grantee, scope, level, ends_at=_ends_at())
     words = f"{given.holder_words} may {level} {given.scope_words}"
-    end = Markup(" until {}").format(time_element(given.ends_at)) if given.ends_at else ""
-    return Markup("{}{}.").format(words[0].upper() + words[1:], end)
+    return Markup("{}{}.").format(words[0].upper() + words[1:], _end_words(given.ends_at))
 
 
 def _ends_at() -> dt.datetime | None:
@@ -140,23 +154,15 @@ def _scope() -> Scope:
 def _found(grant_id: int) -> Words:
     with context().database.transaction() as tx:
         found = db_grants.get(tx, grant_id)
-    who, what, end = found.holder_words, found.scope_words, _end_words(found)
+    who, what, end = found.holder_words, found.scope_words, _end_words(found.ends_at)
     words = {"who": who, "what": what, "page": _page_of(found, request.args.get("from", ""))}
-    if found.has_ended:
-        return words | {
-            "lost": f"It no longer allows anything: {found.level}{end}. It is removed from the lists.",
-            "cut": "",
-            "undo": "Give the grant again, with an end in the future.",
-        }
-    return words | {
-        "lost": f"The {who}, who may {found.level} now{end}, loses what only this grant gives for {what}.",
-        "cut": "Connections that need it are cut within 2 seconds; a robot that is driven by it stops by itself.",
-        "undo": f"Give the {who} the grant {found.level} for {what}{end} again.",
-    }
+    named = words | {"level": found.level, "end": end}
+    texts = ENDED_TEXTS if found.has_ended else TEXTS
+    return words | {key: text.format_map(named) for key, text in texts.items()}
 
 
-def _end_words(grant: Grant) -> str:
-    return f" until {timestamp_words(grant.ends_at)}" if grant.ends_at else ""
+def _end_words(end: dt.datetime | None) -> str:
+    return Markup(" until {}").format(time_element(end)) if end else ""
 
 
 def _page_of(found: Grant, about: str) -> str:

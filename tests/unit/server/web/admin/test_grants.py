@@ -209,17 +209,19 @@ def test_a_grant_is_taken_away_after_a_question(
 def test_the_question_names_the_end(
     admin: Browser, database: Database, admin_database: Database
 ) -> None:
-    """A grant that is over is not said to give anything now."""
+    """As the lists do, for the page's script; a grant that is over is not said to give anything now."""
     day = f"{dt.datetime.now(dt.UTC) + dt.timedelta(days=7):%Y-%m-%d}"
     send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}T23:59"}))
     path = f"/admin/grants/{number_of(database, 'user ann', 'robot sim2')}/take"
     page = admin.ask("GET", path).text
-    for words in (f"may drive now until {day}", f"robot sim2 until {day} 23:59:00 UTC again"):
+    end = f"{day} 23:59:00 UTC"
+    time = f'<time datetime="{day}T23:59:00+00:00" title="{end}">{end}</time>'
+    for words in (f"may drive now until {time},", f"robot sim2 until {time} again"):
         assert words in page
     with admin_database.transaction() as tx:
         tx.change("UPDATE grants SET expires_at = '2020-01-01' WHERE expires_at IS NOT NULL")
     page = admin.ask("GET", path).text
-    assert "It no longer allows anything: drive until 2020-01-01" in page
+    assert 'It no longer allows anything: drive until <time datetime="2020-01-01' in page
     assert "may drive now" not in page
     assert "Give the user ann the grant" not in page
 
