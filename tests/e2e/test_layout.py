@@ -229,6 +229,32 @@ def _has_room_for_drawer(page: Page) -> bool:
 
 
 @BOTH
+def test_words_on_a_map_leave_the_robot_free(driven: Page, request: pytest.FixtureRequest) -> None:
+    """It is in the middle: of the map beside the stick, of the inset one and of one in the grid."""
+    driven.get_by_test_id("camera").get_by_role("button", name="Map").click()
+    driven.get_by_test_id("view-1").click()
+    for layout in ("inset", "grid"):
+        driven.get_by_test_id("layout").select_option(layout)
+        expect(driven.get_by_test_id("map-pose")).not_to_be_empty()
+        for size in _at_each_size(driven, request):
+            _expect_middle_free(driven.get_by_test_id("map-tile"), f"{size} in the {layout}")
+    driven.get_by_test_id("layout").select_option("one")
+    for size in _at_each_size(driven, request):
+        if driven.get_by_test_id("small-map").is_visible():
+            expect(driven.get_by_test_id("small-map-pose")).not_to_be_empty()
+            _expect_middle_free(driven.get_by_test_id("small-map"), f"{size} beside the stick")
+
+
+def _expect_middle_free(tile: Locator, where: str) -> None:
+    box = tile.bounding_box()
+    assert box is not None, where
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    robot = FloatRect(x=x - 10, y=y - 10, width=20, height=20)
+    words = tile.locator(".tile-facts").bounding_box()
+    assert words is None or not _overlap(robot, words), where
+
+
+@BOTH
 def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(
     driven: Page, request: pytest.FixtureRequest
 ) -> None:
