@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 from fake_robot import WAIT_S, FakeRobot
+from msgspec import structs
 from relay_clients import PUBLISH, audit_lines, closing
 from relay_server import SESSION_KEY, until, utc
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, NewLease
@@ -33,6 +34,14 @@ def rights(memory_database, sim1):
     """Let ben drive and carl manage sim1, beside ann who drives."""
     memory_database.grants[BEN.id, sim1.id] = "drive"
     memory_database.grants[CARL.id, sim1.id] = "manage"
+
+
+@pytest.fixture(autouse=True)
+def no_command_is_late(memory_database, sim1):
+    """A client that does not read answers no ping, and its commands grow old while the machine is busy."""
+    guard = structs.replace(sim1.settings.guard, max_age_ms=60_000)
+    settings = structs.replace(sim1.settings, guard=guard)
+    memory_database.robots[sim1.id] = replace(sim1, settings=settings)
 
 
 def control(relay, sim1):
