@@ -1,4 +1,4 @@
-"""A robot's settings: the shell's account, its guard, who may send what, and what the drive page shows.
+"""A robot's settings: the shell's account, its region, its guard, who may send what, and what the drive page shows.
 
 Kept in `robots.settings` as JSON that names only what differs from the defaults. Web and command
 line check with `parse` what people give; the relay reads the same JSON and sends `guard` on to
@@ -49,6 +49,16 @@ ShellUser = Annotated[
             "exact": True,
             "must": "the name of an account on the robot, of at most 32 characters a-z, 0-9, _ and -",
         },
+    ),
+]
+Region = Annotated[
+    str,
+    Meta(
+        min_length=1,
+        max_length=63,
+        pattern="^[a-z0-9-]+$",
+        description="The region of the robot, whose machines it connects to first",
+        extra={"exact": True, "must": "1 to 63 of a-z, 0-9 and -"},
     ),
 ]
 DriveTopics = Annotated[
@@ -168,18 +178,17 @@ class RobotSettings(Struct, frozen=True):
     """All settings of a robot."""
 
     shell_user: str | None = None
+    region: str | None = None
     guard: GuardSettings = GuardSettings()
     policy: Policy = Policy()
     page: PageSettings = page_settings.DEFAULTS
     buttons: tuple[Button, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
-        """Return all that is in force; `shell_user` is missing when there is none."""
-        shell: dict[str, object] = (
-            {} if self.shell_user is None else {"shell_user": self.shell_user}
-        )
+        """Return all that is in force; `shell_user` and `region` are missing when there is none."""
+        names: dict[str, object] = {"shell_user": self.shell_user, "region": self.region}
         return {
-            **shell,
+            **{name: value for name, value in names.items() if value is not None},
             "guard": self.guard.as_dict(),
             "policy": self.policy.as_dict(),
             "page": self.page.as_dict(),
@@ -198,6 +207,7 @@ class GivenSettings(Struct, frozen=True, forbid_unknown_fields=True):
     """A robot's settings; what is not given has its default."""
 
     shell_user: ShellUser | UnsetType = UNSET
+    region: Region | UnsetType = UNSET
     guard: GuardSettings = field(default_factory=GuardSettings)
     policy: GivenPolicy = field(default_factory=GivenPolicy)
     page: PageSettings = page_settings.DEFAULTS
@@ -212,6 +222,7 @@ def parse(given: object) -> RobotSettings:
     policy = members.policy
     settings = RobotSettings(
         shell_user=members.shell_user or None,
+        region=members.region or None,
         guard=members.guard,
         policy=Policy(
             observe=LevelPolicy(**structs.asdict(policy.observe)),

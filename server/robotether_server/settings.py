@@ -192,6 +192,12 @@ _TABLE = (
         "main",
     ),
     Variable(
+        "REGION",
+        "region of this machine, which is first for the robots of that region; empty: none",
+        matching("[a-z0-9-]{0,63}", "at most 63 of a-z, 0-9 and -"),
+        "",
+    ),
+    Variable(
         "PEER_ADDRESS",
         "where the site's other machines reach this one",
         ENDPOINT_OR_EMPTY,
@@ -332,6 +338,7 @@ class CellSettings:
     ssh_ports: Annotated[tuple[int, ...], "SSH_PORTS"]
     # None: it has no peers.
     peer_address: Annotated[str | None, "PEER_ADDRESS"]
+    region: Annotated[str | None, "REGION"] = None
 
 
 @dataclass(frozen=True)

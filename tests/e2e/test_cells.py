@@ -155,6 +155,36 @@ def test_database_takes_no_connection_without_tls(first: Stack, second: Stack) -
     assert "secure transport" in done.stderr
 
 
+def wait_at(first: Stack, cell: str, *robots: str) -> None:
+    """Wait until the robots' newest sessions are at a cell, and their guards are ready."""
+    query = (
+        "SELECT cell FROM robot_sessions JOIN robots ON robots.id = robot_id"
+        " WHERE name = '{}' AND ended_at IS NULL ORDER BY robot_sessions.id DESC LIMIT 1"
+    )
+
+    def are_there() -> bool:
+        return all(first.sql(query.format(robot)) == [[cell]] for robot in robots)
+
+    first.wait(f"{robots} at {cell}", are_there, "relay", *robots, seconds=60)
+    for robot in robots:
+        first.wait_until_drivable(robot)
+
+
+def test_robot_goes_to_its_region_when_it_next_connects(first: Stack, second: Stack) -> None:
+    """It is told where that is, and stays where it is until then."""
+    kept = ("cat", "/var/lib/robotether-agent/enrolment.json")
+
+    def next_port() -> int:
+        return int(json.loads(first.exec("sim1", *kept))["ssh"]["cells"][0]["ports"][0])
+
+    first.robotether("robot", "set", "sim1", "region=at-b")
+    first.wait("sim1 knows", lambda: next_port() == second.ssh_port, "relay", "sim1")
+    wait_at(first, "a", "sim1")
+    first.robotether("robot", "move-ports", "sim1")
+    wait_at(first, "b", "sim1")
+    first.robotether("robot", "set", "sim1", "region=null")
+
+
 @contextmanager
 def machine_down(cell: Stack) -> Iterator[None]:
     """The machine is away inside the block, without a word, and boots after it."""
@@ -193,21 +223,6 @@ def test_robots_of_a_machine_that_died_go_to_the_other(first: Stack, second: Sta
     for robot in robots:
         second.wait(f"{robot} recorded", lambda robot=robot: second.online(robot), "relay", "web")
     assert robots_at(second) == len(robots)
-
-
-def wait_at(first: Stack, cell: str, *robots: str) -> None:
-    """Wait until the robots' newest sessions are at a cell, and their guards are ready."""
-    query = (
-        "SELECT cell FROM robot_sessions JOIN robots ON robots.id = robot_id"
-        " WHERE name = '{}' AND ended_at IS NULL ORDER BY robot_sessions.id DESC LIMIT 1"
-    )
-
-    def are_there() -> bool:
-        return all(first.sql(query.format(robot)) == [[cell]] for robot in robots)
-
-    first.wait(f"{robots} at {cell}", are_there, "relay", *robots, seconds=60)
-    for robot in robots:
-        first.wait_until_drivable(robot)
 
 
 @pytest.fixture(scope="module")

@@ -114,7 +114,7 @@ def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRob
         with context().database.transaction() as tx:
             answer = joining.join(tx, asked, context().join)
     if answer.code == "active":
-        addresses = cells.sort_for_join(answer.robot_id, known)
+        addresses = cells.sort_for_join(answer.robot_id, known, region=answer.region)
         return JoinedRobot("active", answer.robot, ssh_of(context().join, addresses)), 200
     return WaitingRobot("pending", answer.robot, answer.code, answer.detail), 202
 

@@ -211,7 +211,8 @@ def register_robot(
     )
     _, is_new = robot_service.register(tx, caller.source, registration)
     seen = seen_robots.get_seen(tx, robot)
-    ssh = ssh_of(context().join, cells.sort_for_join(seen.robot.id, cells.read(tx)))
+    addresses = cells.sort_for_join(seen.robot.id, cells.read(tx), region=seen.robot.region)
+    ssh = ssh_of(context().join, addresses)
     # A join token admits robots; it may not see who drives them.
     control = seen_robots.control_of(tx, seen.robot.id) if admin else None
     shown = structs.asdict(shown_robot(seen, control, for_admin=admin is not None))

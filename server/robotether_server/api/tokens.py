@@ -13,10 +13,11 @@ from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import credentials, join_tokens, users
 from robotether_server.db.credentials import Token
-from robotether_server.db.join_tokens import JoinToken
+from robotether_server.db.join_tokens import JoinToken, Place
 from robotether_server.db.users import User
 from robotether_server.install_line import install_line
 from robotether_server.problems import RecordMissing, StoreUnavailable
+from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label, UserName
 from robotether_server.services import tokens as token_service
 
@@ -46,11 +47,12 @@ class TokenList(Struct):
 
 
 class NewJoinToken(Struct, forbid_unknown_fields=True):
-    """A new join token: how many robots it admits, and for how long."""
+    """A new join token: how many robots it admits, for how long, and in which region they are."""
 
     name: Label
     uses: Annotated[int, Meta(ge=1, le=token_service.MAX_USES)]
     hours: Annotated[int, Meta(ge=1, le=MAX_HOURS)]
+    region: Region | UnsetType = UNSET
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,9 @@ def list_join_tokens(caller: Caller) -> JoinTokenList:
 def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoinToken]:
     """Create a token that admits robots, and the line that installs one."""
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=body.hours)
+    place = Place(region=body.region or None)
     text = token_service.create_join_token(
-        caller.tx, caller.source, body.name, body.uses, expires_at
+        caller.tx, caller.source, body.name, body.uses, expires_at, place=place
     )
     made = join_tokens.find(caller.tx, text)
     if made is None:

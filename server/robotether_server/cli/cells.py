@@ -30,8 +30,15 @@ def list_cells(as_json: bool) -> None:
         found = cells.read(tx)
     print_records(
         found,
-        ("NAME", "HOST", "ROBOTS", "VERSION", "STATE"),
-        lambda one: (one.name, one.host or "-", str(one.robots), one.version, _state(one)),
+        ("NAME", "HOST", "REGION", "ROBOTS", "VERSION", "STATE"),
+        lambda one: (
+            one.name,
+            one.host or "-",
+            one.region or "-",
+            str(one.robots),
+            one.version,
+            _state(one),
+        ),
         as_json=as_json,
     )
 

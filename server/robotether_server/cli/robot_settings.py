@@ -15,8 +15,9 @@ from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import Settings, get_path, is_in, put_path, remove_path
 from robotether_server.services import robots
 
-# What is missing in the settings in force when there is none.
 SHELL_USER = "shell_user"
+# What is missing in the settings in force when there is none.
+OPTIONAL = (SHELL_USER, "region")
 # Where null is a value of its own, and not the default.
 MEANT_NULLS = ("page.hold_after_ms",)
 
@@ -115,5 +116,5 @@ def _changed(present: Settings, asked: Sequence[Change]) -> Settings:
 def _check_known(present: Settings, path: str) -> None:
     # A typing error in the name of a limit must not pass for the end of that limit.
     defaults = robot_settings.DEFAULTS.as_dict()
-    if path != SHELL_USER and not is_in(defaults, path) and not is_in(present, path):
+    if path not in OPTIONAL and not is_in(defaults, path) and not is_in(present, path):
         raise FieldInvalid(f"cannot use {path}: it is no setting; see: robot settings")

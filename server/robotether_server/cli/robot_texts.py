@@ -56,6 +56,7 @@ def everything(seen: SeenRobot) -> Fields:
         ("agent", seen.agent_version or "unknown"),
         ("ports", f"ros {robot.ros_port}, video {robot.video_port}"),
         ("site", robot.site or "none"),
+        ("region", robot.region or "none"),
         ("settings", _policy_words(robot.settings)),
         ("shell", f"on, port {robot.shell_port}" if robot.shell else "off"),
         ("shell user", str(robot.settings.get("shell_user", "not set"))),

@@ -16,6 +16,7 @@ from robotether_server.cli.common import (
     timestamp,
 )
 from robotether_server.db import credentials, join_tokens, users
+from robotether_server.db.join_tokens import Place
 from robotether_server.install_line import (
     HTTPS_PORT,
     SiteAddress,
@@ -101,7 +102,8 @@ def delete(user_name: str, name: str) -> None:
 @click.option(
     "--host", metavar="HOST[:PORT]", help="Where robots reach this site.  [default: PUBLIC_HOST]"
 )
-def invite(uses: int, hours: int, name: str | None, host: str | None) -> None:
+@click.option("--region", help="Region of the robots: its machines are first for them.")
+def invite(uses: int, hours: int, name: str | None, host: str | None, region: str | None) -> None:
     """Print the line that makes a machine a robot.
 
     The install line is the last line of the output. It holds a new join token: whoever has it can enrol that many
@@ -112,7 +114,8 @@ def invite(uses: int, hours: int, name: str | None, host: str | None) -> None:
     ends = now + dt.timedelta(hours=hours)
     certificates, asked = _site(host)
     with open_database().transaction() as tx:
-        token = tokens.create_join_token(tx, SOURCE, called, uses, ends)
+        place = Place(region=region)
+        token = tokens.create_join_token(tx, SOURCE, called, uses, ends, place=place)
         # Before the end of the transaction: a token that nobody has seen would stay behind otherwise.
         line = install_line(certificates, asked, token)
     robots = "1 robot" if uses == 1 else f"{uses} robots"

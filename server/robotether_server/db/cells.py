@@ -40,6 +40,7 @@ class Cell:
     robots: int
     draining: bool
     is_alive: bool
+    region: str | None = None
 
     @property
     def is_listed(self) -> bool:
@@ -59,13 +60,18 @@ IS_PRESENT = (
 )
 SELECT = (
     "SELECT c.name, c.host, c.https_port, c.ssh_ports, c.peer_address, c.version, c.robots, c.draining,"  # noqa: S608 - as above
-    f" {IS_ALIVE} AS is_alive FROM cells c "
+    f" c.region, {IS_ALIVE} AS is_alive FROM cells c "
 )
 
 
 def read(tx: Transaction) -> list[Cell]:
     """Read all cells, by name."""
     return [_cell_of(row) for row in tx.rows(SELECT + "ORDER BY c.name")]
+
+
+def list_regions(tx: Transaction) -> list[str]:
+    """Return the regions of the cells, by name; none where no cell says its own."""
+    return sorted({cell.region for cell in read(tx) if cell.region is not None})
 
 
 def get(tx: Transaction, name: str) -> Cell:
@@ -113,6 +119,7 @@ def write_heartbeat(
         "https_port": cell.https_port,
         "ssh_ports": ",".join(map(str, cell.ssh_ports)),
         "peer_address": cell.peer_address,
+        "region": cell.region,
         "version": __version__,
         "robots": robots,
         "started_at": started_at,
@@ -134,13 +141,22 @@ def write_heartbeat(
         tx.insert(f"INSERT INTO cells ({columns}) VALUES ({placeholders})", values)  # noqa: S608 - as above
 
 
-def sort_for(robot_id: int, cells: Iterable[Cell], first: str | None = None) -> list[SshAddresses]:
+def sort_for(
+    robot_id: int, cells: Iterable[Cell], first: str | None = None, *, region: str | None = None
+) -> list[SshAddresses]:
     """Where a robot connects, the best first: the cell named `first`, then the others as the robot's id has it.
 
-    That is the rendezvous order: a cell that goes moves its own robots alone, and spreads them over the others.
+    That is the rendezvous order: a cell that goes moves its own robots alone, and spreads them over the others. The
+    cells of the robot's region come before all others, in the same order.
     """
     ranked = sorted(
-        cells, key=lambda cell: (cell.name == first, _weight(robot_id, cell)), reverse=True
+        cells,
+        key=lambda cell: (
+            _is_in(cell, region),
+            cell.name == first,
+            _weight(robot_id, cell),
+        ),
+        reverse=True,
     )
     return [
         SshAddresses(cell.host, cell.ssh_ports)
@@ -149,15 +165,22 @@ def sort_for(robot_id: int, cells: Iterable[Cell], first: str | None = None) -> 
     ]
 
 
-def sort_for_join(robot_id: int, cells: Sequence[Cell]) -> list[SshAddresses]:
-    """Where a robot that joins connects: first where the fewest robots are."""
+def sort_for_join(
+    robot_id: int, cells: Sequence[Cell], *, region: str | None = None
+) -> list[SshAddresses]:
+    """Where a robot that joins connects: first where the fewest robots are, of its region's cells if there are any."""
     listed = [cell for cell in cells if cell.is_listed]
     if not listed:
         return []
-    fewest = min(cell.robots for cell in listed)
-    emptiest = [cell for cell in listed if cell.robots == fewest]
+    near = [cell for cell in listed if _is_in(cell, region)] or listed
+    fewest = min(cell.robots for cell in near)
+    emptiest = [cell for cell in near if cell.robots == fewest]
     first = max(emptiest, key=lambda cell: _weight(robot_id, cell))
-    return sort_for(robot_id, listed, first.name)
+    return sort_for(robot_id, listed, first.name, region=region)
+
+
+def _is_in(cell: Cell, region: str | None) -> bool:
+    return region is not None and cell.region == region
 
 
 def _weight(robot_id: int, cell: Cell) -> bytes:

@@ -27,10 +27,11 @@ class JoinToken:
 
 @dataclass(frozen=True)
 class Place:
-    """Where robots that a token admits belong: at a site, and driven by a group of users; None: nowhere, by nobody."""
+    """Where robots that a token admits belong: at a site, driven by a group of users, in a region; None: in none."""
 
     site: str | None = None
     group: str | None = None
+    region: str | None = None
 
 
 NOWHERE = Place()
@@ -53,9 +54,18 @@ def create(
         f"cannot create join token {name}: there is one of that name; delete it or choose another name"
     ):
         tx.insert(
-            "INSERT INTO join_tokens (name, token_hash, uses, expires_at, created_by, site_id, group_id) "
-            "VALUES (%s, %s, %s, %s, %s, %s, %s)",
-            (name, credentials.digest(text), uses, expires_at, by, site_id, group_id),
+            "INSERT INTO join_tokens (name, token_hash, uses, expires_at, created_by, site_id, group_id, "
+            "region) VALUES (%s, %s, %s, %s, %s, %s, %s, %s)",
+            (
+                name,
+                credentials.digest(text),
+                uses,
+                expires_at,
+                by,
+                site_id,
+                group_id,
+                place.region,
+            ),
         )
     return text
 
@@ -82,7 +92,7 @@ def list_all(tx: Transaction) -> list[JoinToken]:
 def place_of(tx: Transaction, token_id: int) -> Place:
     """Return where the robots that a token admits belong."""
     row = tx.row(
-        "SELECT s.name AS site, g.name AS `group` FROM join_tokens t "
+        "SELECT s.name AS site, g.name AS `group`, t.region FROM join_tokens t "
         "LEFT JOIN sites s ON s.id = t.site_id LEFT JOIN user_groups g ON g.id = t.group_id "
         "WHERE t.id = %s",
         (token_id,),

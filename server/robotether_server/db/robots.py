@@ -71,6 +71,13 @@ class Robot:
     site: str | None = None
 
     @property
+    def region(self) -> str | None:
+        """Where the robot is, whose cells it connects to first."""
+        found = self.settings.get("region")
+        # Somebody may have written another thing by SQL.
+        return found if isinstance(found, str) else None
+
+    @property
     def key(self) -> PublicKey | None:
         """The key in the row, approved or not."""
         if self.public_key is None or self.fingerprint is None:

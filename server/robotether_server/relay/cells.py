@@ -32,12 +32,14 @@ class Cells:
         database: RelayDatabase,
         robots: Callable[[], int],
         *,
+        region_of: Callable[[int], str | None] = lambda _: None,
         poll_every_s: float = POLL_EVERY_S,
         started_at: datetime | None = None,
     ) -> None:
         self._settings = settings
         self._database = database
         self._robots = robots
+        self._region_of = region_of
         self._poll_every_s = poll_every_s
         self._started_at = started_at or utc_now()
         self._listeners: list[Callable[[], None]] = []
@@ -62,8 +64,9 @@ class Cells:
         return [cell for cell in others if cell.peer_address is not None]
 
     def addresses(self, robot_id: int) -> list[SshAddresses]:
-        """Where a robot of this cell connects, the best first; it stays here unless the cell drains."""
-        return cells.sort_for(robot_id, self._known.values(), first=self.name)
+        """Where a robot of this cell connects, the best first: here, unless this drains or its region is another."""
+        region = self._region_of(robot_id)
+        return cells.sort_for(robot_id, self._known.values(), first=self.name, region=region)
 
     def listen(self, listener: Callable[[], None]) -> None:
         """Notify this of changes from now on."""

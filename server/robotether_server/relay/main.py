@@ -199,6 +199,7 @@ class Relay:
             self._settings.cell,
             database,
             registry.online_count,
+            region_of=self._region_of,
             poll_every_s=self._timing.poll_every_s,
         )
         self.connections = Connections()
@@ -245,6 +246,10 @@ class Relay:
         )
         self.connections.listen(self.fleet_events.changed)
         self.control.listen(self.fleet_events.changed)
+
+    def _region_of(self, robot_id: int) -> str | None:
+        robot = self.fleet.known.robots.get(robot_id)
+        return None if robot is None else robot.settings.region
 
     def _on_snapshot(self, snapshot: Snapshot) -> None:
         # Operators first: they must be notified that their right ended, and not that a link was lost.

@@ -36,6 +36,7 @@ from robotether_server.problems import (
     TokenUsedUp,
     TooManyPending,
 )
+from robotether_server.robot_settings import put_path
 from robotether_server.services import grants
 from robotether_server.services.grants import Grantee, Scope
 from robotether_server.settings import JoinSettings
@@ -92,13 +93,14 @@ class JoinAttempt:
 class Answer:
     """What it is answered: `robot` is its name, or the one that its MAC alone would give it.
 
-    `robot_id` of a robot that is active.
+    `robot_id` and `region` of a robot that is active.
     """
 
     robot: str
     code: Literal["active", "approval_pending", "mac_in_use"]
     detail: str = ""
     robot_id: int = field(default=0, compare=False)
+    region: str | None = None
 
 
 def is_in(tx: Transaction, request: JoinAttempt) -> Answer | None:
@@ -303,7 +305,7 @@ def _join_token(tx: Transaction, text: str) -> JoinToken:
 
 
 def _active(robot: Robot) -> Answer:
-    return Answer(robot.name, "active", robot_id=robot.id)
+    return Answer(robot.name, "active", robot_id=robot.id, region=robot.region)
 
 
 def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: PreviousKey) -> bool:
@@ -403,6 +405,17 @@ def _put_in_place(tx: Transaction, source: Source, robot: Robot, place: Place) -
     group, scope = Grantee("group", place.group or ""), Scope("robot", robot.name)
     if place.group is not None and not grants.is_given(tx, group, scope):
         grants.give(tx, source, group, scope, "drive")
+    if place.region is not None and robot.region is None:
+        settings = put_path(robot.settings, "region", place.region)
+        robots.set_settings(tx, robot.id, settings)
+        audit.record(
+            tx,
+            source,
+            "robot_settings_set",
+            robot.name,
+            was=robot.settings,
+            settings=settings,
+        )
 
 
 def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:

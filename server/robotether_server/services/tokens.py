@@ -9,6 +9,7 @@ from robotether_server.db.credentials import Token
 from robotether_server.db.join_tokens import NOWHERE, JoinToken, Place
 from robotether_server.db.users import User
 from robotether_server.problems import FieldInvalid, NotPossible
+from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label
 
 # So that no user fills the table, nor the lists of admins.
@@ -64,6 +65,8 @@ def create_join_token(
     Raises FieldInvalid, RecordExists or RecordMissing.
     """
     schemas.check("name", name, Label)
+    if place.region is not None:
+        schemas.check("region", place.region, Region)
     if not 1 <= uses <= MAX_USES:
         raise FieldInvalid(f"cannot use uses: it must be 1 to {MAX_USES}", "uses")
     lifetime = expires_at - dt.datetime.now(dt.UTC)

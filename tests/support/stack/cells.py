@@ -29,6 +29,7 @@ def _settings(name: str, compose_file: str, host: str) -> dict[str, object]:
     return {
         "COMPOSE_FILE": f"compose.yaml:{compose_file}",
         "CELL": name,
+        "REGION": f"at-{name}",
         "PUBLIC_HOST": host,
         "PEER_PORT": peer_port,
         "PEER_ADDRESS": f"{host}:{peer_port}",

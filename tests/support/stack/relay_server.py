@@ -135,6 +135,7 @@ class MemoryDatabase(RelayDatabase):
             robots=robots,
             draining=before is not None and before.draining,
             is_alive=True,
+            region=cell.region,
         )
         return list(self.cells.values())
 
@@ -204,10 +205,13 @@ class RelayServer:
 
 
 def cell_settings(
-    name: str = "main", host: str | None = None, peer_address: str | None = None
+    name: str = "main",
+    host: str | None = None,
+    peer_address: str | None = None,
+    region: str | None = None,
 ) -> CellSettings:
     """A cell, which robots are not sent to unless it has a host."""
-    return CellSettings(name, host, 443, (2222, 443), peer_address)
+    return CellSettings(name, host, 443, (2222, 443), peer_address, region)
 
 
 def relay_settings(

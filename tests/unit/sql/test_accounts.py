@@ -20,7 +20,9 @@ DENIED = {
 }
 EDIT = "SELECT, INSERT, UPDATE, DELETE"
 # All that a relay writes of its cell, by name: who drains one is an admin.
-CELL = "heartbeat_at, host, https_port, peer_address, robots, ssh_ports, started_at, version"
+CELL = (
+    "heartbeat_at, host, https_port, peer_address, region, robots, ssh_ports, started_at, version"
+)
 EXPECTED = {
     "web": {
         "users": EDIT,

@@ -162,6 +162,9 @@ class RobotLink:
         before, self._robot = self._robot, robot
         if needs_config(before, robot) and self._configured:
             self._configure()
+        else:
+            # The robot may have another region.
+            self.on_cells()
 
     def on_media_demand(self) -> None:
         """Have the agent open the media connection for viewers, or end it when there are none."""

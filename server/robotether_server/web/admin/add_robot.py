@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, join_tokens, robots, seen_robots
+from robotether_server.db import Transaction, cells, join_tokens, robots, seen_robots
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.join_tokens import JoinToken, Place
@@ -68,6 +68,7 @@ def create_line(tx: Transaction, source: Source) -> Saved:
     place = Place(
         forms.optional_text("site", "Site", MAX_NAME_LENGTH),
         forms.optional_text("group", "Group", MAX_NAME_LENGTH),
+        forms.optional_text("region", "Region", MAX_NAME_LENGTH),
     )
     suffix = secrets.token_hex(SUFFIX_BYTES)
     label = f"{(name or 'robot')[: MAX_NAME_LENGTH - len(suffix) - 1]} {suffix}"
@@ -125,6 +126,7 @@ def _page(
         live=f"{PAGE}/{invitation.token.id}" if invitation else request.full_path.rstrip("?"),
         sites=_choices("no site", [site.name for site in db_grants.list_sites(tx)]),
         groups=_choices("no group", [group.name for group in db_grants.list_groups(tx)]),
+        regions=_choices("no region", cells.list_regions(tx)),
         waiting=pending.waiting(tx),
         rejected=pending.rejected(tx),
         online={one.robot.name for one in everyone if one.online},

@@ -11,7 +11,7 @@ from flask import Blueprint, redirect, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, audit, seen_robots
+from robotether_server.db import Transaction, audit, cells, seen_robots
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
@@ -105,6 +105,7 @@ def show(name: str, problem: Problem | None = None) -> str:
             seen=seen,
             robot=seen.robot,
             sites=[site.name for site in db_grants.list_sites(tx)],
+            regions=_regions(tx, seen.robot),
             settings=setting_fields.summary(seen.robot.settings),
             control=seen_robots.control_of(tx, seen.robot.id),
             problem=problem,
@@ -162,6 +163,20 @@ def place(tx: Transaction, source: Source, name: str) -> Saved:
     return page_of(name), f"Robot {name} is {f'at site {site}' if site else 'at no site'}."
 
 
+@form(blueprint, "/robots/<name>/region", show)
+def set_region(tx: Transaction, source: Source, name: str) -> Saved:
+    """Put this robot into a region, or into none."""
+    region = forms.optional_text("region", "Region", MAX_NAME_LENGTH)
+    _set_or_remove(tx, source, name, "region", region)
+    return page_of(name), f"Robot {name} is in {f'region {region}' if region else 'no region'}."
+
+
+def _regions(tx: Transaction, robot: Robot) -> list[str]:
+    """Return the regions to choose from; none at a site without regions."""
+    own = [] if robot.region is None else [robot.region]
+    return sorted({*cells.list_regions(tx), *own})
+
+
 def page_of(name: str) -> str:
     """Return the path of a robot's page."""
     return f"/admin/robots/{name}"
@@ -203,11 +218,13 @@ def _move_ports(tx: Transaction, source: Source, name: str) -> None:
 
 def _set_shell_user(tx: Transaction, source: Source, name: str) -> None:
     user = forms.optional_text("shell_user", "Shell user", MAX_USER_LENGTH)
-    change = (
-        partial(put_path, path="shell_user", value=user)
-        if user
-        else partial(remove_path, path="shell_user")
-    )
+    _set_or_remove(tx, source, name, "shell_user", user)
+
+
+def _set_or_remove(
+    tx: Transaction, source: Source, name: str, path: str, value: str | None
+) -> None:
+    change = partial(put_path, path=path, value=value) if value else partial(remove_path, path=path)
     robots.change_settings(tx, source, name, change)
 
 

@@ -135,10 +135,10 @@ def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
 def test_robot_is_sent_to_the_emptiest_cell_first(
     program: Browser, database: Database, relay_database: Database, key: str
 ) -> None:
-    """Once it is active, by each way of joining."""
+    """Once it is active, by each way of joining; of those of its region, if it has one."""
     with relay_database.transaction() as tx:
-        for name, count in (("a", 2), ("b", 1), ("c", 3)):
-            cell = cell_settings(name, f"{name}.example")
+        for name, count, region in (("a", 2, "eu"), ("b", 1, "us"), ("c", 3, "eu")):
+            cell = cell_settings(name, f"{name}.example", region=region)
             cells.write_heartbeat(tx, cell, robots=count, started_at=dt.datetime.now(dt.UTC))
     waiting = program.ask("POST", "/api/v1/join", json=join_body(key)).json
     assert "ssh" not in waiting
@@ -154,6 +154,15 @@ def test_robot_is_sent_to_the_emptiest_cell_first(
         first, *others = answer["ssh"]["cells"]
         assert first == {"host": "b.example", "ports": [2222, 443]}
         assert {one["host"] for one in others} == {"a.example", "c.example"}
+    with database.transaction() as tx:
+        robots.set_settings(tx, robots.get(tx, waiting["robot"]).id, {"region": "eu"})
+    joined = program.ask("POST", "/api/v1/join", json=join_body(key)).json
+    registered = program.ask(
+        "PUT", f"/api/v1/robots/{waiting['robot']}", json=body, headers=admin
+    ).json
+    for answer in (joined, registered):
+        hosts = [one["host"] for one in answer["ssh"]["cells"]]
+        assert hosts == ["a.example", "c.example", "b.example"]
 
 
 def test_public_keys_are_read_without_their_comments(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from api_visitor import API, Program
-from robotether_server.db import Database
+from robotether_server.db import Database, join_tokens
+from robotether_server.db.join_tokens import Place
 from web_visitor import Browser, audit_kinds
 
 
@@ -74,7 +75,7 @@ def test_wrong_field_of_a_token_is_refused(ann: Program, body: dict[str, Any]) -
     assert ann.refused("POST", "/tokens", body) == (422, "field_invalid")
 
 
-JOIN_TOKEN = {"name": "lab", "uses": 3, "hours": 24}
+JOIN_TOKEN = {"name": "lab", "uses": 3, "hours": 24, "region": "eu"}
 
 
 def test_join_token_is_told_once_with_its_line(
@@ -91,6 +92,8 @@ def test_join_token_is_told_once_with_its_line(
     assert "https://robots.example/join.sh | sudo sh -s -- --server robots.example " in command
     assert (made["name"], made["uses"], made["used"], made["created_by"]) == ("lab", 3, 0, "root")
     assert root.get("/join-tokens") == {"join_tokens": [made]}
+    with database.transaction() as tx:
+        assert join_tokens.place_of(tx, made["id"]) == Place(region="eu")
     assert audit_kinds(database) == [("join_token_created", "root", "198.51.100.7")]
 
 
@@ -113,6 +116,7 @@ def test_join_token_without_its_line_is_not_made(root: Program, database: Databa
         {"hours": 0},
         {"hours": 8761},
         {"hours": "24"},
+        {"region": "e u"},
         {"use": 1},
     ],
 )

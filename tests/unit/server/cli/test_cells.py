@@ -17,7 +17,8 @@ NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 def heartbeat(relay_database: Database, name: str, robots: int) -> None:
     host = None if name == "c" else f"{name}.example"
     with relay_database.transaction() as tx:
-        cells.write_heartbeat(tx, cell_settings(name, host), robots=robots, started_at=NOON)
+        cell = cell_settings(name, host, region="eu" if name == "b" else None)
+        cells.write_heartbeat(tx, cell, robots=robots, started_at=NOON)
 
 
 @pytest.fixture(autouse=True)
@@ -33,10 +34,10 @@ def test_cells_are_listed(run: Run) -> None:
     """For people, and for programs."""
     assert run("cell", "drain", "b").out == "cell b is draining\n"
     assert [line.split() for line in run("cell", "list").out.splitlines()] == [
-        ["NAME", "HOST", "ROBOTS", "VERSION", "STATE"],
-        ["a", "a.example", "2", __version__, "alive"],
-        ["b", "b.example", "0", __version__, "draining"],
-        ["c", "-", "0", __version__, "down"],
+        ["NAME", "HOST", "REGION", "ROBOTS", "VERSION", "STATE"],
+        ["a", "a.example", "-", "2", __version__, "alive"],
+        ["b", "b.example", "eu", "0", __version__, "draining"],
+        ["c", "-", "-", "0", __version__, "down"],
     ]
     shown = json.loads(run("cell", "list", "--json").out)
     assert [(one["name"], one["draining"], one["is_alive"]) for one in shown] == [

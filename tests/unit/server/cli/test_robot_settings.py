@@ -64,6 +64,14 @@ def test_null_is_meant_where_it_is_a_value(run: Run, database: Database) -> None
     assert robot(database).settings == {}
 
 
+def test_region_is_set_and_taken_away(run: Run, database: Database) -> None:
+    """It has no default, and null is none."""
+    assert run("robot", "set", "sim1", "region=eu").out == 'robot sim1 has region="eu"\n'
+    assert robot(database).settings == {"region": "eu"}
+    assert run("robot", "set", "sim1", "region=null").out == "robot sim1 has region=null\n"
+    assert robot(database).settings == {}
+
+
 def test_shell_user_is_set_and_taken_away(run: Run, database: Database) -> None:
     """Only a name that an account may have; saying nothing is a mistake."""
     assert run("robot", "set", "sim1", "--shell-user", "pi").status == 0

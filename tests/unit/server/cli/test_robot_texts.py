@@ -42,6 +42,8 @@ def test_site_guard_and_policy_are_told() -> None:
     fields = dict(robot_texts.everything(SeenRobot(ROBOT, False, None, "manage")))
     assert (fields["site"], fields["settings"]) == ("none", "the defaults")
     settings = {"shell_user": "pi", "guard": {"deadman_ms": 300}}
-    robot = dataclasses.replace(ROBOT, site="lab", settings=settings)
+    assert fields["region"] == "none"
+    robot = dataclasses.replace(ROBOT, site="lab", settings=settings | {"region": "eu"})
     fields = dict(robot_texts.everything(SeenRobot(robot, False, None, "manage")))
     assert (fields["site"], fields["settings"]) == ("lab", '{"guard": {"deadman_ms": 300}}')
+    assert fields["region"] == "eu"

@@ -9,6 +9,7 @@ import pytest
 from admin_records import Run, kinds
 from robotether_server.cli import tokens
 from robotether_server.db import Database, credentials, join_tokens
+from robotether_server.db.join_tokens import Place
 from robotether_server.install_line import Certificate, SiteCertificates
 from robotether_server.problems import SiteCertificateUnavailable
 
@@ -64,7 +65,8 @@ def test_deleted_token_works_no_more(run: Run, database: Database) -> None:
 
 def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
     """With a token that works, the pins, and where robots reach the site."""
-    lines = run("robot", "invite", "--uses", "3", "--hours", "2", "--name", "lab").out.splitlines()
+    given = ("--uses", "3", "--hours", "2", "--name", "lab", "--region", "eu")
+    lines = run("robot", "invite", *given).out.splitlines()
     assert lines[0].startswith("join token lab, for 3 robots until ")
     words = lines[-1].split()
     assert words[0] == "curl"
@@ -73,7 +75,8 @@ def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
     assert words[words.index("--tls-fingerprint") + 1] == "ab" * 32
     with database.transaction() as tx:
         token = join_tokens.find(tx, words[words.index("--token") + 1])
-    assert token is not None
+        assert token is not None
+        assert join_tokens.place_of(tx, token.id) == Place(region="eu")
     assert (token.name, token.uses, token.created_by) == ("lab", 3, "cli")
     lifetime = token.expires_at - dt.datetime.now(dt.UTC)
     assert dt.timedelta(hours=1.9) < lifetime <= dt.timedelta(hours=2)

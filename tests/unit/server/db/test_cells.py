@@ -39,8 +39,10 @@ def age(admin_database: Database, seconds: int) -> None:
         tx.change("UPDATE cells SET heartbeat_at = heartbeat_at - INTERVAL %s SECOND", (seconds,))
 
 
-def hosts(robot_id: int, known: list[Cell], first: str | None = None) -> list[str]:
-    return [one.host for one in sort_for(robot_id, known, first)]
+def hosts(
+    robot_id: int, known: list[Cell], first: str | None = None, region: str | None = None
+) -> list[str]:
+    return [one.host for one in sort_for(robot_id, known, first, region=region)]
 
 
 def test_a_heartbeat_makes_the_row_and_keeps_it_new(relay_database, database):
@@ -49,9 +51,9 @@ def test_a_heartbeat_makes_the_row_and_keeps_it_new(relay_database, database):
     heartbeat(relay_database, cell_settings("a", "a.example", "a.example:8444"), robots=2)
     with database.transaction() as tx:
         tx.change("UPDATE cells SET draining = TRUE WHERE name = 'a'")
-    heartbeat(relay_database, cell_settings("a", "a.example", "a.example:8444"), robots=3)
+    heartbeat(relay_database, cell_settings("a", "a.example", "a.example:8444", "eu"), robots=3)
     assert read(database) == [
-        replace(A, version=__version__, robots=3, draining=True),
+        replace(A, version=__version__, robots=3, draining=True, region="eu"),
         Cell("b", None, 443, (2222, 443), None, __version__, 0, False, True),
     ]
 
@@ -114,6 +116,40 @@ def test_who_joins_goes_where_the_fewest_robots_are():
     assert {sort_for_join(robot_id, busy)[0].host for robot_id in range(20)} == {"b.example"}
     even = {sort_for_join(robot_id, [A, B, C])[0].host for robot_id in range(20)}
     assert even == {"a.example", "b.example", "c.example"}
+
+
+EU_A, EU_B, US_C = replace(A, region="eu"), replace(B, region="eu"), replace(C, region="us")
+
+
+def test_cells_of_a_robots_region_are_first():
+    """Each group in its usual order, where the robot is first of its own."""
+    for robot_id in range(20):
+        usual = hosts(robot_id, [A, B])
+        assert hosts(robot_id, [EU_A, EU_B, US_C], "c", "eu") == [*usual, "c.example"]
+        assert hosts(robot_id, [EU_A, EU_B, US_C], "b", "eu")[0] == "b.example"
+        us = hosts(robot_id, [EU_A, EU_B, US_C], "b", "us")
+        assert us == ["c.example", "b.example", "a.example"]
+
+
+@pytest.mark.parametrize("change", [{"draining": True}, {"is_alive": False}, {"host": None}])
+def test_a_robot_whose_region_has_no_cell_goes_where_all_go(change):
+    """As one without a region does, and every robot where no cell has one."""
+    out = replace(US_C, **change)
+    for robot_id in range(20):
+        assert hosts(robot_id, [EU_A, EU_B, out], "b", "us") == hosts(robot_id, [A, B], "b")
+        known = [EU_A, EU_B, US_C]
+        assert hosts(robot_id, known, "b") == hosts(robot_id, [A, B, C], "b")
+        assert hosts(robot_id, [A, B, C], "b", "eu") == hosts(robot_id, [A, B, C], "b")
+        assert sort_for_join(robot_id, known) == sort_for_join(robot_id, [A, B, C])
+        joins = sort_for_join(robot_id, [EU_A, EU_B, out], region="us")
+        assert joins == sort_for_join(robot_id, [A, B])
+
+
+def test_who_joins_goes_where_the_fewest_robots_of_its_region_are():
+    """Though another region's cell has fewer."""
+    known = [replace(EU_A, robots=5), replace(EU_B, robots=4), US_C]
+    joins = [one.host for one in sort_for_join(7, known, region="eu")]
+    assert joins == ["b.example", "a.example", "c.example"]
 
 
 def test_a_robot_is_where_its_newest_session_is(relay_database, database):

@@ -65,6 +65,20 @@ async def test_a_draining_cell_sends_its_robots_elsewhere(cells, memory_database
     assert [one.host for one in cells.addresses(7)] == ["b.example"]
 
 
+async def test_robots_of_another_region_go_there_next(memory_database):
+    """While a cell of it is alive."""
+    memory_database.cells["b"] = replace(OTHER, region="us")
+    settings = cell_settings("a", "a.example", region="eu")
+    cells = Cells(settings, memory_database, lambda: 2, region_of={7: "eu", 8: "us"}.get)
+    await cells.poll()
+    found = {each: [one.host for one in cells.addresses(each)] for each in (7, 8, 9)}
+    here = ["a.example", "b.example"]
+    assert found == {7: here, 8: ["b.example", "a.example"], 9: here}
+    memory_database.cells["b"] = replace(OTHER, region="us", is_alive=False)
+    await cells.poll()
+    assert [one.host for one in cells.addresses(8)] == ["a.example"]
+
+
 async def test_a_dead_peer_is_still_one_and_one_without_an_address_is_none(cells, memory_database):
     """The link to it is tried until it is back."""
     memory_database.cells["b"] = replace(OTHER, is_alive=False)

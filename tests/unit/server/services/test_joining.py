@@ -287,7 +287,7 @@ def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
 
 
 def test_token_puts_a_robot_in_its_place(site: Site) -> None:
-    """At its site and with its group's grant, unless an admin has said another for this robot."""
+    """At its site, in its region and with its group's grant, unless an admin has said another for this robot."""
     site.announce("sim2", OTHER_MAC)
     ends_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
     crew = Grantee("group", "crew")
@@ -297,14 +297,20 @@ def test_token_puts_a_robot_in_its_place(site: Site) -> None:
         grants.add_group(tx, ADMIN, "crew")
         grants.place_robot(tx, ADMIN, "sim2", "yard")
         grants.give(tx, ADMIN, crew, Scope("robot", "sim2"), "observe")
-        place = Place("lab", "crew")
+        robot_service.set_settings(tx, ADMIN, "sim2", {"region": "us", "shell_user": "pi"})
+        place = Place("lab", "crew", "eu")
         token = tokens.create_join_token(tx, ADMIN, "lab", 2, ends_at, place=place)
-    site.ask(token=token)
-    site.ask(OTHER_MAC, OTHER_KEY, token=token)
+    assert site.ask(token=token).region == "eu"
+    assert site.ask(OTHER_MAC, OTHER_KEY, token=token).region == "us"
     with site.database.transaction() as tx:
         placed = {name: robots.get(tx, name).site for name in ("robot-006101", "sim2")}
+        settings = {name: robots.get(tx, name).settings for name in placed}
         given = {(one.robot, one.group, one.level) for one in db_grants.list_all(tx)}
     assert placed == {"robot-006101": "lab", "sim2": "yard"}
+    assert settings == {
+        "robot-006101": {"region": "eu"},
+        "sim2": {"region": "us", "shell_user": "pi"},
+    }
     assert given == {("robot-006101", "crew", "drive"), ("sim2", "crew", "observe")}
 
 

@@ -86,6 +86,24 @@ async def test_a_robot_hears_where_else_it_can_connect(relay, memory_database, c
     assert ["cells" in config for config in media.configs] == [False]
 
 
+async def test_a_robot_in_another_region_hears_of_its_cells(relay, sim1, memory_database, connect):
+    """They are first when it next connects; its session goes on."""
+    for name, region in (("b", "eu"), ("c", "us")):
+        host = f"{name}.example"
+        memory_database.cells[name] = Cell(
+            name, host, 443, (2222,), None, "0.1.0", 3, False, True, region
+        )
+    await until(lambda: len(relay.relay.cells.addresses(sim1.id)) == 2, "both are known")
+    session = await configured(await connect())
+    for region, host in (("us", "c.example"), ("eu", "b.example")):
+        there = replace(sim1, settings=parse({"region": region}))
+        memory_database.robots = {sim1.id: there}
+        await until(
+            lambda host=host: session.configs[-1]["cells"][0]["host"] == host, "it is sent first"
+        )
+    assert presence(relay, sim1).online
+
+
 async def test_heartbeats_measure_the_round_trip_and_are_answered(relay, sim1, connect):
     """The relay learns the round trip, and answers the agent's pings with the agent's clock."""
     session = await connect()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime as dt
 import shlex
 from collections.abc import Iterator
 from html import unescape
@@ -12,7 +13,8 @@ import pytest
 import tls_front
 from admin_visitor import fingerprint, join, public_key, send
 from flask import Flask
-from robotether_server.db import Database, join_tokens, robots
+from relay_server import cell_settings
+from robotether_server.db import Database, cells, join_tokens, robots
 from robotether_server.db.audit import Source
 from robotether_server.install_line import SiteCertificates
 from robotether_server.services import grants
@@ -83,15 +85,20 @@ def test_the_line_is_shown_once(admin: Browser, database: Database) -> None:
 
 @pytest.mark.usefixtures("site_certificate")
 def test_a_robot_arrives_as_it_was_said(
-    admin: Browser, program: Browser, database: Database
+    admin: Browser, program: Browser, database: Database, relay_database: Database
 ) -> None:
-    """With its name, at its site, driven by its group; the page then leads to it, and waits no more."""
+    """With its name, at its site, in its region, driven by its group; the page then leads to it, and waits no more."""
     with database.transaction() as tx:
         grants.add_site(tx, Source("root"), "lab")
         grants.add_group(tx, Source("root"), "crew")
-    form = FORM | {"name": "lift", "site": "lab", "group": "crew"}
+    assert 'name="region"' not in admin.ask("GET", "/admin/add-robot").text
+    with relay_database.transaction() as tx:
+        cell = cell_settings("a", region="eu")
+        cells.write_heartbeat(tx, cell, robots=0, started_at=dt.datetime.now(dt.UTC))
+    assert '<option value="eu">' in admin.ask("GET", "/admin/add-robot").text
+    form = FORM | {"name": "lift", "site": "lab", "group": "crew", "region": "eu"}
     page = send(admin, "/admin/join-tokens", **form).text
-    assert "at site lab" in page
+    assert "at site lab, in region eu" in page
     live = page.split('data-live="')[1].split('"')[0]
     assert 'data-testid="waits"' in admin.ask("GET", live).text
     assert arrives(program, words_of(page)) == "lift"
@@ -101,6 +108,7 @@ def test_a_robot_arrives_as_it_was_said(
     assert 'data-testid="waits"' not in page
     page = admin.ask("GET", "/admin/robots/lift").text
     assert "<option selected>lab</option>" in page
+    assert "<option selected>eu</option>" in page
     assert 'data-testid="grant-group crew"' in admin.ask("GET", "/admin/robots/lift/access").text
     assert "No token can admit a robot now" in admin.ask("GET", "/admin/add-robot").text
 

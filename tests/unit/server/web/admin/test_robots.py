@@ -324,6 +324,18 @@ def test_shell_user_is_set_and_cleared(admin: Browser, database: Database) -> No
     assert get(database, "sim1").settings == {}
 
 
+def test_region_is_set_and_cleared(admin: Browser, database: Database) -> None:
+    """There is nothing to choose while neither a machine nor the robot has one."""
+    assert "region-form" not in admin.ask("GET", "/admin/robots/sim1").text
+    send(admin, "/admin/robots/sim1/region", region="eu")
+    assert get(database, "sim1").settings == {"region": "eu"}
+    assert "<option selected>eu</option>" in admin.ask("GET", "/admin/robots/sim1").text
+    answer = send(admin, "/admin/robots/sim1/region", region="E U")
+    assert (answer.status_code, "form-problem" in answer.text) == (422, True)
+    send(admin, "/admin/robots/sim1/region", region="")
+    assert get(database, "sim1").settings == {}
+
+
 @pytest.mark.parametrize(
     ("path", "form"),
     [
