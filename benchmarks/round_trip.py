@@ -2,8 +2,10 @@
 
 A 200-byte std_msgs/String is published at 100 Hz and comes back to the same connection, on two or three connections
 whose messages alternate, so that what else the machine does hits all of them. The whole path is nginx, TLS, ticket,
-relay, tunnel and guard; it needs `make demo`. The guard alone is the real process before a simulated robot's rosbridge.
-It must never drop a sample: a message that does not come back in 5 s ends the run.
+relay, tunnel and guard; it needs `make demo` and root. Its robot is a real agent in a network of its own and not one of
+the demo's containers: between those and a published port is a process of Docker's, which no other robot meets. The
+guard alone is the real process before a simulated robot's rosbridge. It must never drop a sample: a message that does
+not come back in 5 s ends the run.
 """
 
 from __future__ import annotations
@@ -13,26 +15,31 @@ import json
 import os
 import re
 import sys
-import tempfile
 import time
-from collections.abc import AsyncIterator, Mapping
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import aiohttp
-from bare_tunnel import bare_tunnel
+from bare_tunnel import bare_forward
 from demo import ROOT, Demo
 from guard_process import KEY, GuardProcess
-from local_network import insecure_tls
+from local_network import free_port, insecure_tls
+from namespaces import Namespace
 from numpy import quantile
+from openssh_server import OpenSshServer
+from paper.networks import PLAIN, connector_in
+from paper.robots import ROSBRIDGE_PORT, WholeRobot, wait_all_online
+from paper.world import World
 from sections import Section
 
-ROBOT = "sim1"
 FRAME_BYTES = 200
 RATE_HZ = 100
 COUNT, GUARD_COUNT, WARM_UP = 3000, 2000, 50
 # The message passes the guard on its way there and back.
 PASSES = 2
+EVERYWHERE = "0.0.0.0"
 GUARD_AIM_MS = 0.2
 FENCE = 1
 PORT = re.compile(rb"rosbridge listens on [^:]+:(\d+)")
@@ -69,11 +76,19 @@ class Route:
 
 
 async def measure_all(
-    urls: Mapping[str, str], count: int, headers: Mapping[str, str] | None = None
+    urls: Mapping[str, str],
+    count: int,
+    headers: Mapping[str, str] | None = None,
+    inside: Namespace | None = None,
 ) -> list[Route]:
-    """Make `count` round trips each way, one after the other in every period; the first ones do not count."""
+    """Make `count` round trips each way, one after the other in every period; the first ones do not count.
+
+    The connections are made in this network, or `inside` another.
+    """
     async with AsyncExitStack() as stack:
-        http = await stack.enter_async_context(aiohttp.ClientSession(headers=headers))
+        connector = connector_in(inside) if inside else None
+        session = aiohttp.ClientSession(headers=headers, connector=connector)
+        http = await stack.enter_async_context(session)
         routes = []
         for name, url in urls.items():
             socket = await stack.enter_async_context(
@@ -93,16 +108,47 @@ async def measure_all(
         return routes
 
 
+@contextmanager
+def whole_robot(demo: Demo) -> Iterator[WholeRobot]:
+    """A robot of the demo's server, in a network of its own, which is online."""
+    with TemporaryDirectory(prefix="rt-x-") as folder, ExitStack() as stack:
+        world = World(demo.container, Path(folder))
+        world.token = demo.token
+        [uplink] = stack.enter_context(world.uplinks([PLAIN]))
+        [enrolled] = world.enrol(world.names("round-trip", 1))
+        stack.callback(world.remove, [enrolled])
+        robot = stack.enter_context(WholeRobot(world, enrolled, uplink, "simulator"))
+        wait_all_online([robot])
+        yield robot
+
+
+@contextmanager
+def bare_tunnel(robot: WholeRobot) -> Iterator[int]:
+    """A port of this machine, as the robot sees it, that leads to its rosbridge by a bare `ssh -R` from its network."""
+    # No session is opened, so that the relay behind sshd's session command is never asked.
+    host, own = robot.uplink.machine, free_port()
+    sshd = OpenSshServer(relay_port=0, address=host)
+    try:
+        sshd.start()
+        forwards = {own: f"{robot.address}:{ROSBRIDGE_PORT}"}
+        with bare_forward(
+            sshd, 1, forwards, host=host, bind=EVERYWHERE, inside=robot.uplink.inside
+        ):
+            yield own
+    finally:
+        sshd.close()
+
+
 def measure(demo: Demo, count: int = COUNT) -> Section:
-    """The whole path, beside the robot's own rosbridge and a bare `ssh -R` as in the paper."""
-    ticket = demo.ticket(ROBOT, "drive")
-    with bare_tunnel(demo.address_of(ROBOT), 9090) as bare_port:
+    """The whole path, beside the robot's own rosbridge and a bare `ssh -R` as in the paper; all from its network."""
+    with whole_robot(demo) as robot, bare_tunnel(robot) as bare_port:
+        ticket = robot.world.ticket(robot.name, "drive")
         urls = {
-            "straight to rosbridge": f"ws://{demo.address_of(ROBOT)}:9090/",
-            "bare ssh -R": f"ws://127.0.0.1:{bare_port}/",
-            "whole path with TLS": f"wss://{demo.address}/robots/{ROBOT}/ros?ticket={ticket}",
+            "straight to rosbridge": robot.ros_url,
+            "bare ssh -R": f"ws://{robot.uplink.machine}:{bare_port}/",
+            "whole path with TLS": f"wss://{robot.world.address}/robots/{robot.name}/ros?ticket={ticket}",
         }
-        routes = asyncio.run(measure_all(urls, count))
+        routes = asyncio.run(measure_all(urls, count, inside=robot.uplink.inside))
     bare = routes[1]
     return Section(
         title=f"Round trip of a {FRAME_BYTES}-byte publish and its echo at {RATE_HZ} Hz",
@@ -153,7 +199,7 @@ async def past_guard(count: int) -> tuple[list[Route], float]:
     """Straight and guarded routes, and the seconds until the guard's process listened."""
     async with AsyncExitStack() as stack:
         port = await stack.enter_async_context(simulated_robot())
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        folder = Path(stack.enter_context(TemporaryDirectory()))
         guard = await stack.enter_async_context(GuardProcess(folder, port))
         await guard.grant(FENCE)
         urls = {
