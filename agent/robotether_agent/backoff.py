@@ -12,7 +12,13 @@ from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator
 from random import Random
 
-from robotether_agent.problems import AgentProblem, Retry, ServerSilent, SessionEnded
+from robotether_agent.problems import (
+    AgentProblem,
+    NetworkChanged,
+    Retry,
+    ServerSilent,
+    SessionEnded,
+)
 
 MIN_DELAY_S = 0.5
 MAX_DELAY_S = 15.0
@@ -76,6 +82,9 @@ class Backoff:
             self._soon = delays(self._rng)
             if isinstance(problem, ServerSilent) and problem.retry is Retry.SOON:
                 return self._rng.uniform(*AFTER_SILENCE_S)
+            if isinstance(problem, NetworkChanged):
+                # It is this robot's own network, and no fleet's.
+                return 0.0
         elif isinstance(problem, SessionEnded) and problem.retry is Retry.AT_ONCE:
             # A cell that sends the robot away as soon as it is there has no other one to name.
             return next(self._soon)

@@ -85,6 +85,13 @@ def test_silence_on_a_connection_that_stood_is_the_networks():
     assert [backoff.after(ServerSilent("x"), uptime_s=0) for _ in range(3)] == [1, 2, 4]
 
 
+def test_another_address_after_a_connection_that_stood_costs_no_pause():
+    """Who drives waits for it; addresses that change all the time do pause."""
+    backoff = Backoff(Longest())
+    assert backoff.after(NetworkChanged("x"), uptime_s=STABLE_S) == 0
+    assert backoff.after(NetworkChanged("x"), uptime_s=1) == 0.2
+
+
 def test_who_is_sent_away_at_once_again_and_again_pauses():
     """Machines that are all taken out of service are not logged in at all the time."""
     backoff = Backoff(Longest())
