@@ -21,7 +21,6 @@ from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.db import database as module
 from robotether_server.relay.db.database import RelayDatabase
-from robotether_server.relay.main import Timing
 from robotether_server.settings import DatabaseSettings
 from stopwatch import Stopwatch
 
@@ -212,7 +211,7 @@ async def test_rights_in_the_real_database_end_a_connection(patient, database, a
                 grant = grants.find(tx, grants.Pair(user_id=ann.id, robot_id=sim1.id))
                 grants.remove(tx, grant.id)
             with Stopwatch() as stopwatch:
-                assert (await socket.receive(timeout=WAIT_S)).data == 4001
+                assert (await closing(socket))[0] == 4001
             assert stopwatch.s < 2
         await relay.relay.event_writer.flush(5)
     with database.transaction() as tx:
@@ -268,7 +267,7 @@ def delete_token(tx: Transaction, ann: users.User, text: str) -> None:
     ],
 )
 async def test_what_ends_a_credential_ends_what_it_opened(
-    *, mariadb, database, ann, http, kind, deed, ends
+    *, patient, database, ann, http, kind, deed, ends
 ):
     """In the real database: logins end with log-out and new password, tokens when deleted."""
     with database.transaction() as tx:
@@ -278,23 +277,26 @@ async def test_what_ends_a_credential_ends_what_it_opened(
         else:
             text = credentials.create_token(tx, user, "lab", None)
     credential = credential_of(kind, text)
-    memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main")
-    # This client answers pings only while it receives.
-    async with running_relay(memory_database, Timing(poll_every_s=0.1)) as relay, robot_of(relay):
+    async with running_relay(patient) as relay, robot_of(relay) as robot:
         sim1 = relay.relay.fleet.known.by_name["sim1"]
         async with http.ws_connect(relay.ros_url(sim1, "drive", ann, credential)) as socket:
+            # It answers pings only while it receives, and a command is as old as the last answer.
+            echo = asyncio.create_task(socket.receive_str())
+            await until(lambda: robot.clients, "ann drives")
             await socket.send_str(PUBLISH)
-            assert await socket.receive_str() == PUBLISH
+            assert await echo == PUBLISH
+            answer = asyncio.create_task(socket.receive())
             await relay.relay.fleet.poll()
             with database.transaction() as tx:
                 deed(tx, user, text)
             await relay.relay.fleet.poll()
             if ends:
-                async with asyncio.timeout(2):
-                    assert (await closing(socket))[0] == 4001
+                with Stopwatch() as stopwatch:
+                    assert (await asyncio.wait_for(answer, WAIT_S)).data == 4001
+                assert stopwatch.s < 2
             else:
                 await socket.send_str(PUBLISH)
-                assert await socket.receive_str() == PUBLISH
+                assert (await answer).data == PUBLISH
 
 
 async def test_a_login_of_the_real_database_is_found(mariadb, database, ann):
