@@ -131,6 +131,8 @@ class Relay:
         self.peer_port = 0
         self.inside_port = 0
         self._make_state()
+        self._make_control()
+        self._make_events()
         self._make_client()
         self._make_feeds()
         self._make_sessions()
@@ -185,16 +187,22 @@ class Relay:
         self._database.close()
 
     def _make_state(self) -> None:
-        database = self._database
+        """Make what knows who is connected, and what they use."""
         self.traffic = Traffic()
         self.metrics = Metrics(self.traffic)
-        self.event_writer = EventWriter(database)
-        self.credentials = Credentials(database)
+        self.connections = Connections()
+        self.viewer_stats = ViewerStats()
         self.registry = SessionRegistry()
         # Published ports, as in the paper, are there for whoever connects to them.
         registry, always = self.registry, self._settings.direct
         self.media_demand = Demand(registry.on_media_demand, kept_s=MEDIA_KEPT_S, always=always)
         self.usage = Demand(registry.on_usage, kept_s=USE_KEPT_S, always=always)
+
+    def _make_control(self) -> None:
+        """Make what the database has a part in: cells, who drives, robots and rights."""
+        database, registry = self._database, self.registry
+        self.event_writer = EventWriter(database)
+        self.credentials = Credentials(database)
         self.cells = Cells(
             self._settings.cell,
             database,
@@ -202,12 +210,10 @@ class Relay:
             region_of=self._region_of,
             poll_every_s=self._timing.poll_every_s,
         )
-        self.connections = Connections()
-        self.viewer_stats = ViewerStats()
         self.control = Control(
             database=database,
             event_writer=self.event_writer,
-            registry=self.registry,
+            registry=registry,
             snapshot=lambda: self.fleet.known,
             draining=lambda: self.cells.draining,
         )
@@ -223,10 +229,13 @@ class Relay:
             rights_changed=self._on_snapshot,
             credentials_changed=self.credentials.recheck,
             check_new_credentials=self.credentials.check_new,
-            last_seen=self.registry.remember,
+            last_seen=registry.remember,
             on_stored_control=self.control.remember,
             poll_every_s=self._timing.poll_every_s,
         )
+
+    def _make_events(self) -> None:
+        """Make what follows robots, here and at other cells, and say who is notified when."""
         self.peers = Peers(self.registry, self.control.stops, self._on_elsewhere)
         self.fleet_events = FleetEvents(
             lambda: self.fleet.known,
