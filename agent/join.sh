@@ -300,15 +300,9 @@ ensure_agent() {
   if [ -d "$ROOT" ]; then on_failure "rm -rf $venv"; else on_failure "rm -rf $ROOT"; fi
   rm -rf "$venv"
   mkdir -p "$ROOT/versions"
-  python3 -m venv "$venv" || fail "cannot make $venv: see above"
-  pip_install --require-hashes -r "$files/requirements.txt"
-  # Last, so that an agent that starts has all that it needs, even after a power cut. Its hash was checked above.
-  pip_install --no-deps "$files/$wheel"
-}
-
-pip_install() {
-  if [ -n "$wheelhouse" ]; then set -- --no-index --find-links "$wheelhouse" "$@"; fi
-  "$venv/bin/pip" install --quiet --no-input --no-cache-dir --disable-pip-version-check "$@" </dev/null ||
+  if [ -n "$wheelhouse" ]; then set -- --no-index --find-links "$wheelhouse"; else set --; fi
+  PYTHONPATH=$files/$wheel python3 -m robotether_agent.install \
+    "$venv" "$files/$wheel" "$files/requirements.txt" --no-cache-dir "$@" ||
     fail 'cannot install the Python packages: see above. Without internet, use --wheelhouse DIR'
 }
 

@@ -1,8 +1,9 @@
 """How long it takes until a robot can be driven: `make enrol-times`.
 
-Brings up a stack of its own, boots hosts with systemd in containers, and prints a table: seconds from the start of
-`ansible-playbook enroll.yml` until every robot answered a drive connection, for one and for five bare robots, the same
-run again, and seconds from power-on of an enrolled robot until a drive connection is answered.
+Brings up a stack of its own, boots hosts with systemd in containers, and prints a table: seconds from the start of the
+install line until the agent is connected, with packages from the index and from a folder; from the start of
+`ansible-playbook enroll.yml` until every robot answered a drive connection, for one and for five bare robots, and the
+same run again; and from power-on of an enrolled robot until a drive connection is answered.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from pathlib import Path
 import aiohttp
 from playbooks import FROM_INDEX, Played, Site
 from programs import Program
-from robot_hosts import RobotHost, RobotHosts
+from robot_hosts import CA_BUNDLE, WHEELHOUSE, RobotHost, RobotHosts
 from sections import Section
 from stack import Stack
 
 FLEET = 5
+LINES = 3
 POWER_CUTS = 10
 LIMIT_S = 60.0
 
@@ -48,6 +50,21 @@ async def power_on_s(program: Program, robot: RobotHost) -> float:
     return time.monotonic() - started
 
 
+def line_s(site: Site, robot: RobotHost, options: str) -> float:
+    """Run the install line on a bare host, return the seconds until it has seen the agent connected, and undo it."""
+    body = {"name": f"line-{time.monotonic_ns()}", "uses": 1, "hours": 1}
+    headers = {"Authorization": f"Bearer {site.token}", "Host": f"cloud:{site.stack.https_port}"}
+    _, answer = site.stack.request("POST", "/api/v1/join-tokens", body, headers)
+    line = f"{answer['command']} --interface eth0 --name {robot.name} {options}"
+    started = time.monotonic()
+    robot.run(line)
+    took_s = time.monotonic() - started
+    script = f"curl -fsSk https://cloud:{site.stack.https_port}/join.sh"
+    robot.run(f"{script} | sh -s -- --uninstall --yes")
+    site.stack.admin.remove("robots", robot.name)
+    return took_s
+
+
 def row(what: str, robots: int, values: list[float]) -> tuple[object, ...]:
     times = (statistics.median(values), max(values))
     return what, robots, *(f"{seconds:.1f}" for seconds in times), len(values)
@@ -58,6 +75,10 @@ def measure(site: Site, hosts: RobotHosts) -> Section:
     one = [hosts.boot("solo")]
     fleet = hosts.boot_all(*(f"fleet{number}" for number in range(1, FLEET + 1)))
     rows = []
+    one[0].put(f"[global]\ncert = {CA_BUNDLE}\n".encode(), "/etc/pip.conf")
+    for source, options in (("the index", ""), ("a folder", f"--wheelhouse {WHEELHOUSE}")):
+        times = [line_s(site, one[0], options) for _ in range(LINES)]
+        rows.append(row(f"install line with packages from {source}, to connected", 1, times))
     for robots in (one, fleet):
         for what in ("enroll.yml, first run, to drivable", "enroll.yml, second run"):
             played = site.play_well("enroll.yml", *robots)

@@ -1,0 +1,72 @@
+"""A version's folder, made by the robot's own Python and the pip that belongs to it."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+from robotether_agent.install import find_pip, install
+
+
+def make_wheel(folder: Path, name: str, requires: str = "") -> Path:
+    """A wheel of one module that has this name."""
+    path = folder / f"{name}-1.0-py3-none-any.whl"
+    metadata = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n"
+    if requires:
+        metadata += f"Requires-Dist: {requires}\n"
+    with ZipFile(path, "w") as archive:
+        archive.writestr(f"{name}.py", "")
+        archive.writestr(f"{name}-1.0.dist-info/METADATA", metadata)
+        archive.writestr(
+            f"{name}-1.0.dist-info/WHEEL",
+            "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        )
+        archive.writestr(f"{name}-1.0.dist-info/RECORD", "")
+    return path
+
+
+@pytest.fixture
+def packages(tmp_path: Path) -> Path:
+    """A folder with a wheel that needs another, and the lock of that one."""
+    make_wheel(tmp_path, "turtle", requires="shell")
+    sha256 = hashlib.sha256(make_wheel(tmp_path, "shell").read_bytes()).hexdigest()
+    (tmp_path / "requirements.txt").write_text(f"shell==1.0 --hash=sha256:{sha256}\n")
+    return tmp_path
+
+
+def install_from(packages: Path, folder: Path) -> int:
+    wheel = packages / "turtle-1.0-py3-none-any.whl"
+    options = ("--no-index", "--find-links", str(packages))
+    return install(folder, wheel, packages / "requirements.txt", options)
+
+
+def test_wheel_and_what_it_needs_are_all_that_is_there(packages, tmp_path, monkeypatch):
+    """No pip is copied, and what PYTHONPATH leads to, as ROS has it, does not count as installed."""
+    monkeypatch.setenv("PYTHONPATH", str(packages / "shell-1.0-py3-none-any.whl"))
+    folder = tmp_path / "version"
+    assert install_from(packages, folder) == 0
+    (site,) = folder.glob("lib/python*/site-packages")
+    assert {path.stem for path in site.glob("*.py")} == {"turtle", "shell"}
+    assert not (folder / "bin" / "pip").exists()
+    # Compiled once and for all: the agent's user cannot write here.
+    assert list(site.glob("__pycache__/turtle.*.pyc"))
+    done = subprocess.run([folder / "bin" / "python3", "-Ic", "import turtle, shell"], check=False)
+    assert done.returncode == 0
+
+
+def test_package_with_another_hash_is_not_installed(packages, tmp_path):
+    """Nothing of the run is: pip checks all hashes before it installs."""
+    make_wheel(packages, "shell", requires="turtle")
+    folder = tmp_path / "version"
+    assert install_from(packages, folder) != 0
+    assert not list(folder.glob("lib/python*/site-packages/*.py"))
+
+
+def test_python_without_a_pip_says_what_to_install(tmp_path, monkeypatch):
+    """On Debian the wheel comes with the package python3-venv."""
+    monkeypatch.setattr("sysconfig.get_config_var", {"WHEEL_PKG_DIR": str(tmp_path)}.get)
+    with pytest.raises(SystemExit, match="Install python3-venv"):
+        find_pip()
