@@ -28,6 +28,7 @@ LONGEST_FIRST = (
     "e2e/test_fleet_page.py",
     "e2e/test_attacks_on_tunnels.py",
     "images/test_swarm.py",
+    "images/test_standby.py",
     "images/test_upgrade.py",
     "images/test_plain_compose.py",
     "images/test_acme.py",

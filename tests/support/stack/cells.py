@@ -37,12 +37,12 @@ def _settings(name: str, compose_file: str, host: str) -> dict[str, object]:
     }
 
 
-def first_cell(folder: Path) -> Stack:
-    """Cell a, which has the database; not yet started."""
+def first_cell(folder: Path, name: str = "a") -> Stack:
+    """Cell a, or another, which has a database; not yet started."""
     port = free_port()
-    settings = _settings("a", "database.yaml", _gateway())
+    settings = _settings(name, "database.yaml", _gateway())
     published = {"DB_PORT": port, "DB_PUBLISH": f"{settings['DB_HOST']}:{port}"}
-    return Stack(folder, project=f"{PROJECT}-a", settings=settings | published)
+    return Stack(folder, project=f"{PROJECT}-{name}", settings=settings | published)
 
 
 @contextmanager

@@ -72,6 +72,12 @@ class Stack:
 
     def up(self, *, robots: bool = True) -> None:
         """Start everything; with `robots`, three simulated ones too, and wait until they are online."""
+        self.write_settings()
+        built = ["--no-build"] if self.is_built else []
+        self.tool("tools/up", *(["--demo"] if robots else []), *built, timeout=1500)
+
+    def write_settings(self) -> None:
+        """Write the project's .env, from the example and its own settings."""
         self.folder.mkdir(parents=True, exist_ok=True)
         example = (self.root / "compose" / ".env.example").read_text()
         ours = {
@@ -89,8 +95,6 @@ class Stack:
         lines = [line for line in example.splitlines() if line.split("=")[0] not in ours]
         lines += [f"{name}={value}" for name, value in ours.items()]
         self.env_file.write_text("\n".join(lines) + "\n")
-        built = ["--no-build"] if self.is_built else []
-        self.tool("tools/up", *(["--demo"] if robots else []), *built, timeout=1500)
 
     def down(self) -> None:
         """Remove containers, networks and volumes of this project."""
