@@ -13,18 +13,20 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import shutil
 import socket
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Literal
 
 import aiohttp
 from local_network import insecure_tls
+from openssh_server import descendants
 
 from paper.networks import Uplink, connector_in
 from paper.programs import Program, our_environment
@@ -32,11 +34,22 @@ from paper.world import Enrolled, World, environment
 
 Ros = Literal["bus", "simulator"]
 # Robots have processors of their own. Where hundreds of their processes would push the server's off the two cores that
-# both have to share here, what is measured would be how that is decided; so the server comes first.
+# both have to share here, what is measured would be how that is decided; so the server comes first while they start.
 ASIDE = ("nice", "-n", "19")
+PROC = Path("/proc")
 ROSBRIDGE_PORT, VIDEO_PORT = 9090, 8080
 # Each look costs the server a list of all its robots.
 POLL_EVERY_S = 0.25
+
+
+def no_longer_aside(pids: Sequence[int]) -> None:
+    """Give these processes, all that they have started, and what these start from now on, the normal priority."""
+    for pid in [*pids, *(below for root in pids for below in descendants(root))]:
+        # One may have ended meanwhile.
+        with suppress(FileNotFoundError, ProcessLookupError):
+            # To Linux a priority is a thread's, and one with a lock of the interpreter makes the others wait.
+            for thread in (PROC / str(pid) / "task").iterdir():
+                os.setpriority(os.PRIO_PROCESS, int(thread.name), 0)
 
 
 class WholeRobot:

@@ -31,7 +31,7 @@ def run(*message_s: float | None, **others: Any) -> dict[str, Any]:
 def drive(kind: str, *, lost: int = 0, endings: dict[str, int] | None = None) -> dict[str, Any]:
     times = {"1.00": 99, "60.00": 1}
     told = {"sent": 100, "unsent": 0, "lost": lost, "endings": endings or {}, "refused": {}}
-    return {"robot": "one", "kind": kind, "round_trips": times, **told}
+    return {"robot": "one", "kind": kind, "round_trips": times, "late": times, **told}
 
 
 def fleet(*drives: dict[str, Any], back: dict[str, Any] | None = None) -> Outcome:

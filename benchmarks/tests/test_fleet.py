@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 from typing import Any
 
 import pytest
+from openssh_server import descendants
 from paper.fleet.operators import Arrivals
 from paper.fleet.report import Group, groups
+from paper.robots import ASIDE, no_longer_aside
 from paper.step import Outcome
 
 SECOND_NS = 1_000_000_000
@@ -136,3 +140,19 @@ def test_what_the_idle_fleet_costs_is_of_the_runs_that_looked():
     group = one(measured, run(1.0, 2.0))
     assert group.idle_load(("sshd", "relay", "nginx")) == 0.15
     assert one(run(1.0, 2.0)).idle_load(("sshd",)) is None
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may take a higher priority")
+def test_robots_that_are_there_have_the_normal_priority_with_all_that_they_started():
+    command = [*ASIDE, "sh", "-c", "sleep 60 & echo; wait"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True) as robot:
+        assert robot.stdout is not None
+        robot.stdout.readline()
+        pids = [robot.pid, *descendants(robot.pid)]
+        try:
+            before = [os.getpriority(os.PRIO_PROCESS, pid) for pid in pids]
+            no_longer_aside([robot.pid])
+            after = [os.getpriority(os.PRIO_PROCESS, pid) for pid in pids]
+        finally:
+            os.killpg(robot.pid, 9)
+    assert (before, after) == ([19, 19], [0, 0])

@@ -59,6 +59,8 @@ class Driver:
         self._sent = 0
         self._unsent = 0
         self.round_trips = Histogram()
+        # How long after its time each command was sent; a busy machine makes this process late, too.
+        self._late = Histogram()
         self._endings: Counter[str] = Counter()
         # What relay or guard did not pass on, by their words without what differs each time.
         self._refused: Counter[str] = Counter()
@@ -92,7 +94,9 @@ class Driver:
     async def run(self, begin_s: float, rate_hz: float, seconds: float) -> None:
         """Drive from then on for so long, and wait for the last answers."""
         for number in range(int(rate_hz * seconds)):
-            await asyncio.sleep(begin_s + number / rate_hz - time.monotonic())
+            due_s = begin_s + number / rate_hz
+            await asyncio.sleep(due_s - time.monotonic())
+            self._late.add(max(0.0, time.monotonic() - due_s) * MS_PER_S)
             await self._send(number)
         with suppress(TimeoutError):
             async with asyncio.timeout(LAST_WITHIN_S):
@@ -113,6 +117,7 @@ class Driver:
             "endings": dict(self._endings),
             "refused": dict(self._refused),
             "round_trips": self.round_trips.as_json(),
+            "late": self._late.as_json(),
         }
 
     async def close(self) -> None:

@@ -126,13 +126,14 @@ def _driven(fleets: Sequence[Values]) -> Section:
         f"One process drives some of an online fleet, each robot at {RATE_HZ} Hz by a user's drive connection, and "
         "listens to the same topic: a round trip is nginx, relay, sshd, the robot's guard and rosbridge, and back. A "
         "command that is not heard is lost; the relay and the guard drop commands that are too old, and a newer one "
-        "replaces one that waits. Busy is the whole machine while they drive, others what has no part in it: where "
-        "that is much, robots, which run at the lowest priority, are what waits."
+        "replaces one that waits. Sent late is how long after its time a command left that process, which shares the "
+        "machine; no round trip has it in it. Busy is the whole machine while they drive, others what has no part in "
+        "it. All robots have the normal priority then; up to their first message they have the lowest."
     )
     rows = [row for one in fleets for row in _driven_rows(one)]
     columns = (
         "robots | driven | commands | lost | not sent | refusals told | connections that ended | p50, ms | p99, ms "
-        "| max, ms | server, % of a core | cores busy | others"
+        "| max, ms | sent late, p99, ms | server, % of a core | cores busy | others"
     )
     return Section("Driving in a fleet", text, columns, rows)
 
@@ -140,7 +141,7 @@ def _driven(fleets: Sequence[Values]) -> Section:
 def _driven_rows(fleet: Values) -> Iterable[Sequence[object]]:
     drive = fleet["drive"]
     if "failure" in drive:
-        yield (fleet["count"], plain(drive["failure"][:200]), *[NONE] * 11)
+        yield (fleet["count"], plain(drive["failure"][:200]), *[NONE] * 12)
         return
     used, took_s = drive["fleet_cpu_s"], drive["took_s"]
     server = 100 * sum(used[name] for name in SERVER) / took_s
@@ -154,7 +155,8 @@ def _driven_rows(fleet: Values) -> Iterable[Sequence[object]]:
                 fleet["count"],
                 f"{len(some)} {words}",
                 *_counts(some),
-                *_quantiles_ms(_round_trips(some)),
+                *_quantiles_ms(_merged(some, "round_trips")),
+                fixed(_merged(some, "late").quantile_ms(0.99), 1),
                 f"{server:.0f}",
                 f"{busy:.2f}",
                 f"{others:.2f}",
@@ -166,8 +168,9 @@ def _counts(drives: Sequence[Mapping[str, Any]]) -> list[int]:
     return [*sums, *(_told(drives, name).total() for name in ("refused", "endings"))]
 
 
-def _round_trips(drives: Iterable[Mapping[str, Any]]) -> Histogram:
-    return Histogram.merged(Histogram.of(one["round_trips"]) for one in drives)
+def _merged(drives: Iterable[Mapping[str, Any]], name: str) -> Histogram:
+    """One histogram of all; results that were kept before it was measured have none."""
+    return Histogram.merged(Histogram.of(one.get(name, {})) for one in drives)
 
 
 def _returns(fleets: Sequence[Values]) -> Section:
@@ -198,7 +201,7 @@ def _soak(soak: Values) -> Section:
         drives = drive.get("drives", [])
         back = present(one["message_s"])
         sums = _counts(drives) if drives else [plain(drive["failure"][:100]), *[NONE] * 4]
-        p99 = fixed(_round_trips(drives).quantile_ms(0.99), 1)
+        p99 = fixed(_merged(drives, "round_trips").quantile_ms(0.99), 1)
         memory = f"{_total_memory(one) / MIB:.1f}"
         rows.append((number, *sums, p99, memory, f"{len(back)} of {soak['count']}", *_two(back)))
     columns = (
@@ -235,7 +238,7 @@ def _comparisons(fleets: Sequence[Values]) -> Iterable[Comparison]:
     ]
     units = ("robots", "s", "ms", "MiB", "ms")
     drives = largest["drive"].get("drives", [])
-    p99 = _round_trips(drives).quantile_ms(0.99) if drives else None
+    p99 = _merged(drives, "round_trips").quantile_ms(0.99) if drives else None
     found.append((f"driven at {RATE_HZ} Hz: p99 there and back", AIM_DRIVE_P99_MS, p99))
     lost = float(sum(one["lost"] + one["unsent"] for one in drives)) if drives else None
     found.append((f"driven at {RATE_HZ} Hz: lost", 0.0, lost))

@@ -41,7 +41,7 @@ from paper.fleet.report import AGENTS, FAILED_AFTER_S
 from paper.fleet.worker import LINE_BYTES, TOPIC, TYPE, allow_files
 from paper.networks import PLAIN, Uplink
 from paper.programs import our_environment
-from paper.robots import ASIDE, WholeRobot, connector
+from paper.robots import ASIDE, WholeRobot, connector, no_longer_aside
 from paper.world import Enrolled, World
 
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
@@ -216,12 +216,18 @@ class Fleet:
         self._failures: list[str] = []
 
     async def start(self, run: str) -> dict[str, Any]:
-        """Start all robots at once, and return what was measured until each has its message."""
+        """Start all robots at once, and return what was measured until each has its message.
+
+        From then on they go before nobody and after nobody: those that are driven or return would show how a starved
+        robot does, and on a site each has a processor of its own.
+        """
 
         async def order() -> None:
             await asyncio.gather(*(one.do("start", OPENS_WITHIN_S) for one in self._sides))
 
-        return await self.run(run, order)
+        values = await self.run(run, order)
+        no_longer_aside([pid for side in self._sides for pid in side.pids])
+        return values
 
     async def run(self, run: str, order: Callable[[], Awaitable[None]]) -> dict[str, Any]:
         """Measure from the moment before `order` is awaited until each robot has got a message sent after it."""

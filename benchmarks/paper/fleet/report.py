@@ -249,9 +249,9 @@ def _costs(starts: Sequence[Group]) -> Section:
     text = (
         "For each robot that came online: processor time from the order to start until the last message, and the "
         "memory that the server's containers had gained by then, from their control groups (the programs' pages and "
-        "the kernel's for them). The robots' side is agents, guards, rosbridges and OpenSSH clients; they run at the "
-        "lowest priority (nice 19), because real robots have processors of their own. The rest is this machine's other "
-        "work. Idle is the whole fleet, online and unused."
+        "the kernel's for them). The robots' side is agents, guards, rosbridges and OpenSSH clients; they start at the "
+        "lowest priority (nice 19), because real robots have processors of their own, and have the normal one as soon "
+        "as all are there. The rest is this machine's other work. Idle is the whole fleet, online and unused."
     )
     columns = (
         "robots at once | cores busy | CPU a robot, ms: sshd | relay | nginx, web, database | robots' side "
