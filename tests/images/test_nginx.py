@@ -135,6 +135,47 @@ def test_ssh_answers_on_443(stack: Stack) -> None:
         assert plain.recv(64).startswith(b"SSH-2.0-OpenSSH")
 
 
+# Holds connections that have passed to the server for TLS, each with a client's first message, and tries one more.
+# Prints how many were answered, whether one more was, and how many are once the first are closed.
+HOLD_PLACES = """
+import resource, socket, ssl, sys, time
+places, hard = int(sys.argv[1]), resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+address, hello = (socket.gethostbyname("nginx"), 8443), ssl.MemoryBIO()
+try:
+    ssl.create_default_context().wrap_bio(ssl.MemoryBIO(), hello, server_hostname="localhost").do_handshake()
+except ssl.SSLWantReadError:
+    hello = hello.read()
+
+def is_answered(connection):
+    try:
+        connection.sendall(hello)
+        return connection.recv(1) != b""
+    except ConnectionError:
+        return False
+
+held = [socket.create_connection(address, timeout=5) for _ in range(places)]
+print(sum(map(is_answered, held)))
+with socket.create_connection(address, timeout=5) as one_more:
+    print(is_answered(one_more))
+for connection in held:
+    connection.close()
+# nginx sees the ends a moment later.
+again, ends_at = [], time.monotonic() + 10
+while len(again) < places and time.monotonic() < ends_at:
+    connection = socket.create_connection(address, timeout=5)
+    if is_answered(connection):
+        again.append(connection)
+print(len(again))
+"""
+
+
+def test_one_address_has_1000_connections_and_gets_them_back(stack: Stack) -> None:
+    """The next one is closed without an answer, while other addresses come in."""
+    printed = stack.exec("web", "python3", "-c", HOLD_PLACES, "1000")
+    assert printed.split() == ["1000", "False", "1000"]
+
+
 @pytest.mark.parametrize(
     ("path", "encoding"),
     [("/static/dist/drive.js", "gzip"), ("/static/drive.css", "gzip"), ("/login", None)],
