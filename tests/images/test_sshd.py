@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import json
 import re
@@ -10,20 +9,15 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
-import asyncssh
 import pytest
-from asyncssh.packet import String
 from jump_people import RobotSshd, end, heartbeat
 from robot_key import RobotKey, session_line
 from stack import Stack
 
 USER = "tunnel@127.0.0.1"
 PROXY_PROTOCOL = "/etc/nginx/proxy-protocol.conf"
-# Before a text in SSH's messages.
-LENGTH_BYTES = 4
 
 
 def _free_port(key: RobotKey) -> int:
@@ -182,47 +176,6 @@ def test_stranger_talks_to_a_process_in_a_sandbox(stack: Stack) -> None:
 def test_programs_of_a_log_in_load_no_library(stack: Stack, program: str) -> None:
     """They would make most of its cost: each is static, at a random address all the same."""
     assert "statically linked" in stack.exec("sshd", "ldd", program)
-
-
-async def _log_in(key: RobotKey, spoil: Callable[[bytes], bytes]) -> None:
-    """With a signature of the robot's own key that is changed on its way."""
-    signer = asyncssh.read_private_key(key.file)
-    sign = signer.sign_ssh
-    signer.sign_ssh = (
-        lambda data, algorithm: String(  # type: ignore[method-assign]
-            spoil(sign(data, algorithm)[LENGTH_BYTES:])
-        )
-    )
-    connection = await asyncssh.connect(
-        "127.0.0.1",
-        key.stack.ssh_port,
-        username="tunnel",
-        client_keys=[signer],
-        known_hosts=None,
-        config=None,
-        agent_path=None,
-    )
-    connection.abort()
-    await connection.wait_closed()
-
-
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        lambda signature: bytes([signature[0] ^ 1]) + signature[1:],
-        lambda signature: signature[:32] + bytes([signature[32] ^ 1]) + signature[33:],
-        lambda signature: signature[:-1] + bytes([signature[-1] | 0xE0]),
-        lambda signature: signature[:-1],
-        lambda signature: b"",
-        lambda signature: bytes(64),
-    ],
-    ids=["point", "scalar", "large scalar", "short", "empty", "zeros"],
-)
-def test_wrong_signature_lets_nobody_in(key: RobotKey, spoil: Callable[[bytes], bytes]) -> None:
-    """Whoever knows a robot's public key and not its private one gets no further than that."""
-    asyncio.run(_log_in(key, lambda signature: signature))
-    with pytest.raises(asyncssh.PermissionDenied):
-        asyncio.run(_log_in(key, spoil))
 
 
 def test_sshd_offers_no_sftp(stack: Stack) -> None:
