@@ -121,6 +121,8 @@ def test_watch_that_hangs_lets_nobody_new_in(ann: Person, robot: ShellRobot, sta
                 "sshd",
                 seconds=20,
             )
+            why = "jump-keys: nobody gets in, because jump-watch does not work"
+            assert why in stack.logs("sshd", lines=200)
             healthy = ["/usr/lib/robotether/healthy"]
             stack.wait(
                 "the container is not healthy",
