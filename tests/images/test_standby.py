@@ -8,6 +8,7 @@ import re
 import ssl
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -222,9 +223,17 @@ def test_promoted_standby_has_all_that_was_confirmed(site: Site) -> None:
         numbers.join(timeout=30)
         reader.execute("SELECT COUNT(*) FROM numbers")
         assert reader.fetchall() == ((1,),)
-    _, off, promote, on_cells = blocks("Promote the standby")
-    site.set(site.b, off)
-    site.run(site.b, promote)
+        _, off, promote, on_cells = blocks("Promote the standby")
+        site.set(site.b, off)
+        with ThreadPoolExecutor(1) as pool:
+            promoted = pool.submit(site.run, site.b, promote)
+            site.b.wait(
+                "the end of receiving",
+                lambda: replica(site, site.b).get("Slave_IO_Running") == "No",
+                "mysql",
+            )
+            reader.execute("UNLOCK TABLES")
+            promoted.result()
     assert numbers_at(site, site.b)[: numbers.confirmed + 1] == list(range(numbers.confirmed + 1))
     site.set(site.c, on_cells)
     # The machines of the test have one address.
