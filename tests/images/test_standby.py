@@ -227,12 +227,14 @@ def test_promoted_standby_has_all_that_was_confirmed(site: Site) -> None:
         site.set(site.b, off)
         with ThreadPoolExecutor(1) as pool:
             promoted = pool.submit(site.run, site.b, promote)
-            site.b.wait(
-                "the end of receiving",
-                lambda: replica(site, site.b).get("Slave_IO_Running") == "No",
-                "mysql",
-            )
-            reader.execute("UNLOCK TABLES")
+            try:
+                site.b.wait(
+                    "the end of receiving",
+                    lambda: replica(site, site.b).get("Slave_IO_Running") == "No",
+                    "mysql",
+                )
+            finally:
+                reader.execute("UNLOCK TABLES")
             promoted.result()
     assert numbers_at(site, site.b)[: numbers.confirmed + 1] == list(range(numbers.confirmed + 1))
     site.set(site.c, on_cells)
