@@ -291,9 +291,12 @@ def test_pictures_are_live_while_they_are_on_the_screen(fleet: Page, stack: Stac
     rear = {"topic": "/rear/image_raw", "name": "Rear"}
     stack.admin.set_robot("sim2", {"page.cameras": [rear]})
     asked: list[str] = []
-    fleet.on("request", lambda request: "/snapshot?" in request.url and asked.append(request.url))
     try:
-        fleet.reload()
+        # The page before this one asks for the robot's first topic until it is gone.
+        fleet.reload(wait_until="commit")
+        fleet.on(
+            "request", lambda request: "/snapshot?" in request.url and asked.append(request.url)
+        )
         fleet.get_by_test_id("fleet-search").fill("sim")
         thumb = _card(fleet, "sim2").get_by_test_id("card-thumb")
         expect(thumb).to_have_attribute("data-thumb", "shown", timeout=10_000)
