@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import pytest
-from paper.density.density import spread
 from paper.density.report import memory_spread_percent, report
 from paper.step import Outcome
 
@@ -72,11 +71,6 @@ def test_agents_and_virtual_robots_are_told_apart():
     found = report({"fleet-2": fleet(drive("agent"), drive("virtual", lost=3))})
     driven = next(one for one in found.sections if one.title == "Driving in a fleet")
     assert [(row[1], row[3]) for row in driven.rows] == [("1 agents", 0), ("1 virtual robots", 3)]
-
-
-@pytest.mark.parametrize(("count", "chosen"), [(3, "adg"), (10, "abcdefghij"), (0, "")])
-def test_driven_robots_are_of_all_processes(count, chosen):
-    assert spread("abcdefghij", count) == list(chosen)
 
 
 def test_what_was_lost_or_did_not_come_back_falls_short():

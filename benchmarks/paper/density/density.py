@@ -109,14 +109,9 @@ async def _unless_failed(measured: Awaitable[dict[str, Any]]) -> dict[str, Any]:
 def _chosen(world: World, count: int, agents: int, driven: int = DRIVEN) -> list[tuple[str, str]]:
     """Which robots of a fleet are driven, agents and virtual ones: their names and kinds."""
     names = [robot.name for robot in robots_of(world, count)]
-    real = spread(names[:agents], min(agents, DRIVEN_AGENTS, driven))
-    virtual = spread(names[agents:], min(count - agents, driven - len(real)))
+    real = names[: min(agents, DRIVEN_AGENTS, driven)]
+    virtual = names[agents : agents + driven - len(real)]
     return [(name, "agent") for name in real] + [(name, "virtual") for name in virtual]
-
-
-def spread(names: Sequence[str], count: int) -> list[str]:
-    """So many of them at even distances: neighbours share a process, and would wait for each other as no robots do."""
-    return [names[at * len(names) // count] for at in range(count)]
 
 
 async def _drive(
