@@ -32,6 +32,7 @@ COMPARED, QUICK_COMPARED = 50, 5
 IDLE_S, QUICK_IDLE_S = 30.0, 5.0
 DRIVEN, DRIVEN_S, QUICK_DRIVEN_S = 50, 60.0, 5.0
 READY_WITHIN_S, MORE_S = 90.0, 30.0
+SETTLED_AFTER_S = 1.0
 # Of those that are driven, so many are agents.
 DRIVEN_AGENTS = 10
 # The robots of a soak, those of them that are driven, its seconds, and those between two returns.
@@ -131,6 +132,8 @@ async def _drive(
         drivers.send(order)
         await asyncio.to_thread(drivers.receive, "it has all leases", READY_WITHIN_S)
         first = fleet.reading()
+        # Who has taken a robot looks before driving. The leases and this reading are a burst of work.
+        await asyncio.sleep(SETTLED_AFTER_S)
         drivers.send("begin")
         told = await asyncio.to_thread(drivers.receive, "what drivers saw", seconds * 3 + MORE_S)
         return {**told, "fleet_cpu_s": cpu_between(first, fleet.reading())}
