@@ -41,6 +41,8 @@ async def running(
         )
         yield await server.start(), authorizer, server
         await server.stop()
+        # As the guard's process ends: who observes has the number tried once more, and does not wait.
+        await fences.settled()
 
 
 async def status(port: int, fence: int | None = 0, key: str = KEY) -> int:
