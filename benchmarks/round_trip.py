@@ -22,15 +22,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import aiohttp
-from bare_tunnel import bare_forward
 from demo import ROOT, Demo
 from guard_process import KEY, GuardProcess
-from local_network import free_port, insecure_tls
+from local_network import insecure_tls
 from namespaces import Namespace
 from numpy import quantile
-from openssh_server import OpenSshServer
 from paper.networks import PLAIN, connector_in
-from paper.robots import ROSBRIDGE_PORT, WholeRobot, wait_all_online
+from paper.operators.operators import bare_tunnels
+from paper.robots import WholeRobot, wait_all_online
 from paper.world import World
 from sections import Section
 
@@ -39,7 +38,6 @@ RATE_HZ = 100
 COUNT, GUARD_COUNT, WARM_UP = 3000, 2000, 50
 # The message passes the guard on its way there and back.
 PASSES = 2
-EVERYWHERE = "0.0.0.0"
 GUARD_AIM_MS = 0.2
 FENCE = 1
 PORT = re.compile(rb"rosbridge listens on [^:]+:(\d+)")
@@ -122,26 +120,9 @@ def whole_robot(demo: Demo) -> Iterator[WholeRobot]:
         yield robot
 
 
-@contextmanager
-def bare_tunnel(robot: WholeRobot) -> Iterator[int]:
-    """A port of this machine, as the robot sees it, that leads to its rosbridge by a bare `ssh -R` from its network."""
-    # No session is opened, so that the relay behind sshd's session command is never asked.
-    host, own = robot.uplink.machine, free_port()
-    sshd = OpenSshServer(relay_port=0, address=host)
-    try:
-        sshd.start()
-        forwards = {own: f"{robot.address}:{ROSBRIDGE_PORT}"}
-        with bare_forward(
-            sshd, 1, forwards, host=host, bind=EVERYWHERE, inside=robot.uplink.inside
-        ):
-            yield own
-    finally:
-        sshd.close()
-
-
 def measure(demo: Demo, count: int = COUNT) -> Section:
     """The whole path, beside the robot's own rosbridge and a bare `ssh -R` as in the paper; all from its network."""
-    with whole_robot(demo) as robot, bare_tunnel(robot) as bare_port:
+    with whole_robot(demo) as robot, bare_tunnels([robot]) as [(bare_port, _)]:
         ticket = robot.world.ticket(robot.name, "drive")
         urls = {
             "straight to rosbridge": robot.ros_url,
