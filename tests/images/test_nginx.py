@@ -171,7 +171,7 @@ print(len(again))
 
 
 def test_one_address_has_1000_connections_and_gets_them_back(stack: Stack) -> None:
-    """The next one is closed without an answer, while other addresses come in."""
+    """The next one is closed without an answer."""
     printed = stack.exec("web", "python3", "-c", HOLD_PLACES, "1000")
     assert printed.split() == ["1000", "False", "1000"]
 
