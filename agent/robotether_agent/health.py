@@ -15,6 +15,7 @@ import asyncio
 import ipaddress
 import logging
 import math
+import random
 import struct
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
@@ -53,6 +54,7 @@ TIMEOUT_S = 2.0
 MAX_MESSAGE_BYTES = 1024 * 1024
 # rosapi, cameras and the kernel's listening sockets are asked once in so many times.
 SELDOM = 15
+SPREAD = 0.5, 1.5
 # The kernel's lists of TCP sockets, and the state LISTEN in them.
 LISTS = ("tcp", "tcp6")
 LISTEN = "0A"
@@ -97,6 +99,7 @@ class Health:
         self._rosbridge_url = source_settings.rosbridge_url
         self._video_url = source_settings.video_url
         self._every_s = every_s
+        self._rng = random.SystemRandom()
         self._condition = asyncio.Condition()
         # The held connection, and who waits for an answer on it.
         self._rosbridge: aiohttp.ClientWebSocketResponse | None = None
@@ -134,14 +137,16 @@ class Health:
 
     async def _watch_exposure(self) -> None:
         while True:
-            address = exposed_at(self._rosbridge_url)
+            # To list its sockets takes the kernel milliseconds, more on a machine with more memory. So nothing waits
+            # for it, and robots that share a machine ask at different moments.
+            address = await asyncio.to_thread(exposed_at, self._rosbridge_url)
             if address != self.report.ros_exposed:
                 await self._set(replace(self.report, ros_exposed=address))
                 if address:
                     log.warning(
                         "rosbridge listens on %s: %s; %s", address, PAST_GUARD, EXPOSED_ADVICE
                     )
-            await asyncio.sleep(SELDOM * self._every_s)
+            await asyncio.sleep(SELDOM * self._every_s * self._rng.uniform(*SPREAD))
 
     async def _hold_rosbridge(self, http: aiohttp.ClientSession) -> None:
         """Hold one WebSocket as long as rosbridge answers its pings."""
