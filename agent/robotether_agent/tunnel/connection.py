@@ -18,6 +18,7 @@ from robotether_common.session import Kind
 
 from robotether_agent.fields import ListedCell
 from robotether_agent.net.server_dialer import SshAddress
+from robotether_agent.problems import ServerSilent
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import liveness
 from robotether_agent.tunnel.openssh import Forward, SshFiles
@@ -29,6 +30,10 @@ CHECK_PAUSE_S = 5.5
 CHECK_EVERY_S = 60.0
 # Of a robot that nobody uses, only its own status shows what they find.
 IDLE_CHECK_EVERY_S = 600.0
+# A log-in may wait for those of a whole fleet. After it the relay has little to do: one that has not done it by now
+# hangs, and another cell may serve the robot.
+RELAY_ANSWERS_WITHIN_S = 5.0
+LOGGED_IN_CHECK_EVERY_S = 0.2
 
 
 Report = Callable[[Session], Coroutine[Any, Any, None]]
@@ -98,11 +103,24 @@ def _work(
         session.run(),
         _keep_forward(tunnel, session, role, target),
         liveness.watch(session, tunnel, target, role.elsewhere),
+        _leave_silent_relay(tunnel, session, role, target),
         *(report(session) for report in role.reports),
     ]
     if role.recheck is not None:
         work.append(_ask_for_checks(session, role.recheck))
     return work
+
+
+async def _leave_silent_relay(
+    tunnel: Tunnel, session: Session, role: Role, target: SshAddress
+) -> None:
+    """Raise ServerSilent when the cell has accepted the key, sends no configuration, and is not the only one."""
+    while not tunnel.is_logged_in:  # noqa: ASYNC110 (the client tells it by a file alone)
+        await asyncio.sleep(LOGGED_IN_CHECK_EVERY_S)
+    await asyncio.sleep(RELAY_ANSWERS_WITHIN_S)
+    if session.config is None and role.elsewhere():
+        raise ServerSilent(f"cannot open the session at {target}: its relay does not answer")
+    await asyncio.Event().wait()
 
 
 async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: SshAddress) -> None:

@@ -99,7 +99,8 @@ class Connector:
     def targets(self, ssh: SshAccess, kind: Kind) -> list[SshAddress]:
         """Return the server's SSH addresses in the order in which they are tried.
 
-        A cell that let the robot begin, and led to no session, comes after the others: it may be alive and useless.
+        A cell that let the robot begin and led to no session, or whose relay fell silent, comes after the others: it
+        may be alive and useless.
         """
         if kind != "session" and self._cell is not None:
             cells = [self._cell]
@@ -206,9 +207,12 @@ class Connector:
         return replace(role, on_cells=on_cells, elsewhere=elsewhere)
 
     def _note_end(self, cell: ListedCell | None, problem: LinkProblem, *, was_up: bool) -> None:
-        if isinstance(problem, ServerSilent):
+        is_silent = isinstance(problem, ServerSilent)
+        if is_silent:
             self._fell_silent = (cell, monotonic())
-        if cell is not None and not was_up:
+        # With Retry.AT_ONCE nothing was acknowledged, which may be the network. Else the cell's relay hangs.
+        hangs = is_silent and problem.retry is not Retry.AT_ONCE
+        if cell is not None and (hangs or not was_up):
             self._failed_at[cell] = monotonic()
 
 

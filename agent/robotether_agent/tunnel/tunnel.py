@@ -88,6 +88,11 @@ class Tunnel:
             unless_open.pop_all()
             return cls(process, target, files, connection, stderr)
 
+    @property
+    def is_logged_in(self) -> bool:
+        """Whether the server has accepted the key: only then the client makes its control socket."""
+        return _exists(self._files.control)
+
     async def add(self, forward: Forward) -> None:
         """Open `forward` on the live connection."""
         await self._control("forward", forward)

@@ -48,6 +48,7 @@ from robotether_agent.tunnel.connection import (
     CHECK_EVERY_S,
     CHECK_PAUSE_S,
     IDLE_CHECK_EVERY_S,
+    RELAY_ANSWERS_WITHIN_S,
 )
 from robotether_agent.tunnel.session import FIRST_TIMEOUT_S, retry_after_bye
 from robotether_common.session import Kind
@@ -157,6 +158,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         self._channel: asyncssh.SSHClientChannel[bytes] | None = None
         self._rest = b""
         self._seq = 0
+        self._first_timeout_s = FIRST_TIMEOUT_S
         self._received_at = robot_time()
         self._timer: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
@@ -170,6 +172,8 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         self, account: Account, targets: Sequence[SshAddress], *, unreached_s: float = 0.0
     ) -> None:
         """Log in and ask for the session of this kind; the agent's problems say why not."""
+        if len(targets) > 1:
+            self._first_timeout_s = RELAY_ANSWERS_WITHIN_S
         self.target = target = await account.dialer.find(targets, unreached_s=unreached_s)
         sock = await account.dialer.open(target)
         try:
@@ -225,6 +229,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         self._channel = chan
 
     def session_started(self) -> None:
+        self._received_at = robot_time()
         self._tick()
 
     def data_received(self, data: bytes, datatype: int | None) -> None:
@@ -269,7 +274,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         """Send a heartbeat, and see whether the server is silent."""
         if self._timer is not None:
             self._timer.cancel()
-        timeout_s = self.config.get("timeout_s", FIRST_TIMEOUT_S)
+        timeout_s = self.config.get("timeout_s", self._first_timeout_s)
         now = robot_time()
         if now - self._received_at > timeout_s:
             why = f"the server was silent for {timeout_s:g} s"
@@ -278,7 +283,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         if self.config:
             self._seq += 1
             self.send({"type": "ping", "seq": self._seq, "t_ms": round(now * 1000, 3)})
-        wait_s = self.idle_heartbeat_s or self.config.get("heartbeat_s", FIRST_TIMEOUT_S)
+        wait_s = self.idle_heartbeat_s or self.config.get("heartbeat_s", self._first_timeout_s)
         self._timer = asyncio.get_running_loop().call_later(wait_s, self._tick)
 
     def _done(self, task: asyncio.Task[None]) -> None:

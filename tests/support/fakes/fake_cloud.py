@@ -4,6 +4,7 @@ serves         as the relay does
 pending        the join waits for an approval until approve() is called
 refuses_key    the join says active, and sshd does not let the key in
 silent         a configuration, then never a word again
+hangs          never a word
 sends_rubbish  a configuration, then a line that is no JSON
 changes_ports  a configuration, and at the first ping another one with other ports
 supersedes     a configuration, then bye because a newer session took over
@@ -275,6 +276,9 @@ class FakeCloud:
             self._tasks.discard(task)
 
     async def _talk(self, link: Link, reader: asyncio.StreamReader) -> None:
+        if self.mode == "hangs":
+            await reader.read()
+            return
         link.send(self._config(self.ports))
         self._misbehave(link)
         beat = asyncio.ensure_future(self._beat(link))

@@ -17,7 +17,7 @@ from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.enrolment.keys import KeyPair, ensure_key
 from robotether_agent.fields import ListedCell
 from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
-from robotether_agent.problems import LinkLost, ServerSilent
+from robotether_agent.problems import LinkLost, Retry, ServerSilent
 from robotether_agent.settings import Settings
 from robotether_agent.tunnel.connection import Role
 from robotether_agent.tunnel.connector import Connector
@@ -53,15 +53,19 @@ def test_the_settings_come_before_the_joins_answer(host, cells, settings, expect
 
 
 @pytest.mark.parametrize(
-    ("problem", "unreached_s"),
-    [(ServerSilent("silent"), NEXT_CELL_AFTER_S), (LinkLost("reset"), 0.0)],
+    ("problem", "again"),
+    [
+        (ServerSilent("not reached", retry=Retry.AT_ONCE), (B, NEXT_CELL_AFTER_S)),
+        (ServerSilent("reached, and its relay says nothing"), (A, 0.0)),
+        (LinkLost("reset"), (B, 0.0)),
+    ],
 )
-async def test_a_cell_that_just_fell_silent_gets_no_more_time(problem, unreached_s, monkeypatch):
-    """The others are tried beside it; one that ended its connection may be back in a moment."""
-    found: list[float] = []
+async def test_a_cell_that_just_fell_silent_gets_no_more_time(problem, again, monkeypatch):
+    """The others are tried beside it, or before it; one that ended its connection may be back in a moment."""
+    found: list[tuple[ListedCell | None, float]] = []
 
     async def find(_: ServerDialer, targets: list[SshAddress], *, unreached_s: float) -> SshAddress:
-        found.append(unreached_s)
+        found.append((targets[0].cell, unreached_s))
         return targets[0]
 
     async def run(target: SshAddress, _: SshFiles, role: Role) -> NoReturn:
@@ -77,7 +81,7 @@ async def test_a_cell_that_just_fell_silent_gets_no_more_time(problem, unreached
     for _ in range(2):
         with pytest.raises(type(problem)):
             await connector.connect(enrolment, KeyPair(Path("/none"), ""), role)
-    assert found == [0.0, unreached_s]
+    assert found == [(B, 0.0), again]
 
 
 async def test_silence_is_no_reason_to_doubt(make_cloud, place, start_agent, monkeypatch):
@@ -254,6 +258,40 @@ async def test_a_machine_that_lets_in_and_has_no_relay_comes_last(site, start_ag
     status = await agent.until_connected()
     assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
     assert first.links == []
+
+
+async def test_a_machine_whose_relay_hangs_is_left(site, start_agent):
+    """It still logs robots in: one that was there goes to the next at once, and does not ask it again."""
+    first, second = await site()
+    agent = start_agent(first)
+    await agent.until_connected()
+    first.mode = "silent"
+    await at(second)
+    status = await agent.until_connected()
+    assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
+    assert len(first.of_kind("session", live=False)) == 1
+
+
+async def test_a_relay_that_never_answers_is_left(site, start_agent, monkeypatch):
+    monkeypatch.setattr("robotether_agent.tunnel.connection.RELAY_ANSWERS_WITHIN_S", 0.2)
+    first, second = await site()
+    second.cells = first.cells
+    first.mode = "hangs"
+    status = await start_agent(first).until_connected()
+    assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
+    assert len(first.of_kind("session", live=False)) == 1
+
+
+async def test_the_only_relay_is_waited_for(site, start_agent, monkeypatch):
+    """Another log-in would not be served sooner."""
+    monkeypatch.setattr("robotether_agent.tunnel.connection.RELAY_ANSWERS_WITHIN_S", 0.2)
+    (first,) = await site(1)
+    first.cells = None
+    first.mode = "hangs"
+    start_agent(first)
+    await at(first)
+    await asyncio.sleep(5 * 0.2)
+    assert len(first.of_kind("session")) == 1
 
 
 async def test_what_an_admin_has_set_wins_over_the_list(site, start_agent):
