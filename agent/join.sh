@@ -138,6 +138,13 @@ check_options() {
   if [ -n "$image" ]; then check_image_options; fi
 }
 
+# Python looks for modules where it is started, and runs as root here: not in a folder that anybody may write in.
+leave_this_folder() {
+  if [ -n "$wheelhouse" ]; then wheelhouse=$(cd "$wheelhouse" && pwd); fi
+  if [ -n "$package" ]; then package=$wheelhouse; fi
+  cd /
+}
+
 check_image_options() {
   case $token in rt_*) fail 'cannot put an API token into an image: whoever has a card could do with it all that its user may. Use a join token (rj_...)' ;; esac
   if [ -n "$mac$name" ]; then fail 'cannot use --mac or --name with --image: every clone would be the same robot'; fi
@@ -513,6 +520,7 @@ main() {
   read_options "$@"
   if [ -n "$uninstall" ]; then uninstall; return; fi
   check_options
+  leave_this_folder
   check_machine
   find_missing_packages
   work=$(mktemp -d)

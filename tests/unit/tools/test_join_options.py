@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
 import pytest
+from local_network import free_port
 
 SCRIPT = Path(__file__).resolve().parents[3] / "agent/join.sh"
 
 
-def run(*options: str) -> subprocess.CompletedProcess[str]:
-    command = ["sh", str(SCRIPT), *options]
-    return subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+def run(
+    *options: str, folder: Path | None = None, programs: Path | None = None
+) -> subprocess.CompletedProcess[str]:
+    path = os.environ["PATH"] if programs is None else f"{programs}:{os.environ['PATH']}"
+    return subprocess.run(
+        ["sh", str(SCRIPT), *options],
+        cwd=folder,
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
 
 
 def test_no_image_holds_an_api_token() -> None:
@@ -40,3 +52,17 @@ def test_no_value_is_more_than_a_word(value: str) -> None:
     done = run("--server", value)
     assert done.returncode == 1
     assert "cannot use --server" in done.stderr
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="it looks at the machine as root only")
+def test_no_module_of_the_folder_that_it_is_started_in(tmp_path: Path) -> None:
+    """Root may start it where anybody can put a file."""
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/systemctl").symlink_to("/bin/true")
+    module = f"open({str(tmp_path / 'was-run')!r}, 'w')"
+    for name in ("venv", "ssl", "http", "hmac"):
+        (tmp_path / f"{name}.py").write_text(module)
+    options = ("--server", f"127.0.0.1:{free_port()}", "--image", "--wheelhouse", "bin")
+    done = run(*options, folder=tmp_path, programs=tmp_path / "bin")
+    assert "Connection refused" in done.stderr
+    assert not (tmp_path / "was-run").exists()
