@@ -47,11 +47,16 @@ class TokenList(Struct):
 
 
 class NewJoinToken(Struct, forbid_unknown_fields=True):
-    """A new join token: how many robots it admits, for how long, and in which region they are."""
+    """A new join token: how many robots it admits, for how long, and where they belong.
+
+    Users of `group` may drive them.
+    """
 
     name: Label
     uses: Annotated[int, Meta(ge=1, le=token_service.MAX_USES)]
     hours: Annotated[int, Meta(ge=1, le=MAX_HOURS)]
+    site: Label | UnsetType = UNSET
+    group: Label | UnsetType = UNSET
     region: Region | UnsetType = UNSET
 
 
@@ -110,11 +115,11 @@ def list_join_tokens(caller: Caller) -> JoinTokenList:
     return JoinTokenList(join_tokens.list_all(caller.tx))
 
 
-@operation("POST", "/join-tokens", "admin", problems=(409,))
+@operation("POST", "/join-tokens", "admin", problems=(404, 409))
 def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoinToken]:
     """Create a token that admits robots, and the line that installs one."""
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=body.hours)
-    place = Place(region=body.region or None)
+    place = Place(body.site or None, body.group or None, body.region or None)
     text = token_service.create_join_token(
         caller.tx, caller.source, body.name, body.uses, expires_at, place=place
     )

@@ -102,8 +102,10 @@ def delete(user_name: str, name: str) -> None:
 @click.option(
     "--host", metavar="HOST[:PORT]", help="Where robots reach this site.  [default: PUBLIC_HOST]"
 )
+@click.option("--site", help="Site of the robots.")
+@click.option("--group", help="Group of users who may drive them.")
 @click.option("--region", help="Region of the robots: its machines are first for them.")
-def invite(uses: int, hours: int, name: str | None, host: str | None, region: str | None) -> None:
+def invite(uses: int, hours: int, name: str | None, host: str | None, **place: str | None) -> None:
     """Print the line that makes a machine a robot.
 
     The install line is the last line of the output. It holds a new join token: whoever has it can enrol that many
@@ -114,8 +116,7 @@ def invite(uses: int, hours: int, name: str | None, host: str | None, region: st
     ends = now + dt.timedelta(hours=hours)
     certificates, asked = _site(host)
     with open_database().transaction() as tx:
-        place = Place(region=region)
-        token = tokens.create_join_token(tx, SOURCE, called, uses, ends, place=place)
+        token = tokens.create_join_token(tx, SOURCE, called, uses, ends, place=Place(**place))
         # Before the end of the transaction: a token that nobody has seen would stay behind otherwise.
         line = install_line(certificates, asked, token)
     robots = "1 robot" if uses == 1 else f"{uses} robots"

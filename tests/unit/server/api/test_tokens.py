@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from api_visitor import API, Program
-from robotether_server.db import Database, join_tokens
+from robotether_server.db import Database, grants, join_tokens
 from robotether_server.db.join_tokens import Place
 from web_visitor import Browser, audit_kinds
 
@@ -75,7 +75,7 @@ def test_wrong_field_of_a_token_is_refused(ann: Program, body: dict[str, Any]) -
     assert ann.refused("POST", "/tokens", body) == (422, "field_invalid")
 
 
-JOIN_TOKEN = {"name": "lab", "uses": 3, "hours": 24, "region": "eu"}
+JOIN_TOKEN = {"name": "lab", "uses": 3, "hours": 24}
 
 
 def test_join_token_is_told_once_with_its_line(
@@ -93,8 +93,22 @@ def test_join_token_is_told_once_with_its_line(
     assert (made["name"], made["uses"], made["used"], made["created_by"]) == ("lab", 3, 0, "root")
     assert root.get("/join-tokens") == {"join_tokens": [made]}
     with database.transaction() as tx:
-        assert join_tokens.place_of(tx, made["id"]) == Place(region="eu")
+        assert join_tokens.place_of(tx, made["id"]) == Place()
     assert audit_kinds(database) == [("join_token_created", "root", "198.51.100.7")]
+
+
+def test_join_token_says_where_its_robots_belong(
+    root: Program, site_certificate: None, database: Database
+) -> None:
+    """At a site and to a group that exist; regions need no list."""
+    place = {"site": "hall", "group": "crew", "region": "eu"}
+    assert root.refused("POST", "/join-tokens", JOIN_TOKEN | place) == (404, "record_missing")
+    with database.transaction() as tx:
+        grants.add_site(tx, "hall")
+        grants.add_group(tx, "crew")
+    made = root.ask("POST", "/join-tokens", JOIN_TOKEN | place).json
+    with database.transaction() as tx:
+        assert join_tokens.place_of(tx, made["id"]) == Place("hall", "crew", "eu")
 
 
 def test_join_token_without_its_line_is_not_made(root: Program, database: Database) -> None:

@@ -65,7 +65,10 @@ def test_deleted_token_works_no_more(run: Run, database: Database) -> None:
 
 def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
     """With a token that works, the pins, and where robots reach the site."""
-    given = ("--uses", "3", "--hours", "2", "--name", "lab", "--region", "eu")
+    run("site", "add", "hall")
+    run("group", "add", "crew")
+    place = ("--site", "hall", "--group", "crew", "--region", "eu")
+    given = ("--uses", "3", "--hours", "2", "--name", "lab", *place)
     lines = run("robot", "invite", *given).out.splitlines()
     assert lines[0].startswith("join token lab, for 3 robots until ")
     words = lines[-1].split()
@@ -76,11 +79,11 @@ def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
     with database.transaction() as tx:
         token = join_tokens.find(tx, words[words.index("--token") + 1])
         assert token is not None
-        assert join_tokens.place_of(tx, token.id) == Place(region="eu")
+        assert join_tokens.place_of(tx, token.id) == Place("hall", "crew", "eu")
     assert (token.name, token.uses, token.created_by) == ("lab", 3, "cli")
     lifetime = token.expires_at - dt.datetime.now(dt.UTC)
     assert dt.timedelta(hours=1.9) < lifetime <= dt.timedelta(hours=2)
-    assert kinds(database) == ["join_token_created"]
+    assert kinds(database) == ["site_added", "group_added", "join_token_created"]
 
 
 @pytest.mark.parametrize(
