@@ -1,0 +1,47 @@
+"""Whom the firewall admits to database and peers; tests/ansible/test_server.py and test_site.py try it itself."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
+TEMPLATE = ANSIBLE / "roles/robotether_server/templates/firewall.nft.j2"
+ALONE = {
+    "robotether_server_came_to": 22,
+    "robotether_server_ports": [80, 443, 2222],
+    "robotether_server_open_ports": [],
+    "robotether_server_close_containers": True,
+    "robotether_server_peers": [],
+    "robotether_server_peer_ports": [8444, 3306],
+    "robotether_server_in_force": {},
+}
+STANDBY = {"DB_PARTNER": "192.0.2.9:3306"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "admitted"),
+    [
+        ({}, set()),
+        ({"robotether_server_peers": ["192.0.2.3", "192.0.2.2"]}, {"192.0.2.2, 192.0.2.3"}),
+        ({"robotether_server_in_force": STANDBY}, {"192.0.2.9"}),
+    ],
+)
+def test_only_the_sites_machines_are_admitted(
+    tmp_path: Path, changes: dict[str, object], admitted: set[str]
+) -> None:
+    """Its cells, and the standby of its database; a machine alone admits nobody."""
+    words = [Path(sys.executable).with_name("ansible"), "localhost", "-m", "template"]
+    words += ["-a", f"src={TEMPLATE} dest={tmp_path / 'rules'}", "-e", json.dumps(ALONE | changes)]
+    # Away from the folder's own settings, and from those of this machine's user.
+    environment = {**os.environ, "HOME": str(tmp_path), "ANSIBLE_LOCALHOST_WARNING": "no"}
+    subprocess.run(words, cwd=tmp_path, env=environment, check=True, timeout=60)
+    rules = (tmp_path / "rules").read_text()
+    assert set(re.findall(r"ip saddr \{ (.*?) \}", rules)) == admitted
+    assert ("dport { 8444, 3306 }" in rules) == bool(admitted)
