@@ -210,7 +210,7 @@ class Connector:
         is_silent = isinstance(problem, ServerSilent)
         if is_silent:
             self._fell_silent = (cell, monotonic())
-        # With Retry.AT_ONCE nothing was acknowledged, which may be the network. Else the cell's relay hangs.
+        # With Retry.AT_ONCE nothing was acknowledged, or this robot slept: it may be the network. Else the relay hangs.
         hangs = is_silent and problem.retry is not Retry.AT_ONCE
         if cell is not None and (hangs or not was_up):
             self._failed_at[cell] = monotonic()

@@ -43,6 +43,8 @@ SOMEBODY = "somebody"
 FIRST_TIMEOUT_S = 30.0
 # A configuration may shorten the time at any time.
 CHECK_EVERY_S = 1.0
+# Who looks so much later did not run meanwhile, as after this machine's sleep: the server is not to blame.
+FROZEN_S = 0.5
 MAX_UNSENT_BYTES = 64 * 1024
 MAX_PINGS = 16
 SERVICE = re.compile("|".join(get_args(ServiceState)))
@@ -255,7 +257,8 @@ class Session:
             left_s = self._timeout_s - self.silent_s
             if left_s <= 0:
                 why = f"the server was silent for {self._timeout_s:g} s"
-                raise ServerSilent(f"lost the session: {why}")
+                retry = Retry.SOON if left_s > -FROZEN_S else Retry.AT_ONCE
+                raise ServerSilent(f"lost the session: {why}", retry=retry)
             await asyncio.sleep(min(left_s, CHECK_EVERY_S))
 
     def _handle(self, line: bytes) -> None:

@@ -194,8 +194,21 @@ async def test_silence_ends_it(ends):
     """A server that is silent for timeout_s is given up."""
     session, peer = ends
     peer.send(CONFIG)
-    with pytest.raises(ServerSilent, match=r"silent for 0\.4 s"):
+    with pytest.raises(ServerSilent, match=r"silent for 0\.4 s") as silence:
         await asyncio.wait_for(session.run(), 5)
+    assert silence.value.retry is Retry.SOON
+
+
+async def test_a_robot_that_slept_does_not_blame_its_server(ends):
+    """It is told apart from a relay that hangs, which the robot would leave."""
+    session, peer = ends
+    running = asyncio.ensure_future(session.run())
+    peer.send(CONFIG)
+    await session.new_config(None)
+    time.sleep(1.0)  # noqa: ASYNC251 (nothing of this process is to run)
+    with pytest.raises(ServerSilent) as silence:
+        await asyncio.wait_for(running, 5)
+    assert silence.value.retry is Retry.AT_ONCE
 
 
 async def test_its_silence_is_known(ends):
