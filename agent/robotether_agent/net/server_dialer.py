@@ -33,7 +33,7 @@ CLIENT_BANNER = b"SSH-2.0-robotether\r\n"
 # A server that speaks first does so one round trip after the connection is up, unless it is overloaded. To be spoken
 # to by mistake costs it a second connection, so this is long; ports that are known to wait are spoken to at once.
 SPEAK_AFTER_S = 6.0
-# As long as sshd lets a login take.
+# Also of a server that is overloaded.
 BANNER_TIMEOUT_S = 15.0
 HTTPS = 443
 # Silence on the first port, where packets to it are dropped, costs no more than this.
@@ -44,7 +44,7 @@ NEXT_CELL_AFTER_S = 2.0
 TRY_EVERY_S = (0.4, 0.6)
 # A server that accepts a connection but stays silent is overloaded, and each further one adds load: many
 # robots that ask twice a second keep it from ever answering. So while one is up, the next port and the next attempt
-# come later, and the caller waits longer: about as long as sshd gives a log-in.
+# come later, and the caller waits longer.
 BUSY_NEXT_PORT_AFTER_S = 6.0
 BUSY_TRY_AFTER_S = (5.0, 7.0)
 BUSY_FIND_TIMEOUT_S, BUSY_ANSWER_S = 15.0, 0.5

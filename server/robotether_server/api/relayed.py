@@ -148,8 +148,8 @@ RELAYED = (
         path="/robots/<robot>/release",
         name="releaseRobot",
         summary="Release a stopped robot; level drive",
-        details="With `by` and `at`, as the control object shows them, it ends only that stop, else 409 not_possible "
-        "names the stop that holds.",
+        details="With `by` and `at`, as the control object shows them, it does so only if no other stop came since, else "
+        "409 not_possible names that one.",
         who="user",
         tag="control",
         body=Annotated[ReleasedStop, BOTH_OR_NEITHER],
