@@ -11,6 +11,7 @@ import json
 import logging
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robotether_agent.fields import (
     MAC,
@@ -23,7 +24,10 @@ from robotether_agent.fields import (
 )
 from robotether_agent.files import read_text, write_atomic
 from robotether_agent.problems import InterfaceMissing, StateUnusable
-from robotether_agent.settings import Settings
+
+if TYPE_CHECKING:
+    # join.sh uses this module before anything is installed, and settings need a package on Python 3.10.
+    from robotether_agent.settings import Settings
 
 ARPHRD_ETHER = 1
 RTF_UP = 0x1

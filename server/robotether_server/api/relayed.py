@@ -148,7 +148,7 @@ RELAYED = (
         path="/robots/<robot>/release",
         name="releaseRobot",
         summary="Release a stopped robot; level drive",
-        details="With `by` and `at`, as the control object shows them, it does so only if no other stop came since, else "
+        details="With `by` and `at`, as the control object shows them, it does so only if no stop came since, else "
         "409 not_possible names that one.",
         who="user",
         tag="control",

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from local_network import free_port
 
-SCRIPT = Path(__file__).resolve().parents[3] / "agent/join.sh"
+ROOT = Path(__file__).resolve().parents[3]
+SCRIPT = ROOT / "agent/join.sh"
 
 
 def run(
@@ -66,3 +69,25 @@ def test_no_module_of_the_folder_that_it_is_started_in(tmp_path: Path) -> None:
     done = run(*options, folder=tmp_path, programs=tmp_path / "bin")
     assert "Connection refused" in done.stderr
     assert not (tmp_path / "was-run").exists()
+
+
+def test_looks_at_the_machine_without_any_package() -> None:
+    """What it takes from the agent's wheel before it installs runs on a bare Python 3.10, which has no tomllib."""
+    taken = re.findall(r"^from robotether_agent\S* import .*$", SCRIPT.read_text(), re.MULTILINE)
+    assert taken
+    path = [str(ROOT / "agent"), str(ROOT / "common")]
+    lines = [
+        "import sys",
+        "sys.modules['tomllib'] = None",
+        f"sys.path[:0] = {path}",
+        "import robotether_agent.install",
+        *taken,
+    ]
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", "\n".join(lines)],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
