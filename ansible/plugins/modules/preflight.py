@@ -134,8 +134,8 @@ def _rosbridge(params: dict[str, Any]) -> str:
     except (OSError, ValueError) as error:
         return (
             f"rosbridge does not answer at {url} ({error}): start it (ros2 launch rosbridge_server "
-            "rosbridge_websocket_launch.xml), correct robotether_agent_rosbridge_url, or enrol without it with "
-            "robotether_agent_rosbridge_required=false"
+            "rosbridge_websocket_launch.xml address:=127.0.0.1), correct robotether_agent_rosbridge_url, or enrol "
+            "without it with robotether_agent_rosbridge_required=false"
         )
 
 

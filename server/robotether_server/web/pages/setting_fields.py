@@ -242,7 +242,7 @@ DRIVING = Tab(
                     "Drive topic",
                     "One of the guard's drive topics.",
                     "topic",
-                    "the page finds it",
+                    "the guard's first",
                 ),
                 SettingField(
                     "page.drive_type",
