@@ -30,6 +30,7 @@ export class World {
     this.topics = {};
     this.shown = null;
     this.ringShown = false;
+    this.mapRefused = false;
     this.odometry = this.scan = this.map = this.located = null;
     this.offset = ORIGIN; // of the odometry's frame in the map's
     this.transforms = new Transforms();
@@ -54,6 +55,14 @@ export class World {
     this.sync();
   }
 
+  // A message that is too large for the server has ended the connection: if a map was asked for it is that, and the next
+  // connection must not end by it too. Says whether one was.
+  refuseMap() {
+    this.mapRefused ||= this.subscriptions.open.has("map");
+    this.sync();
+    return this.mapRefused;
+  }
+
   // The odometry's pose: comes with the speed, whether the map is seen or not.
   receivePose(pose) {
     this.odometry = { pose, at: this.now() };
@@ -74,7 +83,7 @@ export class World {
 
   // Only the map needs to know where in it the robot is, and only a laser that moves needs more than /tf_static.
   get wanted() {
-    const map = Boolean(this.shown?.map);
+    const map = Boolean(this.shown?.map) && !this.mapRefused;
     const scan = Boolean(this.shown?.scan || this.ringShown);
     return { scan, map, located: map, tfStatic: scan || map, tf: map || (scan && !this.laserFixed) };
   }

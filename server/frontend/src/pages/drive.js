@@ -15,7 +15,7 @@ import { Readback, Readings } from "../overlays/readings.js";
 import { watchers } from "../texts/common.js";
 import { Discovery } from "../topics/discovery.js";
 import { Topics } from "../topics/topicList.js";
-import { ObserverConnection } from "../topics/topicProbe.js";
+import { ObserverConnection, TOO_BIG } from "../topics/topicProbe.js";
 import { View } from "../video/view.js";
 import { LoginUse, api } from "./calls.js";
 import { Choices, FIELDS, byTestId, localTime, matches, part, setText } from "./page.js";
@@ -118,6 +118,7 @@ function useControl(control) {
 function showState(state) {
   if (state.lost) driveMode.lose(state.lost, state.reason);
   if (state.name === "not_allowed") endAll(state);
+  if (state.code === TOO_BIG) view.tooBig();
   const live = state.name === "live";
   session.use(live && driveMode.driving);
   if (!live && state.name !== "connecting") driveMode.settle();

@@ -31,6 +31,7 @@ export const frame = {
 
 export const video = {
   map: "Map",
+  mapTooBig: "This robot's map is too large for the server, so it is not shown.",
   snapshotSaved: "Picture saved.",
   snapshotFailed: (status) => (status ? `Picture not saved: the server answered ${status}.` : "Picture not saved: no answer."),
   snapshotNoFrames: (topic) => `Picture not saved. ${noFrames(topic)}`,

@@ -202,7 +202,7 @@ export class Rate {
 
 // A connection of its own that only watches: a message that is too large for the server ends the connection it comes on, and
 // that must not be the one that drives. Open only while a probe is open.
-const TOO_BIG = 1009;
+export const TOO_BIG = 1009;
 
 export class ObserverConnection {
   // `requestUrl()` gives a URL.

@@ -96,6 +96,11 @@ export class View {
     this.arrange();
   }
 
+  // A message that is too large for the server has ended the connection.
+  tooBig() {
+    if (this.world.refuseMap()) this.note(texts.mapTooBig);
+  }
+
   retryNow() {
     this.tiles.each((tile) => tile.retryNow());
   }

@@ -49,6 +49,17 @@ test("only what is seen is subscribed to", () => {
   assert.equal(handlers.size, 0);
 });
 
+test("a map that is too large for the server is asked for no more, and ends no other connection", () => {
+  world.follow({ scan: SCAN, map: MAP, located: PLACE });
+  world.show({ scan: true, map: false });
+  assert.equal(world.refuseMap(), false);
+  world.show({ scan: true, map: true });
+  assert.equal(handlers.has("/map"), true);
+  assert.equal(world.refuseMap(), true);
+  world.show({ scan: true, map: true });
+  assert.deepEqual([...handlers.keys()], ["/scan"]);
+});
+
 test("a scan that is seen round the stick comes with the map and without it", () => {
   world.follow({ scan: SCAN, map: MAP });
   world.showRing(true);

@@ -64,6 +64,15 @@ test("the laser in the stick is drawn again also when nothing comes, as its scan
   assert.equal(drawn, 2);
 });
 
+test("a map that is too large for the server is said to be, and nothing is where another message was", () => {
+  const said = [];
+  const tooBig = (isMap) => View.prototype.tooBig.call({ world: { refuseMap: () => isMap }, note: (text) => said.push(text) });
+  tooBig(false);
+  tooBig(true);
+  assert.equal(said.length, 1);
+  assert.match(said[0], /too large/);
+});
+
 // Of a view without a page: what it offers for its places.
 function offered({ cameras = [], known = [], hasMap }) {
   const view = Object.create(View.prototype);
