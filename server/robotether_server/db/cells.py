@@ -53,6 +53,9 @@ IS_ALIVE = f"c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND"
 IS_OF_LIVE_CELL = (
     f"(s.cell IS NULL OR EXISTS (SELECT 1 FROM cells c WHERE c.name = s.cell AND {IS_ALIVE}))"  # noqa: S608 - the module's own text
 )
+# Of a row `s` of sessions or drives: its cell is dead, and nobody has ended it. It shows as what `remove` would write.
+IS_LOST = f"(s.ended_at IS NULL AND NOT {IS_OF_LIVE_CELL})"
+LOST_CODE = f"IF({IS_LOST}, 'cell_removed', s.end_code)"
 # Of a row `s` of robot_sessions: it is the newest of its cell, and lasts. NOT EXISTS would read the whole table.
 IS_PRESENT = (
     f"s.ended_at IS NULL AND {IS_OF_LIVE_CELL} AND s.id = (SELECT newest.id FROM robot_sessions newest"  # noqa: S608 - as above

@@ -4,6 +4,7 @@ import datetime as dt
 import json
 from dataclasses import dataclass, fields
 
+from robotether_server.db import cells
 from robotether_server.db.database import Transaction
 from robotether_server.db.users import User
 from robotether_server.problems import RecordMissing
@@ -59,7 +60,15 @@ class Drive:
         return self.pictures / self.viewed_s
 
 
-COLUMNS = ", ".join(one.name for one in fields(Drive)).replace("user", "user_name AS user")
+# Where a member is not the column of its name.
+SOURCES = {
+    "user": "s.user_name",
+    "ended_at": f"IF({cells.IS_LOST}, s.updated_at, s.ended_at)",
+    "end_code": cells.LOST_CODE,
+}
+COLUMNS = ", ".join(
+    f"{SOURCES.get(one.name, f's.{one.name}')} AS `{one.name}`" for one in fields(Drive)
+)
 
 
 @dataclass(frozen=True)
@@ -113,7 +122,7 @@ def _select(
     tx: Transaction, viewer: User, conditions: str, values: tuple[object, ...], limit: int
 ) -> list[Drive]:
     rows = tx.rows(
-        f"SELECT {COLUMNS} FROM drives WHERE "  # noqa: S608 - the texts are the module's own
+        f"SELECT {COLUMNS} FROM drives s WHERE "  # noqa: S608 - the texts are the module's own
         "(%s OR user_name = %s OR robot_id IN "
         "(SELECT robot_id FROM relay_grants WHERE user_id = %s AND level = 'manage')) AND "
         f"{conditions} ORDER BY id DESC LIMIT %s",

@@ -154,8 +154,10 @@ def get_seen(tx: Transaction, name: str) -> SeenRobot:
 def sessions_of(tx: Transaction, robot_id: int, limit: int) -> list[RecordedSession]:
     """Return a robot's sessions, the newest first, `limit` at most."""
     rows = tx.rows(
-        "SELECT started_at, ended_at, end_code, address, agent_version FROM robot_sessions "
-        "WHERE robot_id = %s ORDER BY id DESC LIMIT %s",
+        f"SELECT s.started_at, IF({cells.IS_LOST}, "  # noqa: S608 - as above
+        "(SELECT heartbeat_at FROM cells WHERE name = s.cell), s.ended_at) AS ended_at, "
+        f"{cells.LOST_CODE} AS end_code, s.address, s.agent_version "
+        "FROM robot_sessions s WHERE s.robot_id = %s ORDER BY s.id DESC LIMIT %s",
         (robot_id, limit),
     )
     return [RecordedSession(**row) for row in rows]

@@ -7,7 +7,8 @@ import datetime as dt
 import pytest
 from drive_records import add_drive
 from granted import give
-from robotether_server.db import Database, drives, robots, users
+from relay_server import cell_settings
+from robotether_server.db import Database, cells, drives, robots, users
 from robotether_server.db.drives import DriveSearch
 from robotether_server.problems import RecordMissing
 
@@ -122,3 +123,23 @@ def test_one_drive_is_for_who_may_see_it(database: Database, admin_database: Dat
         for number in (other, other + 1, 0):
             with pytest.raises(RecordMissing, match=f"cannot show drive {number}"):
                 drives.get(tx, ann, number)
+
+
+def test_a_drive_of_a_dead_cell_has_ended(
+    database: Database, admin_database: Database, relay_database: Database
+) -> None:
+    """When it was last written, though nobody could write that."""
+    with relay_database.transaction() as tx:
+        cells.write_heartbeat(tx, cell_settings("x"), robots=1, started_at=NOON)
+    changes = {"ended_at": None, "end_code": None, "updated_at": NOON, "cell": "x"}
+    number = add_drive(admin_database, "a", "ann", **changes)
+
+    def shown() -> tuple[dt.datetime | None, str | None]:
+        with database.transaction() as tx:
+            found = drives.get(tx, users.get(tx, "ann"), number)
+        return found.ended_at, found.end_code
+
+    assert shown() == (None, None)
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE cells SET heartbeat_at = %s", (NOON,))
+    assert shown() == (NOON, "cell_removed")

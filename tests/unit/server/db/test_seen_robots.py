@@ -89,7 +89,8 @@ def test_robot_of_a_dead_cell_is_offline(
         assert seen_robots.is_online(tx, sim1.id)
         assert seen_robots.control_of(tx, sim1.id).driver == DrivenBy("ann", NOON)
         (seen,) = seen_robots.list_all(tx)
-    assert (seen.online, seen.since) == (True, NOON)
+        (session,) = seen_robots.sessions_of(tx, sim1.id, 2)
+    assert (seen.online, seen.since, session.ended_at) == (True, NOON, None)
     with admin_database.transaction() as tx:
         tx.change("UPDATE cells SET heartbeat_at = %s WHERE name = 'a'", (NOON + HOUR,))
     with database.transaction() as tx:
@@ -97,7 +98,9 @@ def test_robot_of_a_dead_cell_is_offline(
         assert seen_robots.control_of(tx, sim1.id) == FREE
         assert seen_robots.control_of_all(tx) == {}
         (seen,) = seen_robots.list_all(tx)
+        (session,) = seen_robots.sessions_of(tx, sim1.id, 2)
     assert (seen.online, seen.since) == (False, NOON + HOUR)
+    assert (session.ended_at, session.end_code) == (NOON + HOUR, "cell_removed")
 
 
 def test_ended_session_that_is_written_late_hides_no_open_one(
