@@ -129,7 +129,7 @@ def client_slow(robot: str, limit_s: float) -> CloseReason:
 
 
 def client_floods(robot: str) -> CloseReason:
-    """The client sent far more than its limits for 3 s."""
+    """The client sent far more than its limits, or over 100 pings and pongs a second, for 3 s."""
     return CloseReason(1008, "client_floods", f"you sent robot {robot} too much for too long")
 
 

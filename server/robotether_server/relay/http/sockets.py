@@ -224,13 +224,12 @@ async def connect_robot(
     message_limit: int,
     *,
     headers: Mapping[str, str] | None = None,
-    autoping: bool = True,
 ) -> RobotSocket:
-    """Open a WebSocket to a robot; raise aiohttp's ClientError."""
+    """Open a WebSocket to a robot, whose pings the caller answers; raise aiohttp's ClientError."""
     socket = await client.ws_connect(
         url,
         headers=headers,
-        autoping=autoping,
+        autoping=False,
         compress=0,
         decode_text=False,
         max_msg_size=message_limit + LIMIT_MARGIN,

@@ -3,7 +3,8 @@
 `rosbridge` makes a `Bridge` a connection, after `access` has let the operator in. What it sends to
 the robot is what its `MessageValidator` has written again, and nothing else. It never parses what comes from a
 robot, and a message makes no task, no timer and no queue entry of its own. Reading on one side waits
-for writing on the other, so that a connection's memory is bounded by the socket buffers.
+for writing on the other, so that a connection's memory is bounded by the socket buffers. Tens of thousands of small
+messages fit in there: other connections have a turn in between.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Awaitable, Callable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,8 +26,10 @@ from robotether_server.relay.drives.drive_path import CommandTimestamps, DriveLe
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import OperatorConnection, OperatorSocket, RobotSocket
-from robotether_server.relay.http.timing import Liveness, LivenessLimits
+from robotether_server.relay.http.timing import Excess, Liveness, LivenessLimits
 from robotether_server.relay.rosbridge.message_validator import (
+    FLOOD_AFTER_S,
+    MIN_FLOOD_PER_S,
     MessageRefusedError,
     MessageValidator,
     ValidatedMessage,
@@ -36,6 +39,8 @@ from robotether_server.relay.rosbridge.message_validator import (
 # A tunnel that dies closes rosbridge's connection and the robot's session in either order; wait
 # so long for the second, to report to the operator which of the two it was.
 LINK_GRACE_S = 0.3
+# After so many messages of one side everybody else has a turn: a socket with messages that wait never lets go.
+MESSAGES_A_TURN = 64
 
 
 @dataclass
@@ -83,6 +88,8 @@ class Bridge(OperatorConnection):
         self._loop = asyncio.get_running_loop()
         self._timestamps = CommandTimestamps(time.monotonic())
         self._received_at = self._loop.time()
+        # The validator does not see these.
+        self._pings = Excess(self._received_at, per_s=MIN_FLOOD_PER_S, for_s=FLOOD_AFTER_S)
         self._bytes_to_robot = 0
         self._bytes_to_client = 0
         # By kind, for the records.
@@ -134,7 +141,9 @@ class Bridge(OperatorConnection):
         return await self._run_together(*parts)
 
     async def _pump_to_robot(self, robot: RobotSocket) -> CloseReason:
+        count = 0
         while True:
+            count = await _next_turn(count)
             message = await self._operator.receive()
             self._received_at = self._loop.time()
             if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
@@ -142,12 +151,18 @@ class Bridge(OperatorConnection):
                     await self._pass_on(robot, message.data)
                 except ConnectionError:
                     return await self._close_reason_by_robot("its connection broke")
-            elif message.type is WSMsgType.PONG:
-                self._on_pong(message.data)
-            elif message.type is WSMsgType.PING:
-                await self._operator.pong(message.data)
+            elif message.type is WSMsgType.PING or message.type is WSMsgType.PONG:
+                await self._on_ping_or_pong(message.type, message.data)
             else:
                 return self._close_reason_by_operator(message.type, message.data)
+
+    async def _on_ping_or_pong(self, kind: WSMsgType, payload: bytes) -> None:
+        if self._pings.add(self._received_at, 1):
+            raise ConnectionClosedError(close_reasons.client_floods(self._name))
+        if kind is WSMsgType.PING:
+            await self._operator.pong(payload)
+        else:
+            self._on_pong(payload)
 
     def _on_pong(self, payload: bytes) -> None:
         sent_at = self._timestamps.pong(payload)
@@ -200,14 +215,20 @@ class Bridge(OperatorConnection):
             return await self._close_reason_by_robot("its connection broke")
 
     async def _pump_to_client(self, robot: RobotSocket) -> CloseReason:
-        traffic = self._traffic
+        traffic, count = self._traffic, 0
         while True:
+            count = await _next_turn(count)
             message = await robot.receive()
-            if message.type is not WSMsgType.TEXT and message.type is not WSMsgType.BINARY:
+            if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
+                traffic.messages_to_client += 1
+                traffic.bytes_to_client += len(message.data)
+                await self._send_to_client(message.data, message.type)
+            elif message.type is WSMsgType.PING:
+                # Why it broke is what is read next.
+                with suppress(ConnectionError):
+                    await robot.pong(message.data)
+            elif message.type is not WSMsgType.PONG:
                 return await self._close_reason_of_robot(message.type, message.data)
-            traffic.messages_to_client += 1
-            traffic.bytes_to_client += len(message.data)
-            await self._send_to_client(message.data, message.type)
 
     async def _send_to_client(self, data: bytes, kind: WSMsgType) -> None:
         self._bytes_to_client += len(data)
@@ -267,6 +288,14 @@ class Bridge(OperatorConnection):
     async def _close_reason_by_robot(self, why: str) -> CloseReason:
         await asyncio.sleep(LINK_GRACE_S)
         return close_reasons.rosbridge_down(self._name, why)
+
+
+async def _next_turn(count: int) -> int:
+    """Count a message that is about to be read; let everybody else go first now and then."""
+    if count >= MESSAGES_A_TURN:
+        await asyncio.sleep(0)
+        return 1
+    return count + 1
 
 
 def _close_reason_of_broken(error: WebSocketError, sender: str, limit: int) -> CloseReason:

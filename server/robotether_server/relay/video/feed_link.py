@@ -227,7 +227,7 @@ class FeedLink:
             query={"topic": feed.topic},
         )
         limit = HEADER.size + MAX_FRAME_BYTES
-        return await connect_robot(connector.client, url, limit, autoping=False)
+        return await connect_robot(connector.client, url, limit)
 
 
 async def pause(pause_s: float) -> None:

@@ -16,6 +16,7 @@ from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import FAST, MESSAGE_LIMIT, until
 from robotether_server import robot_settings
 from robotether_server.db.fleet import RelayRobot, RelayUser
+from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.rosbridge import bridge, message_validator
 from robotether_server.relay.rosbridge.handler import OBSERVER_LIMIT
 from stopwatch import Stopwatch
@@ -210,6 +211,73 @@ async def test_a_client_that_answers_pings_stays(relay, robot, sim1, http):
             await asyncio.wait_for(socket.receive(), FAST.limits.silent_after_s + 0.5)
         await socket.send_str(PUBLISH)
         assert await socket.receive_str(timeout=5) == PUBLISH
+
+
+@pytest.mark.parametrize("kind", [WSMsgType.PING, WSMsgType.PONG])
+async def test_a_flood_of_pings_or_pongs_ends_it(*, relay, robot, sim1, http, monkeypatch, kind):
+    """They reach no check of messages, and answering them costs the others time, too."""
+    monkeypatch.setattr(bridge, "FLOOD_AFTER_S", 0.3)
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as bob:
+        flood = asyncio.create_task(_flood_with(bob, kind))
+        assert (await closing(bob))[0] == 1008
+        await flood
+
+
+async def _flood_with(socket: aiohttp.ClientWebSocketResponse, kind: WSMsgType) -> None:
+    with contextlib.suppress(ConnectionError):
+        while not socket.closed:
+            for _ in range(100):
+                await socket.send_frame(b"", kind)
+            await asyncio.sleep(0.01)
+
+
+@pytest.mark.parametrize("sender", ["client", "robot"])
+async def test_others_have_a_turn_between_what_comes_at_once(
+    *, relay, robot, sim1, http, monkeypatch, sender
+):
+    """Else who sends thousands of small messages holds up the commands of every driver."""
+    turns, seen = 0, []
+
+    async def count_turns() -> None:
+        nonlocal turns
+        while True:
+            await asyncio.sleep(0)
+            turns += 1
+
+    monkeypatch.setattr(bridge.Bridge, "_on_pong", lambda *_: seen.append(turns))
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        counting = asyncio.create_task(count_turns())
+        if sender == "client":
+            # Masked with zeros.
+            socket._writer.transport.write(b"\x8a\x80\0\0\0\0" * 2000)
+            await until(lambda: len(seen) >= 2000, "all pongs are read")
+        else:
+            send = bridge.Bridge._send_to_client
+            monkeypatch.setattr(
+                bridge.Bridge, "_send_to_client", lambda *args: seen.append(turns) or send(*args)
+            )
+            for client in robot.clients:
+                client._req.transport.write(b"\x81\x02{}" * 2000)
+            await until(lambda: len(seen) >= 2000, "all messages are passed on")
+        counting.cancel()
+    assert len(set(seen)) > 10
+
+
+async def test_a_robots_ping_is_answered(relay, robot, sim1, http, monkeypatch):
+    """As rosbridge expects, if it is set to ping; the operator sees nothing of it."""
+    pongs, pong = [], RobotSocket.pong
+    monkeypatch.setattr(
+        RobotSocket, "pong", lambda socket, payload: pongs.append(payload) or pong(socket, payload)
+    )
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        for client in robot.clients:
+            await client.ping(b"hello")
+            await client.pong(b"unasked")
+        await robot.send_to_clients(b"{}")
+        assert await socket.receive_str(timeout=5) == "{}"
+    assert pongs == [b"hello"]
 
 
 async def test_a_clients_own_ping_is_answered(relay, robot, sim1, http):
