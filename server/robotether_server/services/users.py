@@ -3,18 +3,20 @@
 The join tokens of an admin end with that role: they admit robots with that admin's rights.
 """
 
-from robotether_server import passwords
+from robotether_server import passwords, schemas
 from robotether_server.db import Transaction, audit, credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.db.users import Role, User
 from robotether_server.problems import LastAdmin, RecordExists
+from robotether_server.schemas import NewPlainName
 from robotether_server.services import tokens
 
 FIRST_ADMIN = "admin"
 
 
 def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -> User:
-    """Add a user; raise FieldInvalid for the password, RecordExists or RecordRefused for the name."""
+    """Add a user; raise FieldInvalid for the name or the password, or RecordExists."""
+    schemas.check("name", name, NewPlainName)
     users.add(tx, name, passwords.hash_password(password), role)
     audit.record(tx, source, "user_added", user=name, role=role)
     return users.get(tx, name)

@@ -5,7 +5,7 @@ from functools import partial
 from flask import Blueprint, make_response, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server import passwords, schemas
+from robotether_server import passwords
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, credentials, seen_robots, users
 from robotether_server.db import grants as db_grants
@@ -13,7 +13,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.users import ROLES
 from robotether_server.problems import Problem
-from robotether_server.schemas import MAX_NAME_LENGTH, NewPlainName
+from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import users as user_service
 from robotether_server.web import confirmation, forms
 from robotether_server.web.admin import grants
@@ -44,7 +44,6 @@ def add(tx: Transaction, source: Source) -> Saved:
     typed = forms.secret("password")
     password = typed or passwords.new_password()
     name = forms.text("name", "Name", MAX_NAME_LENGTH)
-    schemas.check("name", name, NewPlainName)
     user_service.add(tx, source, name, password, forms.choice("role", "Role", ROLES))
     if typed:
         return page_of(name), f"User {name} is added."

@@ -51,6 +51,14 @@ def test_user_that_cannot_be_is_refused_in_one_sentence(run: Run, name: str, std
     assert run("user", "list").out.split() == ["NAME", "ROLE", "STATE"]
 
 
+def test_user_is_told_what_a_name_may_be(run: Run) -> None:
+    """As on the page, in place of the database's own words."""
+    for name in ("Ann", "-ann", "a" * 64):
+        done = run("user", "add", "--", name)
+        assert (done.status, done.out) == (1, "")
+        assert done.err.startswith("robotether: cannot use name: it must be 1 to 63 characters a-z")
+
+
 def test_new_password_replaces_the_old(run: Run, database: Database) -> None:
     """And leaves an audit event."""
     run("user", "add", "ann")
