@@ -118,10 +118,7 @@ EVENTS: Mapping[str, tuple[str, str]] = {
     "robot_ports_moved": ("Robot's ports changed", "changed the ports of {robot}"),
     "robot_rekeyed": ("Robot's key forgotten", "forgot the key of {robot}"),
     "robot_rotation_requested": ("Robot's new key requested", "asked {robot} for a new key"),
-    "robot_settings_set": (
-        "Robot's settings changed",
-        "changed safety, permissions or shell user of {robot}",
-    ),
+    "robot_settings_set": ("Robot's settings changed", "changed the settings of {robot}"),
     "robot_page_set": ("Robot's drive page changed", "changed the drive page of {robot}"),
     "robot_buttons_set": ("Robot's buttons changed", "changed the buttons of {robot}"),
     "robot_site_set": ("Robot's site changed", ""),

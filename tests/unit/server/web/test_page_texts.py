@@ -132,6 +132,10 @@ def event(kind: str, robot: str | None = None, **details: object) -> AuditEvent:
     ("one", "words"),
     [
         (
+            event("robot_settings_set", "sim1", was={}, settings={"region": "north"}),
+            "changed the settings of sim1",
+        ),
+        (
             event("grant_given", "sim1", user="ann", level="drive"),
             "gave ann the right to drive sim1",
         ),
