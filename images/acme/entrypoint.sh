@@ -65,17 +65,22 @@ get() {
 
 is_handed_over() { cmp -s "$STATE/certificates/$DOMAIN.crt" "$OUT/current/cert.pem"; }
 
-# nginx sees the old pair or the new one, and never half of each.
+# nginx sees the old pair or the new one, and never half of each. In main's condition `set -e` is off: each step is asked.
 hand_over() {
   name=pair-$(date +%s)
-  mkdir -p "$OUT/$name"
-  cp "$STATE/certificates/$DOMAIN.crt" "$OUT/$name/cert.pem"
-  cp "$STATE/certificates/$DOMAIN.key" "$OUT/$name/key.pem"
-  life_s "$OUT/$name/cert.pem" > "$OUT/$name/life_s"
-  ln -sfn "$name" "$OUT/current.new"
-  mv -T "$OUT/current.new" "$OUT/current"
+  if ! make_pair "$OUT/$name" || ! ln -sfn "$name" "$OUT/current.new" || ! mv -T "$OUT/current.new" "$OUT/current"; then
+    rm -rf "${OUT:?}/$name"
+    return 1
+  fi
   find "$OUT" -mindepth 1 -maxdepth 1 -type d -name 'pair-*' ! -name "$name" -exec rm -r {} +
   echo "acme: $DOMAIN has a certificate until $(openssl x509 -in "$OUT/current/cert.pem" -noout -enddate | cut -d= -f2)"
+}
+
+make_pair() { # folder
+  mkdir -p "$1" &&
+    cp "$STATE/certificates/$DOMAIN.crt" "$1/cert.pem" &&
+    cp "$STATE/certificates/$DOMAIN.key" "$1/key.pem" &&
+    life_s "$1/cert.pem" > "$1/life_s"
 }
 
 # Often enough for a window of a few hours in a life of days, and no more often than authorities want to be asked.
