@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[3]
 COMPOSE = """#!/bin/sh
 case "$*" in
   ps*) cat container 2>/dev/null || true ;;
+  start*) exit "$(cat start_status)" ;;
   *mariadb-dump*) echo 'CREATE DATABASE robotether'; exit "$(cat dump_status)" ;;
   *"SHOW GRANTS FOR 'web'"*) printf 'GRANT USAGE ON *.* TO web\\nGRANT SELECT ON `robotether`.`users` TO web\\n' ;;
 esac
@@ -32,14 +33,17 @@ def checkout(tmp_path: Path) -> Path:
     (tools / "compose").chmod(0o755)
     (tmp_path / "container").write_text("0123456789ab\n")
     (tmp_path / "dump_status").write_text("0")
+    (tmp_path / "start_status").write_text("0")
     return tmp_path
 
 
-def dump(checkout: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the tool there."""
+def dump(
+    checkout: Path, *arguments: str, here: Path | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run the tool there, or from another folder."""
     return subprocess.run(
-        ["tools/dump_database", *arguments],
-        cwd=checkout,
+        [checkout / "tools" / "dump_database", *arguments],
+        cwd=here or checkout,
         env={"PATH": os.environ["PATH"]},
         check=False,
         capture_output=True,
@@ -73,8 +77,24 @@ def test_failed_dump_leaves_no_file(checkout: Path) -> None:
     (checkout / "dump_status").write_text("2")
     done = dump(checkout, "dumps")
     assert done.returncode == 1
-    assert "cannot dump the database to dumps/" in done.stderr
+    assert f"cannot dump the database to {checkout}/dumps/" in done.stderr
     assert list((checkout / "dumps").iterdir()) == []
+
+
+def test_folder_is_the_callers(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A relative one starts where the tool is called, and not in the checkout."""
+    here = tmp_path_factory.mktemp("backups")
+    done = dump(checkout, ".", here=here)
+    assert done.returncode == 0, done.stderr
+    assert [str(path) for path in here.iterdir()] == [done.stdout.split()[-1]]
+
+
+def test_database_that_runs_is_dumped_though_compose_cannot_start_it(checkout: Path) -> None:
+    """Compose starts what mysql depends on, too, and fails where that was removed."""
+    (checkout / "start_status").write_text("1")
+    done = dump(checkout, "dumps")
+    assert done.returncode == 0, done.stderr
+    assert len(list((checkout / "dumps").iterdir())) == 1
 
 
 def test_no_database_is_a_sentence(checkout: Path) -> None:
