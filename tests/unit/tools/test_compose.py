@@ -1,0 +1,54 @@
+"""tools/compose --env, which other tools ask for settings: what it prints is what compose reads."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def setting(checkout: Path, line: str, **environment: str) -> str:
+    """What is in force with this line in compose/.env."""
+    for name in ("compose", "common.sh"):
+        (checkout / "tools").mkdir(exist_ok=True)
+        shutil.copy(ROOT / "tools" / name, checkout / "tools")
+    (checkout / "compose").mkdir(exist_ok=True)
+    (checkout / "compose" / ".env").write_text(f"OTHER=x\n{line}\nDB_HOST_OF=y\n")
+    done = subprocess.run(
+        ["tools/compose", "--env", "DB_HOST"],
+        cwd=checkout,
+        env={"PATH": os.environ["PATH"], **environment},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return done.stdout.removesuffix("\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "value"),
+    [
+        ("DB_HOST=192.0.2.1", "192.0.2.1"),
+        ("DB_HOST=192.0.2.1             # where all machines reach it", "192.0.2.1"),
+        ("DB_HOST=  # nowhere", ""),
+        ("DB_HOST=a#b", "a#b"),
+        ("DB_HOST='a # b' # c", "a # b"),
+        ('DB_HOST="192.0.2.1"', "192.0.2.1"),
+        ("DB_HOST=a\nDB_HOST=b", "b"),
+        ("#DB_HOST=a", ""),
+        ("", ""),
+    ],
+)
+def test_value_is_what_compose_reads(tmp_path: Path, line: str, value: str) -> None:
+    """The documents' examples have comments behind values."""
+    assert setting(tmp_path, line) == value
+
+
+def test_environment_goes_before_the_file(tmp_path: Path) -> None:
+    """As for compose."""
+    assert setting(tmp_path, "DB_HOST=a", DB_HOST="b") == "b"
