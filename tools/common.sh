@@ -17,11 +17,11 @@ need_root() { # what for
   fail "cannot $1 as user $(id -un): neither root nor sudo. As root, run in this folder: tools/$PROGRAM"
 }
 
-# As root, and one after the other: apt waits for no other apt, and make runs several of these scripts at once. What apt
-# starts and leaves running does not keep the lock.
+# As root, and one after the other: apt waits for no other apt by itself, and make runs several of these scripts at once.
+# What apt starts and leaves running does not keep the lock.
 apt_get() {
-  # A machine that only needs a program must not get a listening daemon, too.
-  as_root flock --close /var/lib/apt env DEBIAN_FRONTEND=noninteractive RUNLEVEL=1 apt-get "$@"
+  # A machine that only needs a program must not get a listening daemon, too. A new one installs updates in its first minutes.
+  as_root flock --close /var/lib/apt env DEBIAN_FRONTEND=noninteractive RUNLEVEL=1 apt-get -o DPkg::Lock::Timeout=600 "$@"
 }
 
 # apt's lists, which a fresh machine does not have; fetched once a script.
