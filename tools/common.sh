@@ -3,6 +3,8 @@
 # Each line that a script prints begins with its name.
 
 readonly PROGRAM=${0##*/}
+SCRIPT=$(realpath --canonicalize-missing -- "$0")
+readonly SCRIPT
 
 say() { printf '%s: %s\n' "$PROGRAM" "$*"; }
 fail() { printf '%s: %s\n' "$PROGRAM" "$*" >&2; exit 1; }
@@ -45,7 +47,7 @@ with_docker_group() { # the script's own arguments
   if [ -w /var/run/docker.sock ] || [ -n "${ROBOTETHER_IN_GROUP:-}" ]; then return; fi
   if [[ " $(id -nG "$(id -un)") " != *' docker '* ]]; then return; fi
   local quoted
-  quoted=$(printf '%q ' "$0" "$@")
+  quoted=$(printf '%q ' "$SCRIPT" "$@")
   ROBOTETHER_IN_GROUP=1 exec sg docker -c "$quoted"
 }
 

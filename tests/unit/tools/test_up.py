@@ -80,6 +80,25 @@ def test_no_password_is_told_that_admin_does_not_have(checkout: Path) -> None:
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
 
 
+def test_user_who_has_just_got_the_group_docker_sees_the_stacks_data(checkout: Path) -> None:
+    """Without it in this login Docker shows no volume, and the tool would tell a password that nobody has."""
+    common = checkout / "tools" / "common.sh"
+    common.write_text(common.read_text().replace("/var/run/docker.sock", "/nonexistent"))
+    (checkout / "volumes").write_text("robots_mysql\n")
+    programs = {
+        "id": "echo docker",
+        "sg": 'GROUPS_OF_LOGIN=docker exec sh -c "$3"',
+        "docker": '[ "$GROUPS_OF_LOGIN" = docker ] && cat volumes',
+    }
+    for name, text in programs.items():
+        (checkout / "programs" / name).write_text(f"#!/bin/sh\n{text}\n")
+        (checkout / "programs" / name).chmod(0o755)
+    done = up(checkout)
+    assert done.returncode == 0, done.stderr
+    assert "the one that admin had before" in done.stdout
+    assert not (checkout / "compose" / "secrets" / "admin_password").exists()
+
+
 def test_cell_without_a_database_makes_no_password(checkout: Path) -> None:
     """The site has its admin already."""
     (checkout / "database").write_text("")
