@@ -16,7 +16,7 @@ const BACKLOG_BYTES = 2048; // about half a second of drive commands
 const SILENCE_MS = 2000; // the robot answers each second; what is sent into silence arrives late
 
 export class Session {
-  // `driveTopic` is driven, `wheelbase` in m of a robot that steers. `requestUrl()`, `prepare`, `onState` and `onLeaving` as
+  // `driveTopic` is driven, "" for none; `wheelbase` in m of a robot that steers. `requestUrl()`, `prepare`, `onState` and `onLeaving` as
   // of connection.js; `onControl(control)` with what is known of who drives and whether the robot is stopped; `onRoundTrip` as of rtt.js.
   /**
    * @param {{
@@ -71,7 +71,7 @@ export class Session {
   renewPublisher() {
     this.publisher?.end();
     const { driving, type, driveTopic: name } = this;
-    this.publisher = driving && type ? this.connection.advertise({ name, type }) : null;
+    this.publisher = driving && type && name ? this.connection.advertise({ name, type }) : null;
   }
 
   /** @type {(twist: Twist, timestamp: number) => void} */

@@ -11,11 +11,12 @@ const TICK_MS = 500;
 const FRESH_MS = 8000; // a note over the picture goes by itself
 
 export class ControlPanel {
-  // `busy` as of Question.
-  constructor(root, { robot, driveMode, busy }) {
+  // `busy` as of Question, `driveTopic` as of settings.js.
+  constructor(root, { robot, driveMode, driveTopic, busy }) {
     this.root = root;
     this.robot = robot;
     this.driveMode = driveMode;
+    this.lack = driveMode.mayDrive && !driveTopic ? texts.noDriveTopic : "";
     this.live = false;
     this.element = byTestId(root, "control");
     this.questionElement = byTestId(root, "question");
@@ -53,7 +54,7 @@ export class ControlPanel {
     const { driveMode } = this;
     this.element.dataset.mode = driveMode.mode;
     setText(part(this.element, "driver"), driverText(driveMode));
-    this.showNote(noteText(driveMode.note), guardText(driveMode.control));
+    this.showNote(noteText(driveMode.note), [this.lack, guardText(driveMode.control)].join(" ").trim());
     setText(this.button("drive"), driveMode.busy === "busy_window" ? texts.driveHere : texts.drive);
     const actions = driveMode.actions(live);
     this.showActions(actions);
@@ -62,15 +63,15 @@ export class ControlPanel {
     this.count();
   }
 
-  // What has happened goes from the picture after a while; that the robot is not guarded stays.
-  showNote(note, guard) {
+  // What has happened goes from the picture after a while; what lasts, as that the robot is not guarded, stays.
+  showNote(note, lasting) {
     const element = byTestId(this.root, "control-note");
-    const text = [note, guard].join(" ").trim();
+    const text = [note, lasting].join(" ").trim();
     if (text === element.textContent) return;
     setText(element, text);
     element.dataset.fresh = "true";
     clearTimeout(this.fading);
-    if (!guard) this.fading = setTimeout(() => (element.dataset.fresh = "false"), FRESH_MS);
+    if (!lasting) this.fading = setTimeout(() => (element.dataset.fresh = "false"), FRESH_MS);
   }
 
   // A button that goes while it has the focus hands it to what came in its place.

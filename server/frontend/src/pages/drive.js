@@ -72,7 +72,7 @@ const readback = new Readback({ subscribe, onSpeed: (speed) => readings.speed(sp
 const arming = new Arming({ interlock, output: session });
 const controls = driveMode.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
 arming.use(controls);
-const controlPanel = new ControlPanel(root, { robot, driveMode, busy: () => controls.held() });
+const controlPanel = new ControlPanel(root, { robot, driveMode, driveTopic, busy: () => controls.held() });
 const stopBar = new StopBar(root, {
   robot,
   halt: () => controls.halt(),

@@ -3,7 +3,7 @@
 const USUAL = { topic: "/cmd_vel", linear: 1.0, angular: 1.5, holdAfterMs: 1000 };
 
 // Gives {driveTopic, driveType, kind, wheelbase, limits: {maxLinear, maxAngular}, holdAfterMs}, in m, m/s and rad/s; the limits
-// are never more than the robot's guard allows. `holdAfterMs` null: old video does not pause driving, `driveType` null: it
+// are never more than the robot's guard allows. `driveTopic` "": the guard has patterns alone, and no name that the page knows fits. `holdAfterMs` null: old video does not pause driving, `driveType` null: it
 // follows the robot.
 /** @param {{guard?: Record<string, any>, page?: Record<string, any>}} settings */
 export function driveSettings({ guard = {}, page = {} }) {
@@ -12,9 +12,12 @@ export function driveSettings({ guard = {}, page = {} }) {
   return { driveTopic: topic(page, guard), driveType, kind, wheelbase, limits: limits(page, guard), holdAfterMs };
 }
 
-function topic({ drive_topic = "" }, { drive_topics = [] }) {
-  return drive_topic || drive_topics.find((name) => !name.includes("*")) || USUAL.topic;
+// Another topic is none of a drive: no guard would watch it.
+function topic({ drive_topic = "" }, { drive_topics = [USUAL.topic] }) {
+  return drive_topic || drive_topics.find((glob) => !glob.includes("*")) || (drive_topics.some(fitsUsual) ? USUAL.topic : "");
 }
+
+const fitsUsual = (glob) => new RegExp(`^${glob.replaceAll("*", ".*")}$`).test(USUAL.topic);
 
 const limits = (page, guard) => ({
   maxLinear: limit(page.max_speed_m_s, guard.max_speed_m_s, USUAL.linear),

@@ -25,6 +25,14 @@ test("a page that watches advertises and publishes nothing", () => {
   assert.deepEqual(published, []);
 });
 
+test("without a drive topic nothing is advertised or published", () => {
+  session.driveTopic = "";
+  session.useType("geometry_msgs/Twist");
+  session.use(true);
+  session.publish({ forward: 1, turn: 0 }, 5);
+  assert.deepEqual([advertised, published], [[], []]);
+});
+
 test("a command carries its moment in the relay's time", () => {
   session.useType("geometry_msgs/Twist");
   session.use(true);

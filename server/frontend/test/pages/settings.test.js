@@ -21,6 +21,12 @@ test("the drive topic is the one that is set, or the guard's first that is a nam
   assert.equal(driveSettings({ guard: { drive_topics: ["*/cmd_vel"] } }).driveTopic, "/cmd_vel");
 });
 
+test("where only patterns are drive topics that /cmd_vel does not fit, there is none to publish to", () => {
+  const found = (...drive_topics) => driveSettings({ guard: { drive_topics } }).driveTopic;
+  assert.deepEqual([found("/*/cmd_vel"), found("/base*"), found("*cmd_vel_safe")], ["", "", ""]);
+  assert.deepEqual([found("/*/cmd_vel", "/cmd_*"), found("*")], ["/cmd_vel", "/cmd_vel"]);
+});
+
 test("the type of drive commands may be set", () => {
   assert.equal(driveSettings({ page: { drive_type: "geometry_msgs/TwistStamped" } }).driveType, "geometry_msgs/TwistStamped");
 });

@@ -1,0 +1,49 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+
+import { ControlPanel } from "../../src/control/controlPanel.js";
+import { DriveMode } from "../../src/control/driveMode.js";
+
+// As much of an element as the panel needs; each of its parts is made when it is asked for.
+class FakeElement extends EventTarget {
+  hidden = true;
+  dataset = {};
+  textContent = "";
+  parts = new Map();
+  querySelector(selector) {
+    if (!this.parts.has(selector)) this.parts.set(selector, new FakeElement());
+    return this.parts.get(selector);
+  }
+  querySelectorAll() {
+    return [];
+  }
+  focus() {}
+}
+
+let before, root, driveMode;
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
+  before = globalThis.document;
+  globalThis.document = root = new FakeElement();
+  driveMode = new DriveMode({ me: "ann", level: "manage", onMove() {}, onChange: () => panel?.show(true) });
+});
+
+afterEach(() => {
+  globalThis.document = before;
+  panel = null;
+});
+
+let panel = null;
+const open = (options) => (panel = new ControlPanel(root, { robot: "sim1", driveMode, driveTopic: "/cmd_vel", ...options }));
+const byTestId = (name) => root.querySelector(`[data-testid="${name}"]`);
+const note = () => byTestId("control-note");
+
+test("a robot without a drive topic is said to have none, for as long as the page is open", () => {
+  open({ driveTopic: "" });
+  driveMode.receive({});
+  mock.timers.tick(60_000);
+  assert.match(note().textContent, /no drive topic/);
+  assert.equal(note().dataset.fresh, "true");
+});
