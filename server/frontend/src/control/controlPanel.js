@@ -18,6 +18,7 @@ export class ControlPanel {
     this.driveMode = driveMode;
     this.lack = driveMode.mayDrive && !driveTopic ? texts.noDriveTopic : "";
     this.live = false;
+    this.note = driveMode.note; // that is shown
     this.element = byTestId(root, "control");
     this.questionElement = byTestId(root, "question");
     this.sureElement = byTestId(root, "take-sure");
@@ -54,7 +55,7 @@ export class ControlPanel {
     const { driveMode } = this;
     this.element.dataset.mode = driveMode.mode;
     setText(part(this.element, "driver"), driverText(driveMode));
-    this.showNote(noteText(driveMode.note), [this.lack, guardText(driveMode.control)].join(" ").trim());
+    this.showNote(driveMode.note, [this.lack, guardText(driveMode.control)].join(" ").trim());
     setText(this.button("drive"), driveMode.busy === "busy_window" ? texts.driveHere : texts.drive);
     const actions = driveMode.actions(live);
     this.showActions(actions);
@@ -66,8 +67,9 @@ export class ControlPanel {
   // What has happened goes from the picture after a while; what lasts, as that the robot is not guarded, stays.
   showNote(note, lasting) {
     const element = byTestId(this.root, "control-note");
-    const text = [note, lasting].join(" ").trim();
-    if (text === element.textContent) return;
+    const text = [noteText(note), lasting].join(" ").trim();
+    if (note === this.note && text === element.textContent) return; // the same may happen again
+    this.note = note;
     setText(element, text);
     element.dataset.fresh = "true";
     clearTimeout(this.fading);

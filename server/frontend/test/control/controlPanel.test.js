@@ -47,3 +47,15 @@ test("a robot without a drive topic is said to have none, for as long as the pag
   assert.match(note().textContent, /no drive topic/);
   assert.equal(note().dataset.fresh, "true");
 });
+
+test("what happens again is said again, after it has gone from the picture", () => {
+  open();
+  driveMode.receive({ driver: { user: "ben", since: "2026-01-01T12:03:00Z", fence: 1 } });
+  driveMode.press();
+  mock.timers.tick(9000);
+  panel.show();
+  assert.equal(note().dataset.fresh, "false");
+  driveMode.press();
+  assert.match(note().textContent, /ben is driving/);
+  assert.equal(note().dataset.fresh, "true");
+});
