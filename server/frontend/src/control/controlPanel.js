@@ -59,7 +59,7 @@ export class ControlPanel {
     setText(this.button("drive"), driveMode.busy === "busy_window" ? texts.driveHere : texts.drive);
     const actions = driveMode.actions(live);
     this.showActions(actions);
-    if (!actions.includes("take")) this.askSure(false);
+    if (!actions.includes("take") || driveMode.control.driver?.user !== this.sureOf) this.askSure(false);
     this.showQuestion();
     this.count();
   }
@@ -116,6 +116,7 @@ export class ControlPanel {
     const { driver } = this.driveMode.control;
     const changes = this.sure.shown !== sure;
     this.sure.show(sure);
+    this.sureOf = sure ? driver?.user : undefined; // control is taken from nobody else
     setText(part(this.sureElement, "text"), sure && driver ? texts.takeSure(driver.user) : "");
     if (changes && sure) this.button("take-no")?.focus();
   }

@@ -59,3 +59,14 @@ test("what happens again is said again, after it has gone from the picture", () 
   assert.match(note().textContent, /ben is driving/);
   assert.equal(note().dataset.fresh, "true");
 });
+
+test("whether to take control is asked of one driver, and not answered for the next", () => {
+  open();
+  const driver = (user) => driveMode.receive({ driver: { user, since: "2026-01-01T12:03:00Z", fence: 1 } });
+  driver("ben");
+  panel.button("take").dispatchEvent(new Event("click"));
+  driver("ben");
+  assert.equal(byTestId("take-sure").hidden, false);
+  driver("cleo");
+  assert.equal(byTestId("take-sure").hidden, true);
+});
