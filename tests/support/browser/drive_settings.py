@@ -75,7 +75,7 @@ def filled(browser: Browser, path: str) -> dict[str, Any]:
     form = re.findall(
         r'<form method="post" class="stack settings".*?</form>', browser.ask("GET", path).text, re.S
     )[0]
-    found: dict[str, Any] = {}
+    found: dict[str, Any] = dict(re.findall(r'name="(was)" value="([^"]*)"', form))
 
     def put(name: str, value: str) -> None:
         if name in ("topic", "name", "turned_deg"):

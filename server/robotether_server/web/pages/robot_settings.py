@@ -4,6 +4,8 @@ Safety and permissions are for admins, the others for all managers of the robot.
 from the defaults; relay and guard follow a change by themselves. button_forms.py has the tab of the buttons.
 """
 
+import hashlib
+import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -86,16 +88,22 @@ def show(tab: Tab, name: str, problem: Problem | None = None) -> str:
         ticked=[field.path for field in tab.fields if field.box and _is_ticked(field, present)],
         cameras=_camera_rows(present),
         turns=[(turn, f"{turn}°") for turn in TURNS],
+        was=request.form.get("was") or _shown(tab, present),
         problem=problem,
     )
 
 
 def save(tab: Tab, tx: Transaction, source: Source, name: str) -> Saved:
-    """Set what the tab has, and nothing else."""
+    """Set what was changed in the tab, and nothing else: others may have saved the rest since it was shown."""
     _settings(tx, name, tab)
-    values = _checked(tab)
+    values, was = _checked(tab), request.form.get("was", "").split()
+
+    def changed(present: Mapping[str, object]) -> Settings:
+        kept = {path: _present(path, present) for path in values if _digest(path, values) in was}
+        return _changed(present, values | kept)
+
     change = robot_service.change_settings if tab.is_for_admins else drive_pages.change_page
-    change(tx, source, name, lambda present: _changed(present, values))
+    change(tx, source, name, changed)
     return path_of(name, tab), tab.saved.format(name=name)
 
 
@@ -111,13 +119,30 @@ def _settings(tx: Transaction, name: str, tab: Tab) -> Mapping[str, object]:
     return seen.robot.settings
 
 
-def _present(field: SettingField, present: Mapping[str, object]) -> object:
-    return get_path(present if is_in(present, field.path) else DEFAULTS, field.path)
+def _present(path: str, present: Mapping[str, object]) -> object:
+    return get_path(present if is_in(present, path) else DEFAULTS, path)
+
+
+def _shown(tab: Tab, present: Mapping[str, object]) -> str:
+    """Return the digests of what a tab shows, for its form to send back."""
+    values = {path: _present(path, present) for path in _paths(tab)}
+    return " ".join(_digest(path, values) for path in values)
+
+
+def _digest(path: str, values: Mapping[str, object]) -> str:
+    # 15 and 15.0 are one number.
+    plain = json.loads(json.dumps(values[path]), parse_int=float)
+    text = json.dumps([path, plain], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _paths(tab: Tab) -> list[str]:
+    return [*([CAMERAS_PATH] if tab is CAMERAS else []), *(field.path for field in tab.fields)]
 
 
 def _text(field: SettingField, present: Mapping[str, object]) -> str:
     """Return what was sent, else what is in force; a number that its checkbox switches off has its default."""
-    value = _present(field, present)
+    value = _present(field.path, present)
     if value is None and field.box:
         value = get_path(DEFAULTS, field.path)
     return request.form.get(field.path, forms.value_text(value))
@@ -128,7 +153,9 @@ def _box(field: SettingField) -> str:
 
 
 def _is_ticked(field: SettingField, present: Mapping[str, object]) -> bool:
-    return forms.is_ticked(_box(field)) if request.form else _present(field, present) is not None
+    return (
+        forms.is_ticked(_box(field)) if request.form else _present(field.path, present) is not None
+    )
 
 
 def _camera_rows(present: Mapping[str, object]) -> list[tuple[str, str, str]]:

@@ -144,6 +144,28 @@ def test_a_tab_saves_its_own_settings(admin: Browser, database: Database, last: 
     assert all_kept(database) == CHANGED
 
 
+def test_a_tab_saves_only_what_was_changed_in_it(admin: Browser, database: Database) -> None:
+    """An old form lifts no limit that another admin has set meanwhile; nor does one that had a mistake at first."""
+    old = filled(admin, SETTINGS)
+    limits = {"guard.max_speed_m_s": "0.3", "guard.drive_topics": "/cmd_vel"}
+    send(admin, SETTINGS, **old | limits)
+    mistaken = send(admin, SETTINGS, **old | {"guard.deadman_ms": "1"})
+    assert f'name="was" value="{old["was"]}"' in mistaken.text
+    assert send(admin, SETTINGS, **old | {"guard.deadman_ms": "300"}).status_code == 303
+    guard = {"max_speed_m_s": 0.3, "drive_topics": ["/cmd_vel"], "deadman_ms": 300}
+    assert kept(database, "guard") == guard
+    cameras = filled(admin, CAMERAS)
+    rear = {"topic": ["/rear"], "name": ["Rear"], "turned_deg": ["0"]}
+    send(admin, CAMERAS, **cameras | rear)
+    send(admin, CAMERAS, **cameras | {"page.fps": "10"})
+    page = {"cameras": [{"topic": "/rear", "name": "Rear", "turned_deg": 0}], "fps": 10}
+    assert kept(database, "page") == page
+    # What is changed back is changed.
+    send(admin, SETTINGS, **filled(admin, SETTINGS) | {"guard.max_speed_m_s": ""})
+    del guard["max_speed_m_s"]
+    assert kept(database, "guard") == guard
+
+
 def test_admin_sets_safety_and_permissions(admin: Browser, database: Database) -> None:
     """The shell user stays; the robot's page names them; the log has what they were."""
     send(admin, "/admin/robots/sim1/shell-user", shell_user="pi")
