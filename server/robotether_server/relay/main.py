@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import resource
 import signal
 import sys
 from contextlib import suppress
@@ -453,10 +454,17 @@ def main() -> None:
     except SettingsError as problem:
         sys.exit(problem.detail)
     logging.basicConfig(level=settings.log_level.upper(), format=LOG_FORMAT)
+    raise_open_files()
     uvloop.run(run(settings, Listen()))
     logging.shutdown()
     # Threads that wait for a database that hangs would hold the interpreter's exit.
     os._exit(0)
+
+
+def raise_open_files() -> None:
+    """Allow this process as many as it may have: Docker 29 begins with 1024, and a fleet has more connections."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
 async def run(settings: RelaySettings, listen: Listen) -> None:

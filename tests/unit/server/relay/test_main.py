@@ -35,6 +35,25 @@ def test_a_missing_setting_stops_the_start_with_a_sentence():
     assert "Traceback" not in result.stderr
 
 
+def test_a_fleet_needs_more_open_files_than_a_container_begins_with():
+    """It takes as many as it may have."""
+    script = (
+        "import resource; from robotether_server.relay.main import raise_open_files; "
+        "resource.setrlimit(resource.RLIMIT_NOFILE, (64, 2048)); raise_open_files(); "
+        "print(*resource.getrlimit(resource.RLIMIT_NOFILE))"
+    )
+    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
+    result = subprocess.run(
+        [sys.executable, "-c", script],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=True,
+    )
+    assert result.stdout == "2048 2048\n"
+
+
 async def test_sigterm_stops_it(caplog):
     """It starts without a database, and ends when it is told to."""
     caplog.set_level("INFO")

@@ -1,0 +1,19 @@
+"""What nginx's configurations say of the containers' own bounds; tests/images asks nginx itself."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+IMAGES = Path(__file__).resolve().parents[3] / "images"
+
+
+@pytest.mark.parametrize(
+    "name", ["nginx/nginx.conf", "nginx/direct.conf", "sshd/proxy-protocol.conf"]
+)
+def test_worker_may_open_what_its_connections_need(name: str) -> None:
+    """A container begins with 1024 open files where Docker is 29 or newer."""
+    said = dict(re.findall(r"(worker_\w+) +(\d+);", (IMAGES / name).read_text()))
+    assert int(said["worker_rlimit_nofile"]) >= 2 * int(said["worker_connections"])
