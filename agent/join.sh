@@ -352,8 +352,8 @@ ensure_config() {
   changed=''
   # A person wrote the settings, if there are any, before there was the agent's user.
   if [ -n "$package" ]; then protect "$CONFIG"; protect "$TOKEN"; return; fi
-  # A robot that is connected needs no token: the same line, run twice, changes nothing.
-  if [ -n "$token" ] && [ -z "$image" ] && "$AGENT" status >/dev/null 2>&1; then token='' name=''; fi
+  # A robot that is connected to this server needs no token: the same line, run twice, changes nothing.
+  if [ -n "$token" ] && [ -z "$image" ] && [ "$server" = "$before" ] && "$AGENT" status >/dev/null 2>&1; then token='' name=''; fi
   write_config "$work/agent.toml"
   if [ -z "$token" ] && cmp -s "$work/agent.toml" "$CONFIG"; then return; fi
   changed=1

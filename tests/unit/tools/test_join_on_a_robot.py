@@ -1,0 +1,70 @@
+"""What agent/join.sh changes on a robot that has an agent; tests/ansible/test_join_line.py runs it whole."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomllib
+
+SCRIPT = Path(__file__).resolve().parents[3] / "agent/join.sh"
+# In place of what would change this machine.
+DOUBLES = """
+install() { :; }
+keep_copy() { :; }
+on_failure() { :; }
+protect() { :; }
+systemctl() { echo "$@" >> "$work/systemctl"; [ "$2" != is-active ]; }
+"""
+
+
+class Robot:
+    """A robot whose agent is connected to old.example."""
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        self.settings = place / "agent.toml"
+        self.settings.write_text('server = "old.example"\nlog_level = "debug"\n')
+        (place / "new").mkdir()
+        (place / "bin").mkdir()
+        (place / "bin/systemd-run").symlink_to("/bin/true")
+        (place / "steps.sh").write_text(SCRIPT.read_text().removesuffix('main "$@"\n'))
+
+    def run(self, step: str, *options: str) -> str:
+        """Run one step of the script as its main would, and return what it says."""
+        places = f"CONFIG={self.settings} TOKEN={self.place}/token AGENT=true work={self.place}/new"
+        words = f"set -eu; . {self.place}/steps.sh; {DOUBLES} {places}; did= first= changed="
+        words += f'; read_options "$@"; check_options; {step}'
+        command = ["sh", "-c", words, "join.sh", *options]
+        environ = {"PATH": f"{self.place}/bin:{os.environ['PATH']}"}
+        done = subprocess.run(
+            command, check=True, timeout=20, stdout=subprocess.PIPE, text=True, env=environ
+        )
+        return done.stdout
+
+    def new_settings(self, *options: str) -> dict[str, Any]:
+        self.run("ensure_config", *options)
+        return tomllib.loads((self.place / "new/agent.toml").read_text())
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Robot:
+    return Robot(tmp_path)
+
+
+def test_line_of_another_server_brings_its_token(robot: Robot) -> None:
+    """Connected is only what the robot leaves: the new server admits it by the token, with the name in the line."""
+    options = ("--server", "new.example", "--token", "rj_x", "--name", "turtle")
+    settings = robot.new_settings(*options)
+    assert (settings["server"], settings["name"]) == ("new.example", "turtle")
+    assert settings["token_file"] == f"{robot.place}/token"
+    assert (robot.place / "token").read_text() == "rj_x\n"
+
+
+def test_same_line_again_changes_nothing(robot: Robot) -> None:
+    before = tomllib.loads(robot.settings.read_text())
+    assert robot.new_settings("--server", "old.example", "--token", "rj_x") == before
+    assert not (robot.place / "token").exists()
