@@ -324,7 +324,8 @@ set_text() { if [ -n "$3" ]; then set_key "$1" "$2" "\"$3\""; fi; }
 remove_key() { sed -i "/^$2[[:space:]]*=/d" "$1"; }
 
 write_config() { # file
-  if [ -e "$CONFIG" ]; then cat "$CONFIG" > "$1"; else echo '# Every key is explained in share/robotether-agent/agent.toml.example beside the agent.' > "$1"; fi
+  # Whatever editor a person has: the last line ends, too.
+  if [ -e "$CONFIG" ]; then sed '$a\' "$CONFIG" > "$1"; else echo '# Every key is explained in share/robotether-agent/agent.toml.example beside the agent.' > "$1"; fi
   if [ "$(configured server)" != "$server" ]; then remove_key "$1" tls_fingerprint; fi
   if [ -n "$fingerprint" ]; then remove_key "$1" ca_file; fi
   if [ -n "$mac" ]; then remove_key "$1" interface; fi

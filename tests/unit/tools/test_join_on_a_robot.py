@@ -68,3 +68,11 @@ def test_same_line_again_changes_nothing(robot: Robot) -> None:
     before = tomllib.loads(robot.settings.read_text())
     assert robot.new_settings("--server", "old.example", "--token", "rj_x") == before
     assert not (robot.place / "token").exists()
+
+
+def test_settings_whose_last_line_does_not_end(robot: Robot) -> None:
+    """Some editors leave it so."""
+    robot.settings.write_text('server = "old.example"\nlog_level = "debug"')
+    settings = robot.new_settings("--rosbridge-url", "ws://127.0.0.1:9099")
+    assert settings["log_level"] == "debug"
+    assert settings["rosbridge_url"] == "ws://127.0.0.1:9099"
