@@ -426,7 +426,10 @@ ensure_running() {
     # Not a child of this shell: the connection over which it runs may be the robot's own tunnel.
     systemd-run --quiet --wait --pipe --collect "$AGENT" switch "$venv" ||
       fail "cannot upgrade: version $version does not start here, so the previous one runs again. See journalctl -u robotether-agent"
-  elif [ -n "$changed" ] || { [ -n "$wanted" ] && ! systemctl --quiet is-active robotether-agent; }; then
+    # `switch` has restarted an agent that ran, and does not start one that had failed.
+    changed=''
+  fi
+  if [ -n "$changed" ] || { [ -n "$wanted" ] && ! systemctl --quiet is-active robotether-agent; }; then
     step 'starting the agent'
     # A wrong setting is no reason to leave a package half installed; systemctl says what to look at.
     systemctl restart robotether-agent || [ -n "$package" ] || fail 'cannot start the agent: see journalctl -u robotether-agent'

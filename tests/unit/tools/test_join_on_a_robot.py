@@ -76,3 +76,15 @@ def test_settings_whose_last_line_does_not_end(robot: Robot) -> None:
     settings = robot.new_settings("--rosbridge-url", "ws://127.0.0.1:9099")
     assert settings["log_level"] == "debug"
     assert settings["rosbridge_url"] == "ws://127.0.0.1:9099"
+
+
+def test_upgrade_starts_an_agent_that_had_failed(robot: Robot) -> None:
+    """`switch` leaves such a service alone, and the line says at its end that the agent runs."""
+    versions = f"ROOT={robot.place} venv={robot.place}/versions/2 version=2"
+    for name in ("1", "2"):
+        (robot.place / "versions" / name).mkdir(parents=True)
+    (robot.place / "current").symlink_to("versions/1")
+    said = robot.run(f"{versions}; changed=1; ensure_running")
+    assert "switching from 1 to 2" in said
+    calls = (robot.place / "new/systemctl").read_text().splitlines()
+    assert calls[-1] == "restart robotether-agent"
