@@ -334,7 +334,12 @@ class Enroller:
 
 def enrolment_files(state_dir: Path) -> list[Path]:
     """Return what there is to forget."""
-    return [path for path in (state_dir / name for name in FILES) if path.exists()]
+    try:
+        return [path for path in (state_dir / name for name in FILES) if path.exists()]
+    except OSError as error:
+        raise StateUnusable(
+            f"cannot look into {state_dir}: {error.strerror}", advice="run this with sudo"
+        ) from error
 
 
 def unenrol(settings: Settings) -> None:

@@ -484,6 +484,20 @@ def test_without_a_terminal_it_needs_a_word(robot_environ, place, capsys, monkey
     assert "nothing to forget" in capsys.readouterr().out
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="root alone can be somebody else")
+def test_an_ordinary_user_forgets_nothing(robot_environ, place, capsys):
+    """A sentence, as for all other commands; only the agent's user may look into its folder."""
+    place.chmod(0o755)
+    os.seteuid(65534)
+    try:
+        assert main(["forget", "--yes"], robot_environ) == 1
+    finally:
+        os.seteuid(0)
+    told = capsys.readouterr().err
+    assert "state: Permission denied; run this with sudo [state_unusable]" in told
+    assert (place / "state/id_ed25519").exists()
+
+
 def test_not_while_the_agent_runs(robot_environ, place, capsys):
     ensure_directory(place / "run", "run_dir")
     with only_one(place / "run" / LOCK):
