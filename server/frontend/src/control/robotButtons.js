@@ -1,7 +1,7 @@
 // The robot's buttons (settings.buttons): what a press does, and what is known of it. Pure but for its timers.
 // It must send nothing unless this page drives, and nothing twice that waits for its answer.
 
-import { make, part, setText } from "../pages/page.js";
+import { make, onPress, part, setText } from "../pages/page.js";
 import { buttons as texts } from "../texts/panels.js";
 
 const ASKING_MS = 10_000; // a question that is forgotten must not be there to be hit later
@@ -183,10 +183,4 @@ export class Buttons {
     action.reported = reported;
     setText(part(this.root, "button-outcome"), action.words);
   }
-}
-
-// A finger beside the one that holds the stick makes no click.
-function onPress(button, act) {
-  button.addEventListener("click", act);
-  button.addEventListener("pointerup", ({ isPrimary, pointerType }) => !isPrimary && pointerType === "touch" && act());
 }

@@ -1,7 +1,7 @@
 // Joins sticks, keyboard, gamepad and limits to teleop.js, and lets go of all that is held when the page may be out of sight.
 
 import { isSteered } from "../client/rosbridge.js";
-import { TYPING, matches, part, setText } from "../pages/page.js";
+import { TYPING, matches, onPress, part, setText } from "../pages/page.js";
 import { limits as texts } from "../texts/common.js";
 import { hints } from "../texts/inputs.js";
 import { GamepadPanel } from "./gamepadPanel.js";
@@ -125,7 +125,7 @@ function stepped(share, by) {
   return share;
 }
 
-function setUpLimits(root, highest, choices) {
+export function setUpLimits(root, highest, choices) {
   const buttons = [...root.querySelectorAll("[data-step]")];
   const limits = new Limits(highest, () => showSteps(buttons, limits), choices.all.speed);
   const onChange = () => {
@@ -134,7 +134,7 @@ function setUpLimits(root, highest, choices) {
   };
   const sliders = ["linear", "angular"].map((name) => setUpSlider(root, name, limits, onChange));
   for (const button of buttons) {
-    button.addEventListener("click", () => sliders.forEach((choose) => choose(Number(button.dataset.step))));
+    onPress(button, () => sliders.forEach((choose) => choose(Number(button.dataset.step))));
   }
   showSteps(buttons, limits);
   return limits;

@@ -67,6 +67,12 @@ export function make(tag, attributes = {}, ...children) {
   return made;
 }
 
+// For what is pressed while driving: a finger beside the one that holds the stick makes no click.
+export function onPress(button, act) {
+  button.addEventListener("click", act);
+  button.addEventListener("pointerup", (event) => !event.isPrimary && event.pointerType === "touch" && act(event));
+}
+
 // Saves it as a file of this name.
 export function download(blob, name) {
   const url = URL.createObjectURL(blob);

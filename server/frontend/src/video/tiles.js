@@ -1,7 +1,7 @@
 // The places of the video: makes a tile for what is shown, ends what is not, and says which is the main one.
 // What is not seen has no stream.
 
-import { part, setText } from "../pages/page.js";
+import { onPress, part, setText } from "../pages/page.js";
 import { frame as texts } from "../texts/video.js";
 import { MapTile } from "../overlays/mapTile.js";
 import { CameraTile } from "./cameraTile.js";
@@ -64,7 +64,7 @@ export class Tiles {
     const template = part(this.stage, isMap ? "map-tile" : "camera-tile");
     const element = template.content.firstElementChild.cloneNode(true);
     this.stage.append(element);
-    part(element, "enlarge").addEventListener("click", () => this.options.onChoose(source.topic));
+    onPress(part(element, "enlarge"), () => this.options.onChoose(source.topic));
     return isMap ? new MapTile(element, this.options) : new CameraTile(element, { ...this.options, camera: source });
   }
 }

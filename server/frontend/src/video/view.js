@@ -7,7 +7,7 @@ import { LaserRing } from "../overlays/laserRing.js";
 import { MapTile } from "../overlays/mapTile.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
-import { Choices, TEXT, byTestId, download, matches, part, setText } from "../pages/page.js";
+import { Choices, TEXT, byTestId, download, matches, onPress, part, setText } from "../pages/page.js";
 import { video as texts } from "../texts/video.js";
 import { cameraTopics, frameTopics, offeredCameras, topicOf } from "../topics/discovery.js";
 import { requestedQuality } from "./cameraTile.js";
@@ -176,7 +176,7 @@ export class View {
     window.addEventListener("keydown", (event) => this.press(event));
     document.addEventListener("visibilitychange", () => this.arrange());
     this.roomForMap.addEventListener("change", () => this.arrange());
-    part(this.smallMap.element, "enlarge").addEventListener("click", () => this.choose(MAP));
+    onPress(part(this.smallMap.element, "enlarge"), () => this.choose(MAP));
     new ResizeObserver(() => this.resized()).observe(part(this.element, "stage"));
   }
 

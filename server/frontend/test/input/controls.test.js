@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Limits } from "../../src/input/controls.js";
+import { Limits, setUpLimits } from "../../src/input/controls.js";
 
 let limits;
 
@@ -51,4 +51,22 @@ test("turbo is a share of the robot's own limits, and never slower than without"
 test("turbo never goes beyond the robot's own limits", () => {
   limits.step(1);
   assert.deepEqual(limits.turbo, limits.most);
+});
+
+// As much of the page as the speeds need.
+function speedsOnPage() {
+  const element = (dataset) => Object.assign(new EventTarget(), { dataset, setAttribute() {} });
+  const buttons = ["0.3", "0.6", "1"].map((step) => element({ step }));
+  const others = new Map();
+  const root = {
+    querySelectorAll: () => buttons,
+    querySelector: (selector) => others.get(selector) ?? others.set(selector, element({})).get(selector),
+  };
+  return { slow: buttons[0], limits: setUpLimits(root, { maxLinear: 1, maxAngular: 2 }, { all: {}, keep() {} }) };
+}
+
+test("a finger beside the one on the stick, which makes no click, chooses a speed as well", () => {
+  const { slow, limits } = speedsOnPage();
+  slow.dispatchEvent(Object.assign(new Event("pointerup"), { isPrimary: false, pointerType: "touch" }));
+  assert.deepEqual([limits.linear, limits.angular], [0.3, 0.6]);
 });

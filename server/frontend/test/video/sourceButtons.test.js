@@ -103,6 +103,15 @@ test("a click chooses the source of the button that it is in, and beside the but
   assert.deepEqual(chosen, ["/Rear"]);
 });
 
+test("a finger beside the one on the stick, which makes no click, chooses a source as well", () => {
+  buttons.offer(sources("Front", "Rear"));
+  const target = { closest: () => group.children[1] };
+  group.pointerup({ isPrimary: true, pointerType: "touch", target });
+  assert.deepEqual(chosen, []); // its click comes
+  group.pointerup({ isPrimary: false, pointerType: "touch", target });
+  assert.deepEqual(chosen, ["/Rear"]);
+});
+
 test("the main one is pressed, and comes into view when it becomes it, not while it is scrolled past", () => {
   buttons.offer(sources("Front", "Rear"));
   const pressed = () => group.children.map((button) => button.getAttribute("aria-pressed"));
