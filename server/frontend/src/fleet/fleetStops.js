@@ -19,6 +19,9 @@ export function outcome({ name, stopped, confirmed }, control) {
   return texts.stopResult({ name, stopped: true, confirmed: control.stopped.confirmed });
 }
 
+// Its stop is over: what was said of it is no longer so. Pure.
+const isReleased = (before, now) => Boolean(before?.stopped && now && !now.stopped);
+
 export class FleetStops {
   // `manages`: this user may stop more than one robot at once.
   constructor(root, { manages }) {
@@ -40,8 +43,10 @@ export class FleetStops {
 
   // What became of a stop, without a change of the buttons, which would move under a finger.
   receive(robots) {
+    const { controls, results } = this;
     this.controls = new Map(robots.map(({ name, control }) => [name, control]));
-    if (this.results.length) this.list();
+    this.results = results.filter(({ name }) => !isReleased(controls.get(name), this.controls.get(name)));
+    if (results.length) this.list();
   }
 
   // New buttons only for other sites: one that is replaced loses the keyboard focus.
@@ -70,7 +75,8 @@ export class FleetStops {
     const lines = this.results.map((robot) => outcome(robot, this.controls.get(robot.name)));
     if (lines.join("\n") === this.lines && this.result.querySelector("ul")) return;
     this.lines = lines.join("\n");
-    this.result.replaceChildren(make("ul", {}, ...lines.map((line) => make("li", {}, line))));
+    const items = lines.map((line) => make("li", {}, line));
+    this.result.replaceChildren(...(items.length ? [make("ul", {}, ...items)] : []));
   }
 }
 
