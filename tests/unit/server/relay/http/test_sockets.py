@@ -121,6 +121,36 @@ async def test_a_client_that_does_not_answer_the_close_is_cut(operator, monkeypa
         await until(transport_of(client).is_closing, "the connection is cut")
 
 
+async def test_a_client_that_floods_until_its_end_holds_nobody_up(operator, monkeypatch):
+    """Between its messages, which the close waits behind, others have a turn."""
+    monkeypatch.setattr(module, "OPERATOR_FAREWELL_S", 0.5)
+    sent, turns, seen = asyncio.Event(), 0, []
+    receive = OperatorSocket.receive
+
+    async def count_turns() -> None:
+        nonlocal turns
+        while True:
+            await asyncio.sleep(0)
+            turns += 1
+
+    async def finishes(socket: OperatorSocket) -> None:
+        await sent.wait()
+        await asyncio.sleep(0.1)
+        await socket.finish(OFFLINE)
+
+    monkeypatch.setattr(
+        OperatorSocket, "receive", lambda *args: seen.append(turns) or receive(*args)
+    )
+    async with operator(finishes) as client:
+        # Pongs, masked with zeros.
+        transport_of(client).write(b"\x8a\x80\0\0\0\0" * 1000)
+        sent.set()
+        counting = asyncio.create_task(count_turns())
+        await until(lambda: len(seen) > 1000, "all are read")
+        counting.cancel()
+    assert len(set(seen)) > 100
+
+
 async def test_what_the_client_has_not_taken_is_known(operator):
     """Bytes wait while the client does not read, and none once it is gone."""
     opened: list[OperatorSocket] = []
