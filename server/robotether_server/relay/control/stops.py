@@ -125,6 +125,10 @@ class Stops:
         if stop_id not in self._of(robot_id).ended:
             self._end(robot_id, [stop_id])
             self._watch(robot_id)
+            report = self._registry.presence(robot_id).report
+            if report.stopped:
+                # It has come here since, and was greeted with the stop: without one nobody could release it.
+                self._stopped_by_guard(robot_id, report.by)
 
     def known(self, robot_id: int) -> RobotStops | None:
         """Return the stops of a robot, in force and ended; None: it never had one."""

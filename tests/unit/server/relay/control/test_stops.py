@@ -642,6 +642,17 @@ async def test_a_release_at_another_cell_ends_what_it_names(world, monkeypatch):
     assert world.stops.of(SIM1.id) is None
 
 
+async def test_a_robot_that_came_here_stopped_stays_so_when_the_stop_ended_elsewhere(world):
+    """The cell that released it could not report that, and this one has stopped it again: it shows so."""
+    stop = Stop(SIM1.id, NOON, "ben")
+    world.stops.learn(stop)
+    link = world.online()
+    world.registry.on_guard_status(link, STOPPED, None)
+    world.stops.learn_end(SIM1.id, stop.id)
+    assert world.stops.shown(SIM1.id).by == "somebody at the robot (ben)"
+    assert world.stops.close_reason(SIM1) is not None
+
+
 async def test_stops_of_a_robot_are_bounded(world):
     """The oldest are forgotten, of those in force and of those that ended."""
     for minute in range(50):
