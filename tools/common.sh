@@ -30,8 +30,16 @@ apt_get() {
 apt_update() {
   if [ -n "${apt_updated:-}" ]; then return; fi
   need_root "fetch apt's lists"
-  apt_get update -qq
-  apt_updated=1
+  local tries
+  for tries in 1 2 3 4; do
+    if apt_get update -qq; then
+      apt_updated=1
+      return
+    fi
+    # For the lock of its lists apt never waits; a server that is away is no error to it.
+    if [ "$tries" -lt 4 ]; then sleep 15; fi
+  done
+  fail "cannot fetch apt's lists: see above"
 }
 
 # Distribution packages, quietly.
