@@ -8,6 +8,7 @@ and none is ever printed.
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from ipaddress import IPv6Address
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_origin, get_type_hints
 
@@ -104,6 +105,14 @@ def matching(pattern: str, allowed: str) -> Kind:
     return Kind(allowed, parse)
 
 
+def _parse_host(text: str) -> str:
+    host: str = matching("[A-Za-z0-9.:-]+", "").parse(text)
+    if ":" in host:
+        # One before a port would become part of the host, in links and for robots.
+        IPv6Address(host)
+    return host
+
+
 def _parse_endpoint(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     return matching("[A-Za-z0-9.-]+", "").parse(host), PORT.parse(port)
@@ -120,7 +129,7 @@ def _parse_origins(text: str) -> tuple[str, ...]:
     return tuple(origin.parse(part.strip()) for part in text.split(",") if part.strip())
 
 
-HOST = matching("[A-Za-z0-9.:-]+", "a host name")
+HOST = Kind("a host name or address, without a port", _parse_host)
 PORT = whole(1, HIGHEST_PORT)
 FREE_PORT = whole(LOWEST_FREE_PORT, HIGHEST_PORT)
 MEGABYTES = Kind("1 to 100 (megabytes)", lambda text: whole(1, 100).parse(text) * BYTES_PER_MB)
@@ -139,8 +148,9 @@ ORIGINS = Kind(
     "origins such as https://lab.example with commas between, or empty: this site only",
     _parse_origins,
 )
-HOST_OR_EMPTY = matching(
-    "[A-Za-z0-9.:-]*", "a host name, or empty: the one that each request went to"
+HOST_OR_EMPTY = Kind(
+    "a host name or address without a port, or empty: the one that each request went to",
+    lambda text: _parse_host(text) if text else None,
 )
 PASSWORD_OR_EMPTY = matching(
     r"(\S{12,})?",
