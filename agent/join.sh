@@ -31,7 +31,8 @@ usage: join.sh --server HOST[:PORT] [options]     make this machine a robot of t
   --allow-local-mac        a locally administered MAC may name it
   --rosbridge-url URL      where rosbridge is, if not at ws://127.0.0.1:9090
   --no-guard               a bare forward to rosbridge: nothing stops the robot when its commands stop
-  --http-proxy URL         http://[USER:PASSWORD@]HOST:PORT that the agent goes through; this line itself goes by https_proxy
+  --http-proxy URL         http://[USER:PASSWORD@]HOST:PORT that the agent and this line go through to the server; pip and
+                           apt go by https_proxy
   --wheelhouse DIR         take Python packages from this folder, not from the internet
   --image                  prepare an SD card image: install and enable, but neither join nor start
   --package DIR            as the .deb does: install from this folder, and neither join nor use the network
@@ -199,13 +200,19 @@ check_python() {
 
 # Prints an error in a clause. The certificate is checked on the very connection that the file comes over.
 fetch() { # path, file
+  # As the agent will go, else by https_proxy. In the environment, since it may have a password.
+  through=${proxy:-$(configured http_proxy)}
+  if [ -n "$through" ]; then export https_proxy="$through" no_proxy=''; fi
   python3 - "$server" "$fingerprint" "$1" "$2" <<'PYTHON'
+import base64
 import hashlib
 import hmac
 import http.client
 import ssl
 import sys
 import time
+from urllib.parse import unquote, urlsplit
+from urllib.request import getproxies_environment, proxy_bypass_environment
 
 LIMIT = 64 * 1024 * 1024
 server, fingerprint, path, target = sys.argv[1:]
@@ -213,8 +220,23 @@ context = ssl.create_default_context()
 if fingerprint:
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
+
+
+def connection_to(host, port):
+    proxy = getproxies_environment().get("https", "")
+    if not proxy or proxy_bypass_environment(host):
+        return http.client.HTTPSConnection(host, port, timeout=30, context=context)
+    found = urlsplit(proxy if "://" in proxy else f"http://{proxy}")
+    login = f"{unquote(found.username or '')}:{unquote(found.password or '')}"
+    headers = {"Proxy-Authorization": f"Basic {base64.b64encode(login.encode()).decode()}"} if found.username else {}
+    connection = http.client.HTTPSConnection(found.hostname, found.port, timeout=30, context=context)
+    connection.set_tunnel(host, port, headers)
+    return connection
+
+
 try:
-    connection = http.client.HTTPSConnection(server, timeout=30, context=context)
+    where = urlsplit(f"//{server}")
+    connection = connection_to(where.hostname, where.port or 443)
     connection.connect()
     found = hashlib.sha256(connection.sock.getpeercert(True)).hexdigest()
     if fingerprint and not hmac.compare_digest(found, fingerprint):

@@ -1,0 +1,77 @@
+"""What agent/join.sh gets from the server on a network that lets nothing out but an HTTP proxy."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import ssl
+import subprocess
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+from aiohttp import web
+from fake_cloud import certificate, fingerprint
+from fake_proxy import PASSWORD, USER, FakeProxy
+
+SCRIPT = Path(__file__).resolve().parents[3] / "agent/join.sh"
+
+
+@pytest.fixture
+async def server() -> AsyncIterator[str]:
+    """A server that has one file."""
+
+    async def manifest(_: web.Request) -> web.Response:
+        return web.Response(text="all of it")
+
+    app = web.Application()
+    app.router.add_get("/agent/manifest", manifest)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate())
+    runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
+    await runner.setup()
+    await web.TCPSite(runner, "127.0.0.1", 0, ssl_context=context).start()
+    yield f"localhost:{runner.addresses[0][1]}"
+    await runner.cleanup()
+
+
+async def fetch(server: str, place: Path, *options: str, **environ: str) -> str:
+    """Let the script get the file, and return that, or its error."""
+    (place / "steps.sh").write_text(SCRIPT.read_text().removesuffix('main "$@"\n'))
+    step = f'set -eu; . {place}/steps.sh; CONFIG={place}/none; read_options "$@"; get /agent/manifest {place}/file'
+    options = ("--server", server, "--tls-fingerprint", fingerprint(), *options)
+    done = await asyncio.to_thread(
+        subprocess.run,
+        ["sh", "-c", step, "join.sh", *options],
+        env={**os.environ, "no_proxy": "localhost", **environ},
+        capture_output=True,
+        text=True,
+        timeout=20,
+    )
+    return (place / "file").read_text() if done.returncode == 0 else done.stderr
+
+
+@pytest.mark.parametrize("way", ["option", "environment"])
+async def test_server_is_asked_through_the_proxy(server: str, tmp_path: Path, way: str) -> None:
+    """The agent's own proxy needs no other word; else https_proxy counts, as it does for curl."""
+    async with FakeProxy() as proxy:
+        if way == "option":
+            got = await fetch(server, tmp_path, "--http-proxy", proxy.url)
+        else:
+            got = await fetch(server, tmp_path, https_proxy=proxy.url, no_proxy="")
+        assert got == "all of it"
+        assert proxy.asked == [server]
+
+
+async def test_proxy_gets_its_password(server: str, tmp_path: Path) -> None:
+    login = f"{USER}:{PASSWORD.replace('/', '%2F').replace('@', '%40').replace(':', '%3A')}"
+    async with FakeProxy("needs_password") as proxy:
+        url = proxy.url.replace("//", f"//{login}@")
+        assert await fetch(server, tmp_path, "--http-proxy", url) == "all of it"
+        refused = await fetch(server, tmp_path, "--http-proxy", proxy.url)
+    assert "Tunnel connection failed: 407" in refused
+
+
+async def test_without_a_proxy_the_way_is_straight(server: str, tmp_path: Path) -> None:
+    """An address in no_proxy counts, too."""
+    assert await fetch(server, tmp_path, https_proxy="http://127.0.0.1:1") == "all of it"
