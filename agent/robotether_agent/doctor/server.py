@@ -13,12 +13,17 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from email.utils import parsedate_to_datetime
+from typing import Any
 
 import aiohttp
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.doctor import Finding, fail, ok, skipped
 from robotether_agent.fields import FieldError, get_text, parse_object, printable
+from robotether_agent.net.http_proxy import ADVICE as ADVICE_ON_PROXY
+from robotether_agent.net.http_proxy import Proxy, ask_for, proxy_of
+from robotether_agent.net.tcp import Resolver, connect
+from robotether_agent.problems import AgentProblem
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 
@@ -78,6 +83,8 @@ class ServerView:
 
     host: str
     port: int
+    # What the robot goes through, if anything.
+    proxy: str = ""
     addresses: tuple[str, ...] = ()
     no_address: str = ""
     no_port: str = ""
@@ -94,20 +101,22 @@ class ServerView:
 async def view_server(settings: Settings) -> ServerView:
     """Return how the server looks; sends nothing that is secret, and trusts nothing."""
     host, port = settings.server_host, settings.server_port
-    seen = ServerView(host, port)
+    proxy = proxy_of(settings.http_proxy)
+    seen = ServerView(host, port, proxy="" if proxy is None else str(proxy))
     try:
-        seen = replace(seen, addresses=await within(TIMEOUT_S, _resolve(host, port)))
+        if proxy is None:
+            seen = replace(seen, addresses=await within(TIMEOUT_S, _resolve(host, port)))
     except (OSError, asyncio.TimeoutError) as error:
         return replace(seen, no_address=describe_error(error, TIMEOUT_S))
     try:
-        await within(TIMEOUT_S, _connect(host, port, None))
-    except (OSError, asyncio.TimeoutError) as error:
-        return replace(seen, no_port=describe_error(error, TIMEOUT_S))
+        await within(TIMEOUT_S, _connect(settings, None))
+    except (AgentProblem, OSError, asyncio.TimeoutError) as error:
+        return replace(seen, no_port=_reason(error))
     try:
-        seen = replace(seen, certificate=await within(TIMEOUT_S, _connect(host, port, _blind())))
-    except (OSError, ValueError, asyncio.TimeoutError) as error:
-        return replace(seen, no_tls=describe_error(error, TIMEOUT_S))
-    seen = replace(seen, distrust=await _distrust(settings, seen))
+        seen = replace(seen, certificate=await within(TIMEOUT_S, _connect(settings, _blind())))
+    except (AgentProblem, OSError, ValueError, asyncio.TimeoutError) as error:
+        return replace(seen, no_tls=_reason(error))
+    seen = replace(seen, distrust=await _distrust(settings))
     try:
         return await within(TIMEOUT_S, _ask(settings, seen))
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
@@ -116,6 +125,8 @@ async def view_server(settings: Settings) -> ServerView:
 
 def check_name(seen: ServerView) -> Finding:
     """Whether the server's name leads to an address."""
+    if seen.proxy:
+        return skipped("name", f"{seen.proxy} finds the address of {seen.host}")
     if seen.no_address:
         return fail(
             "name",
@@ -129,13 +140,16 @@ def check_port(seen: ServerView) -> Finding:
     """Whether the server's https port accepts."""
     if seen.no_address:
         return skipped("https port", "no address to ask")
+    if seen.no_port and seen.proxy:
+        return fail("https port", seen.no_port, ADVICE_ON_PROXY)
     if seen.no_port:
         return fail(
             "https port",
             f"cannot reach {seen.host} port {seen.port}: {seen.no_port}",
             "see that the server runs, and that no firewall is in between",
         )
-    return ok("https port", f"{seen.host} port {seen.port} accepts")
+    through = f" through {seen.proxy}" if seen.proxy else ""
+    return ok("https port", f"{seen.host} port {seen.port} accepts{through}")
 
 
 def check_certificate(seen: ServerView, pinned: bytes | None) -> Finding:
@@ -212,10 +226,15 @@ async def _resolve(host: str, port: int) -> tuple[str, ...]:
     return tuple(dict.fromkeys(str(address[0]) for *_, address in found))
 
 
-async def _connect(host: str, port: int, context: ssl.SSLContext | None) -> bytes:
-    """Connect, and return the certificate that was shown, if this is TLS."""
+async def _connect(settings: Settings, context: ssl.SSLContext | None) -> bytes:
+    """Connect, through the proxy if there is one, and return the certificate that was shown, if this is TLS."""
+    host, port = settings.server_host, settings.server_port
     name = None if context is None else host
-    _, writer = await asyncio.open_connection(host, port, ssl=context, server_hostname=name)
+    proxy = proxy_of(settings.http_proxy)
+    where: dict[str, Any] = {"host": host, "port": port}
+    if proxy is not None:
+        where = {"sock": await _joined(proxy, host, port)}
+    _, writer = await asyncio.open_connection(ssl=context, server_hostname=name, **where)
     try:
         session = writer.get_extra_info("ssl_object")
         return b"" if session is None else session.getpeercert(binary_form=True)
@@ -223,17 +242,33 @@ async def _connect(host: str, port: int, context: ssl.SSLContext | None) -> byte
         writer.transport.abort()
 
 
-async def _distrust(settings: Settings, seen: ServerView) -> str:
+async def _joined(proxy: Proxy, host: str, port: int) -> socket.socket:
+    connection = await connect(*proxy.address, Resolver(), str(proxy))
+    try:
+        await ask_for(connection, proxy, host, port, what="https")
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _reason(error: BaseException) -> str:
+    if isinstance(error, AgentProblem):
+        return error.message
+    return describe_error(error, TIMEOUT_S)
+
+
+async def _distrust(settings: Settings) -> str:
     """Return why no authority vouches for the server, or nothing when one does or none is asked."""
     if settings.tls_fingerprint is not None:
         return ""
     try:
         context = ssl.create_default_context(cafile=settings.ca_file)
-        await within(TIMEOUT_S, _connect(seen.host, seen.port, context))
+        await within(TIMEOUT_S, _connect(settings, context))
     except ssl.SSLCertVerificationError as error:
         return error.verify_message
-    except (OSError, asyncio.TimeoutError) as error:
-        return describe_error(error, TIMEOUT_S)
+    except (AgentProblem, OSError, asyncio.TimeoutError) as error:
+        return _reason(error)
     return ""
 
 
@@ -241,7 +276,7 @@ async def _ask(settings: Settings, seen: ServerView) -> ServerView:
     url = f"https://{settings.server}{ASKED}"
     async with (
         aiohttp.ClientSession() as http,
-        http.get(url, ssl=_blind(), allow_redirects=False) as response,
+        http.get(url, ssl=_blind(), allow_redirects=False, proxy=settings.http_proxy) as response,
     ):
         body = await response.content.read(MAX_ANSWER_BYTES)
         date = response.headers.get("Date")

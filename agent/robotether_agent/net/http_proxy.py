@@ -59,9 +59,11 @@ def proxy_of(url: str | None) -> Proxy | None:
     return Proxy(split.hostname, split.port or DEFAULT_PORT, user, password)
 
 
-async def ask_for(connection: socket.socket, proxy: Proxy, host: str, port: int) -> None:
-    """Make the proxy join `connection` to `host`; raise a problem that has its answer."""
-    where = f"SSH at {host} port {port}"
+async def ask_for(
+    connection: socket.socket, proxy: Proxy, host: str, port: int, *, what: str = "SSH"
+) -> None:
+    """Make the proxy join `connection` to `host`; raise a problem that has its answer and names `what`."""
+    where = f"{what} at {host} port {port}"
     try:
         # A request fits into the empty buffer of a connection that is new.
         connection.send(request(proxy, host, port))

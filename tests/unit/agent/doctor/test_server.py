@@ -11,6 +11,7 @@ import pytest
 from aiohttp import web
 from dated_certificate import der_of, make_certificate
 from fake_cloud import certificate, fingerprint
+from fake_proxy import FakeProxy
 from local_network import free_port
 from robotether_agent.doctor import FAIL, OK, SKIPPED, Finding, server
 from robotether_agent.doctor.server import CertificateError, ServerView, validity, view_server
@@ -68,6 +69,25 @@ async def test_all_is_well_with_a_pinned_server(cloud):
     seen = await view_server(Settings(server=cloud.server, tls_fingerprint=PINNED))
     assert states(seen) == [OK] * 5, all_checks(seen)
     assert cloud.joins == []
+
+
+async def test_the_robots_proxy_is_gone_through(cloud):
+    """A network that lets nothing else out knows not even the server's name."""
+    async with FakeProxy() as proxy:
+        settings = Settings(server=cloud.server, tls_fingerprint=PINNED, http_proxy=proxy.url)
+        seen = await view_server(settings)
+    assert states(seen) == [SKIPPED, OK, OK, OK, OK]
+    assert proxy.asked == [cloud.server] * 3
+
+
+async def test_what_the_proxy_answers_is_told(cloud):
+    async with FakeProxy("refuses") as proxy:
+        settings = Settings(server=cloud.server, tls_fingerprint=PINNED, http_proxy=proxy.url)
+        seen = await view_server(settings)
+    finding = all_checks(seen)["https port"]
+    assert finding.state == FAIL
+    assert f"the HTTP proxy 127.0.0.1 port {proxy.port} answers 403 Forbidden" in finding.detail
+    assert "http_proxy" in finding.advice
 
 
 async def test_a_wrong_fingerprint_shows_both(cloud):
