@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
+import http.client
 import os
 import shutil
 import socket
 import ssl
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.robotether.robotether.plugins.module_utils.server import (
@@ -29,6 +31,10 @@ options:
   server: {description: HOST or HOST:PORT of the server's https, type: str, required: true}
   tls_fingerprint: {description: SHA-256 of the server's certificate; empty asks authorities, type: str, default: ""}
   ca_file: {description: A file on the robot with certificates in PEM to trust, type: path}
+  http_proxy:
+    description: C(http://[USER:PASSWORD@]HOST:PORT) of the proxy that the robot goes through; empty when it needs none
+    type: str
+    default: ""
   rosbridge_url: {description: Where the robot's rosbridge must answer; empty when it need not, type: str, default: ""}
   folder: {description: Where the agent is installed, type: path, required: true}
   free_mb: {description: Megabytes that must be free there, type: int, required: true}
@@ -60,6 +66,7 @@ def main() -> None:
             "server": {"type": "str", "required": True},
             "tls_fingerprint": {"type": "str", "default": ""},
             "ca_file": {"type": "path", "default": None},
+            "http_proxy": {"type": "str", "default": "", "no_log": True},
             "rosbridge_url": {"type": "str", "default": ""},
             "folder": {"type": "path", "required": True},
             "free_mb": {"type": "int", "required": True},
@@ -87,7 +94,7 @@ def _server(params: dict[str, Any]) -> str:
     try:
         host, port = host_and_port(params["server"])
         pinned = digits_of(params["tls_fingerprint"])
-        seen = _certificate(host, port, "" if pinned else host, params["ca_file"])
+        seen = _certificate(params, host, port, is_pinned=bool(pinned))
     except ServerError as problem:
         return str(problem)
     except ssl.SSLCertVerificationError as error:
@@ -95,9 +102,11 @@ def _server(params: dict[str, Any]) -> str:
             f"the certificate of {params['server']} is not trusted here ({error.verify_message}): set robotether_agent_"
             "tls_fingerprint to the SHA-256 that the server printed, and see that this robot's clock is right"
         )
-    except OSError as error:
+    except (OSError, http.client.HTTPException) as error:
+        proxy = "robotether_agent_http_proxy, " if params["http_proxy"] else ""
+        why = getattr(error, "strerror", None) or error
         return (
-            f"this robot cannot reach https://{params['server']} ({error.strerror or error}): check its network, "
+            f"this robot cannot reach https://{params['server']} ({why}): check its network, {proxy}"
             "robotether_agent_server, and that the server's port is open"
         )
     if pinned and seen != pinned:
@@ -109,17 +118,31 @@ def _server(params: dict[str, Any]) -> str:
     return ""
 
 
-def _certificate(host: str, port: int, name: str, ca_file: str | None) -> str:
-    """Return the SHA-256 of the server's certificate; with a `name`, checked against the authorities."""
-    context = ssl.create_default_context(cafile=ca_file)
-    if not name:
+def _certificate(params: dict[str, Any], host: str, port: int, *, is_pinned: bool) -> str:
+    """Return the SHA-256 of the server's certificate; unless it is pinned, checked against the authorities."""
+    context = ssl.create_default_context(cafile=params["ca_file"])
+    if is_pinned:
         context.check_hostname = False
         context.verify_mode = ssl.CERT_NONE
     with (
-        socket.create_connection((host, port), timeout=TIMEOUT_S) as plain,
+        _connected(params["http_proxy"], host, port) as plain,
         context.wrap_socket(plain, server_hostname=host) as tls,
     ):
         return hashlib.sha256(tls.getpeercert(binary_form=True) or b"").hexdigest()
+
+
+def _connected(proxy: str, host: str, port: int) -> socket.socket:
+    if not proxy:
+        return socket.create_connection((host, port), timeout=TIMEOUT_S)
+    parts = urlsplit(proxy)
+    headers = {}
+    if parts.username:
+        login = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
+        headers["Proxy-Authorization"] = f"Basic {base64.b64encode(login.encode()).decode()}"
+    connection = http.client.HTTPConnection(parts.hostname or "", parts.port, timeout=TIMEOUT_S)
+    connection.set_tunnel(host, port, headers)
+    connection.connect()
+    return connection.sock
 
 
 def _rosbridge(params: dict[str, Any]) -> str:
