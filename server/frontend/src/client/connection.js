@@ -52,7 +52,7 @@ export class Connection {
     this.attempt = 0;
     /** @type {Link | null} */
     this.link = null;
-    this.receivedAt = -Infinity;
+    this.receivedAt = this.checkedAt = -Infinity;
     this.yielded = false;
     this.started = false;
     this.topics = new Set();
@@ -198,9 +198,12 @@ export class Connection {
     if (this.live) this.settle(LINK_LOST);
   }
 
-  // A network that goes away silently closes nothing: the answers just stop.
+  // A network that goes away silently closes nothing: the answers just stop. So they do while the browser slows the timers of
+  // a page in the background, which ask for them.
   checkSilence() {
-    if (this.live && this.silenceMs > this.maxSilenceMs) this.settle(LINK_LOST);
+    const late = this.now() - this.checkedAt > 2 * WATCH_MS;
+    this.checkedAt = this.now();
+    if (!late && this.live && this.silenceMs > this.maxSilenceMs) this.settle(LINK_LOST);
   }
 
   settle(state) {

@@ -171,6 +171,19 @@ test("silence on a live link is a lost link", async () => {
   assert.equal(links[0].closed, true);
 });
 
+test("a page in the background, whose timers run once a minute, keeps its link", async () => {
+  connection.start();
+  await goLive();
+  for (let i = 0; i < 3; i++) {
+    clock += 59_000;
+    await pass(1000);
+    assert.equal(states.at(-1), "live");
+    links[0].onMessage(); // the answer to what that minute's timer asked
+  }
+  for (let i = 0; i < 7; i++) await pass(1000);
+  assert.equal(states.at(-1), "link_lost");
+});
+
 test("news that the network is gone ends a live link at once", async () => {
   connection.start();
   await goLive();
