@@ -170,8 +170,9 @@ export class Snapshots {
     if (!found.topic) return found;
     const query = plainQuery({ topic: found.topic, ...SIZE });
     const answer = await this.ask(`${videoPath(robot)}/snapshot?${query}`, signal);
-    if (!answer.ok) return { problem: await problemOf(answer), topic: found.topic };
-    return { blob: await answer.blob() };
+    if (answer.ok) return { blob: await answer.blob() };
+    this.topics.delete(robot); // it may have another camera by now
+    return { problem: await problemOf(answer), topic: found.topic };
   }
 
   async find(robot, signal) {

@@ -76,6 +76,18 @@ test("a robot whose camera nobody named is asked once", async () => {
   assert.equal(asked.filter((url) => url.endsWith("/video/")).length, 1);
 });
 
+test("a robot whose camera gives no picture any more is asked for another one", async () => {
+  let camera = "/front";
+  const { snapshots } = serverThat((url) =>
+    url.endsWith("/video/") ? { text: `"/snapshot?topic=${camera}"` } : { status: url.includes(`topic=${camera}&`) ? 200 : 502 },
+  );
+  const { signal } = new AbortController();
+  const fetched = async () => Object.keys(await snapshots.fetchImage("sim1", "", signal));
+  await fetched();
+  camera = "/rear";
+  assert.deepEqual([await fetched(), await fetched()], [["problem", "topic"], ["blob"]]);
+});
+
 test("why there is no picture is told apart", async () => {
   const { signal } = new AbortController();
   const found = (answer, topic = "/front") => serverThat(() => answer).snapshots.fetchImage("sim1", topic, signal);
