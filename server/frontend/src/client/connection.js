@@ -292,5 +292,6 @@ export function afterTicketRefusal({ status, code }) {
   if (code === "grant_missing") return final("not_allowed", reasons.grant);
   if (status === 400 || status === 403) return final("not_allowed", reasons.stale);
   if (status === 429) return retrying("server_unreachable", reasons.busy);
+  if (status) return retrying("server_unreachable", reasons.trouble);
   return retrying("server_unreachable");
 }

@@ -109,6 +109,7 @@ export const reasons = {
   grant: "Your rights have changed. Reload the page to see what you may still do.",
   stale: "This page is too old. Reload it.",
   restarting: "The server is restarting; this page keeps trying.",
+  trouble: "The server cannot answer now; this page keeps trying.",
   busy: "The server gets too many requests; this page keeps trying.",
   crowded: "This robot or your account has too many open connections. Close other windows; this page keeps trying.",
 };

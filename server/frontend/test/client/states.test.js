@@ -62,6 +62,12 @@ test("a refused ticket ends the attempts only where another attempt cannot help"
   }
 });
 
+test("a server that answers with an error of its own is no matter of this device's network", () => {
+  const detail = (status) => texts.server_unreachable.detail(afterTicketRefusal({ status, code: "" }));
+  assert.match(detail(0), /this device's network/);
+  for (const status of [500, 502, 503]) assert.match(detail(status), /server cannot answer/);
+});
+
 test("only who may send reads that the robot is ready", () => {
   const detail = (driving, armed) => texts.live.detail({ driving, armed });
   assert.match(detail(false, false), /watching/);
