@@ -22,6 +22,9 @@ DEFAULT_TOPICS = ("/cmd_vel", "*/cmd_vel")
 DEFAULT_MS = 500
 TIMES_MS = (200, 2000)
 
+# Of the numbers in a drive command. No robot's; and beyond 3e38 a float32 of ROS is infinite.
+MAX_NUMBER = 1e9
+
 # old: its age; fence: another one's lease; stopped: the latch; shape: what it says; held: nobody may drive now.
 RefusedKind = Literal["old", "fence", "stopped", "shape", "held"]
 REFUSED_KINDS: tuple[RefusedKind, ...] = get_args(RefusedKind)

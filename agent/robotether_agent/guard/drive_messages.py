@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NoReturn, cast
 
-from robotether_common.guard import STAMP, RefusedKind
+from robotether_common.guard import MAX_NUMBER, STAMP, RefusedKind
 from robotether_common.ros import (
     ACKERMANN,
     ACKERMANN_RATES,
@@ -49,8 +49,6 @@ WRAPPERS = ("fragment", "png")
 GUARDED = frozenset((*ON_TOPICS, *WRAPPERS))
 
 STANDSTILL: Vector = (0.0, 0.0, 0.0)
-# No robot's; and beyond 3e38 a float32 of ROS is infinite.
-MAX_NUMBER = 1e9
 MAX_FRAME_ID_LENGTH = 255
 SHAPES: Mapping[str, Shape] = {
     "geometry_msgs/Twist": "twist",

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import msgspec
-from robotether_common.guard import STAMP
+from robotether_common.guard import MAX_NUMBER, STAMP
 from robotether_common.ros import (
     ACKERMANN,
     ACKERMANN_STAMPED,
@@ -276,6 +276,9 @@ def _object(value: Any, known: frozenset[str]) -> Mapping[str, Any]:
 def _finite(value: Any) -> float:
     if type(value) not in _NUMBERS or not math.isfinite(value):
         raise FieldRefusedError("holds a speed that is no finite number")
+    if abs(value) > MAX_NUMBER:
+        # The guard refuses it as well. Sums of such speeds are infinite, which the record of a drive cannot hold.
+        raise FieldRefusedError("holds a number that no robot can execute")
     return float(value)
 
 

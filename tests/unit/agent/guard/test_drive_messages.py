@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.drive_messages import (
     GUARDED,
-    MAX_NUMBER,
     MAX_STEP_S,
     SHAPES,
     CheckedCommand,
@@ -30,6 +29,7 @@ from robotether_agent.guard.drive_messages import (
     write_command,
     zero,
 )
+from robotether_common.guard import MAX_NUMBER
 from robotether_common.ros import MAX_GLOB_LENGTH, full_name
 
 DEFAULT = DriveTopics(["/cmd_vel", "*/cmd_vel"])

@@ -247,6 +247,9 @@ def test_each_shape_has_its_speeds(msg, speed, turn):
         {"linear": {"x": "1"}},
         {"linear": {"x": float("inf")}},
         {"linear": {"x": 1.7e308, "y": 1.7e308}},
+        {"linear": {"x": -1e10}},
+        {"twist": {"angular": {"z": 10**18}}},
+        {"drive": {"speed": 1, "jerk": 1e300}},
         {"angular": {"z": float("nan")}},
         {"twist": {"angular": {"z": []}}},
         {"drive": {"speed": None}},
@@ -256,6 +259,6 @@ def test_each_shape_has_its_speeds(msg, speed, turn):
     ],
 )
 def test_what_is_no_command_is_refused(msg):
-    """Two shapes at once, unknown members, and anything that is no finite number."""
+    """Two shapes at once, unknown members, and anything that is no finite number, or no robot's."""
     with pytest.raises(FieldRefusedError):
         operations.speeds(msg)
