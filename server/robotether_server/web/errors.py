@@ -8,7 +8,7 @@ from http import HTTPStatus
 
 from flask import Flask, Response, g, json, make_response, render_template, request
 from flask_wtf.csrf import CSRFError  # type: ignore[import-untyped] # it has no types
-from werkzeug.exceptions import HTTPException
+from werkzeug.exceptions import BadHost, HTTPException
 
 from robotether_server.api import auth
 from robotether_server.api.context import context
@@ -87,8 +87,8 @@ def _answer_csrf(error: CSRFError) -> Response:
 
 
 def _answer_http(error: HTTPException) -> Response:
-    # Redirects are HTTPExceptions too.
-    if error.code is None or error.code < HTTPStatus.BAD_REQUEST:
+    # Redirects are HTTPExceptions too; and where the header Host is none, a page would have no links.
+    if error.code is None or error.code < HTTPStatus.BAD_REQUEST or isinstance(error, BadHost):
         return Response(error.get_body(), error.code, error.get_headers())
     detail = error.description or "there are no details"
     if error.code == HTTPStatus.NOT_FOUND:

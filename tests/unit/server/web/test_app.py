@@ -45,7 +45,11 @@ def test_application_is_made_of_the_environment(monkeypatch: pytest.MonkeyPatch)
     """It answers before the database does."""
     for name, value in ENVIRON.items():
         monkeypatch.setenv(name, value)
-    assert make_app().test_client().get("/healthz").text == "ok\n"
+    client = make_app().test_client()
+    assert client.get("/healthz").text == "ok\n"
+    # A host that is none is refused, too.
+    for host in ("robots..example", "x" * 64):
+        assert client.get("/login", headers={"Host": host}).status_code == 400
 
 
 def test_wrong_environment_stops_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
