@@ -17,3 +17,12 @@ def test_worker_may_open_what_its_connections_need(name: str) -> None:
     """A container begins with 1024 open files where Docker is 29 or newer."""
     said = dict(re.findall(r"(worker_\w+) +(\d+);", (IMAGES / name).read_text()))
     assert int(said["worker_rlimit_nofile"]) >= 2 * int(said["worker_connections"])
+
+
+@pytest.mark.parametrize("name", ["nginx.conf", "peer-forward.conf", "peer-server.conf"])
+def test_no_ticket_is_logged_while_the_relay_is_away(name: str) -> None:
+    """Each request to the relay may have one in its query, which nginx's error lines hold."""
+    locations = re.findall(r"location [^{]*\{([^}]*)\}", (IMAGES / "nginx" / name).read_text())
+    to_relay = [body for body in locations if "proxy_pass http://$relay" in body]
+    assert to_relay
+    assert all("error_log stderr crit;" in body for body in to_relay)
