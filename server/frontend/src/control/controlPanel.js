@@ -18,6 +18,7 @@ export class ControlPanel {
     this.driveMode = driveMode;
     this.lack = driveMode.mayDrive && !driveTopic ? texts.noDriveTopic : "";
     this.live = false;
+    this.outdated = false; // whether rights or settings are others than those that the page was made with
     this.note = driveMode.note; // that is shown
     this.element = byTestId(root, "control");
     this.questionElement = byTestId(root, "question");
@@ -55,7 +56,7 @@ export class ControlPanel {
     const { driveMode } = this;
     this.element.dataset.mode = driveMode.mode;
     setText(part(this.element, "driver"), driverText(driveMode));
-    this.showNote(driveMode.note, [this.lack, guardText(driveMode.control)].join(" ").trim());
+    this.showNote(driveMode.note, [this.lack, live && this.outdated ? texts.outdated : "", guardText(driveMode.control)]);
     setText(this.button("drive"), driveMode.busy === "busy_window" ? texts.driveHere : texts.drive);
     const actions = driveMode.actions(live);
     this.showActions(actions);
@@ -65,8 +66,9 @@ export class ControlPanel {
   }
 
   // What has happened goes from the picture after a while; what lasts, as that the robot is not guarded, stays.
-  showNote(note, lasting) {
+  showNote(note, all) {
     const element = byTestId(this.root, "control-note");
+    const lasting = all.filter(Boolean).join(" ");
     const text = [noteText(note), lasting].join(" ").trim();
     if (note === this.note && text === element.textContent) return; // the same may happen again
     this.note = note;

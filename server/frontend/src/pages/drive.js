@@ -1,6 +1,7 @@
 // The drive page: one robot's connection, video, speed and controls. Loaded by drive.html.
 
 import { framesUrl, requestTicket, rosUrl } from "../client/api.js";
+import { RIGHTS_ENDED } from "../client/connection.js";
 import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
 import { Session } from "../client/session.js";
@@ -116,9 +117,7 @@ function useControl(control) {
 }
 
 function showState(state) {
-  if (state.lost) driveMode.lose(state.lost, state.reason);
-  if (state.name === "not_allowed") endAll(state);
-  if (state.code === TOO_BIG) view.tooBig();
+  noteEnd(state);
   const live = state.name === "live";
   session.use(live && driveMode.driving);
   if (!live && state.name !== "connecting") driveMode.settle();
@@ -126,6 +125,14 @@ function showState(state) {
   interlock.revoke();
   showDriveMode();
   useLink(live);
+}
+
+// What the end of a link says beyond the state.
+function noteEnd(state) {
+  if (state.lost) driveMode.lose(state.lost, state.reason);
+  if (state.name === "not_allowed") endAll(state);
+  if (state.code === TOO_BIG) view.tooBig();
+  if (state.code === RIGHTS_ENDED) controlPanel.outdated = true;
 }
 
 function useLink(live) {

@@ -56,6 +56,7 @@ export const control = {
   reserved: (user) => `Control is reserved for ${user}.`,
   waiting: (user) => `, ${user} asks`,
   noDriveTopic: "This robot has no drive topic, so nothing here moves it. A manager sets one in Settings, Driving, Drive topic.",
+  outdated: "Your rights or this robot's settings have changed. Reload the page.",
   guardDown: "The robot's guard does not answer. The robot accepts no commands until it is back.",
   guardOff: "This robot's guard is switched off. The robot does not stop by itself.",
   asks: (user) => `${user} asks for control.`,

@@ -70,3 +70,14 @@ test("whether to take control is asked of one driver, and not answered for the n
   driver("cleo");
   assert.equal(byTestId("take-sure").hidden, true);
 });
+
+test("a page that is older than rights or settings says so, once it is connected again", () => {
+  open();
+  panel.outdated = true;
+  panel.show(false);
+  assert.equal(note().textContent, "");
+  panel.show(true);
+  mock.timers.tick(60_000);
+  assert.match(note().textContent, /settings have changed. Reload/);
+  assert.equal(note().dataset.fresh, "true");
+});
