@@ -87,8 +87,10 @@ class UsedTickets:
         self._capacity = capacity
         self._issued: OrderedDict[str, datetime] = OrderedDict()
 
-    def refuse_too_old(self, issued_at: datetime) -> None:
+    def refuse_too_old(self, issued_at: datetime, now: datetime) -> None:
         """Raise TicketExpired when this relay cannot know whether the ticket was used."""
+        # The clock may have been set back since the start; else every ticket was too old until it catches up.
+        self._floor = min(self._floor, now.replace(microsecond=0))
         if issued_at < self._floor:
             raise TicketExpired(
                 "cannot accept the ticket: the relay has restarted since; get a new one"
@@ -229,7 +231,7 @@ class Access:
 
     def _verified(self, text: str) -> tuple[Ticket, datetime]:
         ticket, issued_at = self._signer.verify(text)
-        self._used.refuse_too_old(issued_at)
+        self._used.refuse_too_old(issued_at, self._clock())
         return ticket, issued_at
 
     def _use(self, ticket: Ticket, issued_at: datetime) -> None:

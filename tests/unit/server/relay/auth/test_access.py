@@ -209,8 +209,18 @@ def test_tickets_of_before_the_start_are_refused():
     """A former relay may have seen them."""
     used = UsedTickets(later(0.7), ttl_s=30)
     with pytest.raises(TicketExpired):
-        used.refuse_too_old(later(-1))
-    used.refuse_too_old(later(0))
+        used.refuse_too_old(later(-1), later(0.8))
+    used.refuse_too_old(later(0), later(0.8))
+
+
+def test_a_clock_that_is_set_back_makes_no_new_ticket_too_old():
+    """As after the start of a machine whose clock was ahead; what was issued before that is refused as before."""
+    used = UsedTickets(later(7200), ttl_s=30)
+    with pytest.raises(TicketExpired):
+        used.refuse_too_old(later(-1), later(0.3))
+    used.refuse_too_old(later(5), later(6))
+    with pytest.raises(TicketExpired):
+        used.refuse_too_old(later(-1), later(6))
 
 
 @pytest.mark.parametrize(("began_s", "is_good"), [(None, True), (0, True), (-5, True), (2, False)])
@@ -238,7 +248,7 @@ def test_a_full_memory_forgets_no_ticket_that_could_be_used_again():
     for second, ticket_id in enumerate(["a", "b", "c"]):
         used.use(ticket_id, later(second), later(second))
     with pytest.raises(TicketExpired):
-        used.refuse_too_old(later(0))
-    used.refuse_too_old(later(1))
+        used.refuse_too_old(later(0), later(3))
+    used.refuse_too_old(later(1), later(3))
     with pytest.raises(TicketUsed):
         used.use("b", later(1), later(3))
