@@ -204,6 +204,15 @@ def test_cache_asks_once(listed: List, fleet: TlsWeb, tmp_path: Path) -> None:
     assert "group_ops" in groups_of(listed(group_by=["group"], **cached))
 
 
+def test_no_robot_takes_the_place_of_this_machine(fleet: TlsWeb, tmp_path: Path) -> None:
+    """Whoever has a join token chooses a robot's name, and what the roles do here has an admin's token."""
+    body = {"mac": "00:1b:44:00:00:0a", "public_key": new_public_key()}
+    assert fleet.program("root").ask("PUT", "/robots/localhost", body).status_code == 201
+    done = run(fleet, tmp_path)
+    assert "localhost" not in json.loads(done.stdout)["_meta"]["hostvars"]
+    assert "left the robot localhost out" in " ".join(done.stderr.split())
+
+
 @pytest.mark.parametrize(
     ("user", "options", "says"),
     [
