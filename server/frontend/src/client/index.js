@@ -48,9 +48,9 @@ export class Robot {
       onRoundTrip: (reading) => (this.roundTripMs = reading?.medianMs ?? null),
     });
     this.driver = new Driver({ output: this.session });
-    if (letGoOnBlur) this.letGoWhenUnseen();
-    window.addEventListener("offline", () => this.session.connection.cut());
-    window.addEventListener("online", () => this.session.connection.retryNow());
+    this.letGoOnBlur = letGoOnBlur;
+    /** @type {AbortController | null} */
+    this.listening = null; // until close(), or the page would keep what it has closed
   }
 
   // `mode`: "drive" or "observe". Resolves when the robot answers, and rejects when it never will: look at `state`
@@ -67,15 +67,22 @@ export class Robot {
       });
     });
     if (this.begun) connection.reopen();
-    else connection.start();
-    this.begun = true;
+    else this.begin();
     return settled;
+  }
+
+  begin() {
+    this.begun = true;
+    this.listening = new AbortController();
+    this.listen(this.listening);
+    this.session.connection.start();
   }
 
   close() {
     this.session.stop(); // first: what moves gets its zero
     this.driver.arm(false);
     this.begun = false;
+    this.listening?.abort();
   }
 
   // "state" with {name, reason, driving} at each change of the connection, as src/client/connection.js names them; "control" with
@@ -219,10 +226,14 @@ export class Robot {
     for (const handler of [...this.handlers.control]) handler(control);
   }
 
-  letGoWhenUnseen() {
-    const letGo = () => this.driver.letGo();
-    for (const name of ["blur", "pagehide"]) window.addEventListener(name, letGo);
-    for (const name of ["visibilitychange", "freeze", "resume"]) document.addEventListener(name, letGo);
+  listen({ signal }) {
+    const { connection } = this.session;
+    window.addEventListener("offline", () => connection.cut(), { signal });
+    window.addEventListener("online", () => connection.retryNow(), { signal });
+    if (!this.letGoOnBlur) return;
+    const letGo = () => this.driver.letGo(); // nobody may be looking at the page
+    for (const name of ["blur", "pagehide"]) window.addEventListener(name, letGo, { signal });
+    for (const name of ["visibilitychange", "freeze", "resume"]) document.addEventListener(name, letGo, { signal });
   }
 }
 

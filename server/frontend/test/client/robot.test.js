@@ -1,4 +1,5 @@
 import assert from "node:assert/strict";
+import { getEventListeners } from "node:events";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
@@ -240,6 +241,18 @@ test("a network that comes back connects no robot that was closed, or never aske
   windowHears.dispatchEvent(new Event("online"));
   await settle();
   assert.equal(asked.length, 1);
+});
+
+test("a page keeps nothing of a robot that it has closed", async () => {
+  const names = ["online", "offline", "blur", "pagehide"];
+  const heard = () => names.flatMap((name) => getEventListeners(windowHears, name)).length;
+  const robot = make();
+  for (let i = 0; i < 2; i++) {
+    await goLive(robot);
+    assert.equal(heard(), names.length);
+    robot.close();
+    assert.equal(heard(), 0);
+  }
 });
 
 test("a wheelbase that would steer wrong is refused", () => {
