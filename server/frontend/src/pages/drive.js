@@ -30,7 +30,7 @@ const { robot = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
-const facts = { since: "" };
+const facts = { since: "", observers: 0 };
 
 const loginUse = new LoginUse();
 const reloadStore = new ReloadStore(robot);
@@ -139,6 +139,7 @@ function useLink(live) {
   if (live) {
     driveMode.settle();
     view.retryNow();
+    showWatchers(); // the news of this connection may have come before it was live
   } else {
     summary?.linkEnded();
     discovery.stop();
@@ -184,16 +185,17 @@ function receiveRobot(update) {
   const wasOnline = facts.online && facts.ros !== "down";
   const { state, online, ros, since, control, rtt_ms: rttMs, observers } = update;
   Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since), disabled: state === "disabled" });
-  showWatchers(observers);
+  facts.observers = observers;
+  showWatchers();
   if (control) session.controlState.fromFeed(control);
   showBanner();
   if (!wasOnline && online && ros !== "down") retryNow();
 }
 
-// All but this page, which the server counts as well.
-function showWatchers(observers) {
-  const others = observers - (connection.live && !driveMode.driving ? 1 : 0);
-  setText(byTestId(root, "watchers"), watchers(others));
+// All but this page's own connections, which the server counts as well.
+function showWatchers() {
+  const own = [connection.live && !driveMode.driving, topics.observerConnection.live].filter(Boolean).length;
+  setText(byTestId(root, "watchers"), watchers(facts.observers - own));
 }
 
 function retryNow() {

@@ -217,6 +217,11 @@ export class ObserverConnection {
     });
   }
 
+  // Whether the server counts it among those that watch the robot.
+  get live() {
+    return this.connection.live;
+  }
+
   // Whether there is a way to the robot: the page's own connection stands, and the page is seen.
   use(wanted) {
     this.wanted = wanted;

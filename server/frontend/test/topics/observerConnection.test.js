@@ -150,3 +150,14 @@ test("a topic that is silent ends nothing", async () => {
   await settle();
   assert.deepEqual([links.length, states], [1, ["open"]]);
 });
+
+test("it counts as one that watches the robot for as long as something is watched", async () => {
+  observerConnection.use(true);
+  assert.equal(observerConnection.live, false);
+  const end = await watch();
+  links[0].onOpen();
+  await settle();
+  assert.equal(observerConnection.live, true);
+  end();
+  assert.equal(observerConnection.live, false);
+});
