@@ -1,0 +1,61 @@
+"""Health checks over HTTP where Docker's client gives each container the address of a proxy (~/.docker/config.json)."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+IMAGES = Path(__file__).resolve().parents[3] / "images"
+# Nothing listens there: whoever asks it fails.
+PROXY = {"http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
+
+
+class Well(BaseHTTPRequestHandler):
+    """Answers 200."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.end_headers()
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def url() -> Iterator[str]:
+    """A program that is well."""
+    with HTTPServer(("127.0.0.1", 0), Well) as server:
+        thread = Thread(target=server.serve_forever, args=(0.05,))
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}/"
+        server.shutdown()
+        thread.join()
+
+
+def check_of_nginx(url: str) -> list[str]:
+    """The image's own command, for this URL."""
+    text = (IMAGES / "nginx" / "Dockerfile").read_text()
+    command: list[str] = json.loads(
+        text.partition("HEALTHCHECK")[2].partition("CMD ")[2].splitlines()[0]
+    )
+    return [*command[:-1], url]
+
+
+def check_of_server(url: str) -> list[str]:
+    return [sys.executable, str(IMAGES / "server" / "healthy"), url]
+
+
+@pytest.mark.parametrize("check", [check_of_nginx, check_of_server])
+def test_no_proxy_is_asked(check: Callable[[str], list[str]], url: str) -> None:
+    """The container's own program is never behind it."""
+    environment = {"PATH": os.environ["PATH"], **PROXY}
+    done = subprocess.run(check(url), env=environment, check=False, capture_output=True, timeout=30)
+    assert done.returncode == 0, done.stderr.decode()
