@@ -366,7 +366,8 @@ write_config() { # file
 
 # What holds a secret is root's and the agent's only.
 protect() { # file
-  if ! grep -qsE '^(rj_|rt_|token[[:space:]]*=|http_proxy.*@)' "$1"; then return; fi
+  # A URL of a proxy or a camera may have a password.
+  if ! grep -qsE '^(rj_|rt_|token[[:space:]]*=|[^#]*://[^/"]*@)' "$1"; then return; fi
   chgrp "$ACCOUNT" "$1"
   chmod 640 "$1"
 }

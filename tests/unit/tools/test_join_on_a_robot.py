@@ -78,6 +78,25 @@ def test_settings_whose_last_line_does_not_end(robot: Robot) -> None:
     assert settings["rosbridge_url"] == "ws://127.0.0.1:9099"
 
 
+@pytest.mark.parametrize(
+    ("line", "mode"),
+    [
+        ('cameras = ["rear=http://ann:s3cret@10.0.0.7/video"]', 0o640),
+        ('  "rear=http://ann:s3cret@10.0.0.7/video",', 0o640),
+        ('http_proxy = "http://ann:s3cret@proxy:3128"', 0o640),
+        ('token = "rj_x"', 0o640),
+        ('#http_proxy = "http://user:password@proxy.example.com:3128"', 0o644),
+        ('cameras = ["rear=http://10.0.0.7/video?at=me@home"]', 0o644),
+    ],
+)
+def test_settings_with_a_password_are_kept_from_others(robot: Robot, line: str, mode: int) -> None:
+    """Also where a person wrote it, and kept the file from others: the script writes it anew."""
+    robot.settings.write_text(f'server = "old.example"\n{line}\n')
+    robot.settings.chmod(0o644)
+    robot.run(f"chgrp() {{ :; }}; . {robot.place}/steps.sh; protect {robot.settings}")
+    assert robot.settings.stat().st_mode & 0o777 == mode
+
+
 def test_upgrade_starts_an_agent_that_had_failed(robot: Robot) -> None:
     """`switch` leaves such a service alone, and the line says at its end that the agent runs."""
     versions = f"ROOT={robot.place} venv={robot.place}/versions/2 version=2"
