@@ -1,4 +1,4 @@
-"""The version of the agent that the playbooks install on a robot, here on this machine."""
+"""What the playbooks install and write on a robot, here on this machine."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 from zipfile import ZipFile
+
+import pytest
 
 ROLES = Path(__file__).resolve().parents[3] / "ansible/roles"
 PLAY = """
 - hosts: localhost
   gather_facts: false
   tasks:
-    - ansible.builtin.include_role: {name: robotether_agent, tasks_from: install_version}
+    - ansible.builtin.include_role: {name: robotether_agent, tasks_from: "{{ tasks }}"}
 """
 # In place of the agent's own installer, which needs a package index.
 INSTALLER = """
@@ -26,9 +29,29 @@ command.write_text("new")
 """
 
 
+def play(folder: Path, **variables: Any) -> None:
+    """Run some tasks of the role."""
+    (folder / "play.yml").write_text(PLAY)
+    known = {"ansible_python_interpreter": sys.executable, **variables}
+    options = ("--connection", "local", "--inventory", "localhost,")
+    done = subprocess.run(
+        [
+            Path(sys.executable).with_name("ansible-playbook"),
+            *options,
+            *("--extra-vars", json.dumps(known), "play.yml"),
+        ],
+        cwd=folder,
+        env={**os.environ, "ANSIBLE_ROLES_PATH": str(ROLES), "ANSIBLE_NOCOLOR": "1"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+
+
 def test_version_that_does_not_start_is_installed_anew(tmp_path: Path) -> None:
     """After an upgrade of Debian it is there, and was made for another Python."""
-    (tmp_path / "play.yml").write_text(PLAY)
     (tmp_path / "requirements.txt").write_text("")
     wheel = tmp_path / "robotether_agent-1-py3-none-any.whl"
     with ZipFile(wheel, "w") as archive:
@@ -38,31 +61,35 @@ def test_version_that_does_not_start_is_installed_anew(tmp_path: Path) -> None:
     (version / "bin").mkdir(parents=True)
     (version / "bin/robotether-agent").write_text("old")
     (version / "lib").mkdir()
-    variables = {
-        "robotether_agent_root": str(tmp_path / "opt"),
-        "robotether_agent_venv": str(version),
-        "robotether_wheel_path": str(wheel),
-        "ansible_python_interpreter": sys.executable,
-    }
-    ansible = Path(sys.executable).with_name("ansible-playbook")
-    done = subprocess.run(
-        [
-            ansible,
-            "--connection",
-            "local",
-            "--inventory",
-            "localhost,",
-            "--extra-vars",
-            json.dumps(variables),
-            "play.yml",
-        ],
-        cwd=tmp_path,
-        env={**os.environ, "ANSIBLE_ROLES_PATH": str(ROLES), "ANSIBLE_NOCOLOR": "1"},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
+    play(
+        tmp_path,
+        tasks="install_version",
+        robotether_agent_root=str(tmp_path / "opt"),
+        robotether_agent_venv=str(version),
+        robotether_wheel_path=str(wheel),
     )
-    assert done.returncode == 0, done.stdout
     assert (version / "bin/robotether-agent").read_text() == "new"
     assert not (version / "lib").exists()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="the settings are root's")
+@pytest.mark.parametrize(
+    ("url", "mode"),
+    [("http://10.0.0.7/video", 0o644), ("http://ann:s3cret@10.0.0.7/video", 0o640)],
+)
+def test_settings_with_a_password_are_kept_from_others(tmp_path: Path, url: str, mode: int) -> None:
+    """A camera's as well as a proxy's."""
+    config = tmp_path / "etc/agent.toml"
+    play(
+        tmp_path,
+        tasks="configure",
+        robotether_agent_server="robots.example",
+        robotether_agent_config=str(config),
+        robotether_agent_state=str(tmp_path / "state"),
+        robotether_agent_owner="root",
+        robotether_agent_validate={"venv": "/bin/true %s"},
+        robotether_agent_was_installed=False,
+        robotether_agent_settings={"cameras": [f"rear={url}"]},
+    )
+    assert f'cameras = ["rear={url}"]' in config.read_text()
+    assert config.stat().st_mode & 0o777 == mode
