@@ -18,6 +18,9 @@ def describe_error(error: BaseException, timeout_s: float) -> str:
         return f"no answer in {timeout_s:g} s"
     if isinstance(error, aiohttp.WSServerHandshakeError):
         return f"it answers with HTTP status {error.status}, not with a WebSocket"
+    if isinstance(error, aiohttp.ClientHttpProxyError):
+        # Its own text has the proxy's password.
+        return printable(f"the HTTP proxy answers {error.status} {error.message}", 200)
     number = error.os_error.errno if isinstance(error, aiohttp.ClientConnectorError) else None
     # In the errors of TLS and of names the number is another library's.
     if isinstance(error, OSError) and not isinstance(error, ssl.SSLError | socket.gaierror):

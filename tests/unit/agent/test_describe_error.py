@@ -7,7 +7,9 @@ import errno
 import socket
 import ssl
 
+import aiohttp
 import pytest
+from fake_proxy import FakeProxy
 from robotether_agent.describe_error import describe_error
 
 
@@ -26,3 +28,12 @@ def test_each_reason_is_short_and_on_one_line(error, told):
     """The number of another library is not taken for the system's."""
     assert told in describe_error(error, 4)
     assert "\n" not in describe_error(error, 4)
+
+
+async def test_proxys_password_is_not_told():
+    """The text of aiohttp has the proxy's URL."""
+    async with FakeProxy("refuses") as proxy, aiohttp.ClientSession() as http:
+        url = proxy.url.replace("//", "//ann:s3cret@")
+        with pytest.raises(aiohttp.ClientHttpProxyError) as refused:
+            await http.get("https://robots.example/", proxy=url)
+    assert describe_error(refused.value, 4) == "the HTTP proxy answers 403 Forbidden"
