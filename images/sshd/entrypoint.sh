@@ -15,8 +15,9 @@ ensure_host_key() {
     mv "$KEY.new" "$KEY"
     return
   fi
-  if [ -s "$KEY" ]; then return; fi
-  ssh-keygen -q -t ed25519 -N '' -C robotether -f "$KEY"
+  if ! [ -s "$KEY" ]; then ssh-keygen -q -t ed25519 -N '' -C robotether -f "$KEY"; fi
+  # A start that ended between the two halves left one.
+  if ! [ -s "$KEY.pub" ]; then ssh-keygen -y -f "$KEY" > "$KEY.pub"; fi
 }
 
 # The web service hands the public half to robots that join; it never sees the private one.
