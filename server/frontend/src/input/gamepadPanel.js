@@ -102,8 +102,18 @@ export class GamepadPanel {
     if (motion) this.change({ [name]: { ...motion, invert: !motion.invert } });
   }
 
+  // What is held goes on, with the new limit.
   setTurbo(share) {
-    this.limits.share = share;
+    if (!this.profile) return;
+    this.profile = { ...this.profile, turboShare: share };
+    this.store.write(storedAs(this.device), this.profile);
+    this.showTurbo();
+  }
+
+  showTurbo() {
+    const { turboShare } = this.profile;
+    const share = (this.limits.share = turboShare > 0 && turboShare <= 1 ? turboShare : 1);
+    this.part("pad-turbo").value = share * 100;
     setText(this.part("pad-turbo-value"), texts.percent(share));
   }
 
@@ -192,6 +202,7 @@ export class GamepadPanel {
     if (!profile) return;
     this.part("pad-dead-zone").value = profile.deadZone * 100;
     setText(this.part("pad-dead-zone-value"), texts.percent(profile.deadZone));
+    this.showTurbo();
     for (const name of MOTIONS) {
       const button = this.part(`pad-invert-${name}`);
       button.hidden = !profile[name];

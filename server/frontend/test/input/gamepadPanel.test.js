@@ -1,0 +1,62 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, test } from "node:test";
+
+import { GamepadPanel } from "../../src/input/gamepadPanel.js";
+
+const DEVICE = { id: "pad", mapping: "standard", axes: 4, buttons: 17 };
+const GLOBALS = ["document", "window", "requestAnimationFrame"];
+
+// As much of an element as the panel needs; each of its parts is made when it is asked for.
+class FakeElement extends EventTarget {
+  dataset = {};
+  textContent = "";
+  parts = new Map();
+  querySelector(selector) {
+    if (!this.parts.has(selector)) this.parts.set(selector, new FakeElement());
+    return this.parts.get(selector);
+  }
+  setAttribute() {}
+  replaceChildren() {}
+  contains() {
+    return false;
+  }
+}
+
+let before, kept, root, limits;
+
+beforeEach(() => {
+  before = Object.fromEntries(GLOBALS.map((name) => [name, globalThis[name]]));
+  Object.assign(globalThis, { document: { hasFocus: () => true }, window: new EventTarget(), requestAnimationFrame() {} });
+  kept = new Map();
+});
+
+afterEach(() => Object.assign(globalThis, before));
+
+// A page that is opened, and the gamepad on it.
+function openPanel() {
+  root = new FakeElement();
+  limits = { share: 1 };
+  const store = {
+    read: (name) => kept.get(name) ?? null,
+    write: (name, value) => kept.set(name, value),
+    forget: (name) => kept.delete(name),
+  };
+  const panel = new GamepadPanel(root, { kind: "differential", teleop: { letGo() {} }, limits, onStop() {}, store });
+  panel.found(DEVICE);
+  return panel;
+}
+
+const turbo = () => root.querySelector('[data-testid="gamepad"]').querySelector('[data-part="pad-turbo"]');
+
+test("the limit of turbo that a person set holds when the page is opened again", () => {
+  openPanel();
+  turbo().value = 40;
+  turbo().dispatchEvent(new Event("input"));
+  assert.equal(limits.share, 0.4);
+  const panel = openPanel();
+  assert.deepEqual([limits.share, turbo().value], [0.4, 40]);
+  panel.change({ deadZone: 0.2 });
+  assert.equal(limits.share, 0.4);
+  panel.forget();
+  assert.deepEqual([limits.share, turbo().value], [1, 100]);
+});
