@@ -253,8 +253,11 @@ class Stops:
     def _same_press(self, robot_id: int, by: str) -> bool:
         """Return whether the robot is stopped by what this person did."""
         stop = self.of(robot_id)
-        if stop is None or stop.by == by:
-            return stop is not None
+        if stop is None:
+            return False
+        # At another cell it may have ended since, which must hear of a new one even if this one hears nothing of it.
+        if stop.by == by and self._registry.presence(robot_id).online:
+            return True
         pressed_at = self._pressed_at.get(robot_id, {}).get(by, -math.inf)
         return asyncio.get_running_loop().time() - pressed_at < SAME_PRESS_S
 

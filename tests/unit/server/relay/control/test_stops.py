@@ -653,6 +653,17 @@ async def test_a_robot_that_came_here_stopped_stays_so_when_the_stop_ended_elsew
     assert world.stops.close_reason(SIM1) is not None
 
 
+async def test_who_stops_a_robot_once_more_that_is_not_here_makes_a_new_stop(world):
+    """Another cell may have released it, and only what is new reaches that one when the two are cut off."""
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
+    world.written.clear()
+    for _ in range(2):
+        world.stops.stop(SIM1, "ben")
+    newest = world.stops.of(SIM1.id)
+    assert newest.at > NOON
+    assert [entry.stop for entry in world.written if isinstance(entry, StopEntry)] == [newest]
+
+
 async def test_stops_of_a_robot_are_bounded(world):
     """The oldest are forgotten, of those in force and of those that ended."""
     for minute in range(50):
