@@ -126,6 +126,8 @@ def _split(url: str, allowed: str) -> SplitResult:
     """Return a URL's parts, whose port is none or from 1 to 65535; else say what is `allowed`."""
     try:
         split = urlsplit(url)
+        # Python's resolver raises no OSError for a name with an empty or too long part.
+        (split.hostname or "").encode("idna")
         if split.port != 0:
             return split
     except ValueError as error:
