@@ -21,7 +21,7 @@ function dispatch(target, name, more = {}) {
 
 const element = (kind) => ({ closest: (selector) => selector.split(", ").includes(kind) || null });
 
-for (const name of ["blur", "pagehide", "beforeprint", "fullscreenchange", "contextmenu"]) {
+for (const name of ["blur", "pagehide", "beforeprint", "fullscreenchange", "orientationchange", "contextmenu"]) {
   test(`${name} lets go`, () => {
     dispatch(window, name);
     assert.equal(count, 1);
