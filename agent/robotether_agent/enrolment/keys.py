@@ -229,6 +229,8 @@ async def _keygen(*arguments: str, given: bytes = b"") -> str:
         )
     except FileNotFoundError as error:
         raise SshMissing("cannot make the robot's key: there is no ssh-keygen") from error
+    except OSError as error:
+        raise KeyUnusable(f"cannot run ssh-keygen: {error.strerror}") from error
     try:
         out, err = await within(KEYGEN_TIMEOUT_S, process.communicate(given))
     except asyncio.TimeoutError as error:

@@ -20,7 +20,7 @@ from robotether_common.session import MAX_LINE_BYTES, Kind
 
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.net.tcp import prepare_for_video
-from robotether_agent.problems import AgentProblem, ForwardFailed, SshMissing
+from robotether_agent.problems import AgentProblem, ForwardFailed, LinkLost, SshMissing
 from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import (
     Forward,
@@ -176,6 +176,9 @@ async def _start(command: list[str], stdin: int, stderr: int = PIPE) -> Process:
         )
     except FileNotFoundError as error:
         raise SshMissing("cannot connect: there is no OpenSSH client (ssh)") from error
+    except OSError as error:
+        # No memory, or too many processes: the other connections go on.
+        raise LinkLost(f"cannot start OpenSSH's client: {error.strerror}") from error
 
 
 async def _run(

@@ -46,7 +46,8 @@ MAX_UNKNOWN_PER_NETWORK = 10
 UNKNOWN_ROBOT_LIFETIME = dt.timedelta(hours=24)
 # A join proves nothing, so it may not fill the audit log either.
 MAC_CHANGED_EVERY = dt.timedelta(hours=24)
-ROBOT_NAME = re.compile(r"(?=.{1,63}\Z)[a-z0-9]([a-z0-9-]*[a-z0-9])?")
+# With a robot of the name localhost, people's `ssh localhost` and playbooks would reach that in place of their machine.
+ROBOT_NAME = re.compile(r"(?!localhost\Z)(?=.{1,63}\Z)[a-z0-9]([a-z0-9-]*[a-z0-9])?")
 MIN_SUFFIX_LENGTH = 6
 MAC_DIGITS = 12
 # Who acts in the audit log when a robot joins.

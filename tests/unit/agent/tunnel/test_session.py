@@ -166,7 +166,7 @@ async def test_heartbeats_are_slow_until_somebody_uses_the_robot(ends):
     first = await peer.receive("ping")
     config = await session.new_config(None)
     assert abs(session.idle_delay_s - 49.9) < 1e-6
-    with pytest.raises(TimeoutError):
+    with pytest.raises(asyncio.TimeoutError):
         await asyncio.wait_for(peer.receive("ping"), 0.5)
     peer.send({**idle, "idle_heartbeat_s": None})
     assert [(await peer.receive("ping"))["seq"] - first["seq"] for _ in range(3)] == [1, 2, 3]

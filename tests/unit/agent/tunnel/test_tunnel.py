@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import socket
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from fake_cloud import eventually
@@ -14,7 +16,7 @@ from openssh_server import descendants, wait_until
 from robotether_agent.enrolment.join import parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
-from robotether_agent.problems import ServerUnreachable, SshMissing
+from robotether_agent.problems import LinkLost, ServerUnreachable, SshMissing
 from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.tunnel import Tunnel
 
@@ -112,6 +114,18 @@ async def test_no_descriptor_stays_open(dialer, place, monkeypatch):
         with pytest.raises(SshMissing, match="openssh-client"):
             await Tunnel.open(target, files, "session")
     await eventually(lambda: _descriptors() <= before, lambda: f"{_descriptors()} of {before}")
+
+
+async def test_a_client_that_cannot_start_ends_nothing_else(dialer, monkeypatch):
+    """A robot whose memory is full keeps the connections that it has, and tries this one again."""
+    _, target, files = dialer
+
+    async def fail(*_: object, **__: object) -> NoReturn:
+        raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", fail)
+    with pytest.raises(LinkLost, match="Cannot allocate memory"):
+        await Tunnel.open(target, files, "media")
 
 
 async def test_a_server_that_refuses(place):

@@ -360,6 +360,7 @@ def test_wrong_tokens_are_told_apart(site: Site) -> None:
         ("turtle", "turtle"),
         ("taken", "robot-006101"),
         ("No Name", "robot-006101"),
+        ("localhost", "robot-006101"),
         ("x" * 64, "robot-006101"),
     ],
 )
