@@ -35,6 +35,8 @@
 #define BUFFER_SIZE 16384
 /* The session is a few lines a second, which a robot that lives takes at once. */
 #define STUCK_SECONDS 8
+/* What a robot hears from a relay that ends without a bye: by it, it knows that another cell serves it sooner. */
+#define RELAY_LOST "{\"type\": \"bye\", \"code\": \"relay_lost\", \"detail\": \"the relay has ended\"}\n"
 #define ENDED (POLLRDHUP | POLLHUP | POLLERR)
 
 /* Who connects, as the forced command says. */
@@ -283,6 +285,9 @@ static void join(int relay)
         if (!pump(&up, set[0].revents, set[1].revents))
             return;
         if (!pump(&down, set[2].revents, set[3].revents)) {
+            /* After a bye of the relay, robots read no more. */
+            if (write(STDOUT_FILENO, RELAY_LOST, strlen(RELAY_LOST)) < 0)
+                return;
             let_sshd_deliver();
             return;
         }

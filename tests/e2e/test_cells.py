@@ -225,6 +225,19 @@ def test_robots_of_a_machine_that_died_go_to_the_other(first: Stack, second: Sta
     assert robots_at(second) == len(robots)
 
 
+def test_robots_leave_a_cell_whose_relay_died(first: Stack, second: Stack) -> None:
+    """The session command says so through sshd, which would let them in again."""
+    relay, robots = second.container("relay"), ("sim1", "sim2", "sim3")
+    relay.kill()
+    try:
+        first.wait("all robots", lambda: robots_at(first) == len(robots), "relay", "sshd")
+    finally:
+        relay.start()
+        second.wait_healthy("relay")
+    for robot in robots:
+        assert "[relay_lost]" in first.container(robot).logs().decode()
+
+
 @pytest.fixture(scope="module")
 def program(first: Stack, second: Stack) -> Program:
     """The admin's program, which opens cell a alone, while all robots are at cell b."""

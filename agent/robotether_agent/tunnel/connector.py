@@ -31,12 +31,13 @@ from robotether_agent.problems import (
     ServerKeyChanged,
     ServerSilent,
     ServerUnreachable,
+    SessionEnded,
 )
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import first_of
 from robotether_agent.tunnel.connection import Role, run_connection
 from robotether_agent.tunnel.openssh import SshFiles
-from robotether_agent.tunnel.session import Session, SessionConfig
+from robotether_agent.tunnel.session import NO_RELAY_BYES, Session, SessionConfig
 
 # A cut is mostly the network's: only after a longer one the server may have moved.
 ASK_WEB_AFTER_S = 15.0
@@ -99,8 +100,8 @@ class Connector:
     def targets(self, ssh: SshAccess, kind: Kind) -> list[SshAddress]:
         """Return the server's SSH addresses in the order in which they are tried.
 
-        A cell that let the robot begin and led to no session, or whose relay fell silent, comes after the others: it
-        may be alive and useless.
+        A cell that let the robot begin and led to no session, or whose relay hangs or is gone, comes after the others:
+        it may be alive and useless.
         """
         if kind != "session" and self._cell is not None:
             cells = [self._cell]
@@ -207,13 +208,18 @@ class Connector:
         return replace(role, on_cells=on_cells, elsewhere=elsewhere)
 
     def _note_end(self, cell: ListedCell | None, problem: LinkProblem, *, was_up: bool) -> None:
-        is_silent = isinstance(problem, ServerSilent)
-        if is_silent:
+        if isinstance(problem, ServerSilent):
             self._fell_silent = (cell, monotonic())
-        # With Retry.AT_ONCE nothing was acknowledged, or this robot slept: it may be the network. Else the relay hangs.
-        hangs = is_silent and problem.retry is not Retry.AT_ONCE
-        if cell is not None and (hangs or not was_up):
+        if cell is not None and (not was_up or has_no_relay(problem)):
             self._failed_at[cell] = monotonic()
+
+
+def has_no_relay(problem: AgentProblem) -> bool:
+    """Return whether a session ended because its cell's relay hangs or is gone, though the way to the cell is good."""
+    if isinstance(problem, ServerSilent):
+        # With Retry.AT_ONCE nothing that was sent is acknowledged, or this robot slept: it may be the network.
+        return problem.retry is not Retry.AT_ONCE
+    return isinstance(problem, SessionEnded) and problem.code in NO_RELAY_BYES
 
 
 def _why_nowhere(failed: Sequence[AgentProblem], cells: int) -> AgentProblem:

@@ -50,6 +50,7 @@ from robotether_agent.tunnel.connection import (
     IDLE_CHECK_EVERY_S,
     RELAY_ANSWERS_WITHIN_S,
 )
+from robotether_agent.tunnel.connector import has_no_relay
 from robotether_agent.tunnel.session import FIRST_TIMEOUT_S, retry_after_bye
 from robotether_common.session import Kind
 
@@ -349,8 +350,11 @@ class VirtualRobot:
             connection.epoch = self._epochs.next()
             connection.send({"type": "hello", **who, "guard": "on", "epoch": connection.epoch})
             await connection.ended
-        except ServerSilent:
-            self._fell_silent = connection.target
+        except AgentProblem as problem:
+            if isinstance(problem, ServerSilent):
+                self._fell_silent = connection.target
+            if has_no_relay(problem):
+                self._failed_at[connection.target] = robot_time()
             raise
         finally:
             self._session = None

@@ -17,7 +17,7 @@ from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.enrolment.keys import KeyPair, ensure_key
 from robotether_agent.fields import ListedCell
 from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
-from robotether_agent.problems import LinkLost, Retry, ServerSilent
+from robotether_agent.problems import LinkLost, Retry, ServerSilent, SessionEnded
 from robotether_agent.settings import Settings
 from robotether_agent.tunnel.connection import Role
 from robotether_agent.tunnel.connector import Connector
@@ -57,6 +57,8 @@ def test_the_settings_come_before_the_joins_answer(host, cells, settings, expect
     [
         (ServerSilent("not reached", retry=Retry.AT_ONCE), (B, NEXT_CELL_AFTER_S)),
         (ServerSilent("reached, and its relay says nothing"), (A, 0.0)),
+        (SessionEnded("the relay has ended", code="relay_lost"), (A, 0.0)),
+        (SessionEnded("a newer session took over", code="superseded"), (B, 0.0)),
         (LinkLost("reset"), (B, 0.0)),
     ],
 )
