@@ -260,6 +260,9 @@ def set_buttons(caller: Caller, robot: str, body: ButtonList) -> ButtonList:
 def _change(caller: Caller, name: str, body: RobotChanges) -> str:
     """Apply the changes, the name last; return the robot's name afterwards."""
     tx, source = caller.tx, caller.source
+    if any(given is not UNSET for given in (body.mac, body.shell, body.state, body.name)):
+        # Before the row that the other changes lock: a join takes both in this order, too.
+        robots.lock_enrolment(tx)
     if body.mac is not UNSET:
         allow_local_mac = context().join.allow_local_macs
         robot_service.set_mac(tx, source, name, body.mac, allow_local_mac=allow_local_mac)
