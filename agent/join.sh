@@ -347,6 +347,7 @@ remove_key() { sed -i "/^$2[[:space:]]*=/d" "$1"; }
 
 write_config() { # file
   # Whatever editor a person has: the last line ends, too.
+  # shellcheck disable=SC1003 # the backslash is sed's
   if [ -e "$CONFIG" ]; then sed '$a\' "$CONFIG" > "$1"; else echo '# Every key is explained in share/robotether-agent/agent.toml.example beside the agent.' > "$1"; fi
   if [ "$(configured server)" != "$server" ]; then remove_key "$1" tls_fingerprint; fi
   if [ -n "$fingerprint" ]; then remove_key "$1" ca_file; fi
