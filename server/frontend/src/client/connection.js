@@ -253,12 +253,13 @@ const retrying = (name, reason = "") => ({ name, reason, retry: true });
 const lostControl = (lost) => (reason) => ({ ...retrying("connecting", reason), lost });
 const final = (name, reason = "", login = false) => ({ name, reason, retry: false, login });
 
+export const TOO_BIG = 1009; // a message, for the server
 export const RIGHTS_ENDED = 4001; // or other settings: the next ticket shows what is left
 
 const BY_CLOSE_CODE = {
   1001: () => retrying("server_unreachable", reasons.restarting),
   1008: () => retrying("link_lost"),
-  1009: () => retrying("link_lost"),
+  [TOO_BIG]: () => retrying("link_lost"),
   [RIGHTS_ENDED]: () => retrying("connecting"),
   4002: lostControl("superseded"),
   4003: lostControl("robot_stopped"),

@@ -1,7 +1,7 @@
 // The drive page: one robot's connection, video, speed and controls. Loaded by drive.html.
 
 import { framesUrl, requestTicket, rosUrl } from "../client/api.js";
-import { RIGHTS_ENDED } from "../client/connection.js";
+import { RIGHTS_ENDED, TOO_BIG } from "../client/connection.js";
 import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
 import { Session } from "../client/session.js";
@@ -16,7 +16,7 @@ import { Readback, Readings } from "../overlays/readings.js";
 import { watchers } from "../texts/common.js";
 import { Discovery } from "../topics/discovery.js";
 import { Topics } from "../topics/topicList.js";
-import { ObserverConnection, TOO_BIG } from "../topics/topicProbe.js";
+import { ObserverConnection } from "../topics/topicProbe.js";
 import { View } from "../video/view.js";
 import { LoginUse, api } from "./calls.js";
 import { Choices, FIELDS, byTestId, localTime, matches, part, setText } from "./page.js";

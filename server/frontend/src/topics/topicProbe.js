@@ -1,7 +1,7 @@
 // A probe of one topic: what was received of it, and how often. Pure but for its timer.
 // It asks for two messages a second at most, and of a large type for one when the person says so.
 
-import { CONNECTING, Connection } from "../client/connection.js";
+import { CONNECTING, Connection, TOO_BIG } from "../client/connection.js";
 import { openLink, plainType } from "../client/rosbridge.js";
 import { numberAt, numbersIn } from "./fields.js";
 
@@ -202,7 +202,6 @@ export class Rate {
 
 // A connection of its own that only watches: a message that is too large for the server ends the connection it comes on, and
 // that must not be the one that drives. Open only while a probe is open.
-export const TOO_BIG = 1009;
 
 export class ObserverConnection {
   // `requestUrl()` gives a URL.
