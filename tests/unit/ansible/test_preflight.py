@@ -4,35 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import json
-import os
 import ssl
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from ansible_module import run_module
 from fake_proxy import PASSWORD, USER, FakeProxy
-
-ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
-WAIT_S = 60
 
 
 async def problems_of(arguments: dict[str, Any]) -> list[str]:
     """Run the module once on this machine, and return what it found."""
-    process = await asyncio.create_subprocess_exec(
-        Path(sys.executable).with_name("ansible"), "localhost", "--inventory", "localhost,",
-        "--connection", "local", "--extra-vars", f"ansible_python_interpreter={sys.executable}",
-        "--playbook-dir", str(ANSIBLE), "--module-name", "robotether.robotether.preflight",
-        "--args", json.dumps({"folder": "/", "free_mb": 0, **arguments}),
-        env={**os.environ, "ANSIBLE_NOCOLOR": "1"},
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )  # fmt: skip
-    printed, errors = await asyncio.wait_for(process.communicate(), WAIT_S)
-    _, arrow, result = printed.decode().partition("=> ")
-    assert arrow, f"{printed.decode()}\n{errors.decode()}"
-    found: list[str] = json.loads(result)["problems"]
+    result = await run_module("preflight", {"folder": "/", "free_mb": 0, **arguments})
+    found: list[str] = result["problems"]
     return found
 
 

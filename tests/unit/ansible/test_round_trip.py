@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
-import os
 import ssl
-import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -14,10 +10,9 @@ from typing import Any
 
 import pytest
 from aiohttp import web
+from ansible_module import run_module
 
-ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
 NO_LIBRARY = "raise ImportError\n"
-WAIT_S = 60
 
 Answer = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -45,28 +40,14 @@ async def serving(certificate: Path, answer: Answer) -> AsyncIterator[str]:
         await runner.cleanup()
 
 
-async def run_module(
+async def run_round_trip(
     server: str, *options: str, path: str = "", timeout: int = 0, ca_file: str = ""
 ) -> dict[str, Any]:
     """Run the module once on this machine; what it returned."""
     arguments = {"server": server, "token": "rt_x", "name": "sim1", "timeout": timeout}
     if ca_file:
         arguments["ca_file"] = ca_file
-    process = await asyncio.create_subprocess_exec(
-        Path(sys.executable).with_name("ansible"), "localhost", "--inventory", "localhost,",
-        "--connection", "local", "--extra-vars", f"ansible_python_interpreter={sys.executable}",
-        "--playbook-dir", str(ANSIBLE), "--module-name", "robotether.robotether.round_trip",
-        "--args", json.dumps(arguments), *options,
-        env={**os.environ, "ANSIBLE_NOCOLOR": "1", "PYTHONPATH": path},
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )  # fmt: skip
-    printed, errors = await asyncio.wait_for(process.communicate(), WAIT_S)
-    # After the machine's name and what became of it.
-    _, arrow, result = printed.decode().partition("=> ")
-    assert arrow, f"{printed.decode()}\n{errors.decode()}"
-    found: dict[str, Any] = json.loads(result)
-    return {"failed": process.returncode != 0, **found}
+    return await run_module("round_trip", arguments, *options, path=path)
 
 
 async def upgraded(request: web.Request) -> web.WebSocketResponse:
@@ -94,7 +75,7 @@ async def test_a_message_comes_back(certificate: Path) -> None:
         return socket
 
     async with serving(certificate, rosbridge) as server:
-        result = await run_module(server, ca_file=str(certificate))
+        result = await run_round_trip(server, ca_file=str(certificate))
     assert result["round_trip_ms"] > 0
     assert operations == ["advertise", "subscribe", "publish", "unsubscribe", "unadvertise"]
 
@@ -133,7 +114,7 @@ async def leads_away(_request: web.Request) -> web.StreamResponse:
 async def test_a_robot_that_is_not_reached(certificate: Path, answer: Answer, why: str) -> None:
     """The sentence has the server's reason, and what to do."""
     async with serving(certificate, answer) as server:
-        result = await run_module(server, ca_file=str(certificate))
+        result = await run_round_trip(server, ca_file=str(certificate))
     assert result["failed"]
     assert result["code"] == "robot_unreachable"
     assert why in result["msg"]
@@ -147,7 +128,7 @@ async def test_a_certificate_that_is_not_trusted_gets_no_token(certificate: Path
         raise AssertionError
 
     async with serving(certificate, never) as server:
-        result = await run_module(server)
+        result = await run_round_trip(server)
     assert result["code"] == "tls_untrusted"
 
 
@@ -158,7 +139,7 @@ async def test_a_machine_without_the_library_is_known_beforehand(
     """In check mode nothing is connected to, and what is missing is said with what to do."""
     if not has_library:
         (tmp_path / "websocket.py").write_text(NO_LIBRARY)
-    result = await run_module("127.0.0.1:1", "--check", path=str(tmp_path))
+    result = await run_round_trip("127.0.0.1:1", "--check", path=str(tmp_path))
     if has_library:
         assert not result["failed"]
         assert not result["changed"]
