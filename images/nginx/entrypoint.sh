@@ -5,6 +5,7 @@ set -eu
 . /usr/lib/robotether/certificates.sh
 
 readonly HOST="${PUBLIC_HOST:-localhost}"
+readonly PORT="${PUBLIC_PORT:-443}"
 
 # Other cells of the site, if it has a certificate for them. The relay makes the same hash of the key
 # (relay/peers/peer_keys.py).
@@ -17,6 +18,19 @@ serve_peers() {
   ln -s /etc/nginx/peer-forward.conf /run/nginx/peers/forward.conf
 }
 
+# For the redirect from port 80.
+write_https_port() {
+  case "$PORT" in
+    *[!0-9]*)
+      echo "cannot start nginx: PUBLIC_PORT is '$PORT'; allowed is 1 to 65535" >&2
+      exit 1
+      ;;
+    443) suffix='' ;;
+    *) suffix=":$PORT" ;;
+  esac
+  echo "set \$https_port \"$suffix\";" > /run/nginx/https-port.conf
+}
+
 main() {
   case "$HOST" in
     *[!A-Za-z0-9.:-]*)
@@ -24,6 +38,7 @@ main() {
       exit 1
       ;;
   esac
+  write_https_port
   ensure_self_signed "$HOST"
   serve_peers
   serve "$(chosen)"

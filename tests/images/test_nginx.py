@@ -17,14 +17,16 @@ from local_network import insecure_tls
 from stack import Stack
 
 
-def test_plain_http_is_redirected(stack: Stack) -> None:
-    """Port 80 answers nothing but a permanent redirect to https."""
+@pytest.mark.parametrize("host", ["robots.example", "robots.example:80", "[2001:db8::1]"])
+def test_plain_http_is_redirected(stack: Stack, host: str) -> None:
+    """Port 80 answers nothing but a permanent redirect to https, at the port where the stack has it."""
     connection = http.client.HTTPConnection("localhost", stack.http_port, timeout=5)
-    connection.request("GET", "/robots/sim1?x=1", headers={"Host": "robots.example"})
+    connection.request("GET", "/robots/sim1?x=1", headers={"Host": host})
     answer = connection.getresponse()
     connection.close()
     assert answer.status == 308
-    assert answer.getheader("Location") == "https://robots.example/robots/sim1?x=1"
+    there = f"{host.removesuffix(':80')}:{stack.https_port}"
+    assert answer.getheader("Location") == f"https://{there}/robots/sim1?x=1"
 
 
 @pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
