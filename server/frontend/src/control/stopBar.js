@@ -53,6 +53,7 @@ export class StopBar {
     this.element.dataset.stop = kind;
     const words = texts[kind]({ by, at: localTime(at), detail });
     setText(part(this.element, "stop-text"), [words, this.failure].join(" ").trim());
+    part(this.element, "deeds").hidden = this.stopping.holds;
     if (this.release) this.release.hidden = !this.stopping.stopped;
   }
 

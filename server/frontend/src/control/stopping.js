@@ -69,6 +69,11 @@ export class Stopping {
     this.onChange();
   }
 
+  // Whether the robot is stopped or may be soon. A stop that failed keeps nobody from going on.
+  get holds() {
+    return this.stopped !== null || ["asked", "heard", "unheard"].includes(this.state);
+  }
+
   // {kind, by, at, detail}: "none", "asked", "heard", "unheard" (tried again), "failed", "refused", "stopping"
   // (the robot has not confirmed it), "stopped".
   get shown() {

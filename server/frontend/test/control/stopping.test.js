@@ -72,6 +72,26 @@ test("the attempts end after a while, and ask for another press", async () => {
   assert.equal(ways.length, before);
 });
 
+test("a stop that failed for good keeps nobody from going on, as one that holds or is on its way does", async () => {
+  assert.equal(stopping.holds, false);
+  stopping.press();
+  for (let i = 0; i < 15; i++) {
+    assert.equal(stopping.holds, true);
+    await answer(NO_ANSWER);
+    mock.timers.tick(1000);
+  }
+  assert.equal(stopping.holds, false);
+  stopping.press();
+  await answer(OK);
+  assert.equal(stopping.holds, true);
+  stopping.receive({ ...BY_BEN, confirmed: true });
+  assert.equal(stopping.holds, true);
+  stopping.receive(null);
+  stopping.press();
+  await answer({ ok: false, status: 403, detail: "this page is too old" });
+  assert.equal(stopping.holds, false);
+});
+
 test("the attempts end when the stop was heard of on another way", async () => {
   stopping.press();
   await answer(NO_ANSWER);
