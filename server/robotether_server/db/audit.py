@@ -138,10 +138,13 @@ def recent_of(tx: Transaction, kind: str, actor: str, since: dt.datetime) -> lis
 
 
 def has_come_from(tx: Transaction, kind: str, actor: str, network: Network) -> bool:
-    """Return whether the log has an event of that kind and actor from that network."""
+    """Return whether the log has an event of that kind and user from that network.
+
+    Those of a removed user of the same name do not count.
+    """
     found = tx.row(
-        "SELECT 1 FROM audit_events WHERE actor = %s AND kind = %s "
-        "AND INET6_ATON(address) BETWEEN %s AND %s LIMIT 1",
+        "SELECT 1 FROM audit_events e JOIN users u ON u.name = e.actor AND e.at >= u.created_at "
+        "WHERE e.actor = %s AND e.kind = %s AND INET6_ATON(e.address) BETWEEN %s AND %s LIMIT 1",
         (actor, kind, *_bounds(network)),
     )
     return found is not None

@@ -103,7 +103,8 @@ def find(
 ) -> list[Drive]:
     """Return the matching drives that the viewer may see, newest first.
 
-    Admins see all; others see their own, and all drives of the robots that they manage now.
+    Admins see all; others see their own, and all drives of the robots that they manage now. What a removed user of the
+    same name drove is not their own.
     """
     given = {
         "robot = %s": search.robot,
@@ -123,9 +124,9 @@ def _select(
 ) -> list[Drive]:
     rows = tx.rows(
         f"SELECT {COLUMNS} FROM drives s WHERE "  # noqa: S608 - the texts are the module's own
-        "(%s OR user_name = %s OR robot_id IN "
+        "(%s OR (user_name = %s AND started_at >= (SELECT created_at FROM users WHERE id = %s)) OR robot_id IN "
         "(SELECT robot_id FROM relay_grants WHERE user_id = %s AND level = 'manage')) AND "
         f"{conditions} ORDER BY id DESC LIMIT %s",
-        (viewer.is_admin, viewer.name, viewer.id, *values, limit),
+        (viewer.is_admin, viewer.name, viewer.id, viewer.id, *values, limit),
     )
     return [Drive(**row | {"refused": json.loads(row["refused"])}) for row in rows]

@@ -6,7 +6,10 @@ from robotether_server.db import Database
 
 
 def add_drive(admin_database: Database, robot: str, user: str, **changes: object) -> int:
-    """Add a drive of ten minutes; `changes` are columns. The robot may be one that is gone."""
+    """Add a drive of ten minutes; `changes` are columns. The robot may be one that is gone.
+
+    Its driver's account, if there is one, is older than that.
+    """
     columns: dict[str, object] = {
         "fence": 13,
         "started_at": "2026-01-31 12:00:00",
@@ -27,6 +30,10 @@ def add_drive(admin_database: Database, robot: str, user: str, **changes: object
     } | changes
     names, marks = ", ".join(columns), ", ".join(["%s"] * len(columns))
     with admin_database.transaction() as tx:
+        tx.change(
+            "UPDATE users SET created_at = LEAST(created_at, %s) WHERE name = %s",
+            (columns["started_at"], user),
+        )
         return tx.insert(
             f"INSERT INTO drives (robot, user_name, robot_id, {names}) "
             f"VALUES (%s, %s, (SELECT id FROM robots WHERE name = %s), {marks})",

@@ -6,7 +6,7 @@ import datetime as dt
 from ipaddress import ip_network
 
 import pytest
-from robotether_server.db import Database, Transaction, audit
+from robotether_server.db import Database, Transaction, audit, users
 from robotether_server.db.audit import AuditSearch, Source, network_of
 
 
@@ -65,6 +65,7 @@ def test_network_of_ipv6_is_found_in_every_spelling(
     """All addresses of one /64 and no others, whatever of them begin with the same bytes."""
     since = dt.datetime.now(dt.UTC) - dt.timedelta(minutes=1)
     with database.transaction() as tx:
+        users.add(tx, "ann", "x", "user")
         record(tx, "login", "ann", other)
         found = audit.recent_from(tx, ("login",), network_of(address), since)
         assert (found != []) is same

@@ -49,6 +49,18 @@ def test_own_drives_and_those_of_managed_robots_are_shown(
     assert len(seen_by(database, "root")) == 4
 
 
+def test_drives_of_a_removed_user_are_not_shown_to_the_next_of_that_name(
+    database: Database, admin_database: Database
+) -> None:
+    """Admins see them still."""
+    add_drive(admin_database, "b", "ben", fence=1)
+    with database.transaction() as tx:
+        users.remove(tx, users.get(tx, "ben").id)
+        users.add(tx, "ben", "x", "user")
+    assert seen_by(database, "ben") == []
+    assert seen_by(database, "root") == [("b", "ben")]
+
+
 def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(
     database: Database, admin_database: Database
 ) -> None:

@@ -168,6 +168,16 @@ def test_many_addresses_against_one_user_lock_nobody_out_at_home(database: Datab
     assert is_heard(database, "ann", "192.0.2.1")
 
 
+def test_networks_of_a_removed_user_are_new_to_the_next_of_that_name(database: Database) -> None:
+    """Whose password many may guess, the former person too."""
+    assert is_heard(database, "ann", "192.0.2.1")
+    with database.transaction() as tx:
+        users.remove(tx, users.get(tx, "ann").id)
+        users.add(tx, "ann", HASH, "user")
+    fail(database, "ann", "198.51.100.1", PER_USER)
+    assert not is_heard(database, "ann", "192.0.2.1")
+
+
 START = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
 
 
