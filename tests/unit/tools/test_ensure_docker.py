@@ -1,0 +1,44 @@
+"""tools/ensure_docker on a machine that has Docker already, with a program in its place."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+DOCKER = """#!/bin/sh
+case "$*" in
+  'version --format {{.Server.Version}}') echo "$ENGINE" ;;
+  'compose version --short') echo "$COMPOSE" ;;
+  --version) echo 'Docker version 1, build 2' ;;
+esac
+"""
+
+
+def ensure_docker(place: Path, engine: str, compose: str) -> subprocess.CompletedProcess[str]:
+    """Run it where Docker is of these versions."""
+    (place / "docker").write_text(DOCKER)
+    (place / "docker").chmod(0o755)
+    environ = {"PATH": f"{place}:{os.environ['PATH']}", "ENGINE": engine, "COMPOSE": compose}
+    return subprocess.run(
+        ["tools/ensure_docker"], cwd=ROOT, env=environ,
+        stdin=subprocess.DEVNULL, check=False, capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("engine", ["26.0.0", "26.1.5+dfsg1", "29.1.3"])
+def test_docker_that_will_do_stays_as_it_is(tmp_path: Path, engine: str) -> None:
+    done = ensure_docker(tmp_path, engine, "2.26.1")
+    assert done.returncode == 0, done.stderr
+    assert "nothing to do" in done.stdout
+
+
+@pytest.mark.parametrize("engine", ["20.10.24+dfsg1", "25.0.6"])
+def test_older_engine_is_refused(tmp_path: Path, engine: str) -> None:
+    """It has no mounts of a part of a volume: the stack would fail at its start, in words of Docker's."""
+    done = ensure_docker(tmp_path, engine, "v2.40.0")
+    assert done.returncode == 1
+    assert f"cannot use Docker Engine {engine}: 26.0 or newer is needed" in done.stderr
