@@ -77,6 +77,11 @@ export class Connection {
     return this.link !== null && this.state.name === "live";
   }
 
+  // Whether there is no link and the page tries for one again and again, as while the robot is offline.
+  get waits() {
+    return this.state.retry && !["live", "connecting"].includes(this.state.name);
+  }
+
   get backlog() {
     return this.link ? this.link.backlog : 0;
   }

@@ -18,6 +18,7 @@ export class ControlPanel {
     this.driveMode = driveMode;
     this.lack = driveMode.mayDrive && !driveTopic ? texts.noDriveTopic : "";
     this.live = false;
+    this.waits = false;
     this.outdated = false; // whether rights or settings are others than those that the page was made with
     this.note = driveMode.note; // that is shown
     this.element = byTestId(root, "control");
@@ -50,15 +51,15 @@ export class ControlPanel {
     return document.querySelector(`[data-deed="${name}"]`);
   }
 
-  // `live`: the connection stands.
-  show(live = this.live) {
-    this.live = live;
+  // `live`: the connection stands; `waits` as of connection.js.
+  show({ live, waits } = { live: this.live, waits: this.waits }) {
+    Object.assign(this, { live, waits });
     const { driveMode } = this;
     this.element.dataset.mode = driveMode.mode;
     setText(part(this.element, "driver"), driverText(driveMode));
     this.showNote(driveMode.note, [this.lack, live && this.outdated ? texts.outdated : "", guardText(driveMode.control)]);
     setText(this.button("drive"), driveMode.busy === "busy_window" ? texts.driveHere : texts.drive);
-    const actions = driveMode.actions(live);
+    const actions = driveMode.actions(live, waits);
     this.showActions(actions);
     if (!actions.includes("take") || driveMode.control.driver?.user !== this.sureOf) this.askSure(false);
     this.showQuestion();

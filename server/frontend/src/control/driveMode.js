@@ -198,13 +198,18 @@ export class DriveMode {
     return this.driving && driver?.user === this.me ? waiting : null;
   }
 
-  // The names of what can be done now; `live` says whether the connection stands.
-  actions(live) {
-    if (!this.mayDrive || !live) return [];
-    if (this.driving) return this.armed ? ["leave"] : ["arm", "leave"];
-    if (this.control.stopped) return [];
+  // The names of what can be done now; `live` says whether the connection stands, `waits` as of connection.js.
+  actions(live, waits = false) {
+    if (this.driving) return this.driverActions(live, waits);
+    if (!this.mayDrive || !live || this.control.stopped) return [];
     if (this.asked) return ["withdraw", ...this.takeActions()];
     return [...this.askActions(), ...this.takeActions()];
+  }
+
+  // A page that waits would take the control again, as soon as the robot is back.
+  driverActions(live, waits) {
+    if (!live) return waits ? ["leave"] : [];
+    return this.armed ? ["leave"] : ["arm", "leave"];
   }
 
   askActions() {

@@ -157,7 +157,7 @@ function endAll({ login }) {
 function showDriveMode() {
   const { live } = connection;
   showBanner();
-  controlPanel.show(live);
+  controlPanel.show(connection);
   const { driving, armed, pressed, mayDrive, free } = driveMode;
   for (const panel of [topics, summary, buttons]) panel?.use({ live, driving });
   const watches = mayDrive && (pressed || (live && !driving));

@@ -112,11 +112,15 @@ test("a robot that is offline is told by the close code, and each attempt has a 
   connection.start();
   await settle();
   links[0].onOpen();
+  assert.equal(connection.waits, false);
   links[0].onClose({ code: 4503, reason: "robot sim1 has been offline since 12:03 UTC" });
   assert.deepEqual(states, ["connecting", "offline"]);
   await pass(500);
   assert.equal(links.length, 2);
   assert.notEqual(links[0].url, links[1].url);
+  assert.equal(connection.waits, true);
+  await goLive();
+  assert.equal(connection.waits, false);
 });
 
 test("after a cut it resumes with its subscriptions, also those made meanwhile", async () => {

@@ -20,6 +20,9 @@ class FakeElement extends EventTarget {
   focus() {}
 }
 
+const LIVE = { live: true, waits: false };
+const AWAY = { live: false, waits: true };
+
 let before, root, driveMode;
 
 beforeEach(() => {
@@ -27,7 +30,7 @@ beforeEach(() => {
   mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
   before = globalThis.document;
   globalThis.document = root = new FakeElement();
-  driveMode = new DriveMode({ me: "ann", level: "manage", onMove() {}, onChange: () => panel?.show(true) });
+  driveMode = new DriveMode({ me: "ann", level: "manage", onMove() {}, onChange: () => panel?.show(LIVE) });
 });
 
 afterEach(() => {
@@ -74,9 +77,9 @@ test("whether to take control is asked of one driver, and not answered for the n
 test("a page that is older than rights or settings says so, once it is connected again", () => {
   open();
   panel.outdated = true;
-  panel.show(false);
+  panel.show(AWAY);
   assert.equal(note().textContent, "");
-  panel.show(true);
+  panel.show(LIVE);
   mock.timers.tick(60_000);
   assert.match(note().textContent, /settings have changed. Reload/);
   assert.equal(note().dataset.fresh, "true");

@@ -265,3 +265,11 @@ test("a manager can take the control, also while asking", () => {
   driveMode.ask();
   assert.deepEqual(driveMode.actions(true), ["withdraw", "take"]);
 });
+
+test("a page that drives and waits for its robot can give the control up, and takes it no more when the robot is back", () => {
+  assert.deepEqual(driveMode.actions(false), []);
+  assert.deepEqual(driveMode.actions(false, true), ["leave"]);
+  driveMode.leave();
+  assert.equal(driveMode.mode, "observe");
+  assert.deepEqual(driveMode.actions(false, true), []);
+});
