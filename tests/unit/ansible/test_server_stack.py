@@ -1,0 +1,103 @@
+"""When server.yml dumps the database and loads images; tests/ansible/test_server.py does both."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+TASKS = Path(__file__).resolve().parents[3] / "ansible/roles/robotether_server/tasks/stack.yml"
+HEALTHY = ["nginx=healthy", "mysql=healthy"]
+
+
+def task_of(name: str) -> dict[str, Any]:
+    """A task of the role."""
+    found: dict[str, Any] = next(
+        task for task in yaml.safe_load(TASKS.read_text()) if task["name"] == name
+    )
+    return found
+
+
+def play(folder: Path, tasks: list[dict[str, Any]], given: dict[str, Any]) -> str:
+    """Run tasks on this machine, with programs of the folder before its own; what Ansible said."""
+    whole = {"hosts": "localhost", "gather_facts": False, "tasks": tasks}
+    (folder / "play.yml").write_text(json.dumps([whole]))
+    words = [Path(sys.executable).with_name("ansible-playbook"), "play.yml"]
+    words += ["-e", json.dumps(given)]
+    environment = {
+        **os.environ,
+        "HOME": str(folder),
+        "PATH": f"{folder}:{os.environ['PATH']}",
+        "ANSIBLE_LOCALHOST_WARNING": "no",
+    }
+    return subprocess.run(
+        words, cwd=folder, env=environment, check=True, capture_output=True, text=True, timeout=60
+    ).stdout
+
+
+@pytest.mark.parametrize(
+    ("deployed", "healthy", "dumps"),
+    [
+        ("", [], False),
+        ("", ["mysql=starting"], False),
+        ("", HEALTHY, True),
+        ("older built 0", HEALTHY, True),
+        ("older built 0", [], True),
+        ("now built 0", HEALTHY, False),
+    ],
+)
+def test_stack_of_before_is_dumped(
+    tmp_path: Path, deployed: str, healthy: list[str], dumps: bool
+) -> None:
+    """A bare machine has no database, and one that `make up` started has no record of its version."""
+    tell = {"ansible.builtin.debug": {"msg": "dumps={{ robotether_server_is_upgrade | bool }}"}}
+    given = {
+        "robotether_server_deployed": deployed,
+        "robotether_server_code": "now built",
+        "robotether_server_wanted": "now built 1",
+        "robotether_server_services": ["mysql"],
+        "robotether_server_healthy": {"stdout_lines": healthy},
+    }
+    said = play(tmp_path, [task_of("Decide whether to deploy"), tell], given)
+    assert re.findall(r"dumps=(\w+)", said) == [str(dumps)]
+
+
+@pytest.mark.parametrize(
+    ("deployed", "kept", "loads"),
+    [
+        ("now 0a1b 0", "mysql web", False),
+        ("now 0a1b 0", "mysql", True),
+        ("older 9f9f 0", "mysql web", True),
+        ("", "", True),
+    ],
+)
+def test_images_are_loaded_where_they_are_not(
+    tmp_path: Path, deployed: str, kept: str, loads: bool
+) -> None:
+    """Also those of the archive that was loaded last: `docker image prune --all` may have removed them."""
+    (tmp_path / "tools").mkdir()
+    has_all = (
+        f'for image in "$@"; do case " inspect {kept} " in *" $image "*) ;; *) exit 1 ;; esac; done'
+    )
+    for path, text in {
+        "tools/compose": '[ "$*" = "config --images" ] && printf "mysql\\nweb\\n"',
+        "docker": f"shift; {has_all}",
+    }.items():
+        (tmp_path / path).write_text(f"#!/bin/sh\n{text}\n")
+        (tmp_path / path).chmod(0o755)
+    load = task_of("Load the images from the archive")
+    told = {"ansible.builtin.debug": {"msg": "it loads"}, "when": load["when"]}
+    given = {
+        "robotether_server_deployed": deployed,
+        "robotether_server_folder": str(tmp_path),
+        "robotether_server_archive": {"stat": {"checksum": "0a1b"}},
+    }
+    said = play(tmp_path, [task_of("Check that Docker has the images"), told], given)
+    assert ("it loads" in said) == loads
