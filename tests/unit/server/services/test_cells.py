@@ -10,7 +10,7 @@ from robotether_server.db import Database, cells, control, fleet, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.control import DriveEntry, NewLease
 from robotether_server.db.fleet import SessionEntry
-from robotether_server.problems import NotPossible, RecordMissing
+from robotether_server.problems import NotPossible, RecordMissing, StoreUnavailable
 from robotether_server.services import cells as cell_service
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
@@ -58,6 +58,15 @@ def test_last_cell_in_service_is_not_drained(database: Database, admin_database:
     kill(admin_database, "a")
     with database.transaction() as tx, pytest.raises(NotPossible, match="nowhere to go"):
         cell_service.drain(tx, ADMIN, "b")
+
+
+def test_of_two_drains_at_once_the_second_waits(database: Database) -> None:
+    """And then reads what the first one wrote: each alone leaves the other cell in service."""
+    with database.transaction() as tx, database.transaction() as other:
+        cell_service.drain(tx, ADMIN, "a")
+        other.change("SET innodb_lock_wait_timeout = 0")
+        with pytest.raises(StoreUnavailable):
+            cell_service.drain(other, ADMIN, "b")
 
 
 def test_cell_that_is_alive_is_not_removed(database: Database) -> None:
