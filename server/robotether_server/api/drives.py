@@ -49,7 +49,8 @@ def list_drives(caller: Caller, query: DriveQuery) -> DriveList | Response:
     """List drives, newest first.
 
     The caller's own and those of robots that the caller manages; for admins all. Distance, turn and speeds
-    are those commanded. A drive that never moved the robot is listed only if `fence` asks for it.
+    are those commanded. A drive that never moved the robot is listed only if `fence` asks for it. A robot that was
+    renamed is found by its new name and by that of the drive.
     """
     search = DriveSearch(
         robot=query.robot or None,

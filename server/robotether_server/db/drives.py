@@ -2,7 +2,7 @@
 
 import datetime as dt
 import json
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 
 from robotether_server.db import cells
 from robotether_server.db.database import Transaction
@@ -75,7 +75,7 @@ COLUMNS = ", ".join(
 class DriveSearch:
     """A filter of drives: all given members must match; times compare with the start.
 
-    A drive that never moved the robot is found only by its `fence`.
+    `robot`: a name that it has now, or had then. A drive that never moved the robot is found only by its `fence`.
     """
 
     robot: str | None = None
@@ -85,9 +85,19 @@ class DriveSearch:
     fence: int | None = None
 
 
+CONDITIONS = {
+    "robot": "(robot = %(robot)s OR robot_id = (SELECT id FROM robots WHERE name = %(robot)s))",
+    "user": "user_name = %(user)s",
+    "since": "started_at >= %(since)s",
+    "until": "started_at < %(until)s",
+    "fence": "fence = %(fence)s",
+    "before": "id < %(before)s",
+}
+
+
 def get(tx: Transaction, viewer: User, drive_id: int) -> Drive:
     """Return one drive; raise RecordMissing when there is none that the viewer may see."""
-    found = _select(tx, viewer, "id = %s", (drive_id,), 1)
+    found = _select(tx, viewer, "id = %(id)s", {"id": drive_id}, 1)
     if not found:
         raise RecordMissing(f"cannot show drive {drive_id}: there is none that you may see")
     return found[0]
@@ -106,27 +116,22 @@ def find(
     Admins see all; others see their own, and all drives of the robots that they manage now. What a removed user of the
     same name drove is not their own.
     """
-    given = {
-        "robot = %s": search.robot,
-        "user_name = %s": search.user,
-        "started_at >= %s": search.since,
-        "started_at < %s": search.until,
-        "fence = %s": search.fence,
-        "id < %s": before,
-    }
-    asked = {condition: value for condition, value in given.items() if value is not None}
-    conditions = " AND ".join((MOVED if search.fence is None else "TRUE", *asked))
-    return _select(tx, viewer, conditions, tuple(asked.values()), limit)
+    given = asdict(search) | {"before": before}
+    asked = {name: value for name, value in given.items() if value is not None}
+    moved = MOVED if search.fence is None else "TRUE"
+    conditions = " AND ".join((moved, *(CONDITIONS[name] for name in asked)))
+    return _select(tx, viewer, conditions, asked, limit)
 
 
 def _select(
-    tx: Transaction, viewer: User, conditions: str, values: tuple[object, ...], limit: int
+    tx: Transaction, viewer: User, conditions: str, asked: dict[str, object], limit: int
 ) -> list[Drive]:
     rows = tx.rows(
         f"SELECT {COLUMNS} FROM drives s WHERE "  # noqa: S608 - the texts are the module's own
-        "(%s OR (user_name = %s AND started_at >= (SELECT created_at FROM users WHERE id = %s)) OR robot_id IN "
-        "(SELECT robot_id FROM relay_grants WHERE user_id = %s AND level = 'manage')) AND "
-        f"{conditions} ORDER BY id DESC LIMIT %s",
-        (viewer.is_admin, viewer.name, viewer.id, viewer.id, *values, limit),
+        "(%(is_admin)s OR (user_name = %(own)s AND started_at >= (SELECT created_at FROM users WHERE id = %(own_id)s))"
+        " OR robot_id IN (SELECT robot_id FROM relay_grants WHERE user_id = %(own_id)s AND level = 'manage'))"
+        f" AND {conditions} ORDER BY id DESC LIMIT %(limit)s",
+        asked
+        | {"is_admin": viewer.is_admin, "own": viewer.name, "own_id": viewer.id, "limit": limit},
     )
     return [Drive(**row | {"refused": json.loads(row["refused"])}) for row in rows]

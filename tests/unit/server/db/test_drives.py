@@ -49,6 +49,21 @@ def test_own_drives_and_those_of_managed_robots_are_shown(
     assert len(seen_by(database, "root")) == 4
 
 
+def test_drives_of_a_robot_are_found_by_all_its_names(
+    database: Database, admin_database: Database
+) -> None:
+    """Each has the name of its time; the new name finds those too, of this robot alone."""
+    add_drive(admin_database, "a", "ben", fence=1)
+    with database.transaction() as tx:
+        robot = robots.get(tx, "a")
+        robots.rename(tx, robot.id, "c")
+        robots.add(tx, "02:00:00:00:00:02", "a")
+    add_drive(admin_database, "c", "ben", fence=2)
+    add_drive(admin_database, "a", "ben", fence=3)
+    assert seen_by(database, "root", DriveSearch(robot="c")) == [("c", "ben"), ("a", "ben")]
+    assert len(seen_by(database, "root", DriveSearch(robot="a"))) == 2
+
+
 def test_drives_of_a_removed_user_are_not_shown_to_the_next_of_that_name(
     database: Database, admin_database: Database
 ) -> None:
