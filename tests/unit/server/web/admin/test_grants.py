@@ -164,6 +164,22 @@ def test_a_wrong_end_is_said_at_its_field(admin: Browser) -> None:
     assert "It has passed" in page.split('id="grant-end-problem"')[1].split("<")[0]
 
 
+def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin: Browser, database: Database) -> None:
+    """Which keeps what was typed; the fields that add a grant stay empty."""
+    send(admin, "/admin/users/ann/grants", **FORM)
+    number = number_of(database, "user ann", "robot sim2")
+    form = FORM | {"grant": str(number), "ends_at": "2020-01-01T00:00:00.000Z"}
+    page = send(admin, "/admin/users/ann/grants", **form).text
+    field = page.split(f'id="grant-{number}-end"')[1].split(">")[0]
+    assert 'value="2020-01-01T00:00:00.000"' in field
+    assert "data-ends-at" not in field
+    assert f'aria-describedby="grant-{number}-end-problem"' in field
+    assert f'<a href="#grant-{number}-end">Until</a>: It has passed' in page
+    assert "It has passed" in page.split(f'id="grant-{number}-end-problem"')[1].split("<")[0]
+    assert page.count("aria-invalid") == 1
+    assert "selected" not in page.split('id="grant-name"')[1].split("</select>")[0]
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_a_wrong_grant_comes_back_with_the_page(
     admin: Browser, database: Database, page: str
