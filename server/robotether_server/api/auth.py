@@ -28,11 +28,11 @@ SCHEME = "bearer "
 Who = Literal["admin", "manager", "user", "enroller", "anybody"]
 
 
-def page_user(tx: Transaction, request: Request) -> User | None:
-    """Return the user of the request's login, if it is valid; the login counts as used now."""
+def page_user(tx: Transaction, request: Request, *, renew: bool = True) -> User | None:
+    """Return the user of the request's login, if it is valid; with `renew` the login counts as used now."""
     text = request.cookies.get(COOKIE)
     user = credentials.find_login_user(tx, text) if text else None
-    if text and user is not None:
+    if renew and text and user is not None:
         _renew(tx, text)
     return user
 
@@ -45,15 +45,15 @@ def _renew(tx: Transaction, text: str) -> None:
             credentials.renew_login(own, text, ends_at)
 
 
-def api_user(tx: Transaction, request: Request) -> User:
-    """Return the user of a Bearer token or else of a login; raise LoginMissing or TokenInvalid.
+def api_user(tx: Transaction, request: Request, *, renew: bool = True) -> User:
+    """Return the user of a Bearer token or else of a login, used as by `page_user`; raise LoginMissing or TokenInvalid.
 
     An invalid token is refused even beside a valid login, so that the program that sent it
     notices. A change by a login needs the page's token in X-CSRFToken, as any other site could
     make the browser send the cookie.
     """
     try:
-        user = _credential_user(tx, request)
+        user = _credential_user(tx, request, renew=renew)
     except Unauthorized:
         context().recent_rights.forget(credential_of(request))
         raise
@@ -61,11 +61,11 @@ def api_user(tx: Transaction, request: Request) -> User:
     return user
 
 
-def _credential_user(tx: Transaction, request: Request) -> User:
+def _credential_user(tx: Transaction, request: Request, *, renew: bool) -> User:
     header = request.headers.get("Authorization")
     if header is not None:
         return token_user(tx, _bearer(header))
-    user = page_user(tx, request)
+    user = page_user(tx, request, renew=renew)
     if user is None:
         raise LoginMissing("cannot identify the caller: log in, or send an API token as Bearer")
     return user
@@ -144,7 +144,8 @@ def admitted(who: Who, robot: str, *, briefly: bool = False) -> Iterator[Caller 
     """Admit the caller of an operation, or raise what `api_user` or `enrolment_credential` raises.
 
     Who is no admin, or does not manage the robot, gets GrantMissing, which reveals nothing about what was asked for;
-    a robot that the user may not see is RobotUnknown. `briefly`: a database that hangs is soon StoreUnavailable.
+    a robot that the user may not see is RobotUnknown. `briefly`: a database that hangs is soon StoreUnavailable, and
+    the login does not count as used.
     """
     with context().database.transaction(briefly=briefly) as tx:
         if who == "enroller":
@@ -152,7 +153,8 @@ def admitted(who: Who, robot: str, *, briefly: bool = False) -> Iterator[Caller 
             source = Source(credential.actor, request.remote_addr)
             yield EnrolmentCaller(tx, credential, source)
             return
-        user = api_user(tx, request)
+        # Pages get tickets by themselves, when they reconnect; what a person does on them is a request of its own.
+        user = api_user(tx, request, renew=not briefly)
         if who == "admin":
             check_admin(user)
         if who == "manager":

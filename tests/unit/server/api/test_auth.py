@@ -87,6 +87,18 @@ def test_login_that_nobody_uses_ends(browser: Browser, admin_database: Database)
     assert browser.ask("GET", "/").status_code == 302
 
 
+def test_a_page_that_nobody_touches_keeps_no_login(
+    browser: Browser, admin_database: Database
+) -> None:
+    """It gets tickets by itself, as often as its connections are cut."""
+    browser.log_in("ann")
+    body, headers = {"robot": "sim1", "mode": "drive"}, {"X-CSRFToken": browser.csrf_of("/")}
+    for status in (201, 401):
+        age(admin_database, 2.1)
+        answer = browser.ask("POST", "/api/v1/tickets", json=body, headers=headers)
+        assert answer.status_code == status
+
+
 def test_login_ends_however_much_it_is_used(browser: Browser, admin_database: Database) -> None:
     """After LOGIN_TTL_H."""
     browser.log_in("ann")
