@@ -11,6 +11,7 @@ import pytest
 import sim_client
 from sim_client import SocketClient, until
 from sim_robot.graph import TopicMessage
+from sim_robot.kinematics import STEP_S
 from sim_robot.rosbridge.client import MESSAGES_LIMIT, ThrottledQueue
 from sim_robot.simulator import Simulator
 
@@ -37,6 +38,9 @@ async def test_roslibpy_round_trip(simulator: Simulator) -> None:
 
 async def test_driving_moves_and_silence_stops(simulator: Simulator) -> None:
     """One command moves the robot by its speed for 1 s, and odometry says so."""
+    robot = simulator.robot
+    # By the time that it has lived through: while this process stands still, it leaves out steps.
+    robot._clock = lambda: robot.steps * STEP_S
     async with SocketClient(simulator.rosbridge.port) as client:
         await client.send(op="publish", topic="/cmd_vel", msg={"linear": {"x": 0.5}})
         await client.send(op="subscribe", topic="/odom")
