@@ -15,6 +15,7 @@ from msgspec import Meta, Struct
 from robotether_common.guard import REFUSED_KINDS
 from robotether_common.session import (
     MAX_EPOCH,
+    MAX_FENCE,
     Battery,
     ByeCode,
     GuardState,
@@ -33,7 +34,8 @@ MAX_DETAIL = 300
 # Some 30 years at most; a machine's CLOCK_BOOTTIME begins when it starts.
 UptimeMs = Annotated[float, Meta(ge=0, le=1e12)]
 # What a browser, too, reads as the number that it is.
-Count = Annotated[int, Meta(ge=0, le=2**53 - 1)]
+MAX_COUNT = 2**53 - 1
+Count = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
 
 Epoch = Annotated[int, Meta(ge=0, le=MAX_EPOCH)]
 
@@ -90,7 +92,7 @@ class GuardLine(Struct, tag="guard"):
     by: Annotated[str, Meta(max_length=MAX_NAME)]
     moving: bool
     refused: dict[str, Count] = {}
-    fence: Count = 0
+    fence: Annotated[int, Meta(ge=0, le=MAX_FENCE)] = 0
     answers: Annotated[str, Meta(max_length=64)] | None = None
 
     def __post_init__(self) -> None:
@@ -102,7 +104,9 @@ class GuardLine(Struct, tag="guard"):
         refused = tuple(
             (kind, self.refused[kind]) for kind in REFUSED_KINDS if kind in self.refused
         )
-        return GuardReport(self.state, self.stopped, self.by, self.moving, refused, self.fence)
+        # A robot that lies leaves numbers above its own, which the next guard accepts.
+        fence = min(self.fence, MAX_COUNT)
+        return GuardReport(self.state, self.stopped, self.by, self.moving, refused, fence)
 
 
 class HealthLine(Struct, tag="health"):

@@ -12,6 +12,7 @@ from fake_robot import WAIT_S, FakeRobot
 from msgspec import structs
 from relay_clients import PUBLISH, audit_lines, closing
 from relay_server import SESSION_KEY, until, utc
+from robotether_common.session import MAX_FENCE
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, NewLease
 from robotether_server.db.fleet import AuditEntry, RelayUser
 from robotether_server.problems import (
@@ -91,6 +92,25 @@ async def test_a_new_lease_is_above_what_the_guard_knows(relay, guarded, sim1, h
     async with http.ws_connect(relay.ros_url(sim1)):
         (handshake,) = await guarded.connections(1)
     assert handshake["Robotether-Fence"] == "501"
+
+
+@pytest.mark.parametrize("lie", [2**53 - 1, MAX_FENCE])
+async def test_a_robot_that_lied_of_its_fence_can_be_driven_when_it_is_mended(
+    relay, guarded, sim1, http, lie
+):
+    """There are numbers above any that a robot can report, and its guard may report those."""
+    presence = relay.relay.registry.presence
+    guarded.session.send_guard_status(fence=lie)
+    await until(lambda: presence(sim1.id).report.fence, "it is known")
+    for handshakes in (1, 2):
+        async with http.ws_connect(relay.ros_url(sim1)):
+            fence = int((await guarded.connections(handshakes))[-1]["Robotether-Fence"])
+            assert 2**53 <= fence < MAX_FENCE
+            guarded.session.send_guard_status(fence=fence, held=handshakes)
+            count = ("held", handshakes)
+            await until(
+                lambda count=count: count in presence(sim1.id).report.refused, "the session lives"
+            )
 
 
 async def test_a_new_lease_waits_for_the_guards_first_report(relay, sim1, http):
