@@ -2,9 +2,10 @@
 
 `rosbridge` makes a `Bridge` a connection, after `access` has let the operator in. What it sends to
 the robot is what its `MessageValidator` has written again, and nothing else. It never parses what comes from a
-robot, and a message makes no task, no timer and no queue entry of its own. Reading on one side waits
-for writing on the other, so that a connection's memory is bounded by the socket buffers. Tens of thousands of small
-messages fit in there: other connections have a turn in between.
+robot, and a message makes no task, no timer and no queue entry of its own, unless a side is full. Reading on one side
+waits for writing on the other, so that a connection's memory is bounded by the socket buffers. Tens of thousands of
+small messages fit in there: other connections have a turn in between. Only a stop must not wait: while a message of the
+operator's does, a few more are read.
 """
 
 from __future__ import annotations
@@ -12,27 +13,35 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections import Counter
-from collections.abc import Awaitable, Callable, Mapping
+from collections import Counter, deque
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 from aiohttp import WebSocketError, WSCloseCode, WSMsgType
+from aiohttp.http_websocket import WSMessageNoDecodeText
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.drives.drive_path import CommandTimestamps, DriveLease, DrivePath
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.sockets import OperatorConnection, OperatorSocket, RobotSocket
+from robotether_server.relay.http.sockets import (
+    SEND_BUFFER_BYTES,
+    OperatorConnection,
+    OperatorSocket,
+    RobotSocket,
+)
 from robotether_server.relay.http.timing import Excess, Liveness, LivenessLimits
 from robotether_server.relay.rosbridge.message_validator import (
     FLOOD_AFTER_S,
     MIN_FLOOD_PER_S,
+    STOP,
     MessageRefusedError,
     MessageValidator,
     ValidatedMessage,
+    is_stop,
     status_error,
 )
 
@@ -41,6 +50,9 @@ from robotether_server.relay.rosbridge.message_validator import (
 LINK_GRACE_S = 0.3
 # After so many messages of one side everybody else has a turn: a socket with messages that wait never lets go.
 MESSAGES_A_TURN = 64
+# How much is read ahead of a message that waits, to find a stop; one more message may go beyond the bytes.
+MAX_AHEAD, MAX_AHEAD_BYTES = 1000, SEND_BUFFER_BYTES
+PASSED_ON = frozenset((WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG))
 
 
 @dataclass
@@ -88,6 +100,9 @@ class Bridge(OperatorConnection):
         self._loop = asyncio.get_running_loop()
         self._timestamps = CommandTimestamps(time.monotonic())
         self._received_at = self._loop.time()
+        # Read while one before them waited, and how many bytes they have.
+        self._ahead: deque[WSMessageNoDecodeText] = deque()
+        self._ahead_bytes = 0
         # The validator does not see these.
         self._pings = Excess(self._received_at, per_s=MIN_FLOOD_PER_S, for_s=FLOOD_AFTER_S)
         self._bytes_to_robot = 0
@@ -144,17 +159,68 @@ class Bridge(OperatorConnection):
         count = 0
         while True:
             count = await _next_turn(count)
-            message = await self._operator.receive()
-            self._received_at = self._loop.time()
-            if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
-                try:
-                    await self._pass_on(robot, message.data)
-                except ConnectionError:
-                    return await self._close_reason_by_robot("its connection broke")
-            elif message.type is WSMsgType.PING or message.type is WSMsgType.PONG:
-                await self._on_ping_or_pong(message.type, message.data)
-            else:
+            message = self._next_ahead() if self._ahead else await self._receive()
+            if message.type not in PASSED_ON:
                 return self._close_reason_by_operator(message.type, message.data)
+            work = self._handle(robot, message)
+            if self._may_wait(robot, message):
+                work = self._reading_ahead(work)
+            if (close_reason := await work) is not None:
+                return close_reason
+
+    async def _receive(self) -> WSMessageNoDecodeText:
+        message = await self._operator.receive()
+        self._received_at = self._loop.time()
+        return message
+
+    def _next_ahead(self) -> WSMessageNoDecodeText:
+        message = self._ahead.popleft()
+        if message.type in PASSED_ON:
+            self._ahead_bytes -= len(message.data)
+        return message
+
+    def _may_wait(self, robot: RobotSocket, message: WSMessageNoDecodeText) -> bool:
+        waiting = robot.waiting_bytes() or self._operator.waiting_bytes()
+        return bool(waiting) or len(message.data) >= SEND_BUFFER_BYTES
+
+    async def _reading_ahead(
+        self, work: Coroutine[Any, Any, CloseReason | None]
+    ) -> CloseReason | None:
+        """Do what waits until one of the sides has room; a stop that comes meanwhile does not wait."""
+        working, reading = asyncio.create_task(work), asyncio.create_task(self._read_ahead())
+        try:
+            await asyncio.wait({working})
+        finally:
+            working.cancel()
+            # Leaves in the socket what is not in `_ahead`.
+            reading.cancel()
+            await asyncio.gather(working, reading, return_exceptions=True)
+        if not reading.cancelled():
+            reading.result()
+        return working.result()
+
+    async def _read_ahead(self) -> None:
+        while len(self._ahead) < MAX_AHEAD and self._ahead_bytes < MAX_AHEAD_BYTES:
+            message = await self._receive()
+            if message.type in PASSED_ON and is_stop(message.data):
+                self._own.answer(STOP, {})
+                continue
+            self._ahead.append(message)
+            if message.type not in PASSED_ON:
+                return
+            self._ahead_bytes += len(message.data)
+
+    async def _handle(
+        self, robot: RobotSocket, message: WSMessageNoDecodeText
+    ) -> CloseReason | None:
+        if message.type is WSMsgType.PING or message.type is WSMsgType.PONG:
+            await self._on_ping_or_pong(message.type, message.data)
+            return None
+        try:
+            await self._pass_on(robot, message.data)
+        except ConnectionError:
+            return await self._close_reason_by_robot("its connection broke")
+        return None
 
     async def _on_ping_or_pong(self, kind: WSMsgType, payload: bytes) -> None:
         if self._pings.add(self._received_at, 1):

@@ -228,6 +228,16 @@ class MessageValidator:
         return ValidatedMessage(data, "publish", command)
 
 
+def is_stop(data: bytes) -> bool:
+    """Return whether the message is the operation with which a client stops the robot."""
+    if not _may_be_stop(data):
+        return False
+    try:
+        return read_json(data).get("op") == STOP
+    except NotJsonError:
+        return False
+
+
 def status_error(text: str, message_id: object) -> bytes:
     """Build rosbridge's status message; `message_id` is the id of the message it answers."""
     status: dict[str, object] = {"op": "status", "level": "error"}

@@ -19,6 +19,7 @@ from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.rosbridge import bridge, message_validator
 from robotether_server.relay.rosbridge.handler import OBSERVER_LIMIT
+from robotether_server.relay.rosbridge.message_validator import STOP
 from stopwatch import Stopwatch
 
 BOB = RelayUser(2, "bob")
@@ -194,6 +195,59 @@ async def test_a_robot_that_reads_nothing_is_down(wide, relay, sim1, http):
         )
         await sending
     await robot.stop()
+
+
+async def test_a_stop_overtakes_what_waits_for_the_robot(wide, relay, sim1, http):
+    """What its sender sent before it can take seconds on a full line."""
+    robot = await misbehaving(relay, sim1, "slow_reader")
+    async with http.ws_connect(relay.ros_url(sim1), max_msg_size=0) as socket:
+        await robot.connections(1)
+        await socket.send_str(large(MESSAGE_LIMIT))
+        await socket.send_str(PUBLISH)
+        with Stopwatch() as stopwatch:
+            await socket.send_str('{"op": "robotether.stop"}')
+            assert (await closing(socket))[0] == 4003
+        assert stopwatch.s < 2
+    await robot.stop()
+
+
+async def test_a_stop_overtakes_what_its_sender_does_not_read(relay, robot, sim1, http):
+    """Neither refusals nor pongs hold it up; these have over 64 KB."""
+    async with http.ws_connect(relay.ros_url(sim1), max_msg_size=0) as socket:
+        await robot.connections(1)
+        transport = socket._response.connection.transport
+        transport.pause_reading()
+        await robot.send_to_clients(b"x" * MESSAGE_LIMIT)
+        await until(lambda: relay.relay.traffic.bytes_to_client, "it waits for the client")
+        for _ in range(10):
+            await socket.send_json({"op": "nope", "id": "\N{DEGREE SIGN}" * 1024})
+        for _ in range(80):
+            await socket.ping(b"x" * 125)
+        await socket.send_str('{"op": "robotether.stop"}')
+        stopped = relay.relay.control.describe
+        await until(lambda: stopped(sim1.id)["stopped"], "the robot is stopped", within_s=2)
+        transport.abort()
+
+
+async def test_what_overtakes_is_a_stop_alone(wide, relay, sim1, http):
+    """All else arrives in the order in which it was sent, however much of it waited."""
+    robot = await misbehaving(relay, sim1, "slow_reader")
+    named = [f'{{"op":"advertise","topic":"/{n}","type":"{STOP}"}}' for n in range(1500)]
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await robot.connections(1)
+        sending = asyncio.create_task(_send_all(socket, [large(MESSAGE_LIMIT), *named]))
+        await until(lambda: relay.relay.traffic.bytes_to_robot, "the line is full")
+        (client,) = robot.clients
+        client._req.transport.resume_reading()
+        received = [await client.receive_str(timeout=20) for _ in range(1 + len(named))]
+        await sending
+    assert received[1:] == named
+    await robot.stop()
+
+
+async def _send_all(socket: aiohttp.ClientWebSocketResponse, messages: list[str]) -> None:
+    for message in messages:
+        await socket.send_str(message)
 
 
 async def _send_until_closed(socket: aiohttp.ClientWebSocketResponse, message: str) -> None:
