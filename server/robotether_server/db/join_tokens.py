@@ -100,6 +100,18 @@ def place_of(tx: Transaction, token_id: int) -> Place:
     return Place(**row) if row else NOWHERE
 
 
+def names_for(tx: Transaction, place: Place) -> list[str]:
+    """Return the names of the tokens that can still admit robots to this site or for this group."""
+    rows = tx.rows(
+        "SELECT t.name FROM join_tokens t "
+        "LEFT JOIN sites s ON s.id = t.site_id LEFT JOIN user_groups g ON g.id = t.group_id "
+        "WHERE (s.name = %s OR g.name = %s) AND t.used < t.uses "
+        "AND t.expires_at > CURRENT_TIMESTAMP(6) ORDER BY t.name",
+        (place.site, place.group),
+    )
+    return [row["name"] for row in rows]
+
+
 def admitted(tx: Transaction, token_id: int) -> set[str]:
     """Return the fingerprints of the keys that a token has admitted."""
     rows = tx.rows("SELECT fingerprint FROM join_token_uses WHERE token_id = %s", (token_id,))

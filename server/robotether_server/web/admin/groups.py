@@ -3,10 +3,11 @@
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, users
+from robotether_server.db import Transaction, join_tokens, users
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
+from robotether_server.db.join_tokens import Place
 from robotether_server.problems import Problem
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
@@ -68,7 +69,14 @@ def page_of(name: str) -> str:
 def _found(name: str, user: str = "") -> Words:
     with context().database.transaction() as tx:
         group = db_grants.get_group(tx, name)
-    return {"name": name, "user": user, "members": ", ".join(group.members) or "none"}
+        tokens = ", ".join(join_tokens.names_for(tx, Place(group=name)))
+    return {
+        "name": name,
+        "user": user,
+        "members": ", ".join(group.members) or "none",
+        "tokens": tokens
+        and f"Robots that join with these tokens will be given to no group: {tokens}.",
+    }
 
 
 grants.register_form(blueprint, "/<name>/grants", show, page_of)
@@ -95,6 +103,7 @@ confirmation.register(
             "Its grants are removed with it: what only these allow ends within 2 seconds. "
             "Members: {members}.",
             "The users stay.",
+            "{tokens}",
         ),
         undo="A removed group cannot be restored; add it again, with members and grants.",
         button="Remove",

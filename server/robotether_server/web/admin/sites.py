@@ -3,10 +3,11 @@
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, seen_robots
+from robotether_server.db import Transaction, join_tokens, seen_robots
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
+from robotether_server.db.join_tokens import Place
 from robotether_server.problems import Problem
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
@@ -70,7 +71,13 @@ def page_of(name: str) -> str:
 def _found(name: str, robot: str = "") -> Words:
     with context().database.transaction() as tx:
         site = db_grants.get_site(tx, name)
-    return {"name": name, "robot": robot, "robots": ", ".join(site.robots) or "none"}
+        tokens = ", ".join(join_tokens.names_for(tx, Place(site=name)))
+    return {
+        "name": name,
+        "robot": robot,
+        "robots": ", ".join(site.robots) or "none",
+        "tokens": tokens and f"Robots that join with these tokens will be at no site: {tokens}.",
+    }
 
 
 grants.register_form(blueprint, "/<name>/grants", show, page_of)
@@ -96,6 +103,7 @@ confirmation.register(
         effects=(
             "The grants for it are removed with it; connections that need them are cut within 2 seconds.",
             "Its robots stay, at no site: {robots}.",
+            "{tokens}",
         ),
         undo="A removed site cannot be restored; add it again, with robots and grants.",
         button="Remove",

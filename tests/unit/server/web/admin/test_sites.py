@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import datetime as dt
+
 from admin_visitor import send
-from robotether_server.db import Database, robots
+from robotether_server.db import Database, join_tokens, robots
+from robotether_server.db.join_tokens import Place
 from web_visitor import Browser, audit_kinds
 
 
@@ -29,6 +32,26 @@ def test_site_is_added_filled_and_removed(admin: Browser, database: Database) ->
     assert site_of(database, "sim2") is None
     kinds = [kind for kind, *_ in audit_kinds(database)]
     assert kinds[-5:] == ["site_added", *["robot_site_set"] * 3, "site_removed"]
+
+
+def test_who_removes_a_site_or_group_reads_which_join_tokens_lose_it(
+    admin: Browser, database: Database
+) -> None:
+    """Those that can still admit a robot; without any, nothing is said of them."""
+    now = dt.datetime.now(dt.UTC)
+    later, past = (now + dt.timedelta(hours=hours) for hours in (1, -1))
+    places = {"/admin/sites": Place(site="lab"), "/admin/groups": Place(group="crew")}
+    for path, place in places.items():
+        name = place.site or place.group or ""
+        send(admin, path, name=name)
+        page = f"{path}/{name}/remove"
+        assert "these tokens" not in admin.ask("GET", page).text
+        with database.transaction() as tx:
+            for token, ends_at in (("b", later), ("<a>", later), ("old", past)):
+                label = f"{name} {token}"
+                join_tokens.create(tx, label, 1, ends_at, "root", place=place)
+            join_tokens.create(tx, f"{name} elsewhere", 1, later, "root")
+        assert f": {name} &lt;a&gt;, {name} b.<" in admin.ask("GET", page).text
 
 
 def test_robot_is_taken_out_after_a_question(admin: Browser, database: Database) -> None:
