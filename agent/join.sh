@@ -168,17 +168,17 @@ check_machine() {
     fail 'cannot install: systemd does not run here (in a container or chroot?). For an SD card image, add --image'
   exec 9</var/lib
   flock -n 9 || fail 'cannot install: another run of this script is busy here; wait until it is done'
-  check_disk /opt "$NEEDED_MB"
-  check_disk /var/lib 10
+  check_disk "$ROOT" 1
+  check_disk "$STATE" 10
   check_disk /etc 1
 }
 
 check_disk() { # folder, MB
   folder=$1
-  [ -d "$folder" ] || folder=/
-  [ -w "$folder" ] || fail "cannot write in $1: is the disk mounted read-only?"
+  until [ -d "${folder:=/}" ]; do folder=${folder%/*}; done
+  [ -w "$folder" ] || fail "cannot write in $folder: is the disk mounted read-only?"
   free=$(df -Pk "$folder" | awk 'NR == 2 { print int($4 / 1024) }')
-  [ "$free" -ge "$2" ] || fail "cannot install: $1 has $free MB free, and $2 MB are needed. Free some space"
+  [ "$free" -ge "$2" ] || fail "cannot install: $folder has $free MB free, and $2 MB are needed. Free some space"
 }
 
 find_missing_packages() {
@@ -277,6 +277,9 @@ find_agent() {
   venv=$ROOT/versions/$version
 }
 
+is_installed() { "$venv/bin/robotether-agent" --version >/dev/null 2>&1; }
+check_room() { is_installed || check_disk "$ROOT" "$NEEDED_MB"; }
+
 # The agent's own rule, taken from the wheel as it is: what it finds here names the robot later.
 check_mac() {
   if [ -n "$image$package" ] || { [ -e "$STATE/identity.json" ] && [ -z "$mac$interface" ]; }; then return; fi
@@ -324,7 +327,7 @@ ensure_account() {
 }
 
 ensure_agent() {
-  if "$venv/bin/robotether-agent" --version >/dev/null 2>&1; then return; fi
+  if is_installed; then return; fi
   step "installing the agent into $venv (a minute on a small robot)"
   if [ -d "$ROOT" ]; then on_failure "rm -rf $venv"; else on_failure "rm -rf $ROOT"; fi
   rm -rf "$venv"
@@ -553,9 +556,10 @@ main() {
   find_missing_packages
   work=$(mktemp -d)
   # Without Python there is no looking at the server.
-  case $missing in python3*) ensure_packages ;; esac
+  case $missing in python3*) check_disk "$ROOT" "$NEEDED_MB"; ensure_packages ;; esac
   files=${package:-$work}
   find_agent
+  check_room
   check_mac
   ensure_packages
   ensure_account

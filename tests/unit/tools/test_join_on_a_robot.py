@@ -97,6 +97,19 @@ def test_settings_with_a_password_are_kept_from_others(robot: Robot, line: str, 
     assert robot.settings.stat().st_mode & 0o777 == mode
 
 
+def test_room_is_needed_for_what_is_installed(robot: Robot) -> None:
+    """Of a robot with a full disk a line that has nothing to install may still change a setting."""
+    version = robot.place / "versions/1"
+    places = f"ROOT={robot.place}/opt/robotether-agent venv={version}"
+    few = f'df() {{ printf "%s\\n" "$2" "- - - 20480"; [ "$2" = {robot.place} ]; }}; fail() {{ echo "$*"; }}'
+    assert robot.run(f"{places}; {few}; check_room") == (
+        f"cannot install: {robot.place} has 20 MB free, and 150 MB are needed. Free some space\n"
+    )
+    (version / "bin").mkdir(parents=True)
+    (version / "bin/robotether-agent").symlink_to("/bin/true")
+    assert robot.run(f"{places}; {few}; check_room") == ""
+
+
 def test_upgrade_starts_an_agent_that_had_failed(robot: Robot) -> None:
     """`switch` leaves such a service alone, and the line says at its end that the agent runs."""
     versions = f"ROOT={robot.place} venv={robot.place}/versions/2 version=2"
