@@ -36,8 +36,8 @@ options:
     type: str
     default: ""
   rosbridge_url: {description: Where the robot's rosbridge must answer; empty when it need not, type: str, default: ""}
-  folder: {description: Where the agent is installed, type: path, required: true}
-  free_mb: {description: Megabytes that must be free there, type: int, required: true}
+  folders: {description: Where the agent is installed, type: list, elements: path, required: true}
+  free_mb: {description: Megabytes that must be free in each of them, type: int, required: true}
 author: ["Robotether"]
 """
 
@@ -46,7 +46,7 @@ EXAMPLES = r"""
   robotether.robotether.preflight:
     server: robots.example.com
     rosbridge_url: ws://127.0.0.1:9090
-    folder: /opt
+    folders: [/opt]
     free_mb: 150
   register: checked
 """
@@ -68,7 +68,7 @@ def main() -> None:
             "ca_file": {"type": "path", "default": None},
             "http_proxy": {"type": "str", "default": "", "no_log": True},
             "rosbridge_url": {"type": "str", "default": ""},
-            "folder": {"type": "path", "required": True},
+            "folders": {"type": "list", "elements": "path", "required": True},
             "free_mb": {"type": "int", "required": True},
         },
         supports_check_mode=True,
@@ -79,14 +79,15 @@ def main() -> None:
 
 
 def _disk(params: dict[str, Any]) -> str:
-    place = Path(params["folder"])
-    while not place.exists():
-        place = place.parent
-    free_mb = shutil.disk_usage(place).free // MB
-    if free_mb < params["free_mb"]:
-        return f"{place} has {free_mb} MB free and the agent needs {params['free_mb']} MB: make room there"
-    if os.statvfs(place).f_flag & os.ST_RDONLY:
-        return f"{place} is mounted read-only: mount it writable (mount -o remount,rw ...) for the installation"
+    for folder in params["folders"]:
+        place = Path(folder)
+        while not place.exists():
+            place = place.parent
+        free_mb = shutil.disk_usage(place).free // MB
+        if free_mb < params["free_mb"]:
+            return f"{place} has {free_mb} MB free and the agent needs {params['free_mb']} MB: make room there"
+        if os.statvfs(place).f_flag & os.ST_RDONLY:
+            return f"{place} is mounted read-only: mount it writable (mount -o remount,rw ...) for the installation"
     return ""
 
 

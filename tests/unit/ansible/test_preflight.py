@@ -15,7 +15,7 @@ from fake_proxy import PASSWORD, USER, FakeProxy
 
 async def problems_of(arguments: dict[str, Any]) -> list[str]:
     """Run the module once on this machine, and return what it found."""
-    result = await run_module("preflight", {"folder": "/", "free_mb": 0, **arguments})
+    result = await run_module("preflight", {"folders": ["/"], "free_mb": 0, **arguments})
     found: list[str] = result["problems"]
     return found
 
@@ -44,3 +44,10 @@ async def test_server_is_reached_through_the_robots_proxy(certificate: Path, pin
     assert proxy.asked == [f"localhost:{port}"] * 2
     assert "Tunnel connection failed: 407" in problem
     assert "check its network, robotether_agent_http_proxy" in problem
+
+
+async def test_room_is_needed_in_each_folder() -> None:
+    """Docker may keep its images on another file system than the agent's own folder."""
+    folders = ["/", "/proc/self"]
+    (full, *_) = await problems_of({"server": "127.0.0.1:1", "folders": folders, "free_mb": 1})
+    assert "/proc/self has 0 MB free and the agent needs 1 MB" in full

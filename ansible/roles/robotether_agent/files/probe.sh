@@ -6,6 +6,7 @@ python3 -c 'import ensurepip, venv' 2>/dev/null && echo venv=yes || echo venv=no
 echo "ssh=$(has ssh-keygen)"
 echo "apt=$(has apt-get)"
 docker info >/dev/null 2>&1 && echo docker=yes || echo docker=no
+echo "docker_root=$(docker info 2>/dev/null | sed -n 's/^ *Docker Root Dir: //p')"
 python3 -c 'import requests' 2>/dev/null && echo requests=yes || echo requests=no
 echo "hostname=$(uname -n)"
 [ -e /etc/systemd/system/robotether-agent.service ] && echo installed=yes || echo installed=no
