@@ -44,6 +44,8 @@ ASK_WEB_AFTER_S = 15.0
 ASK_WEB_EVERY_S = 30.0
 # A cell that fell silent so shortly before has had its time to answer.
 JUST_SILENT_S = 3.0
+# OpenSSH gives a log-in up after 10 to 15 s without an answer; a refusal comes sooner.
+HANGS_AFTER_S = 8.0
 OTHERS_ADVICE = (
     "SOMEBODY MAY BE POSING AS THE SERVER there: ask the server's administrator whether that address is one of its "
     "machines; the agent goes on with the other addresses"
@@ -91,10 +93,14 @@ class Connector:
             except (NoAnswer, ServerUnreachable) as problem:
                 failed.append(problem)
                 break
+            began = monotonic()
             failed.append(await self._unless_unreachable(target, files, role, ssh))
             left.remove(target)
             if isinstance(failed[-1], ServerKeyChanged):
                 left = [one for one in left if one.cell != target.cell]
+            elif monotonic() - began > HANGS_AFTER_S:
+                # Its other ports lead to the same sshd.
+                left.sort(key=lambda one: one.cell == target.cell)
         raise _why_nowhere(failed, len(ssh.in_order(self._settings)))
 
     def targets(self, ssh: SshAccess, kind: Kind) -> list[SshAddress]:

@@ -17,7 +17,13 @@ from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.enrolment.keys import KeyPair, ensure_key
 from robotether_agent.fields import ListedCell
 from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
-from robotether_agent.problems import LinkLost, Retry, ServerSilent, SessionEnded
+from robotether_agent.problems import (
+    LinkLost,
+    Retry,
+    ServerSilent,
+    ServerUnreachable,
+    SessionEnded,
+)
 from robotether_agent.settings import Settings
 from robotether_agent.tunnel.connection import Role
 from robotether_agent.tunnel.connector import Connector
@@ -84,6 +90,34 @@ async def test_a_cell_that_just_fell_silent_gets_no_more_time(problem, again, mo
         with pytest.raises(type(problem)):
             await connector.connect(enrolment, KeyPair(Path("/none"), ""), role)
     assert found == [(B, 0.0), again]
+
+
+@pytest.mark.parametrize(
+    ("took_s", "tried"),
+    [(15.0, ["a 2222", "b 2222", "a 443"]), (0.1, ["a 2222", "a 443", "b 2222"])],
+)
+async def test_after_a_cell_that_hangs_the_others_come_first(took_s, tried, monkeypatch):
+    """Its other port would take as long again; one that refuses there may be let through here."""
+    now, targets_tried = [0.0], []
+
+    async def find(_: ServerDialer, targets: list[SshAddress], *, unreached_s: float) -> SshAddress:
+        return targets[0]
+
+    async def run(target: SshAddress, *_: object) -> NoReturn:
+        targets_tried.append(f"{target.host.removesuffix('.example')} {target.port}")
+        now[0] += took_s
+        raise ServerUnreachable("timed out")
+
+    monkeypatch.setattr(ServerDialer, "find", find)
+    monkeypatch.setattr("robotether_agent.tunnel.connector.run_connection", run)
+    monkeypatch.setattr("robotether_agent.tunnel.connector.monotonic", lambda: now[0])
+    values = Settings(server="a.example:8443", state_dir=Path("/none"))
+    connector = Connector(values, Enroller(values))
+    enrolment = Enrolment(values.server, "sim1", MAC, SshAccess("tunnel", None, A.ports, (A, B)))
+    role = Role(kind="session", forward=lambda _: None, on_up=lambda *_: None)
+    with pytest.raises(ServerUnreachable):
+        await connector.connect(enrolment, KeyPair(Path("/none"), ""), role)
+    assert targets_tried == tried
 
 
 async def test_silence_is_no_reason_to_doubt(make_cloud, place, start_agent, monkeypatch):
