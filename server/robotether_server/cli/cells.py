@@ -71,9 +71,7 @@ def drain(name: str, wait: bool, timeout: float) -> None:
 
 def _is_empty(database: Database, name: str) -> bool | None:
     with database.transaction() as tx:
-        found = cells.get(tx, name)
-    # Those of a machine that is down have lost it already.
-    return not found.robots or not found.is_alive or None
+        return not cells.get(tx, name).robots or None
 
 
 @cell.command()

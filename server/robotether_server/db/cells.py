@@ -86,10 +86,8 @@ def get(tx: Transaction, name: str) -> Cell:
 
 
 def lock(tx: Transaction) -> None:
-    """Keep all cells as they are until the transaction ends; before it reads anything, or it would see them older.
-
-    By the names' index, as a heartbeat goes, or the two would deadlock.
-    """
+    """Keep all cells as they are until the transaction ends, from heartbeats too."""
+    # By the index that a heartbeat uses, or the two would deadlock.
     tx.rows("SELECT name FROM cells ORDER BY name FOR UPDATE")
 
 
@@ -117,7 +115,9 @@ def _cell_of(row: Row) -> Cell:
     ports = tuple(int(port) for port in row["ssh_ports"].split(","))
     # MariaDB has no truth values of its own.
     flags = {name: bool(row[name]) for name in ("draining", "is_alive")}
-    return Cell(**row | flags | {"ssh_ports": ports})
+    # A machine that is down has lost its robots, and nobody could write that.
+    robots = row["robots"] if row["is_alive"] else 0
+    return Cell(**row | flags | {"ssh_ports": ports, "robots": robots})
 
 
 def write_heartbeat(

@@ -23,8 +23,8 @@ def heartbeat(relay_database: Database, name: str, robots: int) -> None:
 
 @pytest.fixture(autouse=True)
 def _cells(relay_database: Database, admin_database: Database) -> None:
-    """Cells a and b, and c, which is down."""
-    for name, robots in (("a", 2), ("b", 0), ("c", 0)):
+    """Cells a and b, and c, which is down and had robots."""
+    for name, robots in (("a", 2), ("b", 0), ("c", 3)):
         heartbeat(relay_database, name, robots)
     with admin_database.transaction() as tx:
         tx.change("UPDATE cells SET heartbeat_at = %s WHERE name = 'c'", (NOON,))
@@ -40,10 +40,10 @@ def test_cells_are_listed(run: Run) -> None:
         ["c", "-", "-", "0", __version__, "down"],
     ]
     shown = json.loads(run("cell", "list", "--json").out)
-    assert [(one["name"], one["draining"], one["is_alive"]) for one in shown] == [
-        ("a", False, True),
-        ("b", True, True),
-        ("c", False, False),
+    assert [(one["name"], one["robots"], one["draining"], one["is_alive"]) for one in shown] == [
+        ("a", 2, False, True),
+        ("b", 0, True, True),
+        ("c", 0, False, False),
     ]
 
 
@@ -55,7 +55,8 @@ def test_drain_waits_until_the_robots_have_left(run: Run, relay_database: Databa
         "robotether: cannot see cell a empty after 0.1 s: 2 robots are left\n",
     )
     heartbeat(relay_database, "a", 0)
-    assert run("cell", "drain", "a", "--wait").out == "cell a is empty\n"
+    for name in ("a", "c"):
+        assert run("cell", "drain", name, "--wait").out == f"cell {name} is empty\n"
 
 
 def test_cell_is_put_back_into_service(run: Run, database: Database) -> None:
