@@ -111,7 +111,7 @@ export class ControlPanel {
   }
 
   async withdraw() {
-    this.driveMode.forget();
+    this.driveMode.withdraw();
     await api.lease(this.robot, "withdraw");
   }
 

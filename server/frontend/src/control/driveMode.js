@@ -145,10 +145,17 @@ export class DriveMode {
     this.onChange();
   }
 
+  // The server may have the question already: of before a reload, or its answer was lost.
   ask() {
-    this.asked = "sent";
+    this.asked = this.control.waiting?.user === this.me ? "waiting" : "sent";
     this.note = null;
     this.onChange();
+  }
+
+  // Whoever asks again at once must not take the end of this question for a refusal.
+  withdraw() {
+    this.control = { ...this.control, waiting: null };
+    this.forget();
   }
 
   // The question is over from this side: withdrawn, or not taken by the server.
@@ -217,7 +224,7 @@ export class DriveMode {
     const { driver, waiting } = this.control;
     const { other } = this;
     if (!other || other.user === this.me) return ["drive"];
-    return driver && !waiting ? ["ask"] : [];
+    return driver && (!waiting || waiting.user === this.me) ? ["ask"] : [];
   }
 
   takeActions() {

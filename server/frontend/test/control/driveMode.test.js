@@ -106,9 +106,19 @@ test("news from before the question is no refusal", () => {
 
 test("a question that was withdrawn brings no control", () => {
   askAnn();
-  driveMode.forget();
+  driveMode.withdraw();
   driveMode.receive({ driver: null, reserved: me });
   assert.deepEqual(moves, []);
+});
+
+test("who withdraws and asks again at once is not told of a refusal", () => {
+  askAnn();
+  driveMode.withdraw();
+  driveMode.ask();
+  driveMode.receive({ driver: ann, waiting: null });
+  assert.equal(driveMode.note, null);
+  driveMode.receive({ driver: ann, waiting: me });
+  assert.equal(driveMode.asked, "waiting");
 });
 
 test("a stop ends the question, whatever else the news says", () => {
@@ -264,6 +274,17 @@ test("a manager can take the control, also while asking", () => {
   assert.deepEqual(driveMode.actions(true), ["ask", "take"]);
   driveMode.ask();
   assert.deepEqual(driveMode.actions(true), ["withdraw", "take"]);
+});
+
+test("who asked before a reload, or got no answer, can ask again and is waited for", () => {
+  sitDown("drive", null);
+  driveMode.receive({ driver: ann, waiting: me });
+  assert.deepEqual(driveMode.actions(true), ["ask"]);
+  driveMode.ask();
+  assert.deepEqual(driveMode.actions(true), ["withdraw"]);
+  driveMode.receive({ driver: ann, waiting: null });
+  assert.deepEqual(driveMode.note, { why: "refused", by: "ann" });
+  assert.deepEqual(moves, []);
 });
 
 test("a page that drives and waits for its robot can give the control up, and takes it no more when the robot is back", () => {
