@@ -7,7 +7,7 @@ from robotether_server.problems import NotPossible
 
 def drain(tx: Transaction, source: Source, name: str) -> None:
     """Take a cell out of service; raise RecordMissing, or NotPossible when no other cell would take its robots."""
-    cells.lock(tx)
+    cells.lock_drains(tx)
     found = cells.get(tx, name)
     if not any(cell.is_listed for cell in cells.read(tx) if cell.name != name):
         raise NotPossible(
