@@ -178,7 +178,7 @@ def refusal(action: str, status: int, answer: Mapping[str, Any]) -> ServerError:
 
 def digits_of(fingerprint: str, prefix: str = ROLE_PREFIX) -> str:
     """Return a SHA-256 in any usual spelling as 64 lower-case digits; ServerError when it is none."""
-    digits = fingerprint.strip().lower().removeprefix("sha256:").replace(":", "")
+    digits = re.sub("^sha256:|:", "", fingerprint.strip().lower())
     if digits and not re.fullmatch(r"[0-9a-f]{64}", digits):
         raise ServerError(
             f"cannot use {prefix}tls_fingerprint {fingerprint!r}: allowed is the certificate's SHA-256, "

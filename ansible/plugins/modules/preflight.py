@@ -1,5 +1,8 @@
 #!/usr/bin/python
-"""Ansible module: looks at a robot before anything is changed. Runs on the robot and changes nothing."""
+"""Ansible module: looks at a robot before anything is changed. Runs on the robot and changes nothing.
+
+With what it imports it is for Python 3.8, which robots have whose agent runs in a container.
+"""
 
 from __future__ import annotations
 
@@ -125,10 +128,8 @@ def _certificate(params: dict[str, Any], host: str, port: int, *, is_pinned: boo
     if is_pinned:
         context.check_hostname = False
         context.verify_mode = ssl.CERT_NONE
-    with (
-        _connected(params["http_proxy"], host, port) as plain,
-        context.wrap_socket(plain, server_hostname=host) as tls,
-    ):
+    plain = _connected(params["http_proxy"], host, port)
+    with plain, context.wrap_socket(plain, server_hostname=host) as tls:
         return hashlib.sha256(tls.getpeercert(binary_form=True) or b"").hexdigest()
 
 

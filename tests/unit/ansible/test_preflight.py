@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import asyncio
 import hashlib
+import json
+import os
+import re
 import ssl
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from ansible_module import run_module
+from ansible_module import ANSIBLE, run_module
 from fake_proxy import PASSWORD, USER, FakeProxy
 
 
@@ -51,3 +57,50 @@ async def test_room_is_needed_in_each_folder() -> None:
     folders = ["/", "/proc/self"]
     (full, *_) = await problems_of({"server": "127.0.0.1:1", "folders": folders, "free_mb": 1})
     assert "/proc/self has 0 MB free and the agent needs 1 MB" in full
+
+
+@pytest.mark.parametrize("name", ["modules/preflight.py", "module_utils/server.py"])
+def test_robots_python_reads_the_module(name: str) -> None:
+    """Where the agent runs in a container, Ubuntu 20.04 will do."""
+    ast.parse((ANSIBLE / "plugins" / name).read_text(), feature_version=(3, 8))
+
+
+@pytest.mark.parametrize(
+    ("python", "runtime", "oldest"),
+    [
+        ("3.9.2", "venv", "3.10, or 3.8 with agent_runtime docker"),
+        ("3.10.0", "venv", None),
+        ("3.7.3", "docker", "3.8"),
+        ("3.8.10", "docker", None),
+    ],
+)
+def test_older_python_is_refused(
+    tmp_path: Path, python: str, runtime: str, oldest: str | None
+) -> None:
+    """Before a module runs, of which it would print a syntax error; in a container the agent has its own."""
+    for name, said in {"python3": python, "docker": ""}.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\necho {said}\n")
+        (tmp_path / name).chmod(0o755)
+    role = {"name": "robotether_agent", "tasks_from": "preflight"}
+    tasks = [{"ansible.builtin.include_role": role}]
+    (tmp_path / "play.yml").write_text(
+        json.dumps([{"hosts": "localhost", "gather_facts": False, "tasks": tasks}])
+    )
+    words: list[str | Path] = [Path(sys.executable).with_name("ansible-playbook"), "play.yml"]
+    words += ["--connection", "local", "--inventory", "localhost,"]
+    # No server is set, so nothing is looked at after the assertions.
+    known = {"ansible_python_interpreter": sys.executable, "agent_runtime": runtime}
+    words += ["--extra-vars", json.dumps(known)]
+    environ = {
+        **os.environ,
+        "PATH": f"{tmp_path}:{os.environ['PATH']}",
+        "ANSIBLE_ROLES_PATH": str(ANSIBLE / "roles"),
+        "ANSIBLE_COLLECTIONS_PATH": str(ANSIBLE / "collections"),
+        "ANSIBLE_NOCOLOR": "1",
+    }
+    played = subprocess.run(
+        words, cwd=tmp_path, env=environ, check=False, capture_output=True, text=True, timeout=60
+    ).stdout
+    assert "robotether_agent_server is not set" in played
+    refused = re.findall(r"cannot enrol localhost: its Python is (.*?); upgrade", played)
+    assert set(refused) == ({f"{python} and the agent needs {oldest}"} if oldest else set())
