@@ -74,6 +74,7 @@ export class StopBar {
     const again = this.offered === "again"; // the news that it is released may come before the answer
     const answer = await api.release(this.robot, stopped);
     if (answer.ok) return this.onReleased(again);
+    if (!this.stopping.stopped) return; // it is released: this answer was lost on the way, or is of a second hold
     this.failure = releaseTexts.failed(answer.detail);
     this.show();
   }

@@ -3,22 +3,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { ControlPanel } from "../../src/control/controlPanel.js";
 import { DriveMode } from "../../src/control/driveMode.js";
-
-// As much of an element as the panel needs; each of its parts is made when it is asked for.
-class FakeElement extends EventTarget {
-  hidden = true;
-  dataset = {};
-  textContent = "";
-  parts = new Map();
-  querySelector(selector) {
-    if (!this.parts.has(selector)) this.parts.set(selector, new FakeElement());
-    return this.parts.get(selector);
-  }
-  querySelectorAll() {
-    return [];
-  }
-  focus() {}
-}
+import { FakeElement } from "./fakes.js";
 
 const LIVE = { live: true, waits: false };
 const AWAY = { live: false, waits: true };

@@ -1,7 +1,9 @@
 import assert from "node:assert/strict";
-import { beforeEach, test } from "node:test";
+import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { stopOnSpace } from "../../src/control/stopBar.js";
+import { StopBar, stopOnSpace } from "../../src/control/stopBar.js";
+import { api } from "../../src/pages/calls.js";
+import { FakeElement } from "./fakes.js";
 
 let stops, clicks, window;
 
@@ -57,4 +59,37 @@ test("Enter checks a checkbox, once for each press, and nothing else", () => {
   press("input[type=checkbox]", { code: "Enter", repeat: true });
   assert.equal(press("button", { code: "Enter" }), false);
   assert.deepEqual([clicks, stops], [1, 0]);
+});
+
+const STOPPED = { by: "ben", at: "2026-01-01T12:03:00Z", confirmed: true };
+
+// The bar of a robot that is stopped, whose release has been asked for; `answer` is the server's.
+function releaseAsked() {
+  globalThis.window = window;
+  const root = new FakeElement();
+  const bar = new StopBar(root, { robot: "sim1", halt() {}, send() {}, onReleased() {} });
+  let answer;
+  mock.method(api, "release", () => new Promise((resolve) => (answer = resolve)));
+  bar.receive(STOPPED);
+  const done = bar.letGo();
+  const text = () => bar.element.querySelector('[data-part="stop-text"]').textContent;
+  return { bar, text, fails: () => answer({ ok: false, detail: "" }) || done };
+}
+
+afterEach(() => {
+  delete globalThis.window;
+  mock.restoreAll();
+});
+
+test("a release that failed is said beside the stop that still holds", async () => {
+  const { text, fails } = releaseAsked();
+  await fails();
+  assert.match(text(), /Stopped by ben .*Not released/);
+});
+
+test("a robot that is released, though the answer was lost, is not said to be not released", async () => {
+  const { bar, text, fails } = releaseAsked();
+  bar.receive(null);
+  await fails();
+  assert.equal(text(), "");
 });
