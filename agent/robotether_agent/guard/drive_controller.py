@@ -370,11 +370,16 @@ class DriveController:
         now, given = self._clock(), message.fields.get(STAMP)
         stamp: Mapping[str, object] = given if isinstance(given, dict) else {}
         self._authorizer.check(source.authorization, stamp.get("fence"), now)
-        if not self.publisher.up or self._deadman.owes:
-            raise Refused("held", "rosbridge does not accept commands")
-        old_at = self._old_at(source, stamp.get("t_ms"), now)
         known = self._topics.find(message.topic)
         wanted = read_command(message.fields.get("msg", {}), known.declared if known else None)
+        try:
+            old_at = self._old_at(source, stamp.get("t_ms"), now)
+        except Refused:
+            if known is not None and not wanted.moves:
+                # However late it comes, the driver wants to stop.
+                known.waiting = None
+                self._begin_zeros([known.name])
+            raise
         topic = self._topic_for(source, message.topic)
         self._check_shape(topic, wanted.shape)
         before = topic.sent if self._deadman.is_moving(topic.name) else None
@@ -395,6 +400,8 @@ class DriveController:
 
     def _old_at(self, source: CommandSource, t_ms: object, now: float) -> float:
         """Return until when a command may be sent, or refuse it."""
+        if not self.publisher.up or self._deadman.owes:
+            raise Refused("held", "rosbridge does not accept commands")
         if source.authorization.mode == "direct":
             return now + self._config.max_age_s
         if isinstance(t_ms, bool) or not isinstance(t_ms, int | float):

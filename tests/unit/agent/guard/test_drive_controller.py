@@ -172,6 +172,31 @@ async def test_a_direct_command_that_waits_too_long_is_dropped(world: World) -> 
     assert direct.kinds == ["old"]
 
 
+@pytest.mark.parametrize("reason", ["old", "held"])
+async def test_a_stop_of_the_driver_that_is_refused_is_the_guards(
+    world: World, reason: str
+) -> None:
+    """One that comes late, or while rosbridge reads nothing: the deadman's time may be seconds."""
+    world.controller.use(GuardConfig("ws://x", deadman_s=10))
+    await world.drive(0.5)
+    world.publisher.full = True
+    await world.drive(0.6)
+    world.publisher.up = reason == "old"
+    await world.drive(0.0, age_ms=600)
+    assert world.source.kinds == [reason]
+    world.publisher.full, world.publisher.up = False, True
+    await world.pass_time(1)
+    assert world.publisher.speeds == [0.5] + [0.0] * 10
+
+
+async def test_a_late_zero_of_another_moves_nothing_and_stops_nothing(world: World) -> None:
+    await world.drive(0.5)
+    await world.drive(0.0, FakeSource(Authorization("drive", 12)), age_ms=600)
+    await world.drive(0.0, FakeSource(Authorization("observe")), age_ms=600)
+    await world.controller.step()
+    assert world.publisher.speeds == [0.5]
+
+
 async def test_a_stop_of_the_driver_that_could_not_be_sent_is_the_guards(world: World) -> None:
     """The wish to stand outlives its command."""
     await world.drive(0.5)
