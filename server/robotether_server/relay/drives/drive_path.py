@@ -3,7 +3,7 @@
 The message validator makes a `DriveCommand` of each publish to a drive topic that passes. `bridge` makes a `DrivePath`
 for each connection with a lease, and hands it every command. A command never waits behind another: when the robot's
 side is full, only the newest of each topic waits, and it goes on if it is young enough by then. A command that is too
-old must never go on.
+old must never go on, unless it says to stand still.
 
 Each drive has a `DriveLog`, which `handler` makes; `observers` writes its entry while the drive lasts and at its end.
 """
@@ -139,7 +139,7 @@ class DrivePath:
             return self._refuse(
                 command, "its timestamp lies ahead, by the clock that the beats show", now
             )
-        if now - timestamp > self._lease.max_age_s:
+        if self._is_too_old(command, timestamp, now):
             age_ms, limit_ms = (now - timestamp) * 1000, self._lease.max_age_s * 1000
             why = f"the command is {age_ms:.0f} ms old, over {limit_ms:g} ms"
             return self._refuse(command, why, now)
@@ -149,6 +149,13 @@ class DrivePath:
         else:
             await self._send(command, timestamp, now)
         return None
+
+    def _is_too_old(self, command: DriveCommand, timestamp: float, now: float) -> bool:
+        stands = not (command.speed_m_s or command.turn_rad_s)
+        if stands and self._lease.clock is not None:
+            # The guard stops the robot by it, and sends on nothing that is old.
+            return False
+        return now - timestamp > self._lease.max_age_s
 
     async def run(self) -> NoReturn:
         """Send what waits, as soon as there is room."""
@@ -173,7 +180,7 @@ class DrivePath:
         topic = next(iter(self._waiting))
         command, timestamp = self._waiting.pop(topic)
         now = time.monotonic()
-        if now - timestamp > self._lease.max_age_s:
+        if self._is_too_old(command, timestamp, now):
             self.log.dropped()
         else:
             await self._send(command, timestamp, now)

@@ -118,6 +118,18 @@ async def test_an_old_command_is_dropped_and_its_sender_told(
     )
 
 
+async def test_the_wish_to_stand_is_never_too_old(relay, guarded, sim1, http):
+    """The guard stops the robot by it, long before the deadman's time."""
+    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
+        await ann.clock_sync()
+        await ann.until("robotether.beat")
+        await ann.drive(0.5, age_ms=900)
+        await ann.drive(0.0, age_ms=900)
+        await until(lambda: guarded.received, "it came")
+    assert [json.loads(data)["msg"] for data in guarded.received] == [{"linear": {"x": 0.0}}]
+    assert stamps(guarded)[0]["t_ms"] < guarded.session.clock_ms() - 900
+
+
 async def test_a_client_that_answers_no_ping_cannot_drive_on(relay, guarded, sim1, http):
     """Its commands grow old, although they come in time."""
     async with http.ws_connect(relay.ros_url(sim1), autoping=False) as socket:
