@@ -186,10 +186,10 @@ def _settings_of(row: Row) -> RobotSettings:
 
 
 def last_seen(tx: Transaction) -> list[tuple[int, datetime]]:
-    """Read since when each robot that has ever connected is offline."""
+    """Read since when each robot that has ever connected is offline; a dead cell's, since the cell is."""
     rows = tx.rows(
-        "SELECT robot_id, MAX(IFNULL(ended_at, CURRENT_TIMESTAMP(6))) AS since"
-        " FROM robot_sessions GROUP BY robot_id"
+        "SELECT s.robot_id, MAX(COALESCE(s.ended_at, c.heartbeat_at, CURRENT_TIMESTAMP(6))) AS since"
+        " FROM robot_sessions s LEFT JOIN cells c ON c.name = s.cell GROUP BY s.robot_id"
     )
     return [(row["robot_id"], row["since"]) for row in rows]
 

@@ -6,7 +6,8 @@ import datetime as dt
 
 import pytest
 from granted import give
-from robotether_server.db import Database, Transaction, credentials, fleet, robots, users
+from relay_server import cell_settings
+from robotether_server.db import Database, Transaction, cells, credentials, fleet, robots, users
 from robotether_server.db.fleet import (
     AuditEntry,
     Changes,
@@ -184,6 +185,17 @@ def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1)
     assert len(row["agent_version"]) == fleet.MAX_VERSION
     assert row["ros_exposed"]
     assert (row["cell"], row["epoch"]) == ("a", 2**53)
+
+
+def test_a_robot_of_a_dead_cell_was_last_seen_when_that_died(relay_database, admin_database, sim1):
+    """Nobody could write that its session ended."""
+    with relay_database.transaction() as tx:
+        cells.write_heartbeat(tx, cell_settings("a"), robots=1, started_at=NOON)
+        fleet.write(tx, [SessionEntry(sim1, NOON, "")], "a")
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE cells SET heartbeat_at = %s", (NOON + HOUR,))
+    with relay_database.transaction() as tx:
+        assert fleet.last_seen(tx) == [(sim1, NOON + HOUR)]
 
 
 def test_new_rows_are_told_by_the_entrys_place(relay_database, sim1):
