@@ -22,11 +22,13 @@ export class Stopping {
     this.state = "idle"; // "asked": no answer yet; "heard": the server has it
     this.detail = "";
     this.round = 0;
+    this.informed = false; // whether a control object has come since the press
   }
 
   press() {
     this.round += 1;
     this.state = "asked";
+    this.informed = false;
     this.attempt(this.round, TRIES);
     this.onChange();
   }
@@ -42,7 +44,7 @@ export class Stopping {
     if (this.state === "idle") return; // the control object has told meanwhile
     this.detail = detail;
     this.state = ok ? "heard" : refusal(status, tries);
-    if (ok) this.later(CONFIRM_MS, () => this.becomeIdle());
+    if (ok) this.later(CONFIRM_MS, () => this.expire());
     else if (this.state === "unheard") this.later(AGAIN_MS, () => this.attempt(round, tries));
     this.onChange();
   }
@@ -56,11 +58,18 @@ export class Stopping {
   receive(stopped) {
     const before = this.stopped;
     this.stopped = stopped ?? null;
+    this.informed = true;
     // An earlier stop, or its release, says nothing of one that is still on its way.
     const onItsWay = ["asked", "unheard"].includes(this.state);
     const another = this.stopped && !sameStop(before, this.stopped);
     if (another || (before && !onItsWay)) this.becomeIdle();
     else this.onChange();
+  }
+
+  // A page that hears nothing, as without its links, knows no more than that the server has it.
+  expire() {
+    if (this.informed) this.becomeIdle();
+    else this.later(CONFIRM_MS, () => this.expire());
   }
 
   becomeIdle() {

@@ -129,6 +129,16 @@ test("news of a robot that is not stopped does not hide a stop that is on its wa
   assert.equal(kind(), "none");
 });
 
+test("a stop that the server has is not forgotten while the page hears nothing", async () => {
+  stopping.press();
+  await answer(OK);
+  mock.timers.tick(60_000);
+  assert.equal(kind(), "heard");
+  stopping.receive(null);
+  mock.timers.tick(5000);
+  assert.equal(kind(), "none");
+});
+
 test("the release of an earlier stop does not end a stop that is on its way", async () => {
   stopping.receive({ ...BY_BEN, confirmed: true });
   stopping.press();
