@@ -46,7 +46,7 @@ def test_mistake_of_ours_is_logged_and_not_shown(
 ) -> None:
     """500, with the traceback in the log alone."""
 
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("the inner reason")
 
     monkeypatch.setattr(auth, "page_user", fail)
