@@ -518,7 +518,10 @@ tell_rosbridge() {
 uninstall() {
   [ "$(id -u)" = 0 ] || fail 'cannot uninstall as an ordinary user: run it with sudo'
   found=''
-  for path in "$UNIT" "$LINK" "$ROOT" /etc/robotether "$STATE" /run/robotether-agent; do
+  # Left by an upgrade that a power cut ended.
+  pending=robotether-agent-unfinished-switch.service
+  for path in "$UNIT" "${UNIT%/*}/$pending" "${UNIT%/*}/multi-user.target.wants/$pending" \
+    "$LINK" "$ROOT" /etc/robotether "$STATE" /run/robotether-agent; do
     if [ -e "$path" ] || [ -L "$path" ]; then found="$found $path"; fi
   done
   account=''
@@ -526,7 +529,7 @@ uninstall() {
   if [ -z "$found$account" ]; then say 'nothing to do: no agent is installed here'; return; fi
   say "this stops the agent and removes$found$account. The robot's key goes with them, and cannot be brought back"
   [ -n "$yes" ] || ask
-  systemctl --quiet disable --now robotether-agent 2>/dev/null || true
+  for service in "$pending" robotether-agent; do systemctl --quiet disable --now "$service" 2>/dev/null || true; done
   # shellcheck disable=SC2086 # a list of our own paths
   rm -rf $found
   systemctl daemon-reload 2>/dev/null || true

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 import tomllib
+from robotether_agent.upgrade import PENDING_NAME
 
 SCRIPT = Path(__file__).resolve().parents[3] / "agent/join.sh"
 # In place of what would change this machine.
@@ -17,7 +18,7 @@ install() { :; }
 keep_copy() { :; }
 on_failure() { :; }
 protect() { :; }
-systemctl() { echo "$@" >> "$work/systemctl"; [ "$2" != is-active ]; }
+systemctl() { echo "$@" >> "$work/systemctl"; [ "${2-}" != is-active ]; }
 """
 
 
@@ -120,3 +121,20 @@ def test_upgrade_starts_an_agent_that_had_failed(robot: Robot) -> None:
     assert "switching from 1 to 2" in said
     calls = (robot.place / "new/systemctl").read_text().splitlines()
     assert calls[-1] == "restart robotether-agent"
+
+
+def test_uninstall_removes_an_upgrade_that_was_cut_short(robot: Robot) -> None:
+    """Each boot would start it, and it would run a program that is gone."""
+    units = robot.place / "units"
+    (units / "multi-user.target.wants").mkdir(parents=True)
+    (units / PENDING_NAME).touch()
+    (units / "multi-user.target.wants" / PENDING_NAME).symlink_to(f"../{PENDING_NAME}")
+    doubles = "id() { [ x$1 = x-u ] && echo 0; }; rm() { echo rm $*; }"
+    places = f"UNIT={units}/robotether-agent.service LINK=/none ROOT=/none STATE=/none"
+    said = robot.run(f"{doubles}; {places}; yes=1; uninstall")
+    [removed] = [line.split() for line in said.splitlines() if line.startswith("rm ")]
+    assert {f"{units}/{PENDING_NAME}", f"{units}/multi-user.target.wants/{PENDING_NAME}"} <= {
+        *removed
+    }
+    calls = (robot.place / "new/systemctl").read_text().splitlines()
+    assert calls[0] == f"--quiet disable --now {PENDING_NAME}"
