@@ -190,7 +190,7 @@ REFUSED = [
     '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"w":1}}}',
     '{"op":"publish","topic":"/cmd_vel","msg":{"x":1}}',
     '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":1e999}},"id":"v"}',
-    '{"op":"publish","topic":"/cmd_vel","robotether":{"t_ms":-1e9}}',
+    '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":1}},"robotether":{"t_ms":-1e9}}',
     '{"op":"publish","topic":"/cmd_vel","robotether":{"t_ms":1e15}}',
     '{"op":"robotether.beat","t_ms":"1"}',
 ]
