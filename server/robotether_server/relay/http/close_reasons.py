@@ -122,7 +122,7 @@ def client_silent(robot: str, limit_s: float) -> CloseReason:
 
 
 def client_slow(robot: str, limit_s: float) -> CloseReason:
-    """The client read nothing for 10 s."""
+    """The client read nothing for 10 s, or was the slowest when observers had over 128 MB to read."""
     return CloseReason(
         4413, "client_slow", f"you did not read what robot {robot} sent for {limit_s:g} s"
     )

@@ -52,6 +52,9 @@ LINK_GRACE_S = 0.3
 MESSAGES_A_TURN = 64
 # How much is read ahead of a message that waits, to find a stop; one more message may go beyond the bytes.
 MAX_AHEAD, MAX_AHEAD_BYTES = 1000, SEND_BUFFER_BYTES
+# Of large messages that all observers have not taken yet; with copies and what comes next the relay holds three times
+# that.
+MAX_OBSERVERS_BYTES = 128 * 1024 * 1024
 PASSED_ON = frozenset((WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG))
 
 
@@ -64,6 +67,8 @@ class Traffic:
     bytes_to_robot: int = 0
     bytes_to_client: int = 0
     refused: Counter[str] = field(default_factory=Counter)
+    # Observers that take a large message now: its bytes, and since when. The slowest is the first.
+    taking: dict[Bridge, tuple[int, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -288,13 +293,29 @@ class Bridge(OperatorConnection):
             if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
                 traffic.messages_to_client += 1
                 traffic.bytes_to_client += len(message.data)
-                await self._send_to_client(message.data, message.type)
+                if self._drive is None and len(message.data) > SEND_BUFFER_BYTES:
+                    await self._send_to_observer(message.data, message.type)
+                else:
+                    await self._send_to_client(message.data, message.type)
             elif message.type is WSMsgType.PING:
                 # Why it broke is what is read next.
                 with suppress(ConnectionError):
                     await robot.pong(message.data)
             elif message.type is not WSMsgType.PONG:
                 return await self._close_reason_of_robot(message.type, message.data)
+
+    async def _send_to_observer(self, data: bytes, kind: WSMsgType) -> None:
+        """Send a large message; the slowest observers go when all together have too much to take."""
+        taking, now = self._traffic.taking, self._loop.time()
+        taking[self] = len(data), now
+        while sum(size for size, _ in taking.values()) > MAX_OBSERVERS_BYTES:
+            slowest = next(iter(taking))
+            _, since = taking.pop(slowest)
+            slowest.end(close_reasons.client_slow(slowest._name, round(now - since, 1)))
+        try:
+            await self._send_to_client(data, kind)
+        finally:
+            taking.pop(self, None)
 
     async def _send_to_client(self, data: bytes, kind: WSMsgType) -> None:
         self._bytes_to_client += len(data)

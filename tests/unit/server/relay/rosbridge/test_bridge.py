@@ -358,6 +358,34 @@ async def test_a_client_that_never_reads_is_bounded_and_ends(relay, sim1, http):
     await robot.stop()
 
 
+async def test_the_slowest_observer_goes_when_all_have_too_much_to_read(
+    relay, robot, sim1, http, monkeypatch
+):
+    """Else large messages to slow observers of many robots take all the memory; a driver's do not count."""
+    monkeypatch.setattr(bridge, "MAX_OBSERVERS_BYTES", int(1.5 * MESSAGE_LIMIT))
+    async with (
+        http.ws_connect(relay.ros_url(sim1)) as ann,
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as one,
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as other,
+    ):
+        await robot.connections(3)
+        transports = [socket._response.connection.transport for socket in (ann, one, other)]
+        for transport in transports:
+            transport.pause_reading()
+        sending = asyncio.create_task(robot.send_to_clients(b"x" * MESSAGE_LIMIT))
+        await until(
+            lambda: b'client_slow"} 1.0' in relay.relay.metrics.render(),
+            "one is let go",
+            within_s=3,
+        )
+        assert len(relay.relay.traffic.taking) == 1
+        assert relay.relay.control.driver(sim1.id) == "ann"
+        for transport in transports:
+            transport.abort()
+        await sending
+    await until(lambda: not relay.relay.traffic.taking, "nobody takes anything")
+
+
 async def test_the_robot_learns_that_the_operator_left(relay, robot, sim1, http):
     """Closing the operator's side closes rosbridge's connection at once."""
     async with http.ws_connect(relay.ros_url(sim1)):
