@@ -12,7 +12,7 @@ const FRESH_MS = 8000; // a note over the picture goes by itself
 
 export class ControlPanel {
   // `busy` as of Question, `driveTopic` as of settings.js.
-  constructor(root, { robot, driveMode, driveTopic, busy }) {
+  constructor(root, { robot, driveMode, driveTopic, busy, now = () => performance.now() }) {
     this.root = root;
     this.robot = robot;
     this.driveMode = driveMode;
@@ -26,15 +26,16 @@ export class ControlPanel {
     this.sureElement = byTestId(root, "take-sure");
     this.question = new Question(this.questionElement, { busy });
     this.sure = new Question(this.sureElement, { busy });
+    this.deafness = new Deafness(now); // the second press of a double one must not end what the first began
     this.listen();
     setInterval(() => this.count(), TICK_MS);
   }
 
   listen() {
     const acts = {
-      arm: () => this.driveMode.arm(),
+      arm: () => this.arm(),
       drive: () => this.driveMode.drive(),
-      leave: () => this.driveMode.leave(),
+      leave: () => this.deafness.active || this.driveMode.leave(),
       ask: () => this.ask(),
       withdraw: () => this.withdraw(),
       take: () => this.askSure(true),
@@ -100,6 +101,11 @@ export class ControlPanel {
     setText(part(this.questionElement, "left"), asking ? texts.passes(asking.user, left(asking)) : "");
     const mine = asked && control.waiting?.user === me && control.driver ? control.waiting : null;
     setText(byTestId(this.root, "control-left"), mine ? texts.arrives(control.driver.user, left(mine)) : "");
+  }
+
+  arm() {
+    this.deafness.renew(); // what gives the control up is there now
+    this.driveMode.arm();
   }
 
   async ask() {

@@ -69,3 +69,16 @@ test("a page that is older than rights or settings says so, once it is connected
   assert.match(note().textContent, /settings have changed. Reload/);
   assert.equal(note().dataset.fresh, "true");
 });
+
+test("a double press of Start driving does not give up control", () => {
+  let clock = 0;
+  driveMode = new DriveMode({ me: "ann", level: "drive", drove: { armed: false }, onMove() {} });
+  open({ now: () => clock });
+  const press = (name) => panel.button(name).dispatchEvent(new Event("click"));
+  press("arm");
+  press("leave");
+  assert.deepEqual([driveMode.mode, driveMode.armed], ["drive", true]);
+  clock += 700;
+  press("leave");
+  assert.equal(driveMode.mode, "observe");
+});
