@@ -261,6 +261,28 @@ async def test_text_stays_bytes() -> None:
     ]
 
 
+async def test_a_receive_that_is_cancelled_leaves_the_message() -> None:
+    """Bridge reads ahead while a message waits, and goes on reading itself when that one is through."""
+    got: list[str] = []
+
+    async def talk(socket: web.WebSocketResponse) -> None:
+        while len(got) < 500:
+            receiving = asyncio.create_task(socket.receive())
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            receiving.cancel()
+            (message,) = await asyncio.gather(receiving, return_exceptions=True)
+            if not isinstance(message, BaseException):
+                got.append(message.data)
+
+    async with connected(talk) as client:
+        for number in range(500):
+            await client.send_str(str(number))
+            await asyncio.sleep(0)
+        await closed(client)
+    assert got == [str(number) for number in range(500)]
+
+
 async def test_a_request_that_cannot_be_parsed_is_logged_with_its_exception(caplog) -> None:
     """relay/app.py's WithoutRequest takes such a request out of the log by the exception's class."""
     logger = logging.getLogger("test_aiohttp")
