@@ -1,7 +1,8 @@
-"""What server.yml decides by: Docker's room and images, and what was deployed; tests/ansible/test_server.py runs it."""
+"""What server.yml decides by: Docker, settings and what was deployed; tests/ansible/test_server.py runs it."""
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
@@ -48,6 +49,31 @@ def test_room_is_needed_where_docker_is(tmp_path: Path) -> None:
     names = ("Find how much room Docker has", "Check that there is room for the images")
     said = play(tmp_path, [task_of(name, "preflight.yml") for name in names], {})
     assert "cannot set up localhost: /proc/self has 0 GB free, and 4 GB are needed" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "settings", "address"),
+    [
+        ("", {}, "https://127.0.0.1/"),
+        ("PUBLIC_HOST=\nHTTPS_PORT=8443\n", {}, "https://127.0.0.1:8443/"),
+        ("HTTPS_PORT=8443\nPUBLIC_PORT=443\n", {"PUBLIC_HOST": "a.example"}, "https://a.example/"),
+        ("DOMAIN=b.example\nPUBLIC_PORT=\n", {"PUBLIC_PORT": 4443}, "https://b.example:4443/"),
+    ],
+)
+def test_address_is_the_one_in_force(
+    tmp_path: Path, text: str, settings: dict[str, Any], address: str
+) -> None:
+    """It is printed at the end: behind another machine's port, or with the certificate's name."""
+    keep = task_of("Keep the address and the published ports as facts", "settings.yml")
+    tell = task_of("Print address, user and fingerprint", "print_address.yml")
+    given = {
+        "robotether_server_env": {"content": base64.b64encode(text.encode()).decode()},
+        "robotether_server_settings": settings,
+        "robotether_server_secrets_from": "",
+        "robotether_server_folder": "/opt/robotether",
+        "robotether_server_fingerprint": {"stdout": "sha256 Fingerprint=AA"},
+    }
+    assert f'"open      {address}"' in play(tmp_path, [keep, tell], given)
 
 
 @pytest.mark.parametrize(

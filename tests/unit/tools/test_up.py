@@ -182,3 +182,9 @@ def test_setting_and_its_service_go_together(checkout: Path, service: str, setti
     (checkout / "env").unlink()
     assert up(checkout).returncode == 0
     assert f"--profile {service} rm --stop --force {service}" in calls(checkout)
+
+
+def test_address_has_the_port_of_outside(checkout: Path) -> None:
+    """Where a firewall in front of this machine publishes another."""
+    (checkout / "env").write_text("PUBLIC_HOST=robots.example\nHTTPS_PORT=443\nPUBLIC_PORT=8443\n")
+    assert "open      https://robots.example:8443/\n" in up(checkout).stdout
