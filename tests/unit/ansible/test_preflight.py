@@ -15,8 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from ansible_module import ANSIBLE, run_module
 from fake_proxy import PASSWORD, USER, FakeProxy
+from jinja2 import Template
+
+MODULE = "robotether.robotether.preflight"
 
 
 async def problems_of(arguments: dict[str, Any]) -> list[str]:
@@ -57,6 +61,18 @@ async def test_room_is_needed_in_each_folder() -> None:
     folders = ["/", "/proc/self"]
     (full, *_) = await problems_of({"server": "127.0.0.1:1", "folders": folders, "free_mb": 1})
     assert "/proc/self has 0 MB free and the agent needs 1 MB" in full
+
+
+@pytest.mark.parametrize(
+    ("current", "megabytes"), [("", "150"), ("versions/1-a", "150"), ("versions/2-b", "1")]
+)
+def test_room_is_needed_for_another_version(current: str, megabytes: str) -> None:
+    """On a robot with a full disk a second run may still change a setting."""
+    tasks = yaml.safe_load((ANSIBLE / "roles/robotether_agent/tasks/preflight.yml").read_text())
+    [asked] = [one[MODULE]["free_mb"] for one in tasks if MODULE in one]
+    known = {"robotether_wheel_version": "2-b", "robotether_agent_free_mb": 150}
+    said = Template(asked).render(robotether_agent_found={"current": current}, **known)
+    assert said == megabytes
 
 
 @pytest.mark.parametrize("name", ["modules/preflight.py", "module_utils/server.py"])
