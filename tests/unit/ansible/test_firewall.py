@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
-TEMPLATE = ANSIBLE / "roles/robotether_server/templates/firewall.nft.j2"
+ROLE = ANSIBLE / "roles/robotether_server"
+TEMPLATE = ROLE / "templates/firewall.nft.j2"
 ALONE = {
     "robotether_server_came_to": 22,
     "robotether_server_ports": [80, 443, 2222],
@@ -20,7 +21,7 @@ ALONE = {
     "robotether_server_close_containers": True,
     "robotether_server_peers": [],
     "robotether_server_peer_ports": [8444, 3306],
-    "robotether_server_in_force": {},
+    "robotether_server_settings": {},
 }
 STANDBY = {"DB_PARTNER": "192.0.2.9:3306"}
 
@@ -30,7 +31,7 @@ STANDBY = {"DB_PARTNER": "192.0.2.9:3306"}
     [
         ({}, set()),
         ({"robotether_server_peers": ["192.0.2.3", "192.0.2.2"]}, {"192.0.2.2, 192.0.2.3"}),
-        ({"robotether_server_in_force": STANDBY}, {"192.0.2.9"}),
+        ({"robotether_server_settings": STANDBY}, {"192.0.2.9"}),
     ],
 )
 def test_only_the_sites_machines_are_admitted(
@@ -39,6 +40,7 @@ def test_only_the_sites_machines_are_admitted(
     """Its cells, and the standby of its database; a machine alone admits nobody."""
     words = [Path(sys.executable).with_name("ansible"), "localhost", "-m", "template"]
     words += ["-a", f"src={TEMPLATE} dest={tmp_path / 'rules'}", "-e", json.dumps(ALONE | changes)]
+    words += ["-e", f"@{ROLE}/vars/main.yml"]
     # Away from the folder's own settings, and from those of this machine's user.
     environment = {**os.environ, "HOME": str(tmp_path), "ANSIBLE_LOCALHOST_WARNING": "no"}
     subprocess.run(words, cwd=tmp_path, env=environment, check=True, timeout=60)

@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 import yaml
 
-TASKS = Path(__file__).resolve().parents[3] / "ansible/roles/robotether_server/tasks"
+ROLE = Path(__file__).resolve().parents[3] / "ansible/roles/robotether_server"
+TASKS = ROLE / "tasks"
 HEALTHY = ["nginx=healthy", "mysql=healthy"]
 
 
@@ -27,7 +28,8 @@ def task_of(name: str, file: str = "stack.yml") -> dict[str, Any]:
 
 def play(folder: Path, tasks: list[dict[str, Any]], given: dict[str, Any]) -> str:
     """Run tasks on this machine, with programs of the folder before its own; what Ansible said."""
-    whole = {"hosts": "localhost", "gather_facts": False, "tasks": tasks}
+    known = [str(ROLE / "vars/main.yml")]
+    whole = {"hosts": "localhost", "gather_facts": False, "vars_files": known, "tasks": tasks}
     (folder / "play.yml").write_text(json.dumps([whole]))
     words = [Path(sys.executable).with_name("ansible-playbook"), "play.yml"]
     words += ["-e", json.dumps(given)]
