@@ -54,6 +54,31 @@ def test_room_is_needed_where_docker_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("active", "ufw", "sets"),
+    [
+        ("cron", None, True),
+        ("ufw", "ENABLED=no", True),
+        ("ufw", "ENABLED=yes", False),
+        ("nftables", "ENABLED=no", False),
+    ],
+)
+def test_another_firewall_stays_in_charge(
+    tmp_path: Path, active: str, ufw: str | None, sets: bool
+) -> None:
+    """Our rules drop what they do not know, which the other one may admit."""
+    (tmp_path / "systemctl").write_text(f'#!/bin/sh\n[ "$*" = "--quiet is-active {active}" ]\n')
+    (tmp_path / "systemctl").chmod(0o755)
+    if ufw:
+        (tmp_path / "ufw.conf").write_text(f"# on or off\n{ufw}\n")
+    look = task_of("Check for other firewalls", "firewall.yml")
+    look["ansible.builtin.shell"] = look["ansible.builtin.shell"].replace("/etc/ufw", str(tmp_path))
+    decide = task_of("Decide whether to set our own rules", "firewall.yml")
+    tell = {"ansible.builtin.debug": {"msg": "sets={{ robotether_server_has_firewall | bool }}"}}
+    said = play(tmp_path, [look, decide, tell], {"robotether_server_firewall": "auto"})
+    assert re.findall(r"sets=(\w+)", said) == [str(sets)]
+
+
+@pytest.mark.parametrize(
     ("text", "settings", "address"),
     [
         ("", {}, "https://127.0.0.1/"),
