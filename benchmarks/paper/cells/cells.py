@@ -34,6 +34,7 @@ KEPT = ROOT / "tests" / "artifacts" / "cells"
 WHOLE = Size(cells=3, agents=30, virtual=300, drivers=10, observers=10, operators=3, seconds=600.0)
 QUICK = Size(cells=2, agents=4, virtual=16, drivers=4, observers=2, operators=2, seconds=120.0)
 FULL_S = 1800.0
+AWAY_S, FULL_AWAY_S = 20.0, 600.0
 SPREAD_ROBOTS, QUICK_SPREAD_ROBOTS = 40, 6
 # Turns, and messages in each.
 FORWARDED, QUICK_FORWARDED = (10, 200), (2, 20)
@@ -54,7 +55,7 @@ def steps_of(scale: Scale) -> Sequence[Step]:
         _step("cell-killed", "a cell is killed", whole.cells,
               lambda site: steps.kill_cell(site, whole)),
         _step("database-away", "the database is away", whole.cells,
-              lambda site: steps.database_away(site, few)),
+              lambda site: steps.database_away(site, few, FULL_AWAY_S if scale.full else AWAY_S)),
         _step("drain", "a cell is drained", whole.cells,
               lambda site: steps.drain(site, whole)),
         *(

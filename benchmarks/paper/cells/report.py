@@ -107,9 +107,10 @@ def _away(run: Values) -> Section:
     begun = [one for one in run["begun"] if one["began"]]
     open_ones = run["open"]
     text = (
-        f"The database is killed for {run['away_s']:g} s. Drives that are open go on; other drives begin by tickets "
-        f"from before. Without the database {run['fresh_tickets']} of {len(run['begun'])} tickets were given. The "
-        "records of drives that began meanwhile are written later."
+        f"The database is killed for {run['away_s']:g} s. Drives that are open go on; other drives begin at once, by "
+        "tickets from before, and again 10 s before it is back, by new tickets. Without the database "
+        f"{run['fresh_tickets']} of {len(run['begun']) // 2} tickets were given. The records of drives that began "
+        "meanwhile are written later."
     )
     rows = [
         (
@@ -244,9 +245,6 @@ def _shortfalls(values: Mapping[str, Values]) -> Iterator[str]:
         why = Counter(one["why"] for one in run["begun"] if not one["began"])
         for words, count in why.most_common(3):
             yield f"without the database {count} drives did not begin: {words:.200}"
-        tickets = len(run["begun"]) - run["fresh_tickets"]
-        if tickets:
-            yield f"without the database {tickets} tickets were not given"
 
 
 def _exactly(what: str, ours: float, unit: str) -> Comparison:

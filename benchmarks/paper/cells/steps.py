@@ -34,7 +34,7 @@ RATE_HZ, FULL_RATE_HZ = 20, 50
 CONNECTIONS_A_USER = 25
 AGAIN_S, HEARD_WITHIN_S, BACK_WITHIN_S = 0.2, 2.0, 60.0
 # Drives that are open when the database goes, and that begin without it.
-DRIVEN, BEFORE_S, AWAY_S, AFTER_S = 10, 5.0, 15.0, 10.0
+DRIVEN, BEFORE_S, AFTER_S = 10, 5.0, 10.0
 BEGUN_WITHIN_S, WRITTEN_WITHIN_S = 10.0, 30.0
 # A driven robot is sent to another cell when its drive ends, or 60 s after the drain's begin.
 DRAIN_DRIVE_S, DRAINED_WITHIN_S = 30.0, 120.0
@@ -200,18 +200,21 @@ async def _until_heard(socket: aiohttp.ClientWebSocketResponse, connection: str)
 # The database is away.
 
 
-def database_away(site: Site, size: Size) -> Values:
-    """Drive on without a database, and begin other drives meanwhile."""
+def database_away(site: Site, size: Size, away_s: float) -> Values:
+    """Drive on without a database, and begin other drives meanwhile, at its loss and before it is back."""
     with some_robots(site, size) as workload:
-        values = asyncio.run(_database_away(site, workload.robots))
-        asked = {one["robot"] for one in values["begun"] if one["began"]}
-        values["recorded"] = _recorded_later(site, asked)
+        others = workload.robots[DRIVEN : 2 * DRIVEN]
+        before = _recorded(site, others)
+        values = asyncio.run(_database_away(site, workload.robots[:DRIVEN], others, away_s))
+        began = Counter(one["robot"] for one in values["begun"] if one["began"])
+        values["recorded"] = _recorded_later(site, others, before, began)
         return values
 
 
-async def _database_away(site: Site, robots: Sequence[str]) -> dict[str, Any]:
-    driven, others = robots[:DRIVEN], robots[DRIVEN : 2 * DRIVEN]
-    seconds = BEFORE_S + AWAY_S + AFTER_S
+async def _database_away(
+    site: Site, driven: Sequence[str], others: Sequence[str], away_s: float
+) -> dict[str, Any]:
+    seconds = BEFORE_S + away_s + AFTER_S
     cell = site.cells[0]
     async with driving(site, driven, cell, RATE_HZ, seconds) as runs, web() as http:
         await asyncio.sleep(BEFORE_S)
@@ -219,27 +222,35 @@ async def _database_away(site: Site, robots: Sequence[str]) -> dict[str, Any]:
         pairs = list(zip(people, others, strict=True))
         tickets = await asyncio.gather(*(one.ticket(robot, "drive") for one, robot in pairs))
         await asyncio.to_thread(site.cells[0].each, ["mysql"], "kill")
-        began = time.monotonic()
+        back_at = time.monotonic() + away_s
         try:
-            begun = await asyncio.gather(
-                *(
-                    _begin(one, robot, ticket, 1000 + at)
-                    for at, ((one, robot), ticket) in enumerate(zip(pairs, tickets, strict=True))
-                )
-            )
+            begun = await _begin_all(pairs, tickets, 1000)
+            await asyncio.sleep(max(0.0, back_at - BEGUN_WITHIN_S - time.monotonic()))
             fresh = await asyncio.gather(
                 *(one.ticket(robot, "drive") for one, robot in pairs), return_exceptions=True
             )
-            await asyncio.sleep(max(0.0, AWAY_S - (time.monotonic() - began)))
+            begun += await _begin_all(pairs, fresh, 2000)
+            await asyncio.sleep(max(0.0, back_at - time.monotonic()))
         finally:
             await asyncio.to_thread(_start_database, site)
         open_drives = await runs
     return {
         "open": open_drives,
-        "away_s": AWAY_S,
+        "away_s": away_s,
         "begun": begun,
         "fresh_tickets": sum(not isinstance(one, BaseException) for one in fresh),
     }
+
+
+async def _begin_all(
+    pairs: Sequence[tuple[Person, str]], tickets: Sequence[Any], number: int
+) -> list[dict[str, Any]]:
+    return await asyncio.gather(
+        *(
+            _begin(one, robot, ticket, number + at)
+            for at, ((one, robot), ticket) in enumerate(zip(pairs, tickets, strict=True))
+        )
+    )
 
 
 def _start_database(site: Site) -> None:
@@ -250,6 +261,8 @@ def _start_database(site: Site) -> None:
 async def _begin(who: Person, robot: str, ticket: Any, number: int) -> dict[str, Any]:
     began = time.monotonic()
     try:
+        if isinstance(ticket, BaseException):
+            raise ticket
         async with asyncio.timeout(BEGUN_WITHIN_S):
             await drive_once(who, robot, number, ticket)
     except FAILURES as error:
@@ -257,14 +270,21 @@ async def _begin(who: Person, robot: str, ticket: Any, number: int) -> dict[str,
     return {"robot": robot, "began": True, "took_s": round(time.monotonic() - began, 3)}
 
 
-def _recorded_later(site: Site, robots: set[str]) -> int:
+def _recorded_later(
+    site: Site, robots: Sequence[str], before: Counter[str], began: Counter[str]
+) -> int:
     """How many of the drives that began meanwhile the database has in the end."""
     end = time.monotonic() + WRITTEN_WITHIN_S
     while True:
-        found = {robot for robot, _ in read_database(site).drives} & robots
-        if found == robots or time.monotonic() > end:
-            return len(found)
+        found = ((_recorded(site, robots) - before) & began).total()
+        if found == began.total() or time.monotonic() > end:
+            return found
         time.sleep(AGAIN_S)
+
+
+def _recorded(site: Site, robots: Sequence[str]) -> Counter[str]:
+    """How many drives of each of these robots the database has."""
+    return Counter(robot for robot, _ in read_database(site).drives if robot in robots)
 
 
 @asynccontextmanager
