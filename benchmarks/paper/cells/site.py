@@ -1,7 +1,7 @@
 """A site of several cells on this machine, each a compose project of its own, as the experiments reach and hurt it.
 
     with Site.started(world, 3) as site:
-        site.cells[1].kill("relay")
+        site.cells[1].each(["relay"], "kill")
 
 The first cell has the database. All cells are reached by published ports of one address, as from outside.
 """
@@ -21,6 +21,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cells import first_cell, second_cell
+from docker.errors import APIError
 from local_network import insecure_tls
 
 from paper.world import Enrolled, World
@@ -40,6 +41,7 @@ DATABASE_PORT = 3306
 HEALTH_PATHS = ("/api/v1/me", "/api/v1/events")
 HEALTHY_WITHIN_S, ASK_EVERY_S = 120.0, 0.2
 AT_ONCE = 4
+PAUSE_TRIES = 5
 
 
 @dataclass
@@ -86,7 +88,10 @@ class Cell:
             "unpause": is_paused,
         }
         if needed.get(do, True):
-            getattr(container, do)(**how)
+            if do == "pause":
+                _pause(container)
+            else:
+                getattr(container, do)(**how)
 
     def wait_live(self) -> None:
         """Wait until pages and relay answer."""
@@ -212,3 +217,13 @@ class Site:
     def sql(self, query: str) -> list[list[str]]:
         """Rows of the database, as text."""
         return self.cells[0].stack.sql(query)
+
+
+def _pause(container: Container, tries: int = PAUSE_TRIES) -> None:
+    """Freeze it; the engine gives up on a cgroup (version 1) in which processes begin meanwhile, as sshd's do."""
+    try:
+        container.pause()
+    except APIError as error:
+        if tries == 1 or "unable to freeze" not in str(error):
+            raise
+        _pause(container, tries - 1)
