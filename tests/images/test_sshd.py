@@ -161,6 +161,13 @@ def test_stranger_talks_to_a_process_in_a_sandbox(stack: Stack) -> None:
             lambda: (user, of_container + 1) in _sandboxes(stack, "sshd-auth"),
             "sshd",
         )
+        # Else sshd, one among many in a fleet's return, could not even refuse who comes next.
+        assert _nice(stack, "sshd") == {"0"}
+        assert _nice(stack, "sshd-session") == _nice(stack, "sshd-auth") == {"15"}
+
+
+def _nice(stack: Stack, program: str) -> set[str]:
+    return set(stack.exec("sshd", "ps", "-C", program, "-o", "ni=").split())
 
 
 @pytest.mark.parametrize(
@@ -171,6 +178,7 @@ def test_stranger_talks_to_a_process_in_a_sandbox(stack: Stack) -> None:
         "/usr/lib/openssh/sshd-auth",
         "/usr/lib/robotether/authorized-keys",
         "/usr/lib/robotether/session",
+        "/usr/lib/robotether/sshd-session",
     ],
 )
 def test_programs_of_a_log_in_load_no_library(stack: Stack, program: str) -> None:
