@@ -15,6 +15,7 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
+from ipaddress import ip_address
 from itertools import chain, zip_longest
 from typing import Any
 
@@ -97,6 +98,15 @@ def resolve(host: str, port: int) -> list[Address]:
     return [(family, address) for family, _, _, _, address in found]
 
 
+def _is_address(host: str) -> bool:
+    """Return whether it is no name, for which somebody would have to be asked."""
+    try:
+        ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
 def interleaved(addresses: Sequence[Address]) -> list[Address]:
     """Return the addresses so that families take turns, the resolver's first choice first (RFC 8305)."""
     first = [item for item in addresses if item[0] == addresses[0][0]]
@@ -115,6 +125,8 @@ class Resolver:
 
     async def addresses(self, host: str, port: int) -> list[Address]:
         """Return where `host` is now, or was last; raises OSError when it is not known."""
+        if _is_address(host):
+            return interleaved(self._resolve(host, port))
         last = self._last.get((host, port))
         try:
             wait_s = CACHED_TIMEOUT_S if last else RESOLVE_TIMEOUT_S
@@ -173,6 +185,8 @@ async def connect(host: str, port: int, resolver: Resolver, name: str) -> socket
         addresses = await resolver.addresses(host, port)
     except OSError as error:
         raise NoAnswer(f"cannot reach {name}: {error}", advice=CHECK_NETWORK) from error
+    if len(addresses) == 1:
+        return await _connect(addresses[0], name)
     attempts = [partial(_connect, address, name) for address in addresses]
     return await HappyEyeballs(attempts, pause=after(STAGGER_S), drop=socket.socket.close).winner()
 
