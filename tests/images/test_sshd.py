@@ -161,9 +161,9 @@ def test_stranger_talks_to_a_process_in_a_sandbox(stack: Stack) -> None:
             lambda: (user, of_container + 1) in _sandboxes(stack, "sshd-auth"),
             "sshd",
         )
-        # Else sshd, one among many in a fleet's return, could not even refuse who comes next.
-        assert _nice(stack, "sshd") == {"0"}
-        assert _nice(stack, "sshd-session") == _nice(stack, "sshd-auth") == {"15"}
+        # In a fleet's return, tunnels go before log-ins, and sshd, which refuses who comes next, before both.
+        nice = [_nice(stack, program) for program in ("sshd", "sshd-session", "sshd-auth")]
+        assert nice == [{"0"}, {"10"}, {"19"}]
 
 
 def _nice(stack: Stack, program: str) -> set[str]:
@@ -178,7 +178,7 @@ def _nice(stack: Stack, program: str) -> set[str]:
         "/usr/lib/openssh/sshd-auth",
         "/usr/lib/robotether/authorized-keys",
         "/usr/lib/robotether/session",
-        "/usr/lib/robotether/sshd-session",
+        "/usr/lib/robotether/sshd-auth",
     ],
 )
 def test_programs_of_a_log_in_load_no_library(stack: Stack, program: str) -> None:
