@@ -293,11 +293,11 @@ class DriveController:
     def on_rosbridge_lost(self) -> None:
         """Owe zeros to the next rosbridge: nobody knows what this one did last."""
         self._topics.on_rosbridge_lost()
-        self._deadman.restart_zeros()
         self.halt()
         # Also where the last command was zero: that may be what was lost.
         unread = [t.name for t in self._topics if t.sent and t.sent_at > self.publisher.read_until]
         self._deadman.force(unread, self._clock())
+        self._deadman.restart_zeros()
 
     def on_rosbridge_message(self, data: bytes) -> None:
         """Notify the driver, who would have received it from rosbridge."""

@@ -45,6 +45,9 @@ MAX_TOPICS = 16
 MAX_TYPES = 64
 ZERO_EVERY_S = 0.05
 ZEROS = 10
+# What a rosbridge that has just started publishes reaches nobody until its publisher and the base have found each
+# other, which takes seconds on a slow robot.
+ZEROS_AFTER_RECONNECT = 60
 MOTION_FILE = "motion.json"
 # A driver's clean stop is often followed by the next motion; the file need not be written for each.
 REMOVED_AFTER_S = 1.0
@@ -217,15 +220,16 @@ class _Phase:
     state: State = "idle"
     # moving: when the zeros begin; zeroing: when the next one goes out.
     due: float = 0.0
-    # Zeros that are not sent yet.
+    # Zeros that are not sent yet, and whether one of them was.
     left: int = ZEROS
+    begun: bool = False
 
 
 class Deadman:
     """The phases of all drive topics that somebody has driven.
 
-    A topic is idle (nothing to do), moving (a command that moves was sent last) or zeroing (ten zeros at 20 Hz,
-    counted when they were sent, then idle). One that never moved gets none, unless `force` says so.
+    A topic is idle (nothing to do), moving (a command that moves was sent last) or zeroing (ten zeros at 20 Hz, counted
+    when they were sent, then idle; 60 at a new rosbridge). One that never moved gets none, unless `force` says so.
     """
 
     def __init__(self, timeout_s: float) -> None:
@@ -241,7 +245,7 @@ class Deadman:
     @property
     def owes(self) -> bool:
         """Whether a zero is due that could not be sent yet; it goes before any command."""
-        return any(t.state == "zeroing" and t.left == ZEROS for t in self._topics.values())
+        return any(t.state == "zeroing" and not t.begun for t in self._topics.values())
 
     def is_moving(self, name: str) -> bool:
         """Return whether the last command on this topic moves the robot."""
@@ -285,7 +289,7 @@ class Deadman:
         topic = self._topics.get(name)
         if topic is None or topic.state != "zeroing":
             return
-        topic.due, topic.left = now + ZERO_EVERY_S, topic.left - 1
+        topic.due, topic.left, topic.begun = now + ZERO_EVERY_S, topic.left - 1, True
         if topic.left == 0:
             topic.state = "idle"
 
@@ -297,13 +301,13 @@ class Deadman:
     def hurry(self, now: float) -> None:
         """Make due what is owed: it can be sent again."""
         for topic in self._topics.values():
-            if topic.state == "zeroing" and topic.left == ZEROS:
+            if topic.state == "zeroing" and not topic.begun:
                 topic.due = min(topic.due, now)
 
     def restart_zeros(self) -> None:
-        """Forget the zeros of a connection that is lost: nobody knows which of them arrived."""
+        """Forget the zeros of a connection that is lost, as nobody knows which arrived; the next one gets more."""
         for topic in self._topics.values():
-            topic.left = ZEROS
+            topic.left, topic.begun = ZEROS_AFTER_RECONNECT, False
 
     def next_at(self) -> float | None:
         """Return when `due` must be asked next, or None: only after another event."""

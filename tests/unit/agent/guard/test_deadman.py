@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
-from robotether_agent.guard.topics import ZERO_EVERY_S, ZEROS, Deadman
+from robotether_agent.guard.topics import ZERO_EVERY_S, ZEROS, ZEROS_AFTER_RECONNECT, Deadman
 
 TIMEOUT_S = 0.5
 TOPIC = "/cmd_vel"
@@ -113,11 +113,22 @@ def test_a_zero_that_cannot_be_sent_stays_owed() -> None:
 
 
 def test_a_lost_connection_owes_all_zeros_again() -> None:
+    """And more: a rosbridge that has just started is not heard at once."""
     deadman = moving()
     deadman.stop([TOPIC], 0.1)
     run_zeros(deadman, 0.1, 0.4)
     deadman.restart_zeros()
-    assert len(run_zeros(deadman, 0.4, 60.0)) == ZEROS
+    assert deadman.owes
+    assert len(run_zeros(deadman, 0.4, 60.0)) == ZEROS_AFTER_RECONNECT
+
+
+def test_the_first_zero_at_a_new_rosbridge_frees_the_next_driver() -> None:
+    deadman = moving()
+    deadman.stop([TOPIC], 0.1)
+    deadman.restart_zeros()
+    assert deadman.due(0.2) == [TOPIC]
+    deadman.zeroed(TOPIC, 0.2)
+    assert not deadman.owes
 
 
 def test_topics_have_phases_of_their_own() -> None:
@@ -175,8 +186,8 @@ class AnyEvents(RuleBasedStateMachine):
 
     @rule()
     def rosbridge_dies(self) -> None:
-        self.deadman.restart_zeros()
         self.deadman.stop([TOPIC], self.now)
+        self.deadman.restart_zeros()
         self.can_send = False
 
     @rule()
@@ -193,7 +204,7 @@ class AnyEvents(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         self.can_send = True
-        self._let_time_pass(TIMEOUT_S + 0.5 + 2 * ZERO_EVERY_S)
+        self._let_time_pass(TIMEOUT_S + (ZEROS_AFTER_RECONNECT + 2) * ZERO_EVERY_S)
         assert self.moved_at is None
         assert self.deadman.state == "idle"
         assert self.deadman.next_at() is None
