@@ -208,3 +208,14 @@ def test_no_secret_is_in_an_image() -> None:
         )  # fmt: skip
         assert "PASSWORD" not in done.stdout.upper().replace("PASSWORD_FILE", "")
         assert "/run/secrets/ca" not in done.stdout
+
+
+@pytest.mark.release
+def test_a_client_that_dies_in_a_transaction_keeps_no_lock(stack: Stack) -> None:
+    """With its machine or its network: no end of the connection reaches the database."""
+    locks = "START TRANSACTION; UPDATE users SET name = name;"
+    died = f"(echo '{locks}'; sleep 60) | mariadb robotether"
+    stack.container("mysql").exec_run(["sh", "-c", died], detach=True)
+    holds = "SELECT 1 FROM information_schema.innodb_trx WHERE trx_rows_locked > 0"
+    stack.wait("the lock", lambda: bool(stack.sql(holds)), "mysql")
+    stack.sql("SET innodb_lock_wait_timeout = 30; UPDATE users SET name = name")
