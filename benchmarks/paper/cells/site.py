@@ -8,6 +8,7 @@ The first cell has the database. All cells are reached by published ports of one
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import time
@@ -15,13 +16,14 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from signal import SIGCONT, SIGSTOP, Signals
 from typing import TYPE_CHECKING, Any
 
 from cells import first_cell, second_cell
-from docker.errors import APIError
 from local_network import insecure_tls
 
 from paper.world import Enrolled, World
@@ -41,7 +43,6 @@ DATABASE_PORT = 3306
 HEALTH_PATHS = ("/api/v1/me", "/api/v1/events")
 HEALTHY_WITHIN_S, ASK_EVERY_S = 120.0, 0.2
 AT_ONCE = 4
-PAUSE_TRIES = 5
 
 
 @dataclass
@@ -77,21 +78,12 @@ class Cell:
 
     def _do(self, service: str, do: str, how: dict[str, Any]) -> None:
         container = self.container(service)
-        is_running, is_paused = (
-            container.status in ("running", "paused"),
-            container.status == "paused",
-        )
-        needed = {
-            "kill": is_running,
-            "start": not is_running,
-            "pause": is_running and not is_paused,
-            "unpause": is_paused,
-        }
-        if needed.get(do, True):
-            if do == "pause":
-                _pause(container)
-            else:
-                getattr(container, do)(**how)
+        is_running = container.status == "running"
+        if do in ("pause", "unpause"):
+            if is_running:
+                _signal(container, SIGSTOP if do == "pause" else SIGCONT)
+        elif {"kill": is_running, "start": not is_running}.get(do, True):
+            getattr(container, do)(**how)
 
     def wait_live(self) -> None:
         """Wait until pages and relay answer."""
@@ -219,11 +211,27 @@ class Site:
         return self.cells[0].stack.sql(query)
 
 
-def _pause(container: Container, tries: int = PAUSE_TRIES) -> None:
-    """Freeze it; the engine gives up on a cgroup (version 1) in which processes begin meanwhile, as sshd's do."""
+def _signal(container: Container, which: Signals) -> None:
+    """Send all processes of a container a signal, and those that begin meanwhile.
+
+    The engine's pause is the kernel's freezer, which gives up where processes fork, and hangs beside a health check.
+    """
+    inside = _namespace(container.attrs["State"]["Pid"])
+    sent: set[int] = set()
+    while found := {pid for pid in _pids() if _namespace(pid) == inside} - sent:
+        for pid in found:
+            with suppress(ProcessLookupError):
+                os.kill(pid, which)
+        sent |= found
+
+
+def _pids() -> Iterator[int]:
+    return (int(one.name) for one in Path("/proc").iterdir() if one.name.isdigit())
+
+
+def _namespace(pid: int) -> str:
+    """Which namespace of processes a process is in; empty when it is gone."""
     try:
-        container.pause()
-    except APIError as error:
-        if tries == 1 or "unable to freeze" not in str(error):
-            raise
-        _pause(container, tries - 1)
+        return str(Path(f"/proc/{pid}/ns/pid").readlink())
+    except OSError:
+        return ""
