@@ -191,6 +191,18 @@ def test_what_a_relay_was_killed_with_may_be_lost(killed: Event, is_lost: bool) 
     assert bool(excused(in_order([*stop, killed]), database)) != is_lost
 
 
+@pytest.mark.parametrize("confirmed", [True, False])
+def test_what_a_robot_confirmed_is_written_by_the_relay_of_its_cell(confirmed: bool) -> None:
+    stop = [
+        event(0, "session", cell="main", epoch=1),
+        event(1, "stop_asked", cell="second"),
+        event(1.1, "stop_done", what="nemesis 7", cell="second", number=int(confirmed)),
+    ]
+    killed = event(1.5, "fault", what="cell_killed", cell="main")
+    found = broken(*stop, killed, database=Database(stopped={"one"}))
+    assert found == ["lost record"] * (not confirmed)
+
+
 def test_what_waits_for_a_database_may_be_lost_with_its_relay():
     stop = [event(1, "stop_asked"), event(1.1, "stop_done", what="nemesis 7", cell="main")]
     away = [event(0, "fault", what="database_away"), event(20, "healed", what="database_away")]

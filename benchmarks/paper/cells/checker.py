@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from paper.cells.history import Event, by_robot
 
@@ -20,8 +20,9 @@ DEADMAN_S, TURN_S = 0.5, 0.01
 NEXT_GUARD_S = 1.0
 # What a message needs within a robot on a machine that is busy; what held its process up is added, as it was measured.
 TOLERANCE_S = 0.1
-# The relay writes its records behind what it does: those of the last moments before it is killed may be missing.
-WRITTEN_WITHIN_S = 2.0
+# The relay writes its records behind what it does: those of the last moments before it is killed may be missing. A
+# fault is written into the history before it is done.
+WRITTEN_WITHIN_S, FAULT_TAKES_S = 2.0, 1.0
 # ... and what waited for a database that was away, until the relay has found it again.
 FOUND_AGAIN_WITHIN_S = 10.0
 # Commands come every 50 ms.
@@ -284,6 +285,11 @@ def records(history: Sequence[Event], database: Database) -> Iterator[tuple[Even
         for one in events:
             if one.kind == "session":
                 cell = one.cell
+            if one.kind == "stop_done" and one.what:
+                # The relay of the robot's cell writes what the robot has confirmed, whichever was asked.
+                of_stop = replace(one, cell=cell) if one.number and cell else one
+                is_there = one.what in database.stop_reasons
+                yield of_stop, f"audit line of the stop {one.what!r}", is_there
             if one.kind != "moved":
                 continue
             fence = fences.get((one.connection, one.number), 0)
@@ -295,9 +301,7 @@ def records(history: Sequence[Event], database: Database) -> Iterator[tuple[Even
             is_there = database.fences.get(robot, 0) >= fence
             yield at_cell, f"fence as high as {fence}", is_there
     for one in history:
-        if one.kind == "stop_done" and one.what:
-            yield one, f"audit line of the stop {one.what!r}", one.what in database.stop_reasons
-        elif one.kind == "recorded":
+        if one.kind == "recorded":
             yield one, f"record {one.what!r}", one.what in database.recorded
 
 
@@ -344,7 +348,7 @@ class Faults:
             if one.what in DATABASE_GONE and one.begin_s - WRITTEN_WITHIN_S <= at_s <= one.end_s:
                 written_s = max(written_s, one.end_s + FOUND_AGAIN_WITHIN_S)
         return any(
-            at_s <= one.begin_s <= written_s + WRITTEN_WITHIN_S
+            at_s - FAULT_TAKES_S <= one.begin_s <= written_s + WRITTEN_WITHIN_S
             for one in self.of_cell(record.cell)
             if one.what in RELAY_KILLED
         )
