@@ -41,6 +41,8 @@ class HappyEyeballs(Generic[T]):
         eager: bool = True,
         ends: tuple[type[AgentProblem], ...] | None = None,
     ) -> None:
+        # A race of one costs more than the attempt.
+        self._only = attempts[0] if isinstance(attempts, list) and len(attempts) == 1 else None
         self._waiting: Iterator[Callable[[], Awaitable[T]]] = iter(attempts)
         self._pause = pause
         self._drop = drop
@@ -57,6 +59,8 @@ class HappyEyeballs(Generic[T]):
 
     async def winner(self) -> T:
         """Return what the first attempt that works returns; raise `problem` when all have failed."""
+        if self._only is not None:
+            return await self._run(self._only)
         won = None
         try:
             self._start_next()

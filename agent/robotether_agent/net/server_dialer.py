@@ -244,8 +244,6 @@ class ServerDialer:
             spare.drop()
 
     async def _probe_any(self, cells: Sequence[_Candidate], unreached_s: float) -> _Probed:
-        if len(cells) == 1:
-            return await self._probe_cell(cells[0])
         first_s = max(0.0, NEXT_CELL_AFTER_S - unreached_s)
         pauses_s = chain([first_s], repeat(NEXT_CELL_AFTER_S))
         happy_eyeballs = HappyEyeballs(
@@ -260,13 +258,9 @@ class ServerDialer:
     async def _probe_cell(self, cell: _Candidate) -> _Probed:
         if cell.refusal is not None:
             raise cell.refusal
+        attempts = [partial(self._probe, address) for address in cell.addresses]
+        happy_eyeballs = HappyEyeballs(attempts, pause=self._pause_before_port, drop=_Probed.drop)
         try:
-            if len(cell.addresses) == 1:
-                return await self._probe(cell.addresses[0])
-            attempts = [partial(self._probe, address) for address in cell.addresses]
-            happy_eyeballs = HappyEyeballs(
-                attempts, pause=self._pause_before_port, drop=_Probed.drop
-            )
             return await happy_eyeballs.winner()
         except ServerUnreachable as problem:
             cell.refusal = problem

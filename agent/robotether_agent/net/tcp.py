@@ -185,8 +185,6 @@ async def connect(host: str, port: int, resolver: Resolver, name: str) -> socket
         addresses = await resolver.addresses(host, port)
     except OSError as error:
         raise NoAnswer(f"cannot reach {name}: {error}", advice=CHECK_NETWORK) from error
-    if len(addresses) == 1:
-        return await _connect(addresses[0], name)
     attempts = [partial(_connect, address, name) for address in addresses]
     return await HappyEyeballs(attempts, pause=after(STAGGER_S), drop=socket.socket.close).winner()
 
