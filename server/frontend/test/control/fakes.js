@@ -12,4 +12,9 @@ export class FakeElement extends EventTarget {
     return [];
   }
   focus() {}
+  setAttribute() {}
+  replaceChildren() {}
+  contains() {
+    return false;
+  }
 }

@@ -2,25 +2,10 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
 
 import { GamepadPanel } from "../../src/input/gamepadPanel.js";
+import { FakeElement } from "../control/fakes.js";
 
 const DEVICE = { id: "pad", mapping: "standard", axes: 4, buttons: 17 };
 const GLOBALS = ["document", "window", "requestAnimationFrame"];
-
-// As much of an element as the panel needs; each of its parts is made when it is asked for.
-class FakeElement extends EventTarget {
-  dataset = {};
-  textContent = "";
-  parts = new Map();
-  querySelector(selector) {
-    if (!this.parts.has(selector)) this.parts.set(selector, new FakeElement());
-    return this.parts.get(selector);
-  }
-  setAttribute() {}
-  replaceChildren() {}
-  contains() {
-    return false;
-  }
-}
 
 let before, kept, root, limits;
 
