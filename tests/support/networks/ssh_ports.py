@@ -43,11 +43,14 @@ class SshPort(TcpService):
         if self.mode == "late":
             await self.may_speak.wait()
         if self.mode == "shy":
-            self.heard += await reader.readline()
+            self._hear(await reader.readline())
         if self.mode in REFUSALS:
             writer.write(REFUSALS[self.mode])
         elif self.mode == "babbles":
             writer.write(b"HTTP/1.1 302 Log in first\r\n\r\n")
         elif self.mode != "silent":
             writer.write(BANNER)
-        self.heard += await reader.read()
+        self._hear(await reader.read())
+
+    def _hear(self, words: bytes) -> None:
+        self.heard += words
