@@ -29,6 +29,7 @@ ByeCode = Literal[
     "shell_off",
     "unwatched",  # nobody watches any more: the media connection opens again for the next viewer
     "cell_draining",  # the machine is taken out of service: connect to the next
+    "rebalanced",  # another machine has fewer robots: connect to the next
     "not_ready",  # the relay has not read the database yet
     "relay_stopping",
     "protocol_error",

@@ -58,7 +58,7 @@ BYE_ADVICE = {
 }
 SLOW_BYES = frozenset({"superseded", "robot_disabled", "robot_unknown"})
 # The next cell waits, and this one sends its robots away one after the other.
-AT_ONCE_BYES = frozenset({"cell_draining"})
+AT_ONCE_BYES = frozenset({"cell_draining", "rebalanced"})
 # The cell lets robots in, but has no relay for them. The session command says the second one in the relay's place.
 NO_RELAY_BYES = frozenset({"relay_stopping", "relay_lost"})
 

@@ -180,14 +180,22 @@ def sort_for_join(
     robot_id: int, cells: Sequence[Cell], *, region: str | None = None
 ) -> list[SshAddresses]:
     """Where a robot that joins connects: first where the fewest robots are, of its region's cells if there are any."""
+    first = max(
+        _near(cells, region),
+        key=lambda cell: (-cell.robots, _weight(robot_id, cell)),
+        default=None,
+    )
+    return [] if first is None else sort_for(robot_id, cells, first.name, region=region)
+
+
+def find_emptiest(cells: Iterable[Cell], *, region: str | None = None) -> Cell | None:
+    """Return the cell with the fewest robots of those that take robots: of the region's if there are any."""
+    return min(_near(cells, region), key=lambda cell: cell.robots, default=None)
+
+
+def _near(cells: Iterable[Cell], region: str | None) -> list[Cell]:
     listed = [cell for cell in cells if cell.is_listed]
-    if not listed:
-        return []
-    near = [cell for cell in listed if _is_in(cell, region)] or listed
-    fewest = min(cell.robots for cell in near)
-    emptiest = [cell for cell in near if cell.robots == fewest]
-    first = max(emptiest, key=lambda cell: _weight(robot_id, cell))
-    return sort_for(robot_id, listed, first.name, region=region)
+    return [cell for cell in listed if _is_in(cell, region)] or listed
 
 
 def _is_in(cell: Cell, region: str | None) -> bool:

@@ -21,6 +21,8 @@ from robotether_server.settings import CellSettings
 log = logging.getLogger(__name__)
 
 POLL_EVERY_S = 1.0
+# What was read longer ago says nothing of how many robots the others have.
+CURRENT_S = 3.0
 
 
 class Cells:
@@ -45,7 +47,7 @@ class Cells:
         self._listeners: list[Callable[[], None]] = []
         self._known: Mapping[str, Cell] = {}
         self._problem: str | None = None
-        self._settled_at = 0.0
+        self._settled_at = self._read_at = 0.0
 
     @property
     def name(self) -> str:
@@ -63,10 +65,31 @@ class Cells:
         others = (cell for cell in self._known.values() if cell.name != self.name)
         return [cell for cell in others if cell.peer_address is not None]
 
-    def addresses(self, robot_id: int) -> list[SshAddresses]:
-        """Where a robot of this cell connects, the best first: here, unless this drains or its region is another."""
+    def addresses(self, robot_id: int, first: str | None = None) -> list[SshAddresses]:
+        """Where a robot of this cell connects, the best first: here, unless this drains or its region is another.
+
+        With `first`, at the cell of that name instead.
+        """
         region = self._region_of(robot_id)
-        return cells.sort_for(robot_id, self._known.values(), first=self.name, region=region)
+        return cells.sort_for(
+            robot_id, self._known.values(), first=first or self.name, region=region
+        )
+
+    def surplus(self, robot_id: int | None = None) -> tuple[int, str]:
+        """Return how many robots this cell has more than the emptiest that takes robots, and that one's name.
+
+        With `robot_id`, than the emptiest of the robot's region, if there is one. 0 while this is not known.
+        """
+        region = None if robot_id is None else self._region_of(robot_id)
+        emptiest = cells.find_emptiest(self._known.values(), region=region)
+        if emptiest is None or emptiest.name == self.name or not self._is_current:
+            return 0, self.name
+        return self._robots() - emptiest.robots, emptiest.name
+
+    @property
+    def _is_current(self) -> bool:
+        now = asyncio.get_running_loop().time()
+        return now >= self._settled_at and now - self._read_at < CURRENT_S
 
     def listen(self, listener: Callable[[], None]) -> None:
         """Notify this of changes from now on."""
@@ -94,7 +117,8 @@ class Cells:
             self._update({cell.name: cell for cell in found})
 
     def _update(self, found: Mapping[str, Cell]) -> None:
-        if asyncio.get_running_loop().time() < self._settled_at:
+        self._read_at = asyncio.get_running_loop().time()
+        if self._read_at < self._settled_at:
             # The others could not write either, while the database was away.
             found = {name: self._still_alive(cell) for name, cell in found.items()}
         before, self._known = self._known, found

@@ -53,6 +53,7 @@ from robotether_server.relay.peers.peer_dialer import PeerDialer
 from robotether_server.relay.peers.peer_feed import PeerFeed, PeerFeedHandler
 from robotether_server.relay.peers.peer_keys import PeerKeys, read_peer_keys
 from robotether_server.relay.peers.peers import Peers
+from robotether_server.relay.rebalancing import BalanceRules, Rebalancing
 from robotether_server.relay.robots.demand import MEDIA_KEPT_S, USE_KEPT_S, Demand
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.robot_link import LinkRules
@@ -106,6 +107,7 @@ class Timing:
     poll_every_s: float = 1.0
     drives_every_s: float = 10.0
     drain: DrainRules = field(default_factory=DrainRules)
+    balance: BalanceRules = field(default_factory=BalanceRules)
 
 
 class Relay:
@@ -152,6 +154,7 @@ class Relay:
         self._tasks = [
             asyncio.create_task(self.cells.run(), name="cells"),
             asyncio.create_task(self.cell_drain.run(), name="cell_drain"),
+            asyncio.create_task(self.rebalancing.run(), name="rebalancing"),
             asyncio.create_task(self.fleet.run(), name="fleet"),
             asyncio.create_task(self.event_writer.run(), name="event_writer"),
             asyncio.create_task(self._write_drives(), name="drives"),
@@ -224,6 +227,9 @@ class Relay:
             is_driven=lambda robot_id: self.control.driver(robot_id) is not None,
             is_used=self.usage.of,
             rules=self._timing.drain,
+        )
+        self.rebalancing = Rebalancing(
+            self.cells, registry, is_used=self.usage.of, rules=self._timing.balance
         )
         self.fleet = Fleet(
             database,

@@ -71,6 +71,7 @@ SESSIONS: Mapping[str, str] = {
     "relay_stopping": "the server stopped",
     "relay_restarted": "the server restarted",
     "cell_draining": "its server's machine was taken out of service",
+    "rebalanced": "it was sent to a machine of the server with fewer robots",
     "cell_removed": "its server's machine was lost",
     "protocol_error": "it sent what the server could not read",
     "timeout": "nothing came from the robot, or it took nothing",

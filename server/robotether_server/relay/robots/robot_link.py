@@ -186,6 +186,11 @@ class RobotLink:
         if self._configured and self._cells != self._cells_now():
             self._configure()
 
+    def send_cells(self, cells: Sequence[SshAddresses]) -> None:
+        """Send where the robot connects next, the best first."""
+        if self._configured:
+            self._configure(cells)
+
     async def until_quick(self) -> None:
         """Wait until the agent has read that heartbeats are quick, as they are while somebody uses the robot."""
         await self._quick.wait()
@@ -210,10 +215,10 @@ class RobotLink:
             # which the relay cannot end. sshd drops it when it is dead.
             self.end("port_taken", f"port {port} is still in use after {wait_s:g} s; connect again")
 
-    def _configure(self) -> None:
+    def _configure(self, cells: Sequence[SshAddresses] | None = None) -> None:
         rules, self._configured = self._rules, True
         self._idle_heartbeat_s = None if rules.is_used(self.robot_id) else rules.idle_heartbeat_s
-        self._cells = self._cells_now()
+        self._cells = self._cells_now() if cells is None else cells
         self._send(
             lines.config_line(
                 self._robot,

@@ -6,13 +6,14 @@ listen. At most one link of a kind is current for a robot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from typing import Literal, Protocol, get_args
 
 from robotether_common.session import Battery, ByeCode, GuardState, Kind, ServiceState
 
+from robotether_server.db.cells import SshAddresses
 from robotether_server.relay.http.timing import RobotClock
 
 # What the agent does in front of rosbridge; unknown until it has said so.
@@ -44,6 +45,9 @@ class Link(Protocol):
 
     def send(self, line: bytes) -> None:
         """Send a line to the agent, if the link still is."""
+
+    def send_cells(self, cells: Sequence[SshAddresses]) -> None:
+        """Send where the robot connects next, the best first."""
 
     def on_media_demand(self) -> None:
         """Viewers of the robot's video came, or the last one left."""
@@ -166,6 +170,10 @@ class SessionRegistry:
         presence = self.presence(robot_id)
         if not presence.online:
             self._presences[robot_id] = replace(presence, since=self._clock())
+
+    def has(self, robot_id: int, kind: Kind) -> bool:
+        """Return whether a robot has a link of a kind."""
+        return (robot_id, kind) in self._current
 
     def count(self, kind: Kind) -> int:
         """Count the current links of a kind."""

@@ -343,13 +343,14 @@ def test_it_goes_on_while_the_robot_sleeps(monkeypatch: pytest.MonkeyPatch) -> N
     assert robot_time() == 65.0
 
 
-async def test_the_list_of_cells_is_read_before_the_bye_that_follows(ends, lists):
+@pytest.mark.parametrize("code", ["cell_draining", "rebalanced"])
+async def test_the_list_of_cells_is_read_before_the_bye_that_follows(ends, lists, code):
     """A machine that is taken out of service names the others, and sends the robot there at once."""
     session, peer = ends
     peer.send(CONFIG)
     peer.send({**CONFIG, "cells": []})
     peer.send({**CONFIG, "cells": [{"host": "b.example", "ports": [2222]}]})
-    peer.send({"type": "bye", "code": "cell_draining", "detail": "connect to the next"})
+    peer.send({"type": "bye", "code": code, "detail": "connect to the next"})
     with pytest.raises(SessionEnded) as caught:
         await asyncio.wait_for(session.run(), 5)
     assert caught.value.retry is Retry.AT_ONCE

@@ -148,3 +148,32 @@ async def test_a_relay_polls_by_itself(memory_database):
         assert relay.relay.cells.addresses(7)[0].host == "a.example"
         memory_database.cells["b"] = replace(OTHER, is_alive=False)
         await until(lambda: len(relay.relay.cells.addresses(7)) == 1, "b is gone")
+
+
+async def test_surplus_is_against_the_emptiest_cell(memory_database):
+    """Of the robot's region, where that has one; nothing is known of the others while the database is away."""
+    memory_database.cells["b"] = replace(OTHER, region="us")
+    memory_database.cells["c"] = replace(OTHER, name="c", robots=1)
+    memory_database.cells["d"] = replace(OTHER, name="d", robots=0, is_alive=False)
+    settings = cell_settings("a", "a.example", region="eu")
+    cells = Cells(settings, memory_database, lambda: 9, region_of={7: "eu", 8: "us"}.get)
+    assert cells.surplus() == (0, "a")
+    await cells.poll()
+    assert cells.surplus() == (8, "c")
+    assert {robot_id: cells.surplus(robot_id) for robot_id in (7, 8, 9)} == {
+        7: (0, "a"),
+        8: (6, "b"),
+        9: (8, "c"),
+    }
+    memory_database.down = True
+    await cells.poll()
+    assert cells.surplus() == (0, "a")
+
+
+async def test_an_old_count_is_no_surplus(cells, memory_database, monkeypatch):
+    """The other cell may have got robots since."""
+    memory_database.cells["b"] = replace(OTHER, robots=0)
+    await cells.poll()
+    assert cells.surplus() == (2, "b")
+    monkeypatch.setattr(relay_cells, "CURRENT_S", 0.0)
+    assert cells.surplus() == (0, "a")
