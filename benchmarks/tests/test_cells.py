@@ -11,6 +11,7 @@ from paper.cells.checker import (
     Return,
     check,
     excused,
+    find_crowds,
     find_ignored_stops,
     find_returns,
 )
@@ -324,3 +325,15 @@ def test_what_is_written_is_read_in_order(tmp_path: Path):
         ("zeroed", "robots"),
     ]
     assert found[0].number == 3
+
+
+def test_a_crowd_is_the_most_robots_at_one_cell_and_passes():
+    history = [
+        event(0, "session", cell="main"),
+        event(1, "session", robot="two", cell="second"),
+        event(2, "session_lost", cell="main"),
+        event(3, "session", cell="second"),
+        event(4, "session", robot="two", cell="main"),
+    ]
+    assert find_crowds(history) == [2, 1]
+    assert find_crowds([]) == [0, 0]

@@ -27,6 +27,7 @@ def nemesis(**others: Any) -> Outcome:
         "seen": {**seen, "confirmed_stops": 1},
         "failed": [],
         "online_s": 1.0,
+        "crowds": [330, 112],
         "kept": "",
     }
     return Outcome(values={**values, **others})

@@ -9,6 +9,7 @@ A rule yields a violation for each event that breaks it, with the robot, the tim
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -429,6 +430,22 @@ def find_ignored_stops(history: Sequence[Event]) -> list[float]:
                 found += [moved_s] * (done is not None and moved_s > TOLERANCE_S)
                 done = None
     return found
+
+
+def find_crowds(history: Sequence[Event]) -> list[int]:
+    """How many robots were at one cell at most, and at the end."""
+    where: dict[str, str] = {}
+    most = last = 0
+    for one in history:
+        if one.kind == "session":
+            where[one.robot] = one.cell
+        elif one.kind == "session_lost":
+            where.pop(one.robot, None)
+        else:
+            continue
+        last = max(Counter(where.values()).values(), default=0)
+        most = max(most, last)
+    return [most, last]
 
 
 def find_returns(history: Sequence[Event], cells: Sequence[str]) -> list[Return]:

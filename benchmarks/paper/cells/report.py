@@ -50,6 +50,7 @@ def times(returns: Sequence[Mapping[str, Any]]) -> list[float]:
 def _nemesis(run: Values) -> Section:
     size, seen, events = run["size"], run["seen"], run["events"]
     trips = Histogram.of(seen["round_trips"])
+    most, last = run["crowds"]
     text = (
         f"{size['cells']} cells, {size['agents']} agents and {size['virtual']} virtual robots, "
         f"{size['drivers']} drivers at 20 Hz who go from robot to robot, {size['observers']} observers, "
@@ -66,7 +67,8 @@ def _nemesis(run: Values) -> Section:
         f"\n\nDrivers sent {seen['sent']} commands and heard {seen['heard']}, p99 there and back "
         f"{fixed(trips.quantile_ms(0.99), 1)} ms. Observers got {seen['frames']} frames and {seen['messages']} "
         f"messages. {seen['confirmed_stops']} stops were confirmed at once. After the last fault all cells knew of "
-        f"all robots within {run['online_s']:.1f} s."
+        f"all robots within {run['online_s']:.1f} s. One cell had {most} robots at most, and at the end none had more "
+        f"than {last}."
     )
     rows = [(name.replace("_", " "), count) for name, count in sorted(events.items())]
     return Section("Nemesis", text, "event | times", rows)
