@@ -234,11 +234,17 @@ export class Banner {
 const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
 
 // `state` is the connection's (connection.js); `control` as in docs/reference/protocols.md, `video` the kind of the
-// VideoInterlock; `disabled` by an administrator.
-export function selectStatus({ name }, { control, driving, video, disabled = false }) {
+// VideoInterlock; `disabled` by an administrator; `slow` when commands come too late to count.
+export function selectStatus({ name }, { control, driving, video, disabled = false, slow }) {
   if (name !== "live") return disabled ? asDisabled(name) : name;
-  return robotStatus(control ?? {}) ?? (driving ? videoStatus(video) : null) ?? "live";
+  return robotStatus(control ?? {}) ?? (driving ? drivingStatus(video, slow) : null) ?? "live";
 }
+
+// To the robot and back, in ms: its guard drops commands that are older than half of it.
+const SLOW_MS = 1000;
+
+// Whether commands come too late to count: `server` and `robot` as of latencyBreakdown.
+export const isSlow = ({ server, robot }) => server + robot > SLOW_MS;
 
 const asDisabled = (name) => (AWAY.includes(name) ? "disabled" : name);
 
@@ -248,8 +254,9 @@ function robotStatus(/** @type {Partial<Control>} */ { stopped, guard }) {
 }
 
 // Whoever watches is held by nothing.
-function videoStatus(video) {
+function drivingStatus(video, slow) {
   if (video === "missing" || video === "old") return "held";
+  if (slow) return "slow";
   return video === "blind" ? "blind" : null;
 }
 

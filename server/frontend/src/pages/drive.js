@@ -6,7 +6,7 @@ import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
 import { Session } from "../client/session.js";
 import { Arming, NO_CONTROLS, VideoInterlock } from "../control/arming.js";
-import { Banner, ControlPanel } from "../control/controlPanel.js";
+import { Banner, ControlPanel, isSlow } from "../control/controlPanel.js";
 import { DriveMode, ReloadStore } from "../control/driveMode.js";
 import { Summary } from "../control/driveSummary.js";
 import { Buttons } from "../control/robotButtons.js";
@@ -51,7 +51,7 @@ const session = new Session({
   onState: showState,
   onLeaving: () => arming.leave(),
   onControl: useControl,
-  onRoundTrip: (reading) => readings.rtt(reading, { server: session.clockSync.roundTripMs, robot: facts.rttMs }),
+  onRoundTrip: showRoundTrip,
 });
 const { connection } = session;
 const subscribe = (spec, handler) => connection.subscribe(spec, handler);
@@ -171,6 +171,13 @@ function showBanner() {
   const shown = { driving, armed: begun, control, stopped, mayDrive, free, again: driveMode.wasStopped };
   banner.show(connection.state, { ...facts, ...shown, video: interlock.kind });
   stopBar.offer(driveMode.wasStopped ? "again" : "idle");
+}
+
+function showRoundTrip(reading) {
+  const parts = { server: session.clockSync.roundTripMs, robot: facts.rttMs };
+  readings.rtt(reading, parts);
+  facts.slow = isSlow(parts);
+  showBanner();
 }
 
 function useTopics({ twistType, speed, topics: all }) {

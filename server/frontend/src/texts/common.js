@@ -162,6 +162,10 @@ export const states = {
     detail: ({ video }) => (video === "old" ? "The video is frozen." : "There is no video to drive by."),
     action: "Drive without video",
   },
+  slow: {
+    title: "Connection too slow",
+    detail: () => "Commands take over half a second to the robot, which drops them.",
+  },
   blind: {
     title: "Driving without video",
     detail: () => "You cannot see what is in front of the robot.",

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { selectStatus } from "../../src/control/controlPanel.js";
+import { isSlow, selectStatus } from "../../src/control/controlPanel.js";
 import { connection, states } from "../../src/texts/common.js";
 
 const texts = { ...connection, ...states };
@@ -42,6 +42,23 @@ test("then comes a guard that does not answer, then a picture that is missing", 
 
 test("whoever watches is held by no picture", () => {
   assert.equal(shown(LIVE, { ...FINE, driving: false, video: "old" }), "live");
+  assert.equal(shown(LIVE, { ...FINE, driving: false, slow: true }), "live");
+});
+
+test("who drives over a network that is too slow is told why nothing moves", () => {
+  assert.equal(shown(LIVE, { ...FINE, slow: true }), "slow");
+  assert.equal(shown(LIVE, { ...FINE, slow: true, video: "blind" }), "slow");
+  assert.equal(shown(LIVE, { ...FINE, slow: true, video: "old" }), "held");
+});
+
+test("a network is too slow when half the way there and back is more than a guard allows", () => {
+  assert.equal(isSlow({ server: 500, robot: 501 }), true);
+  assert.equal(isSlow({ server: 500, robot: 500 }), false);
+  for (const unknown of [
+    { server: null, robot: 5 },
+    { server: 5, robot: undefined },
+  ])
+    assert.equal(isSlow(unknown), false);
 });
 
 test("each state has its own title and says what it means", () => {
