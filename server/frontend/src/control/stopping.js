@@ -1,8 +1,8 @@
 // What the Stop button does: sends the stop by every path, none waiting for another, and sends it again
 // until the server has it. What it shows is what is confirmed and nothing more. Pure but for its timer.
 
-const AGAIN_MS = 1000;
-const TRIES = 15;
+export const AGAIN_MS = 1000;
+export const TRIES = 15;
 const CONFIRM_MS = 5000; // by then the control object has come, or the stop is released again
 
 // `a` and `b` as in the control object; the robot's confirmation makes no other stop of one.
@@ -93,7 +93,7 @@ export class Stopping {
 }
 
 // An answer that another attempt cannot change ends them.
-function refusal(status, tries) {
+export function refusal(status, tries) {
   if (status !== 0 && status !== 429 && status < 500) return "refused";
   return tries > 0 ? "unheard" : "failed";
 }

@@ -1,6 +1,6 @@
 // The fleet page's Stop buttons: that of one robot, those of all robots that this user manages or of a site, and what became of it.
 
-import { Stopping } from "../control/stopping.js";
+import { AGAIN_MS, Stopping, TRIES, refusal } from "../control/stopping.js";
 import { api, stopAll } from "../pages/calls.js";
 import { localTime, make, part, setText } from "../pages/page.js";
 import { stop as stopTexts } from "../texts/common.js";
@@ -59,16 +59,27 @@ export class FleetStops {
     this.bar.replaceChildren(all, ...each);
   }
 
-  async stop(site) {
-    const round = ++this.round;
+  stop(site) {
     this.results = [];
     setText(this.result, texts.stoppingAll);
-    const { ok, detail, body } = await stopAll(site);
-    if (round !== this.round) return;
+    return this.attempt(site, ++this.round, TRIES);
+  }
+
+  // Again until the server has it, as with one robot, and no longer than until the next press.
+  async attempt(site, round, tries) {
+    clearTimeout(this.timer);
+    const answer = await stopAll(site);
+    if (round === this.round) this.settle(answer, site, round, tries - 1);
+  }
+
+  settle({ ok, status, detail, body }, site, round, tries) {
     this.results = (ok && body.robots) || [];
-    if (!ok) setText(this.result, texts.stopFailed(detail));
-    else if (this.results.length === 0) setText(this.result, texts.stopNone);
-    else this.list();
+    if (this.results.length > 0) this.list();
+    else if (ok) setText(this.result, texts.stopNone);
+    else if (refusal(status, tries) === "unheard") {
+      setText(this.result, stopTexts.unheard());
+      this.timer = setTimeout(() => this.attempt(site, round, tries), AGAIN_MS);
+    } else setText(this.result, texts.stopFailed(detail));
   }
 
   list() {

@@ -1,5 +1,5 @@
 import assert from "node:assert/strict";
-import { afterEach, beforeEach, test } from "node:test";
+import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { FleetStops, managedSites, outcome } from "../../src/fleet/fleetStops.js";
 
@@ -27,7 +27,7 @@ let before;
 
 beforeEach(() => {
   before = globalThis.document;
-  globalThis.document = { createElement: () => ({ setAttribute() {}, append() {} }) };
+  globalThis.document = { createElement: () => ({ setAttribute() {}, append() {} }), querySelector: () => ({ content: "" }) };
 });
 
 afterEach(() => {
@@ -46,4 +46,44 @@ test("a robot that was released is no longer among those that a stop has stopped
   assert.deepEqual(names(), ["sim1"]);
   stops.receive([robot("sim1", null)]);
   assert.deepEqual([names(), result.children], [[], []]);
+});
+
+// Press Stop all, with the answers of the server; give what was said after each of them.
+async function pressed(...answers) {
+  mock.timers.enable({ apis: ["setTimeout"] });
+  const asked = mock.method(globalThis, "fetch", async () => {
+    const status = answers.shift();
+    if (!status) throw new TypeError("no network");
+    return new Response(JSON.stringify({ robots: [] }), { status });
+  });
+  const result = { textContent: "" };
+  const stops = new FleetStops({ querySelector: () => result }, { manages: true });
+  const said = [];
+  await stops.stop();
+  for (let seconds = 0; seconds < 20; seconds += 1) {
+    said.push(result.textContent);
+    mock.timers.tick(1000);
+    for (let turn = 0; turn < 5; turn += 1) await new Promise((resolve) => setImmediate(resolve));
+  }
+  const times = asked.mock.callCount();
+  mock.timers.reset();
+  asked.mock.restore();
+  return { said, times };
+}
+
+test("a stop of all that the server does not hear is said again, and the person reads that nothing is stopped", async () => {
+  const { said, times } = await pressed(0, 503, 200);
+  assert.match(said[0], /Trying again/);
+  assert.match(said[1], /Trying again/);
+  assert.match(said[2], /No robot to stop/);
+  assert.equal(times, 3);
+});
+
+test("its attempts end after a while, or when the server refuses", async () => {
+  const lost = await pressed();
+  assert.equal(lost.times, 15);
+  assert.match(lost.said.at(-1), /Press again/);
+  const refused = await pressed(403);
+  assert.equal(refused.times, 1);
+  assert.match(refused.said[0], /^Not stopped/);
 });
