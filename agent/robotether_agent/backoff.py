@@ -76,10 +76,17 @@ class Backoff:
         self._rng = rng
         self._soon = delays(rng)
 
-    def after(self, problem: AgentProblem, *, uptime_s: float) -> float | None:
-        """Return the seconds to wait after `problem` ended a connection that was up for `uptime_s`."""
+    def after(
+        self, problem: AgentProblem, *, uptime_s: float, was_used: bool = False
+    ) -> float | None:
+        """Return the seconds to wait after `problem` ended a connection that was up for `uptime_s`.
+
+        A robot that somebody used, as few of a fleet are, goes before the others.
+        """
         if uptime_s >= STABLE_S:
             self._soon = delays(self._rng)
+            if was_used and problem.retry is Retry.SOON:
+                return self._rng.uniform(*AT_ONCE_S)
             if isinstance(problem, ServerSilent) and problem.retry is Retry.SOON:
                 return self._rng.uniform(*AFTER_SILENCE_S)
             if isinstance(problem, NetworkChanged):
@@ -92,11 +99,12 @@ class Backoff:
 
 
 class Uptime:
-    """How long the present attempt has been up."""
+    """How long the present attempt has been up, and whether somebody used the robot at its end."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._since: float | None = None
+        self.was_used = False
 
     def is_up(self) -> None:
         """Note that the connection is up."""
@@ -151,7 +159,7 @@ async def keep_going(
         except AgentProblem as problem:
             if uptime.uptime_s:
                 repeats.forget()
-            wait_s = backoff.after(problem, uptime_s=uptime.uptime_s)
+            wait_s = backoff.after(problem, uptime_s=uptime.uptime_s, was_used=uptime.was_used)
             if wait_s is None:
                 raise
             on_problem(problem)

@@ -188,6 +188,7 @@ class Agent:
             self._enroller.doubt_address()
             raise
         finally:
+            uptime.was_used = self._session is not None and self._session.is_used
             self._session = None
             self._session_up.clear()
             self._status_writer.set(**_seen_from_server(Checked()))

@@ -230,6 +230,12 @@ class Session:
         return self._clock() - self._received_at
 
     @property
+    def is_used(self) -> bool:
+        """Whether the server says that somebody uses the robot; with published ports it cannot know."""
+        config = self.config
+        return config is not None and config.idle_heartbeat_s is None and not config.direct
+
+    @property
     def idle_delay_s(self) -> float:
         """Seconds by which the server's heartbeats come later than those of a robot in use."""
         config = self.config

@@ -169,6 +169,12 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         """The time between heartbeats while nobody uses the robot."""
         return self.config.get("idle_heartbeat_s")
 
+    @property
+    def is_used(self) -> bool:
+        """Whether the server says that somebody uses the robot."""
+        config = self.config
+        return bool(config) and self.idle_heartbeat_s is None and not config["direct"]
+
     async def open(
         self, account: Account, targets: Sequence[SshAddress], *, unreached_s: float = 0.0
     ) -> None:
@@ -357,6 +363,7 @@ class VirtualRobot:
                 self._failed_at[connection.target] = robot_time()
             raise
         finally:
+            uptime.was_used = connection.is_used
             self._session = None
             self._session_up.clear()
             self._services.on_session_lost()

@@ -92,6 +92,15 @@ def test_another_address_after_a_connection_that_stood_costs_no_pause():
     assert backoff.after(NetworkChanged("x"), uptime_s=1) == 0.2
 
 
+def test_a_robot_that_somebody_used_goes_before_the_others():
+    """Once: what fails then is tried as ever."""
+    backoff = Backoff(Longest())
+    assert backoff.after(LinkLost("x"), uptime_s=STABLE_S, was_used=True) == 0.2
+    assert [backoff.after(LinkLost("x"), uptime_s=0, was_used=True) for _ in range(2)] == [1, 2]
+    superseded = SessionEnded("x", code="superseded", retry=Retry.SLOWLY)
+    assert backoff.after(superseded, uptime_s=STABLE_S, was_used=True) == 30
+
+
 def test_who_is_sent_away_at_once_again_and_again_pauses():
     """Machines that are all taken out of service are not logged in at all the time."""
     backoff = Backoff(Longest())

@@ -166,11 +166,12 @@ async def test_heartbeats_are_slow_until_somebody_uses_the_robot(ends):
     first = await peer.receive("ping")
     config = await session.new_config(None)
     assert abs(session.idle_delay_s - 49.9) < 1e-6
+    assert not session.is_used
     with pytest.raises(asyncio.TimeoutError):
         await asyncio.wait_for(peer.receive("ping"), 0.5)
     peer.send({**idle, "idle_heartbeat_s": None})
     assert [(await peer.receive("ping"))["seq"] - first["seq"] for _ in range(3)] == [1, 2, 3]
-    assert session.idle_delay_s == 0
+    assert (session.idle_delay_s, session.is_used) == (0, True)
     # Whoever follows the configuration for its forwards has nothing to do.
     assert session.config == config
     peer.close()
