@@ -6,6 +6,7 @@ with a slow line.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -15,21 +16,26 @@ from typing import Any
 from sections import Section
 
 from paper.networks import PLAIN, ServerLine, Uplink, server_line
-from paper.numbered.messages import FRAME_BYTES
+from paper.numbered.messages import FRAME_BYTES, Histogram
 from paper.numbered.report import (
+    MICROSECONDS,
     compared,
     flattened,
     latency_data,
     latency_plot,
     sections,
+    server_cost_s,
     shortfalls,
 )
 from paper.numbered.run import Pair, Plan, run
 from paper.robots import WholeRobot, wait_all_online
-from paper.step import Part, Report, Results, Scale, Step, Values, succeeded
+from paper.step import Comparison, Part, Report, Results, Scale, Step, Values, succeeded
 from paper.world import World
 
 PAPERS_RUN = "pairs-5"
+# Of issue 17, for the paper's run and for this one.
+AIM_COST_US, AIM_P99_MS = 150.0, 20.0
+AIMS_RUN = "pairs-20"
 RATE_HZ, FAST_HZ = 100, 1000
 # The server's line in Mbit/s, each way.
 LADDER = (10, 5, 2, 1)
@@ -172,14 +178,36 @@ def report(_scale: Scale, results: Results) -> Report:
     made = sections("Messages at a high rate", TEXT, runs)
     if lines:
         made.append(Section("A server with a slow line", LINE_TEXT, LINE_COLUMNS, lines))
-    papers = [one for name, one in named.items() if name == PAPERS_RUN]
     return Report(
         sections=made,
-        comparisons=[compared(one["title"], one) for one in papers],
+        comparisons=list(_comparisons(named)),
         plots=[latency_plot("high-rate-latency", CAPTION, runs)],
         data=latency_data("high-rate-latency", named),
         shortfalls=shortfalls(runs),
     )
+
+
+def _comparisons(named: Mapping[str, Mapping[str, Any]]) -> Iterator[Comparison]:
+    if (papers := named.get(PAPERS_RUN)) is not None:
+        yield compared(papers["title"], papers)
+        yield Comparison(
+            what=f"{papers['title']}: processor for a message, of all server processes",
+            against="aim",
+            reference=AIM_COST_US,
+            ours=server_cost_s(papers) * MICROSECONDS,
+            unit="µs",
+            better="lower",
+        )
+    if (many := named.get(AIMS_RUN)) is not None:
+        p99_ms = Histogram.of(many["latency"]).quantile_ms(0.99)
+        yield Comparison(
+            what=f"{many['title']}: latency at p99",
+            against="aim",
+            reference=AIM_P99_MS,
+            ours=math.nan if p99_ms is None else p99_ms,
+            unit="ms",
+            better="lower",
+        )
 
 
 def _line_row(title: str, run: Mapping[str, Any]) -> Sequence[str]:
