@@ -240,11 +240,9 @@ export function selectStatus({ name }, { control, driving, video, disabled = fal
   return robotStatus(control ?? {}) ?? (driving ? drivingStatus(video, slow) : null) ?? "live";
 }
 
-// To the robot and back, in ms: its guard drops commands that are older than half of it.
-const SLOW_MS = 1000;
-
-// Whether commands come too late to count: `server` and `robot` as of latencyBreakdown.
-export const isSlow = ({ server, robot }) => server + robot > SLOW_MS;
+// Whether commands come too late to count: `server` and `robot` as of latencyBreakdown, the ways there and back; `maxAgeMs`
+// as of settings.js.
+export const isSlow = ({ server, robot }, maxAgeMs) => (server + robot) / 2 > maxAgeMs;
 
 const asDisabled = (name) => (AWAY.includes(name) ? "disabled" : name);
 

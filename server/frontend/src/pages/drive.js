@@ -29,7 +29,7 @@ const main = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
 const { robot = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
-const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs } = driveSettings(settings);
+const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, maxAgeMs } = driveSettings(settings);
 const facts = { since: "", observers: 0 };
 
 const loginUse = new LoginUse();
@@ -176,7 +176,7 @@ function showBanner() {
 function showRoundTrip(reading) {
   const parts = { server: session.clockSync.roundTripMs, robot: facts.rttMs };
   readings.rtt(reading, parts);
-  facts.slow = isSlow(parts);
+  facts.slow = isSlow(parts, maxAgeMs);
   showBanner();
 }
 

@@ -1,15 +1,17 @@
 // What the drive page takes from a robot's settings (docs/reference/robot-settings.md). Pure.
 
-const USUAL = { topic: "/cmd_vel", linear: 1.0, angular: 1.5, holdAfterMs: 1000 };
+const USUAL = { topic: "/cmd_vel", linear: 1.0, angular: 1.5, holdAfterMs: 1000, maxAgeMs: 500 };
 
-// Gives {driveTopic, driveType, kind, wheelbase, limits: {maxLinear, maxAngular}, holdAfterMs}, in m, m/s and rad/s; the limits
-// are never more than the robot's guard allows. `driveTopic` "": the guard has patterns alone, and no name that the page knows fits. `holdAfterMs` null: old video does not pause driving, `driveType` null: it
-// follows the robot.
+// Gives {driveTopic, driveType, kind, wheelbase, limits: {maxLinear, maxAngular}, holdAfterMs, maxAgeMs}, in m, m/s, rad/s and ms;
+// the limits are never more than the robot's guard allows. `driveTopic` "": the guard has patterns alone, and no name that the
+// page knows fits. `holdAfterMs` null: old video does not pause driving, `driveType` null: it follows the robot. The guard drops
+// commands that are older than `maxAgeMs`.
 /** @param {{guard?: Record<string, any>, page?: Record<string, any>}} settings */
 export function driveSettings({ guard = {}, page = {} }) {
   const { kind = "differential", wheelbase_m: wheelbase = null, hold_after_ms: holdAfterMs = USUAL.holdAfterMs } = page;
   const { drive_type: driveType = null } = page;
-  return { driveTopic: topic(page, guard), driveType, kind, wheelbase, limits: limits(page, guard), holdAfterMs };
+  const { max_age_ms: maxAgeMs = USUAL.maxAgeMs } = guard;
+  return { driveTopic: topic(page, guard), driveType, kind, wheelbase, limits: limits(page, guard), holdAfterMs, maxAgeMs };
 }
 
 // Another topic is none of a drive: no guard would watch it.

@@ -164,7 +164,7 @@ export const states = {
   },
   slow: {
     title: "Connection too slow",
-    detail: () => "Commands take over half a second to the robot, which drops them.",
+    detail: () => "Commands are too old when they reach the robot, which drops them.",
   },
   blind: {
     title: "Driving without video",

@@ -51,14 +51,15 @@ test("who drives over a network that is too slow is told why nothing moves", () 
   assert.equal(shown(LIVE, { ...FINE, slow: true, video: "old" }), "held");
 });
 
-test("a network is too slow when half the way there and back is more than a guard allows", () => {
-  assert.equal(isSlow({ server: 500, robot: 501 }), true);
-  assert.equal(isSlow({ server: 500, robot: 500 }), false);
+test("a network is too slow when half the way there and back is more than the guard allows", () => {
+  assert.equal(isSlow({ server: 500, robot: 501 }, 500), true);
+  assert.equal(isSlow({ server: 500, robot: 501 }, 800), false);
+  assert.equal(isSlow({ server: 500, robot: 500 }, 500), false);
   for (const unknown of [
     { server: null, robot: 5 },
     { server: 5, robot: undefined },
   ])
-    assert.equal(isSlow(unknown), false);
+    assert.equal(isSlow(unknown, 500), false);
 });
 
 test("each state has its own title and says what it means", () => {

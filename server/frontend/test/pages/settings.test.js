@@ -11,6 +11,7 @@ test("a robot without settings drives on /cmd_vel with usual limits", () => {
     wheelbase: null,
     limits: { maxLinear: 1, maxAngular: 1.5 },
     holdAfterMs: 1000,
+    maxAgeMs: 500,
   });
 });
 
