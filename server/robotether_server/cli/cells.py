@@ -77,7 +77,7 @@ def _is_empty(database: Database, name: str) -> bool | None:
 @cell.command()
 @click.argument("name")
 def resume(name: str) -> None:
-    """Put a machine back into service. Robots that left it stay where they are."""
+    """Put a machine back into service. It gets its share of the robots that nobody uses."""
     with open_database().transaction() as tx:
         cell_service.resume(tx, SOURCE, name)
     click.echo(f"cell {name} is in service")
