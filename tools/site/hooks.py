@@ -193,8 +193,8 @@ def operations() -> str:
         (
             "# Operations of rosbridge",
             "",
-            "What a client may send at `/robots/NAME/ros`. Any other operation or field is refused. The",
-            "robot's policy must let the connection's level use the name in the third column's field.",
+            "What a client may send at `/robots/NAME/ros`. Any other operation is refused, any other field left",
+            "out. The robot's policy must let the connection's level use the name in the third column's field.",
             "",
             "| op | fields | right and the field that names it | goes to |",
             "|---|---|---|---|",
