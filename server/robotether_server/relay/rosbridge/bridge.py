@@ -416,6 +416,8 @@ class OwnOperations:
         """Do what the client asks; return the answer."""
         if operation == "robotether.stop":
             self._control.stops.stop(self._robot, self._user, address=self._address)
+            # Its answer, also where it changes nothing: whoever repeats a stop must learn that it came.
+            self._changed()
             return None
         self._key = {"key": own["key"]} if "key" in own else {}
         if not self._clock_syncs:

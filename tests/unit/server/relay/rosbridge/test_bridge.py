@@ -457,6 +457,19 @@ async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, htt
         assert bob.messages == []
 
 
+async def test_who_repeats_a_stop_is_answered_too(relay, guarded, sim1, http):
+    """A program that has no other word of it would stop the robot again and again."""
+    async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
+        await bob.send(op="robotether.beat", t_ms=1)
+        await bob.send(op="robotether.stop")
+        stopped = None
+        while not stopped or not stopped["confirmed"]:
+            stopped = (await bob.until("robotether.control"))["control"]["stopped"]
+        await bob.send(op="robotether.stop")
+        answer = await bob.until("robotether.control")
+        assert answer["control"]["stopped"]["by"] == "bob"
+
+
 async def test_an_observer_stops_the_robot_without_a_database(
     relay, guarded, sim1, http, memory_database
 ):
