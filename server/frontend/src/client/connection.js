@@ -56,6 +56,7 @@ export class Connection {
     this.yielded = false;
     this.started = false;
     this.topics = new Set();
+    this.calls = new Set(); // functions that end a call without an answer
   }
 
   start() {
@@ -132,10 +133,15 @@ export class Connection {
     };
   }
 
-  // Rejects when there is no live link; never settles when the link ends before the answer.
+  // Rejects when there is no live link, or when it ends before the answer.
   async call(service, request = {}, type = undefined) {
     if (!this.live) throw new Error(`cannot call ${service}: not connected`);
-    return /** @type {Link} */ (this.link).call(service, request, type);
+    const answer = /** @type {Link} */ (this.link).call(service, request, type);
+    return new Promise((resolve, reject) => {
+      const end = () => reject(new Error(`cannot call ${service}: the connection ended before the answer`));
+      this.calls.add(end);
+      answer.then(resolve, reject).finally(() => this.calls.delete(end));
+    });
   }
 
   keep(attach) {
@@ -238,6 +244,8 @@ export class Connection {
     if (link) this.handlers.onLink(null);
     link?.close();
     for (const entry of this.topics) entry.channel = null;
+    for (const end of this.calls) end();
+    this.calls.clear();
   }
 
   show(state) {

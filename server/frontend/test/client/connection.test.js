@@ -162,6 +162,17 @@ test("what is published while cut is dropped and never reaches the next link", a
   assert.deepEqual(links[1].published, ["d"]);
 });
 
+test("a call whose link ends before the answer rejects, on whichever way it ends", async () => {
+  connection.start();
+  for (const end of [() => links.at(-1).onClose({ code: 1006, reason: "" }), () => connection.reopen(), () => connection.stop()]) {
+    await goLive();
+    const call = connection.call("/dock");
+    end();
+    await assert.rejects(call, /cannot call \/dock: the connection ended before the answer/);
+    await pass(500);
+  }
+});
+
 test("silence on a live link is a lost link", async () => {
   connection.start();
   await goLive();
