@@ -73,6 +73,15 @@ def add(tx: Transaction, name: str, password_hash: str, role: Role) -> int:
         )
 
 
+def is_unchanged(tx: Transaction, user: User) -> bool:
+    """Return whether the user still has this password and is enabled; it stays so until the transaction ends."""
+    found = tx.row(
+        "SELECT 1 FROM users WHERE id = %s AND password_hash = %s AND NOT disabled LOCK IN SHARE MODE",
+        (user.id, user.password_hash),
+    )
+    return found is not None
+
+
 def set_password(tx: Transaction, user_id: int, password_hash: str) -> None:
     """Replace the password and end every login made with the old one."""
     tx.change("UPDATE users SET password_hash = %s WHERE id = %s", (password_hash, user_id))

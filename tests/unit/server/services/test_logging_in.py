@@ -59,6 +59,28 @@ def test_disabled_user_looks_like_a_wrong_password(database: Database) -> None:
     assert len(sentences) == 1
 
 
+@pytest.mark.parametrize("change", ["password", "disabled"])
+def test_what_an_admin_changes_during_the_check_counts(
+    database: Database, monkeypatch: pytest.MonkeyPatch, change: str
+) -> None:
+    """Whoever has the old password gets no login that outlives it."""
+
+    def matches(_password: str, _hash: str | None) -> bool:
+        with database.transaction() as tx:
+            ann = users.get(tx, "ann").id
+            if change == "password":
+                users.set_password(tx, ann, "another hash")
+            else:
+                users.set_disabled(tx, ann, disabled=True)
+        return True
+
+    monkeypatch.setattr(passwords, "matches", matches)
+    with pytest.raises(LoginFailed):
+        log_in(database, ANN, PASSWORD, HOUR)
+    with database.transaction() as tx:
+        assert tx.row("SELECT 1 FROM logins") is None
+
+
 def test_throttled_try_costs_no_hash(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     """An attacker cannot keep the processor busy."""
     for _ in range(5):
