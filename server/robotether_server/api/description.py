@@ -43,6 +43,7 @@ SECURITY: dict[Who, list[Object]] = {
 }
 # The problems of each status.
 PROBLEMS = {
+    400: ("BadRequest", "bad_request: the body is no JSON"),
     401: ("Unauthorized", "login_missing, token_invalid, token_expired or token_used_up"),
     403: (
         "Forbidden",
@@ -54,11 +55,14 @@ PROBLEMS = {
         "not_found: no such path",
     ),
     409: ("Conflict", "The request contradicts a record: see `code` and `detail`"),
-    413: ("TooLarge", "request_entity_too_large: over 64 KB"),
+    413: ("TooLarge", "request_entity_too_large: over 64 KB; with the tag control over 4 KiB"),
     415: ("NotJson", "unsupported_media_type: the body was not sent as application/json"),
     422: ("Invalid", "field_invalid or record_refused: `detail` names the field"),
     429: ("TooMany", "A limit is reached: see `code` and `detail`"),
-    503: ("Unavailable", "store_unavailable or front_unavailable: try again shortly"),
+    503: (
+        "Unavailable",
+        "store_unavailable, front_unavailable or service_away: try again shortly; robot_offline",
+    ),
     504: ("GuardSilent", "guard_silent: the robot did not confirm it and stays stopped"),
 }
 AUTHENTICATE = {"WWW-Authenticate": {"required": True, "schema": {"const": "Bearer"}}}

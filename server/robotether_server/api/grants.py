@@ -131,7 +131,7 @@ def give_grant(caller: Caller, user: str, robot: str, body: GivenLevel) -> Shown
     return given
 
 
-@operation("DELETE", "/grants/<user>/<robot>", "admin", name="takeGrant", problems=(409,))
+@operation("DELETE", "/grants/<user>/<robot>", "admin", name="takeGrant")
 def revoke_grant(caller: Caller, user: str, robot: str) -> None:
     """Delete the user's grant for the robot."""
     grant_service.revoke_from(

@@ -72,8 +72,8 @@ class ReleasedStop(Struct):
     at: Timestamp | UnsetType = UNSET
 
 
-class StoppedSite(Struct):
-    """The site, if not all."""
+class StoppedSite(StopReason):
+    """The site, if not all, and the reason."""
 
     site: PlainName | UnsetType = UNSET
 
@@ -128,7 +128,7 @@ RELAYED = (
         tag="control",
         body=LeaseAction,
         answers=CONTROL,
-        problems=(409, 429),
+        problems=(400, 409, 429),
     ),
     ApiOperation(
         method="POST",
@@ -142,6 +142,7 @@ RELAYED = (
         body=StopReason,
         is_body_required=False,
         answers=CONTROL,
+        problems=(400,),
     ),
     ApiOperation(
         method="POST",
@@ -155,7 +156,7 @@ RELAYED = (
         body=Annotated[ReleasedStop, BOTH_OR_NEITHER],
         is_body_required=False,
         answers=CONTROL,
-        problems=(409, 504),
+        problems=(400, 409, 504),
     ),
     ApiOperation(
         method="POST",
@@ -167,5 +168,6 @@ RELAYED = (
         body=StoppedSite,
         is_body_required=False,
         answers={200: StoppedRobotList},
+        problems=(400,),
     ),
 )

@@ -341,7 +341,7 @@ def reject_key(caller: Caller, robot: str, body: KeyChoice) -> None:
     robot_service.reject(caller.tx, caller.source, robot, body.fingerprint)
 
 
-@operation("POST", "/robots/<robot>/rekey", "admin", problems=(409,))
+@operation("POST", "/robots/<robot>/rekey", "admin")
 def rekey_robot(caller: Caller, robot: str) -> ShownRobot:
     """Forget the key and end the robot's connection; the next key waits for approval."""
     robot_service.rekey(caller.tx, caller.source, robot)

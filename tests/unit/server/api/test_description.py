@@ -96,6 +96,15 @@ def test_what_is_for_admins_is_tagged_and_may_be_refused(document: Document) -> 
             assert {"401", "403"} <= set(described["responses"]), (path, method)
 
 
+def test_what_the_relay_takes_is_described(document: Document) -> None:
+    """A stop of many has a reason as that of one robot; it calls 400 what the rest of the API calls 422."""
+    schemas = document["components"]["schemas"]
+    assert set(schemas["StoppedSite"]["properties"]) == {"site", "reason"}
+    for path, method in ELSEWHERE:
+        described = document["paths"][path][method]
+        assert ("400" in described["responses"]) == (method == "post"), path
+
+
 def test_every_schema_is_one(document: Document) -> None:
     """JSON Schema 2020-12, which OpenAPI 3.1 uses; an object names its required members among its own."""
     assert document["openapi"] == "3.1.0"
