@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import roslibpy
+from roslibpy.comm import RosBridgeClientFactory
 
 TRIES = 20
 PERIOD_S = 0.05  # the robot stops by itself when no command comes for half a second
@@ -54,8 +55,13 @@ def get_ticket(server: str, robot: str, token: str, mode: str = "drive") -> str:
 
 @contextlib.contextmanager
 def connected(server: str, robot: str, token: str) -> Iterator[roslibpy.Ros]:
-    """Be the robot's driver for the `with` block."""
+    """Be the robot's driver for the `with` block.
+
+    A program that connects more than once calls ros.close() here: roslibpy cannot go on after ros.terminate().
+    """
     ticket = get_ticket(server, robot, token)
+    # By itself roslibpy would connect again with this ticket, for ever: the server accepts it once.
+    RosBridgeClientFactory.set_max_retries(0)
     ros = roslibpy.Ros(f"{server.replace('https', 'wss', 1)}/robots/{robot}/ros?ticket={ticket}")
     ros.run(timeout=10)
     try:
@@ -88,6 +94,10 @@ def drive(ros: roslibpy.Ros, forward: float, turn: float, seconds: float) -> Non
     end = time.monotonic() + seconds
     try:
         while time.monotonic() < end:
+            if not ros.is_connected:
+                sys.exit(
+                    "the connection ended: was the robot stopped, or does somebody else drive?"
+                )
             topic.publish(twist(forward, turn))
             time.sleep(PERIOD_S)
     finally:
