@@ -27,9 +27,9 @@ export class Robot {
     this.name = robot;
     this.server = server;
     this.getTicket = getTicket;
-    this.driveTopic = driveTopic;
+    this.driveTopic = driveTopic && fullName(driveTopic); // empty: it drives nothing
     this.driveType = driveType;
-    this.driveTypeQuery = new DriveTypeQuery({ topic: driveTopic });
+    this.driveTypeQuery = new DriveTypeQuery({ topic: this.driveTopic });
     this.api = getTicket && !token ? null : new Api({ server, headers: credentials(token) });
     this.handlers = { state: new Set(), control: new Set() };
     this.mode = "drive";
@@ -38,7 +38,7 @@ export class Robot {
     this.roundTripMs = null;
     this.publishers = new Map();
     this.session = new Session({
-      driveTopic,
+      driveTopic: this.driveTopic,
       wheelbase,
       requestUrl: async () => rosUrl(server, robot, await this.ticket(this.mode)),
       prepare: (call) => this.readDriveType(call),
@@ -151,19 +151,20 @@ export class Robot {
 
   // Gives the function that ends the subscription. It outlives cuts.
   subscribe(topic, handler, /** @type {{type?: string, throttleMs?: number}} */ { type, throttleMs } = {}) {
-    return this.session.connection.subscribe({ name: topic, type, throttleMs }, handler);
+    return this.session.connection.subscribe({ name: fullName(topic), type, throttleMs }, handler);
   }
 
   // Lets the robot know the topic before the first message: ROS loses what is published before subscribers have found it.
   advertise(topic, type) {
-    if (topic === this.driveTopic) throw new Error(`cannot publish on ${topic}: drive() does, with each command's moment`);
-    if (!this.publishers.has(topic)) this.publishers.set(topic, this.session.connection.advertise({ name: topic, type }));
+    const name = fullName(topic);
+    if (name === this.driveTopic) throw new Error(`cannot publish on ${topic}: drive() does, with each command's moment`);
+    if (!this.publishers.has(name)) this.publishers.set(name, this.session.connection.advertise({ name, type }));
   }
 
   // Gives whether it went.
   publish(topic, type, message) {
     this.advertise(topic, type);
-    return this.publishers.get(topic).publish(message);
+    return this.publishers.get(fullName(topic)).publish(message);
   }
 
   // Resolves with the answer's values.
@@ -236,6 +237,9 @@ export class Robot {
     for (const name of ["visibilitychange", "freeze", "resume"]) document.addEventListener(name, letGo, { signal });
   }
 }
+
+// As the server writes it, and the robot then names it in its messages: a subscriber of `odom` would hear of no `/odom`.
+const fullName = (topic) => (topic.startsWith("/") ? topic : `/${topic}`);
 
 // 0 would drive straight on, whatever turn is asked for, and less than 0 to the other side.
 function checkWheelbase(metres) {

@@ -308,6 +308,23 @@ test("a topic is advertised once, and the drive topic is drive()'s", async () =>
   robot.close();
 });
 
+test("a name without its first slash is the same topic", async () => {
+  const robot = make({ driveTopic: "cmd_vel" });
+  const heard = [];
+  robot.subscribe("odom", (message) => heard.push(message));
+  await goLive(robot);
+  sockets[0].say({ op: "publish", topic: "/odom", msg: 1 });
+  assert.deepEqual(heard, [1]);
+  robot.publish("lights", "std_msgs/Bool", { data: true });
+  robot.publish("/lights", "std_msgs/Bool", { data: false });
+  assert.deepEqual(
+    sockets[0].said("advertise").map(({ topic }) => topic),
+    ["/cmd_vel", "/lights"],
+  );
+  assert.throws(() => robot.publish("/cmd_vel", "geometry_msgs/Twist", {}), /drive\(\) does/);
+  robot.close();
+});
+
 test("a topic that is advertised before there is a connection stands when it is live", async () => {
   const robot = make();
   robot.advertise("/lights", "std_msgs/Bool");
