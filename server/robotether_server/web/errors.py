@@ -101,6 +101,7 @@ def _answer_http(error: HTTPException) -> Response:
 
 
 def _answer_unforeseen(error: Exception) -> Response:
-    logger.error("cannot answer %s %s", request.method, request.path, exc_info=error)
+    # The path comes from outside, and must not write a line of its own.
+    logger.error("cannot answer %s %r", request.method, request.path, exc_info=error)
     status = HTTPStatus.INTERNAL_SERVER_ERROR
     return answer(HttpProblem(status, "cannot answer: an error in the server; see its log"))

@@ -35,7 +35,12 @@ def test_a_file_that_is_not_there_is_no_page(browser: Browser) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "mimetype"), [("/api/v1/me", "application/problem+json"), ("/", "text/html")]
+    ("path", "mimetype"),
+    [
+        ("/api/v1/me", "application/problem+json"),
+        ("/", "text/html"),
+        ("/robots/a%0AERROR%20b", "text/html"),
+    ],
 )
 def test_mistake_of_ours_is_logged_and_not_shown(
     browser: Browser,
@@ -44,7 +49,7 @@ def test_mistake_of_ours_is_logged_and_not_shown(
     path: str,
     mimetype: str,
 ) -> None:
-    """500, with the traceback in the log alone."""
+    """500, with the traceback in the log alone, in which no path writes a line of its own."""
 
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("the inner reason")
@@ -56,6 +61,7 @@ def test_mistake_of_ours_is_logged_and_not_shown(
     assert "inner reason" not in answer.text
     assert "inner reason" in caplog.text
     assert "Traceback" in caplog.text
+    assert "\nERROR b" not in caplog.text
 
 
 def test_api_names_the_scheme_that_would_let_a_caller_in(browser: Browser) -> None:
