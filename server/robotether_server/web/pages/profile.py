@@ -11,7 +11,7 @@ from robotether_server.api import auth
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
-from robotether_server.db.users import list_ssh_keys
+from robotether_server.db.users import is_unchanged, list_ssh_keys
 from robotether_server.identity import MAX_KEY_LENGTH
 from robotether_server.install_line import site_of
 from robotether_server.problems import FieldInvalid, LoginFailed, Problem, Throttled
@@ -94,6 +94,8 @@ def _change_password() -> AnyResponse:
         problem.field = "present"
         raise
     with forms.named({"password": "new"}), context().database.transaction() as tx:
+        if not is_unchanged(tx, user):
+            raise LoginFailed("cannot change the password: an admin has changed it meanwhile")
         users.set_password(tx, source, user.name, new)
         text = credentials.create_login(
             tx, user, source.address or "", context().login_lifetime.unused

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from admin_visitor import fingerprint, public_key, send
 from flask import Flask
-from robotether_server.db import Database, robots
+from robotether_server import passwords
+from robotether_server.db import Database, robots, users
 from web_visitor import PASSWORD, Browser, bearer
 
 NEW = "an even longer password"
@@ -63,6 +64,23 @@ def test_what_is_wrong_is_said_and_changes_nothing(
     assert PASSWORD not in answer.text
     assert NEW not in answer.text
     assert ann.log_in("ann").status_code == 303
+
+
+def test_an_admins_password_is_not_replaced_by_whoever_has_the_old_one(
+    database: Database, ann: Browser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was set while the old one was checked."""
+
+    def matches(_password: str, _hash: str | None) -> bool:
+        with database.transaction() as tx:
+            users.set_password(tx, users.get(tx, "ann").id, "the admin's")
+        return True
+
+    monkeypatch.setattr(passwords, "matches", matches)
+    answer = send(ann, "/profile/password", present=PASSWORD, new=NEW, again=NEW)
+    assert (answer.status_code, "an admin has changed it meanwhile" in answer.text) == (401, True)
+    with database.transaction() as tx:
+        assert users.get(tx, "ann").password_hash == "the admin's"
 
 
 def test_a_browser_that_was_left_open_is_no_way_to_guess(ann: Browser) -> None:
