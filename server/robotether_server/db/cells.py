@@ -153,9 +153,14 @@ def write_heartbeat(
 
 
 def sort_for(
-    robot_id: int, cells: Iterable[Cell], first: str | None = None, *, region: str | None = None
+    robot_id: int,
+    cells: Iterable[Cell],
+    first: str | None = None,
+    *,
+    second: str | None = None,
+    region: str | None = None,
 ) -> list[SshAddresses]:
-    """Where a robot connects, the best first: the cell named `first`, then the others as the robot's id has it.
+    """Where a robot connects, the best first: `first`, `second`, then the others as the robot's id has it.
 
     That is the rendezvous order: a cell that goes moves its own robots alone, and spreads them over the others. The
     cells of the robot's region come before all others, in the same order.
@@ -165,6 +170,7 @@ def sort_for(
         key=lambda cell: (
             _is_in(cell, region),
             cell.name == first,
+            cell.name == second,
             _weight(robot_id, cell),
         ),
         reverse=True,

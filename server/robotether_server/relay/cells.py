@@ -68,11 +68,11 @@ class Cells:
     def addresses(self, robot_id: int, first: str | None = None) -> list[SshAddresses]:
         """Where a robot of this cell connects, the best first: here, unless this drains or its region is another.
 
-        With `first`, at the cell of that name instead.
+        With `first`, at the cell of that name, or here if it cannot reach that one.
         """
         region = self._region_of(robot_id)
         return cells.sort_for(
-            robot_id, self._known.values(), first=first or self.name, region=region
+            robot_id, self._known.values(), first or self.name, second=self.name, region=region
         )
 
     def surplus(self, robot_id: int | None = None) -> tuple[int, str]:

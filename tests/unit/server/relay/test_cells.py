@@ -65,6 +65,16 @@ async def test_a_draining_cell_sends_its_robots_elsewhere(cells, memory_database
     assert [one.host for one in cells.addresses(7)] == ["b.example"]
 
 
+async def test_a_robot_that_is_sent_elsewhere_comes_back_if_it_cannot_get_there(
+    cells, memory_database
+):
+    """A third cell would send it on to the one that it cannot reach, and so to and fro."""
+    memory_database.cells["c"] = replace(OTHER, name="c", host="c.example")
+    await cells.poll()
+    found = {tuple(one.host for one in cells.addresses(each, "b")) for each in range(20)}
+    assert found == {("b.example", "a.example", "c.example")}
+
+
 async def test_robots_of_another_region_go_there_next(memory_database):
     """While a cell of it is alive."""
     memory_database.cells["b"] = replace(OTHER, region="us")
