@@ -142,6 +142,7 @@ class SessionRegistry:
         self._clock = clock
         self._current: dict[tuple[int, Kind], Link] = {}
         self._presences: dict[int, Presence] = {}
+        self._online = 0
 
     def listen(self, *listeners: Listener) -> None:
         """Notify these of every change from now on."""
@@ -194,7 +195,7 @@ class SessionRegistry:
 
     def online_count(self) -> int:
         """Count the robots that are online."""
-        return sum(presence.online for presence in self._presences.values())
+        return self._online
 
     def remember(self, last_seen: Iterable[tuple[int, datetime]]) -> None:
         """Take over from the records since when robots are offline."""
@@ -289,6 +290,7 @@ class SessionRegistry:
             self._notify(Change("disconnected", link.robot_id, after, code))
 
     def _notify(self, change: Change) -> None:
+        self._online += change.presence.online - self.presence(change.robot_id).online
         self._presences[change.robot_id] = change.presence
         for listener in self._listeners:
             listener(change)
