@@ -229,7 +229,11 @@ class Relay:
             rules=self._timing.drain,
         )
         self.rebalancing = Rebalancing(
-            self.cells, registry, is_used=self.usage.of, rules=self._timing.balance
+            self.cells,
+            registry,
+            is_used=self._is_used,
+            unreached=self._cells_unreached,
+            rules=self._timing.balance,
         )
         self.fleet = Fleet(
             database,
@@ -388,6 +392,10 @@ class Relay:
         """Return since when a robot is here that may have been at another cell before."""
         presence = self.registry.presence(robot_id)
         return presence.since if presence.online and self.cells.peers() else None
+
+    def _is_used(self, robot_id: int) -> bool:
+        """Return whether anybody needs the robot here: also its guard's word, that it is stopped or released."""
+        return self.usage.of(robot_id) or self.control.stops.of(robot_id) is not None
 
     def _cells_unreached(self) -> list[str]:
         cells = self.cells.peers()

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
@@ -32,7 +32,10 @@ class BalanceRules:
 
 
 class Rebalancing:
-    """Evens out what the cells carry."""
+    """Evens out what the cells carry.
+
+    `unreached` names the cells that do not follow this one: here robots would count as offline that are there.
+    """
 
     def __init__(
         self,
@@ -40,11 +43,13 @@ class Rebalancing:
         registry: SessionRegistry,
         *,
         is_used: Callable[[int], bool],
+        unreached: Callable[[], Collection[str]],
         rules: BalanceRules | None = None,
     ) -> None:
         self._cells = cells
         self._registry = registry
         self._is_used = is_used
+        self._unreached = unreached
         self._rules = rules or BalanceRules()
         self._sent_at: dict[int, datetime] = {}
 
@@ -59,10 +64,11 @@ class Rebalancing:
         """Send one robot of those that may go; return whether there was one."""
         if self._cells.draining or not self._is_much(self._cells.surplus()[0]):
             return False
+        unreached = self._unreached()
         for robot_id, since in self._registry.online():
             if self._may_go(robot_id, since):
                 surplus, emptiest = self._cells.surplus(robot_id)
-                if self._is_much(surplus):
+                if self._is_much(surplus) and emptiest not in unreached:
                     self._send(robot_id, emptiest)
                     return True
         return False
