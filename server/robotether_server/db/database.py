@@ -45,6 +45,8 @@ _UNAVAILABLE = {
     ER.SERVER_SHUTDOWN,
     ER.LOCK_WAIT_TIMEOUT,
     ER.LOCK_DEADLOCK,
+    # It is read-only: a standby that nobody has promoted yet.
+    ER.OPTION_PREVENTS_STATEMENT,
     ER.DISK_FULL,
     ER.RECORD_FILE_FULL,
     STATEMENT_TIMEOUT,

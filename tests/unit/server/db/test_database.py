@@ -135,9 +135,9 @@ def test_connection_that_is_cut_is_unavailable(database: Database, mariadb: Mari
         raise LookupError
 
 
-@pytest.mark.parametrize("number", [1040, 1205, 1213, 1226, 2003, 2006, 2013])
+@pytest.mark.parametrize("number", [1040, 1205, 1213, 1226, 1290, 2003, 2006, 2013])
 def test_busy_server_is_unavailable(number: int) -> None:
-    """Too many connections, lock waits, deadlocks and lost connections may go better later."""
+    """Too many connections, lock waits, deadlocks, a standby and lost connections may go better later."""
     assert isinstance(translate(pymysql.OperationalError(number, "x")), StoreUnavailable)
 
 
