@@ -12,7 +12,6 @@ import os
 import resource
 import signal
 import sys
-from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import cast
@@ -411,14 +410,23 @@ class Relay:
         except (StoreProblem, TimeoutError):
             # Then it counts what other cells and the guard reported.
             log.info("robot %d: its stop and number could not be read", robot_id)
+        except Exception:
+            # Nor does any other answer of the database keep a robot out.
+            log.exception("robot %d: its stop and number could not be read", robot_id)
 
     async def _read_stops(self) -> None:
         """Read what other cells wrote while one of them is not connected: a stop must not wait for the connection."""
         while True:
             await asyncio.sleep(self._timing.poll_every_s)
-            if self.peers.count() < len(self.cells.peers()):
-                with suppress(StoreProblem):
-                    self.control.remember(await self._database.stored_control())
+            if self.peers.count() >= len(self.cells.peers()):
+                continue
+            try:
+                self.control.remember(await self._database.stored_control())
+            except StoreProblem:
+                # `fleet` says in the log that the database is away.
+                continue
+            except Exception:
+                log.exception("cannot read the stops of other cells; the next try may succeed")
 
     def _bridge_rules(self) -> BridgeRules:
         timing, limit = self._timing, self._settings.message_limit_bytes

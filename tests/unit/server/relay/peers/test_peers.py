@@ -145,6 +145,27 @@ async def test_a_stop_comes_by_the_database_while_cells_are_apart(site, cell_a, 
     await robot.stop()
 
 
+async def test_no_answer_of_the_database_keeps_later_stops_or_robots_out(
+    *, site, cell_a, cell_b, sim1, monkeypatch
+):
+    """Such as one that a mistake in a statement gets."""
+    asked = []
+
+    async def broken(robot_id=None):
+        asked.append(robot_id)
+        raise LookupError
+
+    async with cell_a.listener.cut():
+        await until(lambda: cell_b.relay.peers.count() == 0, "b is alone")
+        with monkeypatch.context() as broken_database:
+            broken_database.setattr(cell_b.database, "stored_control", broken)
+            robot = await cell_b.robot(sim1)
+            await until(lambda: None in asked, "b asked for the stops of others")
+        cell_b.database.stops.append(Stop(sim1.id, utc_now(), "ben"))
+        await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped")
+    await robot.stop()
+
+
 async def test_a_release_ends_a_stop_at_all_cells(site, cell_a, cell_b, sim1):
     """One that began at another cell than the robot's, and is written as ended by both."""
     robot = await cell_b.robot(sim1)
