@@ -45,7 +45,8 @@ class Peers:
         self._stops = stops
         self._changed = changed
         self._connected: dict[str, Peer] = {}
-        self._reported = asyncio.Event()
+        # Of the robots whose guard somebody waits for.
+        self._reported: dict[int, asyncio.Event] = {}
 
     def count(self) -> int:
         """How many cells are connected."""
@@ -76,6 +77,8 @@ class Peers:
                 peer.robots[robot_id] = message
                 self._end_older_session(robot_id)
                 self._changed(robot_id)
+                if (reported := self._reported.pop(robot_id, None)) is not None:
+                    reported.set()
             case PeerRobot(robot_id):
                 if peer.robots.pop(robot_id, None) is not None:
                     self._on_offline(robot_id)
@@ -85,8 +88,6 @@ class Peers:
                 self._stops.learn_end(robot_id, message.stop_id)
             case PeerHello():
                 pass
-        self._reported.set()
-        self._reported = asyncio.Event()
 
     def owner(self, robot_id: int) -> Peer | None:
         """Return the cell that has the robot, None when it is this one, or none."""
@@ -118,7 +119,7 @@ class Peers:
         try:
             async with asyncio.timeout(CONFIRMED_WITHIN_S):
                 while not self._is_confirmed(robot_id):
-                    await self._reported.wait()
+                    await self._reported.setdefault(robot_id, asyncio.Event()).wait()
         except TimeoutError:
             return False
         return True

@@ -9,7 +9,9 @@ from fake_robot import RobotSession
 from relay_clients import configured, ended
 from relay_server import SESSION_KEY, until
 from robotether_server.db.control import Stop
-from robotether_server.relay.robots.sessions import utc_now
+from robotether_server.relay.peers.peer_messages import PeerRobot
+from robotether_server.relay.peers.peers import Peers
+from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
 from site_cells import SiteCell
 
 
@@ -133,6 +135,39 @@ async def test_a_stop_reaches_a_robot_of_another_cell_and_is_confirmed(site, cel
     assert cell_a.shown(sim1)["control"]["stopped"]["by"] == "ben"
     assert cell_b.relay.peers.confirmation(sim1.id) is None
     await robot.stop()
+
+
+class AskedStops:
+    """Stops that remember whose was asked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    def shown(self, robot_id: int) -> None:
+        self.asked.append(robot_id)
+
+
+async def test_who_waits_for_a_guard_looks_when_its_robot_is_reported():
+    """After a stop of a whole fleet all wait, and each robot is reported."""
+    stops = AskedStops()
+    peers = Peers(SessionRegistry(), stops, lambda _: None)
+    peer = peers.connected("b", "b.example:8444")
+
+    def report(robot_id: int, *, confirmed: bool) -> None:
+        described = {"control": {"stopped": {"confirmed": confirmed}}}
+        peers.on_message(peer, PeerRobot(robot_id, 1, online=True, object=described))
+
+    for robot_id in (7, 8):
+        report(robot_id, confirmed=False)
+    waiting = asyncio.ensure_future(peers.confirmation(7))
+    await asyncio.sleep(0)
+    stops.asked.clear()
+    report(8, confirmed=True)
+    for _ in range(3):
+        await asyncio.sleep(0)
+    assert stops.asked == []
+    report(7, confirmed=True)
+    assert await waiting
 
 
 async def test_a_stop_comes_by_the_database_while_cells_are_apart(site, cell_a, cell_b, sim1):
