@@ -102,15 +102,19 @@ class PeerFeedHandler:
         await connection.prepare(request)
         feed = self._feed()
         with self._fleet_events.followed(feed), self._counted(request.query.get("cell", "")):
-            listening = asyncio.create_task(_listen(connection, feed))
+            tasks = [
+                asyncio.create_task(_listen(connection, feed)),
+                asyncio.create_task(_ping(connection)),
+            ]
             try:
                 await self._send(connection, feed)
             except (TimeoutError, ConnectionError):
                 if request.transport is not None:
                     request.transport.abort()
             finally:
-                listening.cancel()
-                await asyncio.gather(listening, return_exceptions=True)
+                for task in tasks:
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
         return connection
 
     @contextmanager
@@ -123,15 +127,9 @@ class PeerFeedHandler:
 
     async def _send(self, connection: web.WebSocketResponse, feed: PeerFeed) -> None:
         await _write(connection, PeerHello(self._cell))
-        loop = asyncio.get_running_loop()
-        ping_at = loop.time()
         while not feed.ended:
             await _send_changes(connection, feed)
-            if loop.time() >= ping_at:
-                ping_at = loop.time() + PING_EVERY_S
-                async with asyncio.timeout(SILENT_AFTER_S):
-                    await connection.ping()
-            await feed.wait(max(0.0, ping_at - loop.time()))
+            await feed.wait(PING_EVERY_S)
         await connection.close()
 
 
@@ -157,6 +155,13 @@ async def _listen(connection: web.WebSocketResponse, feed: PeerFeed) -> None:
             pass
     finally:
         feed.end()
+
+
+async def _ping(connection: web.WebSocketResponse) -> None:
+    """Ask for signs of life, also while a whole fleet is on its way."""
+    while True:
+        await connection.ping()
+        await asyncio.sleep(PING_EVERY_S)
 
 
 async def _send_changes(connection: web.WebSocketResponse, feed: PeerFeed) -> None:

@@ -116,6 +116,30 @@ async def test_a_cell_that_does_not_answer_pings_is_let_go(follow, cell_a, monke
     await deaf.close()
 
 
+async def test_a_fleet_that_takes_long_to_send_arrives(
+    follow, cell_a, memory_database, monkeypatch
+):
+    """Over a slow network; to send it anew each time would take as long."""
+    monkeypatch.setattr(peer_feed, "SILENT_AFTER_S", 0.3)
+    monkeypatch.setattr(peer_feed, "PING_EVERY_S", 0.1)
+    write = peer_feed._write
+
+    async def write_slowly(connection, message):
+        await asyncio.sleep(0.05)
+        await write(connection, message)
+
+    monkeypatch.setattr(peer_feed, "_write", write_slowly)
+    stops = cell_a.relay.control.stops
+    fleet = [memory_database.add_robot(robot_id, f"r{robot_id}") for robot_id in range(20, 35)]
+    for robot in fleet:
+        stops.stop(robot, "ben")
+    connection = await follow()
+    assert [(await read(connection, "stop"))["robot_id"] for _ in fleet] == [*range(20, 35)]
+    stops.stop(fleet[0], "carl")
+    assert (await read(connection, "stop"))["by"] == "ben"
+    assert (await read(connection, "stop"))["by"] == "carl"
+
+
 async def test_a_relay_without_a_pair_serves_no_cells(memory_database):
     """Nothing listens."""
     async with running_relay(memory_database) as server:
