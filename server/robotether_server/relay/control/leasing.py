@@ -96,6 +96,9 @@ class Leasing:
         fence = self._newest_fence(robot.id) + 1 if recorded is None else recorded
         older = lease.driver
         if (driver := lease.grant(connection, fence, now())) is None:
+            if recorded is not None:
+                # With its number the lease began in the database.
+                self._write_end(robot.id, recorded)
             raise ConnectionClosedError(self._why_not(lease, robot))
         if recorded is None:
             self._write_start(robot.id, driver)
@@ -110,7 +113,7 @@ class Leasing:
         lease = self.of(robot_id)
         waiting, driver = lease.waiting, lease.end(connection, now())
         if driver is not None:
-            self._write_end(robot_id, driver)
+            self._write_end(robot_id, driver.fence)
         if driver is not None or lease.waiting is not waiting:
             self._notify(robot_id)
 
@@ -119,7 +122,7 @@ class Leasing:
         lease = self.of(robot_id)
         driver, holder = lease.driver, lease.revoke()
         if driver is not None:
-            self._write_end(robot_id, driver)
+            self._write_end(robot_id, driver.fence)
         self._notify(robot_id)
         if isinstance(holder, Connection):
             holder.end(close_reason)
@@ -218,7 +221,7 @@ class Leasing:
 
     def _pass(self, robot_id: int, passed: Passed) -> None:
         if passed.driver is not None:
-            self._write_end(robot_id, passed.driver)
+            self._write_end(robot_id, passed.driver.fence)
         self._notify(robot_id)
         if passed.driver is not None and isinstance(passed.driver.holder, Connection):
             connection = passed.driver.holder
@@ -228,8 +231,8 @@ class Leasing:
         user_id, user = driver.holder.user_id, driver.holder.user
         self._event_writer.add(LeaseStart(robot_id, driver.fence, user_id, user, driver.since.utc))
 
-    def _write_end(self, robot_id: int, driver: Driver) -> None:
-        self._event_writer.add(LeaseEnd(robot_id, driver.fence, utc_now()))
+    def _write_end(self, robot_id: int, fence: int) -> None:
+        self._event_writer.add(LeaseEnd(robot_id, fence, utc_now()))
 
     def _audit(
         self, kind: str, robot: RelayRobot, asker: LeaseRequester, **details: str | None

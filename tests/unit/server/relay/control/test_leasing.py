@@ -596,6 +596,7 @@ async def test_a_claim_that_is_lost_meanwhile_hears_to_whom(
     assert lost.value.close_reason.code == 4009
     assert lost.value.close_reason.reason == "control of sim1 is reserved for carl; wait a moment"
     assert bare.leasing.of(sim1.id).driver is None
+    assert bare.ended() == [(sim1.id, 1), (sim1.id, 2)]
 
 
 async def test_only_robots_that_are_gone_are_forgotten(bare, sim1, monkeypatch):
