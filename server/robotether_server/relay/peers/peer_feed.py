@@ -11,6 +11,7 @@ import asyncio
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import islice
 
 from aiohttp import ClientWebSocketResponse, WSMsgType, web
 
@@ -165,16 +166,18 @@ async def _ping(connection: web.WebSocketResponse) -> None:
 
 
 async def _send_changes(connection: web.WebSocketResponse, feed: PeerFeed) -> None:
-    changed = feed.pop()
-    for robot_id in changed:
-        for message in feed.stops_of(robot_id):
-            await _write(connection, message)
-    for position, robot_id in enumerate(changed, start=1):
-        for message in feed.newest(robot_id):
-            await _write(connection, message)
-        if position % ROBOTS_AT_ONCE == 0:
-            # A whole fleet must not hold up drivers.
-            await asyncio.sleep(0)
+    waiting: dict[int, None] = {}
+    while (changed := feed.pop()) or waiting:
+        for robot_id in changed:
+            for message in feed.stops_of(robot_id):
+                await _write(connection, message)
+        waiting.update(dict.fromkeys(changed))
+        for robot_id in list(islice(waiting, ROBOTS_AT_ONCE)):
+            del waiting[robot_id]
+            for message in feed.newest(robot_id):
+                await _write(connection, message)
+        # A whole fleet must hold up neither drivers, nor a stop that comes meanwhile.
+        await asyncio.sleep(0)
 
 
 async def _write(connection: web.WebSocketResponse, message: PeerMessage) -> None:

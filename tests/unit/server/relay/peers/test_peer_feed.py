@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 
 import pytest
 from fake_robot import HOST, WAIT_S
 from relay_server import running_relay, until
 from robotether_server.relay.peers import peer_feed
 from robotether_server.relay.peers.peer_keys import PROOF_HEADER
+from robotether_server.relay.peers.peer_messages import PeerRobot
 
 
 @pytest.fixture
@@ -138,6 +140,29 @@ async def test_a_fleet_that_takes_long_to_send_arrives(
     stops.stop(fleet[0], "carl")
     assert (await read(connection, "stop"))["by"] == "ben"
     assert (await read(connection, "stop"))["by"] == "carl"
+
+
+async def test_a_stop_does_not_wait_until_a_fleet_is_sent(
+    *, follow, cell_a, cell_b, sim1, monkeypatch
+):
+    """The other cell may have its robot."""
+    for robot_id in range(20, 35):
+        link = SimpleNamespace(robot_id=robot_id, kind="session", address="198.51.100.7")
+        cell_a.relay.registry.make_current(link)
+        cell_a.relay.registry.established(link)
+    await until(lambda: cell_b.relay.peers.robot_count() == 15, "b knows of them")
+    write = peer_feed._write
+
+    async def write_and_stop(connection, message):
+        await write(connection, message)
+        if isinstance(message, PeerRobot) and message.robot_id == 21:
+            cell_a.relay.control.stops.stop(sim1, "ben")
+
+    monkeypatch.setattr(peer_feed, "_write", write_and_stop)
+    monkeypatch.setattr(peer_feed, "ROBOTS_AT_ONCE", 3)
+    connection = await follow()
+    received = [(await connection.receive_json())["type"] for _ in range(16)]
+    assert received == ["hello", *["robot"] * 3, "stop", *["robot"] * 11]
 
 
 async def test_a_relay_without_a_pair_serves_no_cells(memory_database):
