@@ -12,7 +12,7 @@ from collections import OrderedDict
 from collections.abc import Sequence
 
 from robotether_server.db.control import DriveEntry, StopEntry
-from robotether_server.db.fleet import Entry, SessionEntry
+from robotether_server.db.fleet import Entry, FormerSessions, SessionEntry
 from robotether_server.problems import StoreProblem, StoreUnavailable
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.http.timing import delays
@@ -118,8 +118,10 @@ class EventWriter:
     def _drop_oldest(self) -> None:
         if self.dropped == 0:
             log.error("too many entries wait for the database; from now on the oldest are dropped")
-        # A stop must outlive the relay; there is at most one entry a robot.
-        oldest = (key for key, each in self._waiting.items() if not isinstance(each, StopEntry))
+        # A stop must outlive the relay; there is at most one entry a robot. And nobody else ends what the relay before
+        # this one left open; that is the oldest entry.
+        kept = StopEntry | FormerSessions
+        oldest = (key for key, each in self._waiting.items() if not isinstance(each, kept))
         if (key := next(oldest, None)) is not None:
             self.dropped += 1
             del self._waiting[key]

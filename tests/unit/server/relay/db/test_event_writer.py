@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 
+import pytest
 import pytest_asyncio
 from relay_server import MemoryDatabase, until, utc
 from robotether_server.db.control import Stop, StopEntry
-from robotether_server.db.fleet import AuditEntry, SessionEntry
+from robotether_server.db.fleet import AuditEntry, FormerSessions, SessionEntry
 from robotether_server.problems import RecordRefused
 from robotether_server.relay.db.event_writer import EventWriter
 
@@ -97,17 +98,19 @@ async def test_the_queue_is_bounded_and_says_what_it_drops(event_writer, memory_
     assert [entry.robot_id for entry in memory_database.sessions()] == [15, 16, 17, 18, 19]
 
 
-async def test_a_stop_is_never_dropped(event_writer, memory_database, caplog):
-    """However much else waits, it is written when the database is back, with its newest state."""
+@pytest.mark.parametrize("entry", [StopEntry(7, Stop(7, NOW, "ben")), FormerSessions(NOW)])
+async def test_a_stop_and_the_end_of_former_sessions_are_never_dropped(
+    event_writer, memory_database, caplog, entry
+):
+    """However much else waits, they are written when the database is back."""
     memory_database.down = True
-    entry = StopEntry(7, Stop(7, NOW, "ben"))
     event_writer.add(entry)
     for robot_id in range(20):
         event_writer.add(session(robot_id))
     await until(lambda: "entries wait" in caplog.text, "the log says that the database is away")
     assert event_writer.dropped > 0
     memory_database.down = False
-    await until(lambda: entry in memory_database.written, "the stop is written")
+    await until(lambda: entry in memory_database.written, "it is written")
 
 
 async def test_one_refused_entry_does_not_keep_the_others(caplog):
