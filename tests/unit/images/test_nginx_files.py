@@ -19,6 +19,14 @@ def test_worker_may_open_what_its_connections_need(name: str) -> None:
     assert int(said["worker_rlimit_nofile"]) >= 2 * int(said["worker_connections"])
 
 
+def test_a_stop_begins_here_when_the_robots_cell_cannot_answer() -> None:
+    """Also when that says so itself: it has nobody to ask who a login is while the database is away."""
+    text = (IMAGES / "nginx" / "peer-forward.conf").read_text()
+    [stop] = re.findall(r"location @cell_or_here \{([^}]*)\}", text)
+    assert "error_page 502 503 504 = @here;" in stop
+    assert "proxy_intercept_errors on;" in stop
+
+
 @pytest.mark.parametrize("name", ["nginx.conf", "peer-forward.conf", "peer-server.conf"])
 def test_no_ticket_is_logged_while_the_relay_is_away(name: str) -> None:
     """Each request to the relay may have one in its query, which nginx's error lines hold."""
