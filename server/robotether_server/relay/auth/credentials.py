@@ -2,8 +2,8 @@
 
 `access` asks for every request that comes without a ticket. Answers are kept a few seconds, so that
 a page with many videos asks the database once. `fleet` has those that something live hangs on
-asked again; such a one is believed as long as what hangs on it, with the database away, too. Who drives
-is asked for each time, and while the database is away believed if the last answer, a short while ago, was yes.
+asked again; such a one is believed as long as what hangs on it, with the database away, too, and a while longer.
+Who begins to drive is asked for each time, and while the database is away believed in the same way.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class Credentials:
         self._unchecked: set[Credential] = set()
         # Of those held, whose they were when last asked for; what hangs on one ends when it does.
         self._live: dict[Credential, RelayUser] = {}
-        # When the database last said of those in use that they hold, the oldest first.
-        self._recent: dict[Credential, float] = {}
+        # When the database last said of those in use that they hold, and whose they were, the oldest first.
+        self._recent: dict[Credential, tuple[float, RelayUser]] = {}
         self._rechecks = 0
 
     async def user_of(self, credential: Credential) -> RelayUser | None:
@@ -54,8 +54,16 @@ class Credentials:
         kept = self._kept.get(credential)
         if kept is not None and now - kept[0] < KEEP_S:
             return kept[1]
-        rechecks = self._rechecks
-        user = (await self._database.users_of([credential])).get(credential)
+        rechecks, is_recent = self._rechecks, self._is_recent(credential)
+        try:
+            found = await self._database.users_of([credential], briefly=is_recent)
+        except StoreUnavailable:
+            # Whoever may still begin to drive may stop a robot, too.
+            if self._is_recent(credential):
+                return self._recent[credential][1]
+            raise
+        if (user := found.get(credential)) is None:
+            self._forget(credential)
         # An answer to a question of before a change may be the old one.
         if rechecks == self._rechecks:
             self._keep(credential, now, user)
@@ -65,17 +73,17 @@ class Credentials:
         """Ask the database, whatever is remembered; StoreUnavailable when it is away and did not say so recently."""
         rechecks = self._rechecks
         try:
-            holds = credential in await self._database.users_of([credential], briefly=True)
+            found = await self._database.users_of([credential], briefly=True)
         except StoreUnavailable:
             if self.held_lately(credential):
                 return True
             raise
-        if not holds:
+        if (user := found.get(credential)) is None:
             self._forget(credential)
         # As above.
         elif rechecks == self._rechecks:
-            self._note_recent(credential)
-        return holds
+            self._note_recent(credential, user)
+        return user is not None
 
     def held_lately(self, credential: Credential) -> bool:
         """Return whether the database said so not long ago, or of what is live, and since then not the contrary."""
@@ -101,10 +109,10 @@ class Credentials:
         self._kept.clear()
         self._rechecks += 1
         # Without an answer none of these is believed: what has changed may be its end.
-        recent = {one: at for one, at in self._recent.items() if self._is_recent(one)}
+        recent = {one: noted for one, noted in self._recent.items() if self._is_recent(one)}
         self._recent = {}
         valid = await self._ask_again([*self._held, *(recent.keys() - self._held.keys())])
-        still_valid = {one: at for one, at in recent.items() if one in valid}
+        still_valid = {one: noted for one, noted in recent.items() if one in valid}
         self._recent = {**still_valid, **self._recent}
 
     async def check_new(self) -> None:
@@ -133,17 +141,17 @@ class Credentials:
     def _note_live(self, credential: Credential, user: RelayUser) -> None:
         if credential in self._held:
             self._live[credential] = user
-            self._note_recent(credential)
+            self._note_recent(credential, user)
 
-    def _note_recent(self, credential: Credential) -> None:
+    def _note_recent(self, credential: Credential, user: RelayUser) -> None:
         self._recent.pop(credential, None)
-        self._recent[credential] = asyncio.get_running_loop().time()
+        self._recent[credential] = asyncio.get_running_loop().time(), user
         while len(self._recent) > MAX_RECENT:
             del self._recent[next(iter(self._recent))]
 
     def _is_recent(self, credential: Credential) -> bool:
-        at = self._recent.get(credential)
-        return at is not None and asyncio.get_running_loop().time() - at < RECENT_S
+        noted = self._recent.get(credential)
+        return noted is not None and asyncio.get_running_loop().time() - noted[0] < RECENT_S
 
     def _keep(self, credential: Credential, now: float, user: RelayUser | None) -> None:
         self._kept[credential] = (now, user)

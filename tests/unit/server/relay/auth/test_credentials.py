@@ -176,6 +176,23 @@ async def test_what_ended_by_any_answer_does_not_come_back(credentials, memory_d
             await credentials.holds(login)
 
 
+async def test_who_drove_lately_may_stop_a_robot_while_the_database_is_away(
+    credentials, memory_database
+):
+    """By a token alone, with nothing open; unless the database has said since that it ended."""
+    stays, ended = (
+        credential_of("token", memory_database.add_credential("token", ANN)) for _ in range(2)
+    )
+    assert await credentials.holds(stays)
+    assert await credentials.holds(ended)
+    del memory_database.credentials[ended]
+    assert await credentials.user_of(ended) is None
+    memory_database.down = True
+    assert await credentials.user_of(stays) == ANN
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(ended)
+
+
 async def test_who_begins_to_drive_during_a_recheck_is_known_after_it():
     memory_database = SlowDatabase()
     credentials = Credentials(memory_database)
@@ -251,15 +268,18 @@ class SlowDatabase(MemoryDatabase):
 async def test_what_something_live_hangs_on_is_known_without_the_database(
     credentials, memory_database, monkeypatch
 ):
-    """Whoever has a page open can stop a robot while the database is away."""
+    """Whoever has a page open can stop a robot while the database is away, and for a while after that."""
     monkeypatch.setattr(module, "KEEP_S", 0.0)
     login = credential_of("login", memory_database.add_credential("login", ANN))
     with credentials.held(login, lambda: None):
         await credentials.check_new()
         memory_database.down = True
+        monkeypatch.setattr(module, "RECENT_S", 0.0)
         assert await credentials.user_of(login) == ANN
     with pytest.raises(StoreUnavailable):
         await credentials.user_of(login)
+    monkeypatch.setattr(module, "RECENT_S", 60.0)
+    assert await credentials.user_of(login) == ANN
 
 
 async def test_what_ended_is_known_no_more_though_somebody_holds_it(credentials, memory_database):
