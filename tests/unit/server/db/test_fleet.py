@@ -187,6 +187,15 @@ def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1)
     assert (row["cell"], row["epoch"]) == ("a", 2**53)
 
 
+def test_a_robots_newest_session_says_when_it_was_last_seen(relay_database, sim1):
+    """Whatever came before, as a relay that begins need not read all of it."""
+    former, newest = SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + HOUR, "")
+    newest.ended_at = NOON + 2 * HOUR
+    with relay_database.transaction() as tx:
+        fleet.write(tx, [former, newest])
+        assert fleet.last_seen(tx) == [(sim1, NOON + 2 * HOUR)]
+
+
 def test_a_robot_of_a_dead_cell_was_last_seen_when_that_died(relay_database, admin_database, sim1):
     """Nobody could write that its session ended."""
     with relay_database.transaction() as tx:
