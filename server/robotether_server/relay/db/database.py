@@ -56,7 +56,11 @@ class RelayDatabase:
     async def users_of(
         self, credentials: Collection[Credential], *, briefly: bool = False
     ) -> dict[Credential, RelayUser]:
-        """Read who credentials belong to; `briefly`: for somebody who waits to drive."""
+        """Read who credentials belong to; `briefly`: for somebody who waits to drive.
+
+        Not while the database hangs: who stops a robot is then served by another cell, if that knows who it is.
+        """
+        self._check_answers()
         return await self._ask(lambda tx: fleet.users_of(tx, credentials), briefly=briefly)
 
     async def stored_control(self, robot_id: int | None = None) -> StoredControl:
@@ -88,8 +92,8 @@ class RelayDatabase:
     async def _ask(self, question: Callable[[Transaction], T], *, briefly: bool = False) -> T:
         """Ask, at most for the time that is set; `briefly`: for a second, and not while the database hangs."""
         within_s = min(BRIEF_S, self._answer_within_s) if briefly else self._answer_within_s
-        if briefly and self._hangs:
-            raise StoreUnavailable("cannot reach the database: it hangs; try again shortly")
+        if briefly:
+            self._check_answers()
         is_over = threading.Event()
 
         def answer_in_time(tx: Transaction) -> T:
@@ -111,6 +115,10 @@ class RelayDatabase:
             is_over.set()
         self._hangs = False
         return found
+
+    def _check_answers(self) -> None:
+        if self._hangs:
+            raise StoreUnavailable("cannot reach the database: it hangs; try again shortly")
 
     async def _in_thread(self, question: Callable[[Transaction], T]) -> T:
         if self._open >= MAX_OPEN_QUESTIONS:

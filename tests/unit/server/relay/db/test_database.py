@@ -6,6 +6,7 @@ import asyncio
 import datetime as dt
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from socket import create_server
 
 import pytest
 from fake_robot import FINGERPRINT, WAIT_S, FakeRobot, Mode
@@ -89,6 +90,18 @@ async def test_a_database_that_refuses_is_unavailable():
     with pytest.raises(StoreUnavailable):
         await memory_database.changes()
     memory_database.close()
+
+
+async def test_nobody_waits_to_be_known_while_the_database_hangs():
+    """Each second something else asks whether it still does."""
+    with create_server(("127.0.0.1", 0)) as silent:
+        settings = DatabaseSettings("127.0.0.1", silent.getsockname()[1], "r", "relay", "x")
+        relay_database = RelayDatabase(Database(settings), "main", answer_within_s=0.2)
+        with pytest.raises(StoreUnavailable, match=r"no answer in 0\.2 s"):
+            await relay_database.changes()
+        with pytest.raises(StoreUnavailable, match="it hangs"):
+            await relay_database.users_of([credential_of("login", "x")])
+        relay_database.close()
 
 
 async def test_a_database_that_hangs_is_unavailable_in_time(paused):
