@@ -159,6 +159,8 @@ class Relay:
             asyncio.create_task(self._write_drives(), name="drives"),
             asyncio.create_task(self._read_stops(), name="stops"),
         ]
+        for task in self._tasks:
+            task.add_done_callback(_report_end)
         listen = self._listen
         self.inside_port = await self._serve(self._inside, listen.inside_port)
         self.http_port = await self._serve(self._public, listen.http_port)
@@ -467,6 +469,12 @@ class Relay:
         await runner.setup()
         await web.TCPSite(runner, self._listen.host, port, backlog=BACKLOG).start()
         return int(runner.addresses[0][1])
+
+
+def _report_end(task: asyncio.Task[None]) -> None:
+    """Say that a part failed that runs for ever; nobody awaits it before the relay stops."""
+    if not task.cancelled() and (problem := task.exception()) is not None:
+        log.critical("task %s failed; restart the relay", task.get_name(), exc_info=problem)
 
 
 def main() -> None:

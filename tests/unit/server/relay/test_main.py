@@ -14,7 +14,7 @@ from dataclasses import replace
 import pytest
 from fake_robot import HOST, FakeRobot, RobotSession
 from relay_clients import closing, configured, ended
-from relay_server import SESSION_KEY, MemoryDatabase, relay_settings, running_relay, until
+from relay_server import FAST, SESSION_KEY, MemoryDatabase, relay_settings, running_relay, until
 from robotether_server.db.fleet import Entry, FormerSessions, RelayUser
 from robotether_server.relay.main import Listen, run
 
@@ -145,6 +145,17 @@ async def test_the_last_entries_are_written_before_the_end():
         await configured(session)
     assert [entry.end_code for entry in memory_database.sessions()] == ["relay_stopping"]
     await session.close()
+
+
+async def test_a_part_that_fails_is_in_the_log(memory_database, caplog):
+    """All else goes on without it."""
+
+    def fail() -> None:
+        raise LookupError
+
+    async with running_relay(memory_database, replace(FAST, drives_every_s=0.05)) as relay:
+        relay.relay.observer.write_drives = fail
+        await until(lambda: "task drives failed" in caplog.text, "the log says so")
 
 
 async def test_nothing_listens_after_the_stop(memory_database):
