@@ -8,7 +8,6 @@ too is spelt here: hosts, robots' names, and MAC addresses.
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -103,10 +102,11 @@ def get_flag(obj: JsonObject, name: str, *, default: bool) -> bool:
 def get_number(obj: JsonObject, name: str, low: float, high: float) -> float:
     """Return the finite number at `name`, from `low` to `high`."""
     value = _present(obj, name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise FieldError(f"field {name} must be a number, not {_shown(value)}")
+    # Not true of NaN either. A whole number may be larger than any float, which only a comparison bears.
     if not low <= value <= high:
-        raise FieldError(f"field {name} must be from {low:g} to {high:g}, not {value:g}")
+        raise FieldError(f"field {name} must be from {low:g} to {high:g}, not {_shown(value)}")
     return float(value)
 
 
