@@ -35,6 +35,7 @@ from robotether_agent.problems import (
     PAST_GUARD,
     AgentProblem,
     RosbridgeDown,
+    StateUnusable,
     VideoSourceDown,
 )
 from robotether_agent.rosbridge import (
@@ -300,7 +301,7 @@ def exposed_at(url: str, lists: Path = Path("/proc/net")) -> str:
     """
     port = port_of(url)
     for name in LISTS:
-        for line in (read_text(lists / name) or "").splitlines()[1:]:
+        for line in _lines_of(lists / name)[1:]:
             _, local, _, state, *_ = line.split()
             words, _, its_port = local.partition(":")
             if state != LISTEN or int(its_port, 16) != port:
@@ -309,6 +310,15 @@ def exposed_at(url: str, lists: Path = Path("/proc/net")) -> str:
             if not _is_loopback(address):
                 return str(address)
     return ""
+
+
+def _lines_of(path: Path) -> list[str]:
+    try:
+        return (read_text(path) or "").splitlines()
+    except StateUnusable as problem:
+        # A hardened kernel shows it to root alone.
+        log.debug("%s", problem)
+        return []
 
 
 def _address(words: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:

@@ -194,6 +194,12 @@ def test_connections_are_no_listeners():
         assert exposed_at(f"ws://127.0.0.1:{client.getsockname()[1]}") == ""
 
 
+def test_a_kernel_that_does_not_show_its_sockets_ends_no_agent(tmp_path):
+    """It is not known then, which is no warning."""
+    (tmp_path / "tcp").mkdir()
+    assert exposed_at("ws://127.0.0.1:9090", tmp_path) == ""
+
+
 @pytest.mark.parametrize(
     ("url", "port"),
     [("ws://127.0.0.1:9090/", 9090), ("http://robot/", 80), ("wss://robot", 443)],
