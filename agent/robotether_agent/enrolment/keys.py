@@ -130,8 +130,14 @@ def promote(state_dir: Path) -> None:
 
 def discard_next(state_dir: Path) -> None:
     """Forget the next key, which the server does not want."""
-    for path in (state_dir / NEXT, _public(state_dir / NEXT)):
-        path.unlink(missing_ok=True)
+    try:
+        for path in (state_dir / NEXT, _public(state_dir / NEXT)):
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        raise StateUnusable(
+            f"cannot remove the robot's next key in {state_dir}: {error.strerror}",
+            advice="see that the disk is not read-only; until then the robot keeps its key",
+        ) from error
 
 
 async def sign(key: KeyPair, text: str) -> str:

@@ -456,6 +456,16 @@ async def test_a_key_that_an_admin_rejected_is_given_up(cloud, settings):
     assert (await enroller.enrolment()).robot == "sim1"
 
 
+async def test_a_rejected_key_on_a_read_only_disk_keeps_no_robot_out(cloud, settings, monkeypatch):
+    """It cannot be given up now, and the robot connects with its own."""
+    enroller = await enrol(settings)
+    await ensure_next_key(settings.state_dir)
+    refusal = {"code": "key_rejected", "detail": "this key was rejected"}
+    cloud.refuses_rotation = lambda: web.json_response(refusal, status=403)
+    monkeypatch.setattr("pathlib.Path.unlink", read_only)
+    assert (await enroller.enrolment()).robot == "sim1"
+
+
 async def test_a_server_that_is_down_for_days_fills_no_log(cloud, settings, caplog):
     """Of a hundred tries some are told, with their number."""
     enroller = await enrol(settings)
