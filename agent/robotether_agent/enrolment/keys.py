@@ -107,7 +107,7 @@ async def next_key(state_dir: Path) -> KeyPair | None:
         return None
 
 
-def promote(state_dir: Path) -> None:
+async def promote(state_dir: Path) -> None:
     """Put the next key in the place of the other one; safe to do twice, and to be cut short anywhere."""
     key, coming = state_dir / NAME, state_dir / NEXT
     if not coming.exists():
@@ -118,7 +118,7 @@ def promote(state_dir: Path) -> None:
         _public(key).unlink(missing_ok=True)
         coming.replace(key)
         _public(coming).replace(_public(key))
-        _flush(state_dir)
+        await asyncio.to_thread(_flush, state_dir)
     except FileNotFoundError:
         return
     except OSError as error:
@@ -182,7 +182,11 @@ async def _make(path: Path, what: str) -> None:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".key.") as place:
             made = Path(place) / NAME
             await _keygen("-q", "-t", "ed25519", "-N", "", "-C", "robotether", "-f", str(made))
+            # The server may soon know only this key, so a power cut must not lose it. In a thread: a memory card takes
+            # seconds, and the guard stops a robot whose agent is silent for one.
+            await asyncio.to_thread(_flush, made)
             _put(made, path)
+            await asyncio.to_thread(_flush, path.parent)
             log.info("made %s %s", what, path)
     except FileExistsError:
         return
@@ -194,13 +198,10 @@ async def _make(path: Path, what: str) -> None:
 
 
 def _put(made: Path, path: Path) -> None:
-    # The server may soon know only this key, so a power cut must not lose it.
-    _flush(made)
     _public(path).unlink(missing_ok=True)
     # A link, since it refuses to replace what another process of this robot has made meanwhile.
     path.hardlink_to(made)
     _public(made).replace(_public(path))
-    _flush(path.parent)
 
 
 def _flush(path: Path) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import errno
 import json
 import resource
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -419,6 +420,18 @@ async def test_a_change_that_the_server_never_heard_of_goes_on(cloud, settings):
     with pytest.raises(ServerUnreachable):
         await enroller.rotate()
     assert (await Enroller(settings).enrolment()).robot == "sim1"
+
+
+async def test_a_slow_disk_does_not_silence_the_agent(cloud, settings, monkeypatch):
+    """A memory card takes seconds for a sync, and the guard stops a robot whose agent is silent for one."""
+    enroller = await enrol(settings)
+    threads = []
+    monkeypatch.setattr("os.fsync", lambda _: threads.append(threading.get_ident()))
+    await enroller.rotate()
+    enroller.keep_cells((ListedCell("b.example", (2222,)),))
+    assert len(cloud.joins) == 2
+    assert len(threads) == 3
+    assert threading.get_ident() not in threads
 
 
 async def test_a_disk_that_takes_no_new_key_keeps_the_old_one(cloud, settings):

@@ -118,7 +118,7 @@ async def test_a_change_that_is_cut_short_leaves_whole_keys(place, monkeypatch, 
         patch.setattr("pathlib.Path.replace", cut(Path.replace))
         patch.setattr("robotether_agent.enrolment.keys._flush", cut(keys._flush))
         with pytest.raises(PowerCutError):
-            promote(place)
+            await promote(place)
     now, after = await ensure_key(place), await next_key(place)
     assert coming.public in {now.public, after and after.public}
     assert now.public in {old.public, coming.public}
@@ -126,7 +126,7 @@ async def test_a_change_that_is_cut_short_leaves_whole_keys(place, monkeypatch, 
         command = ["ssh-keygen", "-y", "-f", str(key.path)]
         said = await asyncio.to_thread(subprocess.run, command, check=True, capture_output=True)
         assert said.stdout.decode().startswith(key.public)
-    promote(place)
+    await promote(place)
     assert (await ensure_key(place)).public == coming.public
 
 
