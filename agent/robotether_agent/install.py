@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ensurepip
 import hashlib
+import os
 import subprocess
 import sys
 import sysconfig
@@ -45,6 +46,8 @@ def install(folder: Path, package: Path, requirements: Path, options: Sequence[s
     done = subprocess.run(  # noqa: S603 - Python's own pip, no shell
         command, stdin=subprocess.DEVNULL, check=False
     )
+    # pip syncs nothing: a power cut shortly after the switch to this version would leave empty files in it.
+    os.sync()
     return done.returncode
 
 

@@ -57,6 +57,14 @@ def test_wheel_and_what_it_needs_are_all_that_is_there(packages, tmp_path, monke
     assert done.returncode == 0
 
 
+def test_a_power_cut_after_the_end_loses_nothing(packages, tmp_path, monkeypatch):
+    """The robot may be switched over at once, and nobody can reach one whose new version has empty files."""
+    folder, seen = tmp_path / "version", []
+    monkeypatch.setattr("os.sync", lambda: seen.extend(folder.glob("lib/*/*/turtle.py")))
+    assert install_from(packages, folder) == 0
+    assert seen
+
+
 def test_package_with_another_hash_is_not_installed(packages, tmp_path):
     """Nothing of the run is: pip checks all hashes before it installs."""
     make_wheel(packages, "shell", requires="turtle")
