@@ -305,6 +305,9 @@ class Agent:
         self._next_session.set()
         self._next_session = asyncio.Event()
         self._features.apply(config)
+        if not self._features.new_key.is_set():
+            # It may have come with a join, and not by the attempt that failed.
+            self._status_writer.set(new_key="")
         self._recheck.set()
         shell = self._shell_state(is_open=self._status_writer.status.shell_tunnel == "open")
         video = self._video_state(is_open=self._status_writer.status.video_tunnel == "open")

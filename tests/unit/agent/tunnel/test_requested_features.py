@@ -129,6 +129,19 @@ async def test_a_new_key_that_fails_is_told_and_tried_again(make_cloud, start_ag
     )
 
 
+async def test_a_new_key_that_is_requested_no_more_is_no_problem(make_cloud, start_agent):
+    """Somebody took the request back, or the join of a new connection brought the key."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    refusal = {"code": "robot_disabled", "detail": "it is disabled"}
+    cloud.refuses_rotation = lambda: web.json_response(refusal, status=403)
+    cloud.configure(rotate_key=True)
+    await agent.until(lambda status: "it is disabled" in status.new_key, "the reason is there")
+    cloud.configure(rotate_key=False)
+    await agent.until(lambda status: not status.new_key, "the reason is gone")
+
+
 async def test_gets_in_with_a_key_whose_answer_was_lost_while_the_web_is_away(
     make_cloud, start_agent
 ):
