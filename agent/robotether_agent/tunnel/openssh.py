@@ -51,6 +51,7 @@ HOST_KEY = re.compile(
 )
 SESSION_COMMAND_PREFIX = "robotether: "
 SESSION_COMMAND = re.compile(f"^{SESSION_COMMAND_PREFIX}")
+KEY_DAMAGED = re.compile(r"Load key .*: (?:invalid format|error in libcrypto)")
 KEY_FILE = re.compile(
     r"UNPROTECTED PRIVATE KEY|Load key .*: (?!.*incorrect passphrase)|bad permissions"
 )
@@ -238,6 +239,12 @@ _BEFORE_CONFIG: tuple[tuple[re.Pattern[str], type[AgentProblem], str, str | None
         ServerKeyChanged,
         "cannot trust {target}: its host key is not one of those pinned at the first join ({line})",
         HOST_KEY_ADVICE,
+    ),
+    (
+        KEY_DAMAGED,
+        KeyUnusable,
+        "cannot use this robot's key: {line}",
+        "this file is damaged: remove it and the one with .pub; a robot without a key joins with a new one",
     ),
     (
         KEY_FILE,

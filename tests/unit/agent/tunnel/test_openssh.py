@@ -184,6 +184,17 @@ def test_host_key_problem_says_what_to_do():
     assert "ask the server's administrator" in text
 
 
+@pytest.mark.parametrize("why", ["invalid format", "error in libcrypto"])
+def test_a_damaged_key_is_no_matter_of_its_mode(why):
+    """As memory cards leave it; ssh says which of the two keys it is."""
+    words = [f'Load key "/s/id_ed25519": {why}', "tunnel@a: Permission denied (publickey)."]
+    problem = why_not_connected(words, 255, TARGET, FILES)
+    assert problem.code == "key_unusable"
+    assert "/s/id_ed25519" in problem.message
+    assert "remove it" in problem.advice
+    assert "chmod" not in problem.advice
+
+
 def test_a_client_that_was_connected():
     """A connection that stood is lost, in ssh's own words."""
     words = ["Timeout, server robots.example.com not responding."]
