@@ -438,10 +438,12 @@ is_current() { [ "$(readlink -f "$ROOT/current")" = "$venv" ]; }
 point_current_here() {
   ln -sfn "versions/$version" "$ROOT/current.new"
   mv -T "$ROOT/current.new" "$ROOT/current"
+  install -m 644 "$unit" "$UNIT"
 }
 
 ensure_running() {
-  if [ ! -e "$ROOT/current" ] || [ -n "$image" ]; then point_current_here; fi
+  # An agent that does not start, as after an upgrade of the distribution to another Python, cannot switch either.
+  if [ -n "$image" ] || ! "$AGENT" --version >/dev/null 2>&1; then point_current_here; fi
   if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi
   # A package neither enables nor starts what a person disabled or stopped, or what has no server yet.
   if [ -z "$package" ] || [ -n "$first" ]; then wanted=$server; else wanted=''; fi

@@ -123,6 +123,18 @@ def test_upgrade_starts_an_agent_that_had_failed(robot: Robot) -> None:
     assert calls[-1] == "restart robotether-agent"
 
 
+def test_upgrade_of_an_agent_that_does_not_start(robot: Robot) -> None:
+    """The distribution has another Python now: the version in use cannot switch over."""
+    versions = f"AGENT=false ROOT={robot.place} venv={robot.place}/versions/2 version=2 unit=new"
+    for name in ("1", "2"):
+        (robot.place / "versions" / name).mkdir(parents=True)
+    (robot.place / "current").symlink_to("versions/1")
+    assert "switching" not in robot.run(f"{versions}; ensure_running")
+    assert (robot.place / "current").readlink() == Path("versions/2")
+    calls = (robot.place / "new/systemctl").read_text().splitlines()
+    assert calls[-1] == "restart robotether-agent"
+
+
 def test_uninstall_removes_an_upgrade_that_was_cut_short(robot: Robot) -> None:
     """Each boot would start it, and it would run a program that is gone."""
     units = robot.place / "units"
