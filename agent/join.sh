@@ -388,8 +388,10 @@ ensure_config() {
   step "writing $CONFIG"
   if [ -d /etc/robotether ]; then keep_copy "$CONFIG"; keep_copy "$TOKEN"; else on_failure 'rm -rf /etc/robotether'; fi
   install -d -m 755 /etc/robotether
-  install -m 644 "$work/agent.toml" "$CONFIG"
-  protect "$CONFIG"
+  protect "$work/agent.toml"
+  # In one step: never without its end, and never for others to read.
+  cp -p "$work/agent.toml" "$CONFIG.new"
+  mv -f "$CONFIG.new" "$CONFIG"
   if [ -z "$token" ]; then return; fi
   install -m 640 -o root -g "$ACCOUNT" /dev/null "$TOKEN"
   printf '%s\n' "$token" > "$TOKEN"

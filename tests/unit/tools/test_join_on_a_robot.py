@@ -98,6 +98,18 @@ def test_settings_with_a_password_are_kept_from_others(robot: Robot, line: str, 
     assert robot.settings.stat().st_mode & 0o777 == mode
 
 
+def test_settings_come_whole_and_with_their_mode(robot: Robot) -> None:
+    """Nobody reads a password before the mode is set, and a power cut leaves the old ones or the new ones."""
+    real = f"chgrp() {{ :; }}; . {robot.place}/steps.sh; install() {{ :; }}; on_failure() {{ :; }}"
+    places = f"CONFIG={robot.settings}; TOKEN=/none; AGENT=true"
+    moves = 'mv() { stat -c %a "$2"; command mv "$@"; }'
+    options = ("--http-proxy", "http://ann:s3cret@proxy:3128")
+    said = robot.run(f"{real}; {places}; {moves}; ensure_config", *options)
+    assert said.splitlines()[-1] == "640"
+    assert "s3cret" in robot.settings.read_text()
+    assert robot.settings.stat().st_mode & 0o777 == 0o640
+
+
 def test_room_is_needed_for_what_is_installed(robot: Robot) -> None:
     """Of a robot with a full disk a line that has nothing to install may still change a setting."""
     version = robot.place / "versions/1"
