@@ -279,14 +279,21 @@ async def _ask(settings: Settings, seen: ServerView) -> ServerView:
         http.get(url, ssl=_blind(), allow_redirects=False, proxy=settings.http_proxy) as response,
     ):
         body = await response.content.read(MAX_ANSWER_BYTES)
-        date = response.headers.get("Date")
         return replace(
             seen,
             status=response.status,
             location=response.headers.get("Location", ""),
-            date=parsedate_to_datetime(date) if date else None,
+            date=_date(response.headers.get("Date", "")),
             code=_code(body),
         )
+
+
+def _date(text: str) -> datetime | None:
+    """Return an answer's date, in UTC where it names no zone, or nothing where it is none."""
+    with suppress(ValueError, OverflowError):
+        date = parsedate_to_datetime(text)
+        return date if date.tzinfo else date.replace(tzinfo=timezone.utc)
+    return None
 
 
 def _code(body: bytes) -> str:

@@ -152,6 +152,24 @@ async def test_a_captive_portal_is_told(cloud, answer, why):
     assert "portal" in found.advice
 
 
+@pytest.mark.parametrize(
+    ("date", "clock"),
+    [
+        ("Thu Jan  1 00:00:10 1970", FAIL),
+        ("today", OK),
+        ("Sun, 01 Mar 99999999999 00:00:00 GMT", OK),
+        ("Sun, 01 Mar 2026 00:00:00 GMT", FAIL),
+    ],
+)
+async def test_a_portal_may_write_any_date(cloud, date, clock):
+    """Small servers name no zone, or write no date at all; what answers is told all the same."""
+    cloud.greeting = lambda: web.Response(text="<html>Welcome", headers={"Date": date})
+    seen = await view_server(Settings(server=cloud.server, tls_fingerprint=PINNED))
+    assert "no Robotether server" in all_checks(seen)["answer"].detail
+    now = datetime.now(timezone.utc)
+    assert server.check_clock(seen, now, is_pinned=True).state == clock
+
+
 def test_a_clock_that_differs_from_the_servers(place):
     """Both times are shown, and that a pinned robot connects all the same."""
     seen = ServerView("a.example", 443, date=NOW)
