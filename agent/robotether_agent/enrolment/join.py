@@ -265,6 +265,8 @@ def _trust(settings: Settings) -> aiohttp.Fingerprint | ssl.SSLContext:
         raise SettingsInvalid(
             f"cannot use ca_file = {str(settings.ca_file)!r}: {error}",
             advice="allowed is a readable file of certificates in PEM",
+            # The file may come back, and a robot that is connected needs it for a new key alone.
+            retry=Retry.SLOWLY,
         ) from error
 
 

@@ -69,9 +69,11 @@ async def test_other_certificate_is_not_trusted(make_cloud):
 
 
 async def test_unreadable_ca_file_is_a_settings_problem(place):
+    """It is read again, and ends no agent whose connection needs it for nothing but a new key."""
     settings = Settings(server="127.0.0.1:1", ca_file=place / "none.pem")
-    with pytest.raises(SettingsInvalid, match="ca_file"):
+    with pytest.raises(SettingsInvalid, match="ca_file") as found:
         await join(settings, REQUEST)
+    assert found.value.retry is Retry.SLOWLY
 
 
 async def test_nothing_there_is_unreachable():
