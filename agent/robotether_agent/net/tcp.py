@@ -154,7 +154,13 @@ class Resolver:
             if not answer.done():
                 answer.set_result(found)
 
-        threading.Thread(target=self._run, args=(host, port, loop, on_answer), daemon=True).start()
+        asker = threading.Thread(target=self._run, args=(host, port, loop, on_answer), daemon=True)
+        try:
+            asker.start()
+        except RuntimeError as error:
+            # No memory, or too many threads: the other connections go on.
+            self._threads.release()
+            raise OSError(f"cannot ask the name service: {error}") from error
         return await answer
 
     def _run(

@@ -7,6 +7,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from unittest.mock import Mock
 
 import pytest
 from local_network import free_port
@@ -130,6 +131,18 @@ async def test_questions_that_hang_do_not_pile_up(names, monkeypatch):
         for _ in range(3 * tcp.THREADS):
             await known.addresses("h", 22)
         assert names.asked == 1 + tcp.THREADS
+
+
+async def test_a_machine_without_room_for_a_thread(names, monkeypatch):
+    """The address that was known last does, and later there is room again."""
+    known = Resolver(names)
+    await known.addresses("h", 22)
+    with monkeypatch.context() as full:
+        full.setattr("threading.Thread.start", Mock(side_effect=RuntimeError("can't start")))
+        for _ in range(2 * tcp.THREADS):
+            assert await known.addresses("h", 22) == FOUR
+    names.answer = SIX
+    assert await known.addresses("h", 22) == SIX
 
 
 async def test_a_name_service_that_never_answered(names, monkeypatch):
