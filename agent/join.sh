@@ -117,7 +117,8 @@ take_value() {
 }
 
 configured() { # key: its value in the settings of a robot that is installed already
-  if [ -e "$CONFIG" ]; then sed -n "s/^$1[[:space:]]*=[[:space:]]*\"\([^\"]*\)\".*/\1/p" "$CONFIG"; fi
+  if [ ! -e "$CONFIG" ]; then return; fi
+  sed -n -e "s/^$1[[:space:]]*=[[:space:]]*\"\([^\"]*\)\".*/\1/p" -e "s/^$1[[:space:]]*=[[:space:]]*'\([^']*\)'.*/\1/p" "$CONFIG"
 }
 
 check_options() {

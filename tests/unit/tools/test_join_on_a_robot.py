@@ -71,6 +71,13 @@ def test_same_line_again_changes_nothing(robot: Robot) -> None:
     assert not (robot.place / "token").exists()
 
 
+@pytest.mark.parametrize("quote", ["'", '"'])
+def test_settings_with_either_quote(robot: Robot, quote: str) -> None:
+    """TOML has both; a package starts the agent of a robot that has a server."""
+    robot.settings.write_text(f"server = {quote}old.example{quote}  # ours\n")
+    assert robot.run('echo "$server"', "--package", "/none") == "old.example\n"
+
+
 def test_settings_whose_last_line_does_not_end(robot: Robot) -> None:
     """Some editors leave it so."""
     robot.settings.write_text('server = "old.example"\nlog_level = "debug"')
