@@ -457,7 +457,7 @@ ensure_running() {
     step "switching from $(basename "$(readlink "$ROOT/current")") to $version"
     # Not a child of this shell: the connection over which it runs may be the robot's own tunnel.
     systemd-run --quiet --wait --pipe --collect "$AGENT" switch "$venv" ||
-      fail "cannot upgrade: version $version does not start here, so the previous one runs again. See journalctl -u robotether-agent"
+      fail "cannot upgrade to $version: see above, and journalctl -u robotether-agent"
     # `switch` has restarted an agent that ran, and does not start one that had failed.
     changed=''
   fi

@@ -142,6 +142,17 @@ def test_upgrade_starts_an_agent_that_had_failed(robot: Robot) -> None:
     assert calls[-1] == "restart robotether-agent"
 
 
+def test_upgrade_that_fails_leaves_the_reason_to_the_switch(robot: Robot) -> None:
+    """Only that knows whether the version did not start, or did not connect, or whether another switch runs."""
+    versions = f"ROOT={robot.place} venv={robot.place}/versions/2 version=2"
+    (robot.place / "versions/1").mkdir(parents=True)
+    (robot.place / "current").symlink_to("versions/1")
+    (robot.place / "bin/systemd-run").unlink()
+    (robot.place / "bin/systemd-run").symlink_to("/bin/false")
+    said = robot.run(f"{versions}; fail() {{ echo $*; }}; ensure_running").splitlines()
+    assert "cannot upgrade to 2: see above, and journalctl -u robotether-agent" in said
+
+
 def test_upgrade_of_an_agent_that_does_not_start(robot: Robot) -> None:
     """The distribution has another Python now: the version in use cannot switch over."""
     versions = f"AGENT=false ROOT={robot.place} venv={robot.place}/versions/2 version=2 unit=new"
