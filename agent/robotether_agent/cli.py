@@ -308,9 +308,9 @@ class Call:
 def main(arguments: Sequence[str] | None = None, environ: Mapping[str, str] = os.environ) -> int:
     """Run the command and return its exit code."""
     options = _parser().parse_args(arguments)
-    if options.command == "doctor":
-        return doctor(partial(load, options.config, environ))
     try:
+        if options.command == "doctor":
+            return doctor(partial(load, options.config, environ))
         settings = load(options.config, environ, needs_server=options.command not in WITHOUT_SERVER)
         return COMMANDS[options.command](Call(settings, options, environ))
     except AgentProblem as problem:

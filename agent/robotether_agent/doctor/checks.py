@@ -68,7 +68,7 @@ def check_disk(settings: Settings) -> Finding:
     if os.statvfs(place).f_flag & os.ST_RDONLY:
         return fail(step, f"{place} is read-only", advice)
     if not os.access(place, os.W_OK):
-        owner = f"chown -R robotether: {place}"
+        owner = f"run this with sudo; if that says the same: chown -R robotether: {place}"
         return fail(step, f"uid {os.getuid()} may not write in {place}", owner)
     room = os.statvfs(place)
     free_mb = room.f_bavail * room.f_frsize // 1_000_000

@@ -445,6 +445,14 @@ def test_wrong_settings_are_the_first_finding(capsys):
     assert "what to do: correct it" in told
 
 
+def test_doctor_says_what_it_may_not_read(place, capsys):
+    """As an ordinary user in front of an agent's own directory."""
+    (place / "status.json").mkdir()
+    environ = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_RUN_DIR": str(place)}
+    assert main(["doctor"], environ) == 1
+    assert "run this with sudo" in capsys.readouterr().err
+
+
 @pytest.fixture
 def robot_environ(place) -> dict[str, str]:
     """A robot with a key."""
