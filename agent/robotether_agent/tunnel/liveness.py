@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from ipaddress import IPv6Interface
 from typing import NoReturn, Protocol
 
 from robotether_agent.clock import robot_time
@@ -61,7 +62,7 @@ def path_of(connection: socket.socket) -> Path:
     if not _is_ours(connection.family, here):
         return Path.GONE
     now = _source_towards(connection.family, there)
-    return Path.SAME if now in {None, here[0]} else Path.MOVED
+    return Path.SAME if now in {None, here[0]} or _is_renewed(here[0], now) else Path.MOVED
 
 
 def _is_ours(family: int, address: tuple[object, ...]) -> bool:
@@ -72,6 +73,14 @@ def _is_ours(family: int, address: tuple[object, ...]) -> bool:
         except OSError as error:
             return error.errno != errno.EADDRNOTAVAIL
     return True
+
+
+def _is_renewed(here: object, now: object) -> bool:
+    """Whether both are of one IPv6 network, which renews addresses each day (RFC 8981) while the old ones last."""
+    try:
+        return IPv6Interface(f"{here}/64").network == IPv6Interface(f"{now}/64").network
+    except ValueError:
+        return False
 
 
 def _source_towards(family: int, address: tuple[object, ...]) -> object:

@@ -29,8 +29,8 @@ from robotether_agent.tunnel.liveness import (
 class Connection:
     """A connection's two ends, as they are told."""
 
-    here: tuple[str, int]
-    there: tuple[str, int]
+    here: tuple[str | int, ...]
+    there: tuple[str | int, ...]
     family: int = socket.AF_INET
 
     def getsockname(self):
@@ -52,6 +52,17 @@ def test_a_real_connection(host, path):
 def test_its_address_is_gone():
     """Nothing can come back to an address that this machine has not."""
     assert path_of(Connection(("192.0.2.1", 1), ("127.0.0.1", 2))) is Path.GONE
+
+
+@pytest.mark.parametrize(
+    ("now", "path"), [("2001:db8::b", Path.SAME), ("2001:db8:0:1::b", Path.MOVED)]
+)
+def test_an_address_that_ipv6_renews(monkeypatch, now, path):
+    """The old one goes on working for days, and somebody may drive."""
+    monkeypatch.setattr(liveness, "_is_ours", lambda *_: True)
+    monkeypatch.setattr(liveness, "_source_towards", lambda *_: now)
+    ends = ("2001:db8::a", 1, 0, 0), ("2001:db8:9::1", 2222, 0, 0)
+    assert path_of(Connection(*ends, socket.AF_INET6)) is path
 
 
 def test_no_route():
