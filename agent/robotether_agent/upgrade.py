@@ -205,16 +205,20 @@ class Upgrade:
     def _change(
         self, was: Path, target: Path, before: str, report: Callable[[str, str], UpgradeReport]
     ) -> UpgradeReport:
+        report("running", f"switching from {was.name} to {target.name}")
         if before != STOPPED:
             self._pending.note(was, target, before, self._wait_s)
-        report("running", f"switching from {was.name} to {target.name}")
         try:
             self._use(target, before)
         except AgentProblem as problem:
-            made = report("rolled_back", self._go_back(was, before, problem))
+            result, detail = "rolled_back", self._go_back(was, before, problem)
         else:
-            made = report("done", f"{target.name} is in use")
-        self._pending.clear()
+            result, detail = "done", f"{target.name} is in use"
+        try:
+            made = report(result, detail)
+        finally:
+            # A full disk takes no report, and is no reason to do it all again at the next boot.
+            self._pending.clear()
         self._layout.keep_only(was, target)
         return made
 

@@ -274,6 +274,25 @@ async def test_a_change_that_lost_its_power_gets_its_verdict_at_the_next_boot(
     assert list(robot.layout.unit.parent.rglob(PENDING_NAME)) == []
 
 
+@pytest.mark.parametrize(("full_from", "in_use"), [("running", "1"), ("done", "2")])
+async def test_a_report_that_the_disk_does_not_take_leaves_the_next_boot_alone(
+    robot, monkeypatch, full_from, in_use
+):
+    """Weeks later it would do the switch again, and roll it back where there is no network yet."""
+    write = Layout.write
+
+    def write_until_full(layout: Layout, report: UpgradeReport) -> None:
+        if report.result == full_from:
+            raise StateUnusable("cannot write: the disk is full")
+        write(layout, report)
+
+    monkeypatch.setattr(Layout, "write", write_until_full)
+    with pytest.raises(StateUnusable, match="full"):
+        await robot.switch(robot.add("2"))
+    assert (robot.in_use, robot.status().state) == (in_use, "connected")
+    assert list(robot.layout.unit.parent.rglob(PENDING_NAME)) == []
+
+
 async def test_one_switch_at_a_time(robot):
     """A second one would take the first one's new version for the old one."""
     with only_one(robot.layout.lock), pytest.raises(AlreadyRunning, match="another switch"):
