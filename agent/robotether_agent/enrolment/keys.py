@@ -248,7 +248,10 @@ async def _keygen(*arguments: str, given: bytes = b"") -> str:
             await process.wait()
     if process.returncode:
         reason = err.decode(errors="replace").strip()
-        raise KeyUnusable(f"cannot run ssh-keygen on {arguments[-1]}: {reason}")
+        raise KeyUnusable(
+            f"cannot run ssh-keygen on {arguments[-1]}: {reason}",
+            advice="if this file is damaged, remove it: a robot without a key joins with a new one",
+        )
     return out.decode(errors="replace")
 
 

@@ -61,8 +61,9 @@ async def test_open_mode_is_mended(place):
 async def test_broken_and_foreign_keys_are_told(place):
     """A key that ssh-keygen cannot read, or of another type, is key_unusable with its path."""
     (place / "id_ed25519").write_text("rubbish")
-    with pytest.raises(KeyUnusable, match="id_ed25519"):
+    with pytest.raises(KeyUnusable, match="id_ed25519") as damaged:
         await ensure_key(place)
+    assert "remove it" in damaged.value.advice
     (place / "id_ed25519").unlink()
     command = ["ssh-keygen", "-q", "-t", "ecdsa", "-N", "", "-f", str(place / "id_ed25519")]
     await asyncio.to_thread(subprocess.run, command, check=True, stdin=subprocess.DEVNULL)
