@@ -53,6 +53,8 @@ MAX_ANSWER_BYTES = 64 * 1024
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
 USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
 
+# Of the unit, and not of the same command that a person runs.
+NOT_IN_HOME = " (not in /home or /root, which the boot service cannot read)"
 # OpenSSL's X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED.
 WRONG_TIME = frozenset({9, 10})
 
@@ -163,7 +165,7 @@ def join_token(settings: Settings) -> str | None:
     except (OSError, UnicodeDecodeError) as error:
         raise SettingsInvalid(
             f"cannot read the join token in {settings.token_file}, which token_file names: {error}",
-            advice="put the token there, or remove token_file from the settings",
+            advice=f"put the token there{NOT_IN_HOME}, or remove token_file from the settings",
         ) from error
 
 
@@ -264,7 +266,7 @@ def _trust(settings: Settings) -> aiohttp.Fingerprint | ssl.SSLContext:
     except (OSError, ssl.SSLError) as error:
         raise SettingsInvalid(
             f"cannot use ca_file = {str(settings.ca_file)!r}: {error}",
-            advice="allowed is a readable file of certificates in PEM",
+            advice=f"allowed is a readable file of certificates in PEM{NOT_IN_HOME}",
             # The file may come back, and a robot that is connected needs it for a new key alone.
             retry=Retry.SLOWLY,
         ) from error

@@ -74,6 +74,7 @@ async def test_unreadable_ca_file_is_a_settings_problem(place):
     with pytest.raises(SettingsInvalid, match="ca_file") as found:
         await join(settings, REQUEST)
     assert found.value.retry is Retry.SLOWLY
+    assert "not in /home" in found.value.advice
 
 
 async def test_nothing_there_is_unreachable():
