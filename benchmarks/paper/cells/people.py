@@ -27,6 +27,7 @@ from typing import Any
 import aiohttp
 import uvloop
 from local_network import insecure_tls
+from robotether_server.relay.http.event_loop import EventLoop
 
 from paper.cells.commands import TOPIC, TYPE, command, origin
 from paper.cells.history import History
@@ -515,4 +516,4 @@ async def work() -> None:
 
 
 if __name__ == "__main__":
-    uvloop.run(work())
+    uvloop.run(work(), loop_factory=EventLoop)
