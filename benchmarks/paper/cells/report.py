@@ -234,7 +234,8 @@ def _shortfalls(values: Mapping[str, Values]) -> Iterator[str]:
             yield f"{one['rule']}: {one['robot']}: {one['words']}"
         if run["kept"]:
             yield f"the history of seed {run['seed']} is in {run['kept']}"
-        yield from run["failed"][:MOST_SHOWN]
+        for words, count in Counter(run["failed"]).most_common(MOST_SHOWN):
+            yield f"{count} times: {words}"
         if ignored := run["ignored_stops_s"]:
             yield (
                 f"{len(ignored)} stops were taken by a cell that could not reach the robot's, and answered as not "
