@@ -10,7 +10,7 @@ import asyncio
 import logging
 import socket
 from collections.abc import Awaitable, Callable, Coroutine
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from functools import partial
 from random import Random
 from typing import Any, Literal
@@ -206,18 +206,20 @@ class Agent:
         frames = FramesService(
             self._source_settings, has_video=lambda: self._health.report.video == "ok"
         )
-        video_proxy = VideoProxy(
-            self._settings.video_url, LocalService(await frames.start(), self._own_answers())
-        )
         try:
-            port = await video_proxy.start()
-            role = Role(
-                kind="media",
-                forward=lambda config: Forward(config.video_port, LOCALHOST, port),
-                on_up=partial(self._media_is_up, uptime),
-                video_proxy=video_proxy,
-            )
-            await self._connect(role)
+            async with AsyncExitStack() as ends:
+                ends.push_async_callback(frames.close)
+                local = LocalService(await frames.start(), self._own_answers())
+                video_proxy = VideoProxy(self._settings.video_url, local)
+                ends.push_async_callback(video_proxy.close)
+                port = await video_proxy.start()
+                role = Role(
+                    kind="media",
+                    forward=lambda config: Forward(config.video_port, LOCALHOST, port),
+                    on_up=partial(self._media_is_up, uptime),
+                    video_proxy=video_proxy,
+                )
+                await self._connect(role)
         except SessionEnded as problem:
             if problem.code != UNWATCHED:
                 raise
@@ -225,9 +227,6 @@ class Agent:
             log.info(
                 "robot %s: nobody watches its video any more", self._status_writer.status.robot
             )
-        finally:
-            await video_proxy.close()
-            await frames.close()
 
     def _own_answers(self) -> Literal["never", "down", "always"]:
         """Return whether the agent answers what is else web_video_server's."""

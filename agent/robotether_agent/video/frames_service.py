@@ -15,7 +15,7 @@ import logging
 import socket
 from collections import Counter
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 
 import aiohttp
 from aiohttp import web
@@ -75,10 +75,11 @@ class FramesService:
         return port
 
     async def close(self) -> None:
-        """End all answers and sources."""
-        await self._runner.cleanup()
-        await self._shared_sources.close()
-        await self._http.close()
+        """End all answers and sources, also when this is cancelled."""
+        async with AsyncExitStack() as ends:
+            ends.push_async_callback(self._http.close)
+            ends.push_async_callback(self._shared_sources.close)
+            ends.push_async_callback(self._runner.cleanup)
 
     async def _frames(self, request: web.Request) -> web.StreamResponse:
         topic = _topic(request)

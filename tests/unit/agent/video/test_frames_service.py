@@ -344,3 +344,15 @@ async def test_over_a_slow_link_frames_stay_new_while_plain_mjpeg_gets_old(world
     assert worst < 2, receiver.ages_s
     assert min(header.quality for header, _ in receiver.pictures) < 80
     assert max(plain) > 3 * p95, plain
+
+
+async def test_a_close_that_is_cancelled_leaves_nothing() -> None:
+    """The agent may end while a connection of which it was part ends."""
+    service = FramesService(SourceSettings("", "", "rosbridge"))
+    await service.start()
+    closing = asyncio.ensure_future(service.close())
+    await asyncio.sleep(0)
+    closing.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await closing
+    assert service._http.closed

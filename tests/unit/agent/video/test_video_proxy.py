@@ -353,3 +353,16 @@ async def test_control_beside_video_is_quick_on_a_real_path(camera: Camera, is_p
         assert rate > 0.25 * 4.97e6
     else:
         assert statistics.median(took_ms) > 100
+
+
+async def test_a_close_that_is_cancelled_listens_no_more() -> None:
+    """The agent may end while a connection of which it was part ends."""
+    proxy = VideoProxy(f"http://127.0.0.1:{free_port()}")
+    port = await proxy.start()
+    closing = asyncio.ensure_future(proxy.close())
+    await asyncio.sleep(0)
+    closing.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await closing
+    with pytest.raises(ConnectionRefusedError):
+        await asyncio.open_connection("127.0.0.1", port)
