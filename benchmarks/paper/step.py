@@ -109,6 +109,14 @@ class Comparison:
         )
 
 
+def against_aim(what: str, aim: float, ours: float | None, unit: str) -> Comparison:
+    """Our value beside the most that it should be; one that was not reached at all is no number, which falls short."""
+    value = math.nan if ours is None else ours
+    return Comparison(
+        what=what, against="aim", reference=aim, ours=value, unit=unit, better="lower"
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Plot:
     """A figure of the page."""

@@ -10,7 +10,7 @@ from numpy import quantile
 from sections import Section, fixed
 
 from paper.numbered.messages import Histogram
-from paper.step import Comparison, Report, Results, Values, succeeded
+from paper.step import Comparison, Report, Results, Values, against_aim, succeeded
 
 # Of issue 18.
 AIM_RETURN_P99_S = 5.0
@@ -198,12 +198,14 @@ def _comparisons(values: Mapping[str, Values]) -> Iterator[Comparison]:
         yield _exactly("processes and robots that failed", float(len(run["failed"])), "times")
         # Without any, nobody was ever kept from driving.
         late = _quantile(times(run["returns"]) or [0.0], 0.99)
-        yield _aim("drivable again once a live cell is there, p99", AIM_RETURN_P99_S, late, "s")
+        yield against_aim(
+            "drivable again once a live cell is there, p99", AIM_RETURN_P99_S, late, "s"
+        )
     if run := values.get("cell-killed"):
         took = [one for one in run["took_s"] if one is not None]
         never = float(len(run["took_s"]) - len(took))
         yield _exactly("robots of a killed cell that never came back", never, "robots")
-        yield _aim(
+        yield against_aim(
             "drivable elsewhere after a cell is killed, p99",
             AIM_RETURN_P99_S,
             _quantile(took, 0.99),
@@ -212,20 +214,22 @@ def _comparisons(values: Mapping[str, Values]) -> Iterator[Comparison]:
     if run := values.get("database-away"):
         open_ones, begun = run["open"], [one for one in run["begun"] if one["began"]]
         ended = sum(Counter(one["endings"]).total() for one in open_ones)
-        yield _aim("open drives that ended without the database", 0.0, float(ended), "drives")
+        yield against_aim(
+            "open drives that ended without the database", 0.0, float(ended), "drives"
+        )
         lost = float(sum(one["lost"] + one["unsent"] for one in open_ones))
-        yield _aim("commands lost without the database", 0.0, lost, "commands")
+        yield against_aim("commands lost without the database", 0.0, lost, "commands")
         missing = float(len(run["begun"]) - len(begun))
-        yield _aim("drives that did not begin without the database", 0.0, missing, "drives")
+        yield against_aim("drives that did not begin without the database", 0.0, missing, "drives")
         unwritten = float(len(begun) - run["recorded"])
-        yield _aim(
+        yield against_aim(
             "drives without the database that were not recorded later", 0.0, unwritten, "drives"
         )
     if run := values.get("drain"):
         lost = float(sum(one["lost"] + one["unsent"] for one in run["drives"]))
-        yield _aim("commands lost in a drain", 0.0, lost, "commands")
+        yield against_aim("commands lost in a drain", 0.0, lost, "commands")
         left = 0.0 if run["empty_s"] is not None else 1.0
-        yield _aim("drains that left robots behind", 0.0, left, "drains")
+        yield against_aim("drains that left robots behind", 0.0, left, "drains")
 
 
 def _shortfalls(values: Mapping[str, Values]) -> Iterator[str]:
@@ -254,14 +258,6 @@ def _exactly(what: str, ours: float, unit: str) -> Comparison:
     """What fails the run."""
     return Comparison(
         what=what, against="rule", reference=0.0, ours=ours, unit=unit, better="equal"
-    )
-
-
-def _aim(what: str, aim: float, ours: float | None, unit: str) -> Comparison:
-    """What was not reached at all is no number, which falls short."""
-    value = float("nan") if ours is None else ours
-    return Comparison(
-        what=what, against="aim", reference=aim, ours=value, unit=unit, better="lower"
     )
 
 

@@ -11,7 +11,7 @@ from sections import NONE, Section, fixed, plain
 
 from paper.fleet.report import AGENTS, FAILED_AFTER_S, MIB, OTHERS, SERVER, Group, present
 from paper.numbered.messages import Histogram
-from paper.step import Comparison, Outcome, Report, Results, Values, succeeded
+from paper.step import Comparison, Outcome, Report, Results, Values, against_aim, succeeded
 
 RATE_HZ = 50
 # Of issue 17, on two cores for everything; those of a start, of idle robots and memory are a robot's.
@@ -243,34 +243,22 @@ def _comparisons(fleets: Sequence[Values]) -> Iterable[Comparison]:
     lost = float(sum(one["lost"] + one["unsent"] for one in drives)) if drives else None
     found.append((f"driven at {RATE_HZ} Hz: lost", 0.0, lost))
     for (what, aim, ours), unit in zip(found, (*units, "ms", "commands"), strict=True):
-        yield _aim(f"{count} robots, {what}", aim, ours, unit)
+        yield against_aim(f"{count} robots, {what}", aim, ours, unit)
 
 
 def _of_soaks(soaks: Sequence[Values]) -> Iterable[Comparison]:
     for soak in soaks:
         what = f"{soak['count']} robots for {soak['seconds'] / 60:.3g} minutes"
         if soak["rounds"]:
-            yield _aim(
+            yield against_aim(
                 f"{what}: memory moves by", AIM_SOAK_PERCENT, memory_spread_percent(soak), "%"
             )
-        yield _aim(f"{what}: commands lost", 0.0, float(_soak_lost(soak)), "commands")
+        yield against_aim(f"{what}: commands lost", 0.0, float(_soak_lost(soak)), "commands")
 
 
 def _soak_lost(soak: Values) -> int:
     drives = (drive for one in soak["rounds"] for drive in one["drive"].get("drives", []))
     return sum(drive["lost"] + drive["unsent"] for drive in drives)
-
-
-def _aim(what: str, aim: float, ours: float | None, unit: str) -> Comparison:
-    """What was not reached at all is no number, which falls short."""
-    return Comparison(
-        what=what,
-        against="aim",
-        reference=aim,
-        ours=float("nan") if ours is None else ours,
-        unit=unit,
-        better="lower",
-    )
 
 
 def _shortfalls(fleets: Sequence[Values], soaks: Sequence[Values]) -> Iterable[str]:

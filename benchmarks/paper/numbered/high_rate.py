@@ -6,7 +6,6 @@ with a slow line.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -29,7 +28,17 @@ from paper.numbered.report import (
 )
 from paper.numbered.run import Pair, Plan, run
 from paper.robots import WholeRobot, wait_all_online
-from paper.step import Comparison, Part, Report, Results, Scale, Step, Values, succeeded
+from paper.step import (
+    Comparison,
+    Part,
+    Report,
+    Results,
+    Scale,
+    Step,
+    Values,
+    against_aim,
+    succeeded,
+)
 from paper.world import World
 
 PAPERS_RUN = "pairs-5"
@@ -190,24 +199,11 @@ def report(_scale: Scale, results: Results) -> Report:
 def _comparisons(named: Mapping[str, Mapping[str, Any]]) -> Iterator[Comparison]:
     if (papers := named.get(PAPERS_RUN)) is not None:
         yield compared(papers["title"], papers)
-        yield Comparison(
-            what=f"{papers['title']}: processor for a message, of all server processes",
-            against="aim",
-            reference=AIM_COST_US,
-            ours=server_cost_s(papers) * MICROSECONDS,
-            unit="µs",
-            better="lower",
-        )
+        what = f"{papers['title']}: processor for a message, of all server processes"
+        yield against_aim(what, AIM_COST_US, server_cost_s(papers) * MICROSECONDS, "µs")
     if (many := named.get(AIMS_RUN)) is not None:
         p99_ms = Histogram.of(many["latency"]).quantile_ms(0.99)
-        yield Comparison(
-            what=f"{many['title']}: latency at p99",
-            against="aim",
-            reference=AIM_P99_MS,
-            ours=math.nan if p99_ms is None else p99_ms,
-            unit="ms",
-            better="lower",
-        )
+        yield against_aim(f"{many['title']}: latency at p99", AIM_P99_MS, p99_ms, "ms")
 
 
 def _line_row(title: str, run: Mapping[str, Any]) -> Sequence[str]:
