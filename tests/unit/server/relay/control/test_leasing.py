@@ -1,4 +1,7 @@
-"""Leases through the whole relay: who drives, who waits, and what robots and drivers are told."""
+"""Leases through the whole relay: who drives, who waits, and what robots and drivers are told.
+
+Long, as each module has one file of tests (test_structure.py).
+"""
 
 from __future__ import annotations
 

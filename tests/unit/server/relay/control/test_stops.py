@@ -1,6 +1,7 @@
 """Stopping and releasing robots through the whole relay, with guards that behave and guards that do not.
 
 Then each rule by itself, without a network: what is sent, written, shown and repeated.
+Long, as each module has one file of tests (test_structure.py).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Which operations pass for which level, and what of them, and nothing beside in any spelling."""
+"""Which operations pass for which level, and what of them, and nothing beside in any spelling.
+
+Long, as each module has one file of tests (test_structure.py).
+"""
 
 from __future__ import annotations
 
