@@ -34,12 +34,13 @@ class Ticket:
     id: str
     user_id: int
     user: str
-    robot_id: int
+    # None, if `remembered`: the relay finds the robot by its name.
+    robot_id: int | None
     robot: str
     mode: Mode
     credential: CredentialKind
     credential_sha256: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
-    # Signed while the database was away, by what web remembered: the relay must know the credential itself.
+    # Signed while the database was away, for a user whom web remembered: the relay must know the credential itself.
     remembered: bool = False
 
 

@@ -97,17 +97,22 @@ async def test_driving_goes_on_and_begins_without_the_database(
 ) -> None:
     """A stopped mysql is not noticed by tunnels and open drive connections, nor by who drove shortly before."""
     mysql = stack.container("mysql")
+    newcomer = Program(stack, await asyncio.to_thread(stack.token, "newcomer"))
     try:
-        async with program.connect("sim1") as socket:
+        async with newcomer.connect("sim1") as socket:
             await open_echo(socket)
             # Its lease is in the database by then, which the next lines take away.
             assert await echo(socket, "driving") == "driving"
             await drive_on(socket, asyncio.to_thread(mysql.stop, timeout=20))
             # Longer than the relay waits for an answer, and than a driver lasts of whom nothing comes.
             await drive_on(socket, asyncio.sleep(5))
-        async with program.connect("sim1") as socket:
+        async with newcomer.connect("sim1") as socket:
             await open_echo(socket)
             assert await echo(socket, "driving again") == "driving again"
+        # One that this token has never opened.
+        async with newcomer.connect("sim2") as socket:
+            await open_echo(socket)
+            assert await echo(socket, "driving another") == "driving another"
             # This takes seconds on a busy machine, in which a driver who reads nothing is gone.
             await drive_on(socket, asyncio.to_thread(mysql.start))
             await drive_on(socket, asyncio.to_thread(stack.wait_healthy, "mysql"))

@@ -14,6 +14,7 @@ from flask import Request, request
 from werkzeug.wrappers import Response
 
 from robotether_server.api.context import context, csrf
+from robotether_server.api.recent_users import RecentUser
 from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
@@ -55,8 +56,9 @@ def api_user(tx: Transaction, request: Request, *, renew: bool = True) -> User:
     try:
         user = _credential_user(tx, request, renew=renew)
     except Unauthorized:
-        context().recent_rights.forget(credential_of(request))
+        context().recent_users.forget(credential_of(request))
         raise
+    context().recent_users.note(credential_of(request), RecentUser(user.id, user.name))
     protect_login(request)
     return user
 

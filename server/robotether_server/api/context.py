@@ -6,7 +6,7 @@ from pathlib import Path
 from flask import current_app
 from flask_wtf.csrf import CSRFProtect  # type: ignore[import-untyped] # it has no types
 
-from robotether_server.api.recent_rights import RecentRights
+from robotether_server.api.recent_users import RecentUsers
 from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
 from robotether_server.install_line import SiteCertificates
@@ -26,7 +26,7 @@ class AppContext:
     site_certificates: SiteCertificates
     agent_files_dir: Path
     login_lifetime: Lifetime
-    recent_rights: RecentRights = field(default_factory=RecentRights)
+    recent_users: RecentUsers = field(default_factory=RecentUsers)
 
 
 def context() -> AppContext:

@@ -7,9 +7,10 @@ from robotether_server.api import auth
 from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
-from robotether_server.api.recent_rights import RecentRight
+from robotether_server.api.recent_users import RecentUser
 from robotether_server.db import cells, grants, seen_robots
 from robotether_server.db.cells import Cell
+from robotether_server.db.users import User
 from robotether_server.problems import GrantMissing, RobotUnknown, StoreUnavailable
 from robotether_server.schemas import RobotName
 from robotether_server.tickets import Mode, Ticket, new_id
@@ -43,15 +44,15 @@ class SignedTicket(Struct):
     cell: CellAddress | UnsetType = UNSET
 
 
-def create_lately_allowed(body: NewTicket) -> Created[SignedTicket]:
-    """Create a ticket while the database is away, by a right that it confirmed lately."""
-    right = context().recent_rights.find(auth.credential_of(request), body.robot)
-    if right is None:
+def create_without_database(body: NewTicket) -> Created[SignedTicket]:
+    """Create a ticket for a user whom the database confirmed lately; the relay knows the robot and the grant."""
+    user = context().recent_users.find(auth.credential_of(request))
+    if user is None:
         raise StoreUnavailable(
             f"cannot open robot {body.robot}: the database does not answer; try again shortly"
         )
     auth.protect_login(request)
-    return _signed(right, body, UNSET, remembered=True), 201
+    return _signed(user, body, robot_id=None), 201
 
 
 @operation(
@@ -60,36 +61,31 @@ def create_lately_allowed(body: NewTicket) -> Created[SignedTicket]:
     "user",
     any_type=True,
     problems=(404,),
-    without_database=create_lately_allowed,
+    without_database=create_without_database,
 )
 def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
     """Create a ticket, which opens one WebSocket to one robot."""
-    name, user, recent_rights = body.robot, caller.user, context().recent_rights
-    credential = auth.credential_of(request)
-    seen = seen_robots.find_seen(caller.tx, user, name)
+    name, mode = body.robot, body.mode
+    seen = seen_robots.find_seen(caller.tx, caller.user, name)
     if seen is None:
-        recent_rights.forget(credential, name)
         raise RobotUnknown(f"cannot open robot {name}: there is none of that name that you may see")
-    right = RecentRight(user.id, user.name, seen.robot.id, seen.level)
-    recent_rights.note(credential, name, right)
+    if not grants.includes(seen.level, mode):
+        raise GrantMissing(f"cannot open robot {name} to {mode}: your grant is {seen.level}")
     cell = _address_of(cells.find_of_robot(caller.tx, seen.robot.id))
-    return _signed(right, body, cell), 201
+    return _signed(caller.user, body, seen.robot.id, cell), 201
 
 
 def _signed(
-    right: RecentRight,
+    user: User | RecentUser,
     body: NewTicket,
-    cell: CellAddress | UnsetType,
-    *,
-    remembered: bool = False,
+    robot_id: int | None,
+    cell: CellAddress | UnsetType = UNSET,
 ) -> SignedTicket:
     name, mode, signer = body.robot, body.mode, context().signer
-    if not grants.includes(right.level, mode):
-        raise GrantMissing(f"cannot open robot {name} to {mode}: your grant is {right.level}")
     kind, sha256 = auth.credential_of(request)
-    user = right.user_id, right.user
+    remembered, who = robot_id is None, (user.id, user.name)
     text = signer.sign(
-        Ticket(new_id(), *user, right.robot_id, name, mode, kind, sha256, remembered=remembered)
+        Ticket(new_id(), *who, robot_id, name, mode, kind, sha256, remembered=remembered)
     )
     url = f"/robots/{name}/ros?ticket={text}"
     return SignedTicket(text, name, mode, signer.ttl_s, url, cell)

@@ -148,7 +148,7 @@ class Access:
             raise TicketMissing(f"cannot open robot {name}: the request has no ticket")
         ticket, issued_at = self._verified(request.ticket)
         permit = self._permit_of_ticket(ticket, name, ticket.mode)
-        self._use(ticket, issued_at)
+        self._use(ticket, issued_at, permit.robot)
         return permit
 
     async def for_video(self, request: Request, name: str) -> Permit:
@@ -168,7 +168,7 @@ class Access:
         permit = await self.for_video(request, name)
         if request.ticket is not None:
             ticket, issued_at = self._verified(request.ticket)
-            self._use(ticket, issued_at)
+            self._use(ticket, issued_at, permit.robot)
         return permit
 
     async def for_events(self, request: Request) -> AuthenticatedUser:
@@ -234,8 +234,8 @@ class Access:
         self._used.refuse_too_old(issued_at, self._clock())
         return ticket, issued_at
 
-    def _use(self, ticket: Ticket, issued_at: datetime) -> None:
-        began_at = self._began_at(ticket.robot_id)
+    def _use(self, ticket: Ticket, issued_at: datetime, robot: RelayRobot) -> None:
+        began_at = self._began_at(robot.id)
         if began_at is not None and issued_at < began_at.replace(microsecond=0):
             raise TicketExpired(
                 "cannot accept the ticket: the robot has connected elsewhere since; get a new one"
@@ -245,7 +245,8 @@ class Access:
     def _permit_of_ticket(self, ticket: Ticket, name: str, use: Use) -> Permit:
         user = RelayUser(ticket.user_id, ticket.user)
         robot = self.visible_robot(user, name)
-        if robot.id != ticket.robot_id:
+        is_for_it = ticket.robot == name if ticket.remembered else ticket.robot_id == robot.id
+        if not is_for_it:
             raise TicketForeign(f"cannot open robot {name}: the ticket is for another robot")
         granted = self._snapshot().level(user.id, robot.id)
         if granted is None or not permits(granted, use):

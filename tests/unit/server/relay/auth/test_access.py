@@ -9,10 +9,13 @@ import pytest
 from relay_server import MemoryDatabase, utc
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
+    GrantMissing,
     LoginMissing,
     OriginRefused,
+    RobotUnknown,
     StoreUnavailable,
     TicketExpired,
+    TicketForeign,
     TicketUsed,
     TokenInvalid,
 )
@@ -35,12 +38,13 @@ def access_of(
     *,
     began_at: Callable[[int], datetime | None] = lambda _robot_id: None,
 ) -> Access:
-    """Robot 7 is sim1, and user 3 has this grant on it."""
+    """Robot 7 is sim1, robot 8 is sim2, and user 3 has this grant on them."""
     robot = RelayRobot(7, "sim1", "active", 20000, 20001)
+    other = RelayRobot(8, "sim2", "active", 20002, 20003)
     return Access(
         signer=TicketSigner("key", 30),
         credentials=credentials or Credentials(database),
-        snapshot=lambda: Snapshot({7: robot}, {(3, 7): granted}),
+        snapshot=lambda: Snapshot({7: robot, 8: other}, {(3, 7): granted, (3, 8): granted}),
         allowed_origins=["https://lab.example"],
         clock=lambda: datetime.now(UTC),
         began_at=began_at,
@@ -118,7 +122,8 @@ async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(open
     by = "login", login.digest.hex()
 
     async def open_by(*, remembered: bool) -> Permit:
-        ticket = Ticket(new_id(), 3, "ann", 7, "sim1", "observe", *by, remembered=remembered)
+        robot_id = None if remembered else 7
+        ticket = Ticket(new_id(), 3, "ann", robot_id, "sim1", "observe", *by, remembered=remembered)
         text = TicketSigner("key", 30).sign(ticket)
         permit = getattr(access, opens)(Request("h", None, text, None, None), "sim1")
         return permit if isinstance(permit, Permit) else await permit
@@ -132,6 +137,29 @@ async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(open
     await credentials.recheck()
     with pytest.raises(StoreUnavailable):
         await open_by(remembered=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "mode", "problem"),
+    [
+        ("sim1", "drive", GrantMissing),
+        ("sim2", "observe", TicketForeign),
+        ("sim3", "observe", RobotUnknown),
+    ],
+)
+async def test_a_ticket_from_webs_memory_opens_its_robot_within_the_grant(name, mode, problem):
+    """Web knew neither; the robot is the one of its name."""
+    database = MemoryDatabase()
+    credentials = Credentials(database)
+    access = access_of(database, credentials=credentials)
+    login = credential_of("login", database.add_credential("login", RelayUser(3, "ann")))
+    assert await credentials.holds(login)
+    by = "login", login.digest.hex()
+    asked_for = "sim1" if problem is TicketForeign else name
+    ticket = Ticket(new_id(), 3, "ann", None, asked_for, mode, *by, remembered=True)
+    request = Request("h", None, TicketSigner("key", 30).sign(ticket), None, None)
+    with pytest.raises(problem):
+        access.for_rosbridge(request, name)
 
 
 @pytest.mark.parametrize(("granted", "may_drive"), [("observe", False), ("drive", True)])
@@ -223,17 +251,24 @@ def test_a_clock_that_is_set_back_makes_no_new_ticket_too_old():
         used.refuse_too_old(later(-1), later(6))
 
 
+@pytest.mark.parametrize("remembered", [False, True])
 @pytest.mark.parametrize(("began_s", "is_good"), [(None, True), (0, True), (-5, True), (2, False)])
-def test_tickets_of_before_the_robot_came_are_refused(began_s, is_good):
+async def test_tickets_of_before_the_robot_came_are_refused(began_s, is_good, remembered):
     """Another cell may have used one; signatures have whole seconds."""
     began_at = None if began_s is None else datetime.now(UTC) + timedelta(seconds=began_s)
     signer = TicketSigner("key", 30)
+    database = MemoryDatabase()
+    credentials = Credentials(database)
+    login = credential_of("login", database.add_credential("login", RelayUser(3, "ann")))
+    assert await credentials.holds(login)
     access = access_of(
-        MemoryDatabase(),
+        database,
         "drive",
+        credentials,
         began_at=lambda robot_id: began_at if robot_id == 7 else None,
     )
-    text = signer.sign(Ticket(new_id(), 3, "ann", 7, "sim1", "drive", "login", "0" * 64))
+    robot, by = (None if remembered else 7, "sim1"), ("login", login.digest.hex())
+    text = signer.sign(Ticket(new_id(), 3, "ann", *robot, "drive", *by, remembered=remembered))
     request = Request("robots.example", None, text, None, None)
     if is_good:
         access.for_rosbridge(request, "sim1")

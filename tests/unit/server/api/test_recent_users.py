@@ -1,0 +1,44 @@
+"""The users whom web remembers for a while, for when the database is away."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.api import recent_users
+from robotether_server.api.recent_users import CredentialKey, RecentUser, RecentUsers
+
+LOGIN: CredentialKey = ("login", "0f")
+TOKEN: CredentialKey = ("token", "0f")
+ANN = RecentUser(1, "ann")
+
+
+def test_a_user_is_found_by_the_credential_until_its_time_is_over() -> None:
+    now = 0.0
+    users = RecentUsers(lambda: now)
+    users.note(LOGIN, ANN)
+    now = recent_users.RECENT_S - 1
+    assert users.find(LOGIN) == ANN
+    assert users.find(TOKEN) is None
+    now = recent_users.RECENT_S
+    assert users.find(LOGIN) is None
+    users.note(LOGIN, ANN)
+    assert users.find(LOGIN) == ANN
+
+
+def test_what_is_denied_is_forgotten_alone() -> None:
+    users = RecentUsers(lambda: 0.0)
+    users.note(LOGIN, ANN)
+    users.note(TOKEN, ANN)
+    users.forget(TOKEN)
+    users.forget(TOKEN)
+    assert users.find(LOGIN) == ANN
+    assert users.find(TOKEN) is None
+
+
+def test_users_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was confirmed longest ago goes first."""
+    monkeypatch.setattr(recent_users, "MAX_RECENT", 2)
+    users = RecentUsers(lambda: 0.0)
+    first, second, third = (("login", text) for text in ("01", "02", "03"))
+    for credential in (first, second, first, third):
+        users.note(credential, ANN)
+    assert [users.find(one) for one in (first, second, third)] == [ANN, None, ANN]
