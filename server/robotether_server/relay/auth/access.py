@@ -147,7 +147,7 @@ class Access:
         if request.ticket is None:
             raise TicketMissing(f"cannot open robot {name}: the request has no ticket")
         ticket, issued_at = self._verified(request.ticket)
-        permit = self._permit_of_ticket(ticket, name, ticket.mode)
+        permit = self._permit_of_ticket(ticket, issued_at, name, ticket.mode)
         self._use(ticket, issued_at, permit.robot)
         return permit
 
@@ -156,8 +156,8 @@ class Access:
         _check_name(name)
         self.check_origin(request)
         if request.ticket is not None:
-            ticket, _ = self._verified(request.ticket)
-            return self._permit_of_ticket(ticket, name, "video")
+            ticket, issued_at = self._verified(request.ticket)
+            return self._permit_of_ticket(ticket, issued_at, name, "video")
         asker = await self.asker(request)
         robot = self.visible_robot(asker.user, name)
         may_drive = permits(self._snapshot().level(asker.user.id, robot.id), "drive")
@@ -242,7 +242,7 @@ class Access:
             )
         self._used.use(ticket.id, issued_at, self._clock())
 
-    def _permit_of_ticket(self, ticket: Ticket, name: str, use: Use) -> Permit:
+    def _permit_of_ticket(self, ticket: Ticket, issued_at: datetime, name: str, use: Use) -> Permit:
         user = RelayUser(ticket.user_id, ticket.user)
         robot = self.visible_robot(user, name)
         is_for_it = ticket.robot == name if ticket.remembered else ticket.robot_id == robot.id
@@ -252,7 +252,10 @@ class Access:
         if granted is None or not permits(granted, use):
             raise GrantMissing(f"cannot drive robot {name}: your grant is to observe only")
         credential = Credential(ticket.credential, bytes.fromhex(ticket.credential_sha256))
-        if ticket.remembered and not self._credentials.held_lately(credential):
+        if not ticket.remembered:
+            age = self._clock() - issued_at
+            self._credentials.note_signed(credential, user, age.total_seconds())
+        elif not self._credentials.held_lately(credential):
             raise StoreUnavailable(
                 f"cannot open robot {name}: the database does not answer; try again shortly"
             )

@@ -3,7 +3,8 @@
 `access` asks for every request that comes without a ticket. Answers are kept a few seconds, so that
 a page with many videos asks the database once. `fleet` has those that something live hangs on
 asked again; such a one is believed as long as what hangs on it, with the database away, too, and a while longer.
-Who begins to drive is asked for each time, and while the database is away believed in the same way.
+Who begins to drive is asked for each time, and while the database is away believed in the same way. So is whoever
+has a ticket that another cell's web has signed with the database since.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ MAX_KEPT = 10_000
 # For how long after its last use a credential may begin a drive while the database is away.
 RECENT_S = 15 * 60.0
 MAX_RECENT = 1000
+# A ticket must be so much newer than the last answer: its signer's clock may be ahead (`MAX_AHEAD_S`), and the
+# signer asked for the credential before it asked for the rest, each for `BRIEF_TIMEOUT_S` at most.
+NEWER_BY_S = 6.0
 
 
 def credential_of(kind: CredentialKind, text: str) -> Credential:
@@ -44,6 +48,8 @@ class Credentials:
         # When the database last said of those in use that they hold, and whose they were, the oldest first.
         self._recent: dict[Credential, tuple[float, RelayUser]] = {}
         self._rechecks = 0
+        # When the database last answered, about whatever.
+        self._answered_at: float | None = None
 
     async def user_of(self, credential: Credential) -> RelayUser | None:
         """Return who the credential belongs to; None: it does not hold. May raise StoreUnavailable."""
@@ -56,7 +62,7 @@ class Credentials:
             return kept[1]
         rechecks, is_recent = self._rechecks, self._is_recent(credential)
         try:
-            found = await self._database.users_of([credential], briefly=is_recent)
+            found = await self._users_of([credential], briefly=is_recent)
         except StoreUnavailable:
             # Whoever may still begin to drive may stop a robot, too.
             if self._is_recent(credential):
@@ -73,7 +79,7 @@ class Credentials:
         """Ask the database, whatever is remembered; StoreUnavailable when it is away and did not say so recently."""
         rechecks = self._rechecks
         try:
-            found = await self._database.users_of([credential], briefly=True)
+            found = await self._users_of([credential], briefly=True)
         except StoreUnavailable:
             if self.held_lately(credential):
                 return True
@@ -88,6 +94,12 @@ class Credentials:
     def held_lately(self, credential: Credential) -> bool:
         """Return whether the database said so not long ago, or of what is live, and since then not the contrary."""
         return credential in self._live or self._is_recent(credential)
+
+    def note_signed(self, credential: Credential, user: RelayUser, age_s: float) -> None:
+        """Note what the database told web, which then signed a ticket; not if it has answered the relay since."""
+        now = asyncio.get_running_loop().time()
+        if self._answered_at is not None and age_s + NEWER_BY_S < now - self._answered_at:
+            self._note_recent(credential, user)
 
     @contextmanager
     def held(self, credential: Credential, end: Callable[[], None]) -> Iterator[None]:
@@ -106,6 +118,8 @@ class Credentials:
 
     async def recheck(self) -> None:
         """Ask again for all that is held or was lately, and end what hangs on the rest."""
+        # The database has just answered: something may have changed, even if what follows gets no answer.
+        self._note_answer()
         self._kept.clear()
         self._rechecks += 1
         # Without an answer none of these is believed: what has changed may be its end.
@@ -117,13 +131,15 @@ class Credentials:
 
     async def check_new(self) -> None:
         """Ask for those held since the last time: they may have ended while the way was long."""
+        # The database has just answered: nothing has changed.
+        self._note_answer()
         await self._ask_again(list(self._unchecked))
 
     async def _ask_again(self, asked: list[Credential]) -> Mapping[Credential, RelayUser]:
         """Return those that hold, by their users."""
         if not asked:
             return {}
-        valid = await self._database.users_of(asked)
+        valid = await self._users_of(asked)
         self._unchecked.difference_update(asked)
         for credential in asked:
             if credential in valid:
@@ -133,6 +149,16 @@ class Credentials:
                 for end in list(self._held.get(credential, ())):
                     end()
         return valid
+
+    async def _users_of(
+        self, asked: list[Credential], *, briefly: bool = False
+    ) -> Mapping[Credential, RelayUser]:
+        found = await self._database.users_of(asked, briefly=briefly)
+        self._note_answer()
+        return found
+
+    def _note_answer(self) -> None:
+        self._answered_at = asyncio.get_running_loop().time()
 
     def _forget(self, credential: Credential) -> None:
         self._live.pop(credential, None)

@@ -103,7 +103,7 @@ def test_only_this_site_and_listed_origins_pass(origin, host, passes):
         ("manage", "drive", "manage", True),
     ],
 )
-def test_a_ticket_to_observe_gives_no_more_rights_than_that(granted, mode, level, may_drive):
+async def test_a_ticket_to_observe_gives_no_more_rights_than_that(granted, mode, level, may_drive):
     """Only a connection that drives has what its user was granted."""
     ticket = Ticket(new_id(), 3, "ann", 7, "sim1", mode, "login", "0f" * 32)
     signed = TicketSigner("key", 30).sign(ticket)
@@ -160,6 +160,22 @@ async def test_a_ticket_from_webs_memory_opens_its_robot_within_the_grant(name, 
     request = Request("h", None, TicketSigner("key", 30).sign(ticket), None, None)
     with pytest.raises(problem):
         access.for_rosbridge(request, name)
+
+
+async def test_a_ticket_that_web_asked_the_database_for_makes_its_login_known():
+    """If the database has not answered the relay since."""
+    database = MemoryDatabase()
+    credentials = Credentials(database)
+    access = access_of(database, credentials=credentials)
+    login = credential_of("login", database.add_credential("login", RelayUser(3, "ann")))
+    ticket = Ticket(new_id(), 3, "ann", 7, "sim1", "observe", "login", login.digest.hex())
+    request = Request("h", None, TicketSigner("key", 30).sign(ticket), None, None)
+    await credentials.check_new()
+    await access.for_video(request, "sim1")
+    assert not credentials.held_lately(login)
+    credentials._answered_at -= 10
+    await access.for_video(request, "sim1")
+    assert credentials.held_lately(login)
 
 
 @pytest.mark.parametrize(("granted", "may_drive"), [("observe", False), ("drive", True)])

@@ -193,6 +193,69 @@ async def test_who_drove_lately_may_stop_a_robot_while_the_database_is_away(
         await credentials.holds(ended)
 
 
+@pytest.mark.parametrize(("age_s", "is_believed"), [(0.0, True), (3.9, True), (4.1, False)])
+async def test_a_ticket_newer_than_the_last_answer_is_believed_while_the_database_is_away(
+    credentials, memory_database, age_s, is_believed
+):
+    """Another cell's web has asked the database since this relay last could."""
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    await credentials.check_new()
+    memory_database.down = True
+    credentials._answered_at -= module.NEWER_BY_S + 4
+    credentials.note_signed(login, ANN, age_s)
+    if is_believed:
+        assert await credentials.holds(login)
+        assert await credentials.user_of(login) == ANN
+    else:
+        with pytest.raises(StoreUnavailable):
+            await credentials.holds(login)
+
+
+async def test_no_ticket_is_believed_before_the_first_answer(credentials, memory_database):
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    memory_database.down = True
+    credentials.note_signed(login, ANN, 0.0)
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(login)
+
+
+@pytest.mark.parametrize("asks", ["holds", "user_of", "recheck", "check_new", "lost recheck"])
+async def test_no_ticket_of_before_an_answer_is_believed(credentials, memory_database, asks):
+    """It may be the answer that the login has ended, or that something has, and then no more."""
+    ended = credential_of("login", "the login of somebody who has logged out")
+    await credentials.check_new()
+    credentials._answered_at -= 3600
+    with credentials.held(ended, lambda: None):
+        memory_database.down = asks == "lost recheck"
+        if asks in {"holds", "user_of"}:
+            assert not await getattr(credentials, asks)(ended)
+        elif memory_database.down:
+            with pytest.raises(StoreUnavailable):
+                await credentials.recheck()
+        else:
+            await getattr(credentials, asks)()
+    memory_database.down = True
+    credentials.note_signed(ended, ANN, 0.0)
+    with pytest.raises(StoreUnavailable):
+        await credentials.holds(ended)
+
+
+async def test_who_a_ticket_made_known_is_asked_for_when_the_database_is_back(
+    credentials, memory_database
+):
+    """As all who drove lately."""
+    stays = credential_of("login", memory_database.add_credential("login", ANN))
+    ended = credential_of("login", "the login of somebody who has logged out")
+    await credentials.check_new()
+    credentials._answered_at -= 3600
+    for login in (stays, ended):
+        credentials.note_signed(login, ANN, 0.0)
+        assert credentials.held_lately(login)
+    await credentials.recheck()
+    assert credentials.held_lately(stays)
+    assert not credentials.held_lately(ended)
+
+
 async def test_who_begins_to_drive_during_a_recheck_is_known_after_it():
     memory_database = SlowDatabase()
     credentials = Credentials(memory_database)

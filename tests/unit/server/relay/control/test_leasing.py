@@ -282,6 +282,17 @@ async def test_without_a_database_who_drove_lately_drives_again(
     assert leases_written(memory_database)[-2:] == [(LeaseStart, 8), (LeaseEnd, 8)]
 
 
+async def test_without_a_database_who_has_a_newer_ticket_drives(
+    relay, guarded, sim1, http, memory_database
+):
+    """Another cell's web, which the database answers, has signed it."""
+    memory_database.down = True
+    await until(lambda: not relay.relay.fleet.store_up, "the relay gets no answer")
+    relay.relay.credentials._answered_at -= 10
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await driven(relay, sim1)
+
+
 async def test_without_a_database_a_newer_connection_of_the_driver_takes_over(
     relay, guarded, sim1, http, memory_database
 ):
