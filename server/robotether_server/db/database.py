@@ -5,9 +5,13 @@ Made once by web, relay and cli. Must never log or raise a password or a stateme
 
 import datetime as dt
 import re
+import select
 import ssl
+import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import pymysql
@@ -32,6 +36,9 @@ CONNECT_TIMEOUT_S = 5
 ANSWER_TIMEOUT_S = 15
 # For each of the two, of who can do without the database.
 BRIEF_TIMEOUT_S = 2
+# To connect with TLS costs several times what a transaction does. Not for longer: another account's password, another
+# database behind the same name.
+KEPT_FOR_S = 60.0
 
 # MariaDB's own numbers, which pymysql's table of MySQL's lacks.
 CHECK_FAILED = 4025
@@ -85,6 +92,8 @@ class Transaction:
 
     def __init__(self, cursor: DictCursor) -> None:
         self._cursor = cursor
+        # Named locks end with the connection.
+        self.has_lock = False
 
     def rows(self, sql: str, values: Values = ()) -> list[Row]:
         """Return every row of the answer, by column name."""
@@ -108,6 +117,12 @@ class Transaction:
         with _translated():
             return self._cursor.executemany(sql, values) or 0
 
+    def lock(self, name: str, wait_s: int) -> bool:
+        """Take a named lock, which is held until after the commit; False when it was not free for so long."""
+        self.has_lock = True
+        row = self.row("SELECT GET_LOCK(%s, %s) AS held", (name, wait_s))
+        return row is not None and row["held"] == 1
+
     def insert(self, sql: str, values: Values = ()) -> int:
         """Insert one row; return its AUTO_INCREMENT id."""
         with _translated():
@@ -115,13 +130,38 @@ class Transaction:
             return self._cursor.lastrowid or 0
 
 
-class Database:
-    """Where the records are. Safe to share between threads: a transaction has its own connection."""
+@dataclass(frozen=True)
+class _Connection:
+    """A connection to the database, and what it was opened for."""
 
-    def __init__(self, settings: DatabaseSettings) -> None:
-        """Raise SettingsError when the authority in `settings` cannot be read."""
+    mysql: "pymysql.Connection[DictCursor]"
+    briefly: bool
+    opened_at: float
+
+    def is_good(self) -> bool:
+        """Whether it may be used again: it is not old, and the database has neither closed it nor said anything."""
+        if time.monotonic() - self.opened_at > KEPT_FOR_S:
+            return False
+        poll = select.poll()
+        # The library has no question for this that does not wait for an answer.
+        poll.register(self.mysql._sock, select.POLLIN)  # type: ignore[attr-defined]
+        return not poll.poll(0)
+
+
+class Database:
+    """Where the records are. Safe to share between threads: a transaction has a connection to itself."""
+
+    def __init__(self, settings: DatabaseSettings, *, keep: int = 0) -> None:
+        """Keep up to so many connections for the next transactions.
+
+        Raise SettingsError when the authority in `settings` cannot be read.
+        """
         self._settings = settings
         self._tls = tls_options(settings)
+        self._keep = keep
+        self._lock = threading.Lock()
+        # Those that nobody uses, the newest last.
+        self._kept: list[_Connection] = []
 
     @contextmanager
     def transaction(self, *, briefly: bool = False) -> Iterator[Transaction]:
@@ -130,20 +170,54 @@ class Database:
         Raises what Transaction's methods raise; `briefly`: within seconds if the database hangs.
         """
         with _translated():
-            connection = self._connect(briefly=briefly)
+            connection = self._reuse(briefly=briefly) or self._connect(briefly=briefly)
+        again = False
         try:
-            with connection.cursor() as cursor:
-                yield Transaction(cursor)
+            with connection.mysql.cursor() as cursor:
+                tx = Transaction(cursor)
+                yield tx
             with _translated():
-                connection.commit()
+                connection.mysql.commit()
+            again = not tx.has_lock
+        except StoreUnavailable:
+            self.close_kept()
+            raise
         finally:
             # Closing without a commit rolls back, and cannot itself fail on a dead connection.
-            connection.close()
+            if not (again and self._keep_for_next(connection)):
+                connection.mysql.close()
 
-    def _connect(self, *, briefly: bool) -> "pymysql.Connection[DictCursor]":
+    def close_kept(self) -> None:
+        """Let go of the connections that nobody uses: one to the same database has got no answer."""
+        with self._lock:
+            kept, self._kept = self._kept, []
+        for one in kept:
+            one.mysql.close()
+
+    def _reuse(self, *, briefly: bool) -> _Connection | None:
+        with self._lock:
+            kept, self._kept = self._kept, []
+            good = [one for one in kept if one.is_good()]
+            found = next((one for one in reversed(good) if one.briefly == briefly), None)
+            self._kept = [one for one in good if one is not found]
+        for one in kept:
+            if one not in good:
+                one.mysql.close()
+        return found
+
+    def _keep_for_next(self, connection: _Connection) -> bool:
+        """Keep a connection; False when there is no room."""
+        with self._lock:
+            if len(self._kept) >= self._keep:
+                return False
+            self._kept.append(connection)
+        return True
+
+    def _connect(self, *, briefly: bool) -> _Connection:
         settings = self._settings
         answer_timeout_s = BRIEF_TIMEOUT_S if briefly else ANSWER_TIMEOUT_S
-        return pymysql.connect(
+        opened_at = time.monotonic()
+        mysql = pymysql.connect(
             host=settings.host,
             port=settings.port,
             user=settings.user,
@@ -158,6 +232,7 @@ class Database:
             read_timeout=answer_timeout_s,
             write_timeout=answer_timeout_s,
         )
+        return _Connection(mysql, briefly, opened_at)
 
 
 def tls_options(settings: DatabaseSettings) -> dict[str, Any]:

@@ -49,8 +49,7 @@ def migrate(settings: MigrateSettings) -> list[str]:
 def _only_one(database: Database) -> Iterator[None]:
     """Keep other migrations out: the server frees this lock itself when its holder dies."""
     with database.transaction() as tx:
-        row = tx.row("SELECT GET_LOCK('robotether.migrate', %s) AS held", (LOCK_WAIT_S,))
-        if not row or row["held"] != 1:
+        if not tx.lock("robotether.migrate", LOCK_WAIT_S):
             raise StoreUnavailable(
                 f"cannot migrate: another migration has been running for {LOCK_WAIT_S} s; "
                 "wait for it to end"

@@ -108,13 +108,12 @@ class Claim:
 def lock_enrolment(tx: Transaction) -> None:
     """Make joins, and what admins do to robots' rows and keys, take turns; raise StoreUnavailable.
 
-    Held until the transaction's connection closes, after its commit. A join decides by several rows at once: whose the
+    Held until after the transaction's commit. A join decides by several rows at once: whose the
     MAC is, whether another row or a claim has the key, how many wait, which name is free. Row locks in changing order
     would end some of those who join at the same time with a deadlock; with this lock each finds what the one before
     it left. Who needs it takes it first, before any row.
     """
-    row = tx.row("SELECT GET_LOCK('robotether.enrolment', %s) AS held", (LOCK_WAIT_S,))
-    if not row or row["held"] != 1:
+    if not tx.lock("robotether.enrolment", LOCK_WAIT_S):
         raise StoreUnavailable(
             f"cannot change robots: other changes have been running for {LOCK_WAIT_S} s; try again shortly"
         )

@@ -80,6 +80,8 @@ EVENTS_WRITTEN_WITHIN_S = 0.7
 CONTROL_READ_WITHIN_S = 1.0
 # A whole fleet may come at once; others ask the database, too.
 CONTROL_READS_AT_ONCE = 8
+# For its next transactions; the accounts of the database have few for all cells.
+KEPT_CONNECTIONS = 2
 # sshd may come back with another address.
 NAMES_KEPT_S = 2
 
@@ -506,7 +508,7 @@ async def run(settings: RelaySettings, listen: Listen) -> None:
         loop.add_signal_handler(number, stopped.set)
     relay = Relay(
         settings,
-        RelayDatabase(Database(settings.database), settings.cell.name),
+        RelayDatabase(Database(settings.database, keep=KEPT_CONNECTIONS), settings.cell.name),
         listen=listen,
         peer_keys=read_peer_keys(),
     )

@@ -62,6 +62,8 @@ CORS_PATHS = frozenset(("/api/v1/tickets", "/api/v1/robots"))
 CORS_METHODS = "GET, POST"
 CORS_HEADERS = "Authorization, Content-Type"
 PREFLIGHT_CACHE_S = 600
+# To the database, for the next requests; its account has few for all cells.
+KEPT_CONNECTIONS = 4
 # The same for everybody, and no secret: any page may load it. Kept so shortly that an upgrade reaches all pages.
 CLIENT = "/static/dist/robotether-client.js"
 CLIENT_CACHE_S = 300
@@ -109,7 +111,7 @@ def create_app(settings: WebSettings) -> Flask:
 def make_context(settings: WebSettings) -> AppContext:
     """Return what the request handlers share."""
     return AppContext(
-        database=Database(settings.database),
+        database=Database(settings.database, keep=KEPT_CONNECTIONS),
         signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
         join=settings.join,
         site_certificates=SiteCertificates(settings.site_address),

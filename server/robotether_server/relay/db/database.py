@@ -108,6 +108,7 @@ class RelayDatabase:
                 found = await self._in_thread(answer_in_time)
         except TimeoutError as exc:
             self._hangs = True
+            self._database.close_kept()
             raise StoreUnavailable(
                 f"cannot reach the database: no answer in {within_s:g} s; try again shortly"
             ) from exc

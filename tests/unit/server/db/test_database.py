@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 import socket
 import threading
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -133,6 +134,88 @@ def test_connection_that_is_cut_is_unavailable(database: Database, mariadb: Mari
         with pytest.raises(StoreUnavailable):
             tx.rows("SELECT 1")
         raise LookupError
+
+
+def connection_id(database: Database, *, briefly: bool = False) -> int:
+    with database.transaction(briefly=briefly) as tx:
+        row = tx.row("SELECT CONNECTION_ID() AS id")
+    assert row is not None
+    return int(row["id"])
+
+
+@pytest.fixture
+def keeping(mariadb: MariaDb) -> Iterator[Database]:
+    """One that keeps a connection."""
+    keeping = Database(mariadb.settings("web"), keep=1)
+    yield keeping
+    keeping.close_kept()
+
+
+def test_connection_is_kept_for_the_next_transaction(keeping: Database, database: Database) -> None:
+    """Not for one whose answers must come sooner, and none where nobody asked for it."""
+    first = connection_id(keeping)
+    assert connection_id(keeping) == first
+    assert connection_id(keeping, briefly=True) != first
+    assert connection_id(keeping) == first
+    assert connection_id(database) != connection_id(database)
+
+
+def test_no_more_connections_are_kept_than_asked_for(keeping: Database) -> None:
+    with keeping.transaction(), keeping.transaction():
+        pass
+    assert len(keeping._kept) == 1
+
+
+def test_kept_connection_knows_nothing_of_the_transaction_before(keeping: Database) -> None:
+    """One that failed, and one with a lock, which holds until its connection ends, are not kept."""
+    first = connection_id(keeping)
+
+    def fail() -> None:
+        with keeping.transaction() as tx:
+            tx.insert(ADD_USER, ("ann", "user"))
+            raise LookupError
+
+    with pytest.raises(LookupError):
+        fail()
+    second = connection_id(keeping)
+    assert second != first
+    with keeping.transaction() as tx:
+        assert tx.rows("SELECT * FROM users") == []
+        assert tx.lock("a.test", 0)
+    with keeping.transaction() as tx:
+        assert tx.row("SELECT IS_FREE_LOCK('a.test') AS free") == {"free": 1}
+        assert connection_id(keeping) != second
+
+
+def test_kept_connection_that_the_database_closed_is_not_used(
+    keeping: Database, mariadb: MariaDb
+) -> None:
+    """A database that was restarted has closed all."""
+    first = connection_id(keeping)
+    mariadb.as_root(f"KILL {first}")
+    assert connection_id(keeping) != first
+
+
+def test_connection_is_not_kept_for_long(
+    keeping: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The password may be another one by now, or the database another machine's."""
+    first = connection_id(keeping)
+    monkeypatch.setattr(module, "KEPT_FOR_S", 0.0)
+    assert connection_id(keeping) != first
+
+
+def test_kept_connections_go_when_another_gets_no_answer(mariadb: MariaDb) -> None:
+    """They lead to the same database, and who uses one next waits as long."""
+    keeping = Database(mariadb.settings("web"), keep=1)
+    with pytest.raises(StoreUnavailable), keeping.transaction() as cut:  # noqa: PT012 - the second is kept meanwhile
+        connection_id(keeping)
+        assert len(keeping._kept) == 1
+        row = cut.row("SELECT CONNECTION_ID() AS id")
+        assert row is not None
+        mariadb.as_root(f"KILL {row['id']}")
+        cut.rows("SELECT 1")
+    assert keeping._kept == []
 
 
 @pytest.mark.parametrize("number", [1040, 1205, 1213, 1226, 1290, 2003, 2006, 2013])
