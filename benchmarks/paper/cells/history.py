@@ -27,9 +27,10 @@ Kind = Literal[
     "session",
     "session_lost",
     "late",
-    # A driver wants to drive, or does no more.
+    # A driver wants to drive, or does no more; `what` stood in the way of one attempt.
     "wants",
     "leaves",
+    "refused",
     # An operator stops or releases. `done` is the server's word that it is; `what` of a stop is its reason.
     "stop_asked",
     "stop_done",

@@ -103,7 +103,8 @@ class Person:
         """Go to the next cell."""
         self._at = (self._at + 1) % len(self._cells)
 
-    def meet(self, error: BaseException) -> None:
+    def meet(self, error: BaseException) -> str:
+        """Count what stood in the way; return its words."""
         if isinstance(error, Refused):
             words = str(error)
         elif isinstance(error, aiohttp.WSServerHandshakeError):
@@ -111,6 +112,7 @@ class Person:
         else:
             words = type(error).__name__
         self.met[words[:MAX_WORDS]] += 1
+        return words
 
     async def post(
         self, path: str, body: Mapping[str, Any], within_s: float = REQUEST_S
@@ -173,11 +175,13 @@ class Driver(Person):
             robot = rng.choice(hot if rng.random() < HOT_SHARE else robots)
             history.add("wants", robot=robot, what=self.name)
             try:
-                await self._drive(robot, rng.uniform(*DRIVE_S), rate_hz, rng)
+                await self._drive(robot, rng.uniform(*DRIVE_S), rate_hz, rng, history)
             finally:
                 history.add("leaves", robot=robot, what=self.name)
 
-    async def _drive(self, robot: str, seconds: float, rate_hz: float, rng: Random) -> None:
+    async def _drive(
+        self, robot: str, seconds: float, rate_hz: float, rng: Random, history: History
+    ) -> None:
         """Drive for so long, by as many connections as it takes; give up when somebody else does."""
         began = time.monotonic()
         end, patience = began + seconds, began + seconds + PATIENCE_S
@@ -186,7 +190,8 @@ class Driver(Person):
             try:
                 await self._connection(robot, end, rate_hz, heard, straight=rng.random() < 0.5)
             except FAILURES as error:
-                self.meet(error)
+                why = self.meet(error)
+                history.add("refused", robot=robot, cell=self.cell.name, what=f"{self.name}: {why}")
                 code = error.code if isinstance(error, Refused) else 0
                 if code in HELD_CODES:
                     return
