@@ -16,6 +16,7 @@ from robotether_agent.problems import (
     AgentProblem,
     NetworkChanged,
     Retry,
+    ServerBusy,
     ServerSilent,
     SessionEnded,
 )
@@ -25,24 +26,30 @@ MAX_DELAY_S = 15.0
 # Where the attempt itself waited for an answer, or the server is known to answer now.
 AT_ONCE_S = (0.02, 0.2)
 # After silence on a connection that was up: the network's, or this machine slept. When the server itself was silent,
-# its whole fleet returns at the same time, which this spreads.
-AFTER_SILENCE_S = (0.02, 0.5)
+# its whole fleet returns at the same time, which this spreads, behind those of it that were in use.
+AFTER_SILENCE_S = (0.2, 0.7)
+# Of a robot that somebody used before the others, at most so often in a row: longer than a server takes for a restart.
+USED_S, USED_TRIES = (0.1, 0.6), 30
+# A server that handles as many log-ins as it accepts at once has room again when one of them ends; to be told so costs
+# it next to nothing.
+MAX_BUSY_S = 4.0
 ASK_AGAIN_S = (5.0, 15.0)
 SLOWLY_S = (15.0, 30.0)
 # The agent that fails at its start: systemd restarts it a second after its end, for ever. Below WatchdogSec.
 FAILED_START_S = (5.0, 15.0)
 # A connection that was up this long was a good one: what follows is a new problem, not the old one.
 STABLE_S = 10.0
+# The first ceiling after one that was up for a shorter time.
+AFTER_SHORT_S = 2.0
 
 log = logging.getLogger(__name__)
 
 
-def delays(rng: Random) -> Iterator[float]:
+def delays(rng: Random, ceiling: float = 2 * MIN_DELAY_S) -> Iterator[float]:
     """Yield seconds without end: each drawn from 0.5 s up to a ceiling that doubles from 1 s to 15 s.
 
     The full jitter spreads a fleet that lost its server at the same time.
     """
-    ceiling = 2 * MIN_DELAY_S
     while True:
         yield rng.uniform(MIN_DELAY_S, ceiling)
         ceiling = min(MAX_DELAY_S, 2 * ceiling)
@@ -58,6 +65,8 @@ def retry_or_give_up(problem: AgentProblem, soon: Iterator[float], rng: Random) 
         return rng.uniform(*ASK_AGAIN_S)
     if problem.retry is Retry.SLOWLY:
         return rng.uniform(*SLOWLY_S)
+    if isinstance(problem, ServerBusy):
+        return min(next(soon), rng.uniform(MIN_DELAY_S, MAX_BUSY_S))
     return next(soon)
 
 
@@ -75,19 +84,23 @@ class Backoff:
     def __init__(self, rng: Random) -> None:
         self._rng = rng
         self._soon = delays(rng)
+        # How often it is still tried before the others.
+        self._first_tries = 0
 
     def after(
         self, problem: AgentProblem, *, uptime_s: float, was_used: bool = False
     ) -> float | None:
         """Return the seconds to wait after `problem` ended a connection that was up for `uptime_s`.
 
-        A robot that somebody used, as few of a fleet are, goes before the others.
+        A robot that somebody used, as few of a fleet are, goes before the others until it has a connection again.
         """
+        is_soon = problem.retry is Retry.SOON
         if uptime_s >= STABLE_S:
             self._soon = delays(self._rng)
-            if was_used and problem.retry is Retry.SOON:
+            self._first_tries = USED_TRIES if was_used else 0
+            if was_used and is_soon:
                 return self._rng.uniform(*AT_ONCE_S)
-            if isinstance(problem, ServerSilent) and problem.retry is Retry.SOON:
+            if isinstance(problem, ServerSilent) and is_soon:
                 return self._rng.uniform(*AFTER_SILENCE_S)
             if isinstance(problem, NetworkChanged):
                 # It is this robot's own network, and no fleet's.
@@ -95,6 +108,12 @@ class Backoff:
         elif isinstance(problem, SessionEnded) and problem.retry is Retry.AT_ONCE:
             # A cell that sends the robot away as soon as it is there has no other one to name.
             return next(self._soon)
+        elif uptime_s:
+            # It came up, so that what failed before is over.
+            self._soon = delays(self._rng, ceiling=AFTER_SHORT_S)
+        if is_soon and self._first_tries:
+            self._first_tries -= 1
+            return self._rng.uniform(*USED_S)
         return retry_or_give_up(problem, self._soon, self._rng)
 
 

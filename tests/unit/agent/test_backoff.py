@@ -10,6 +10,7 @@ import pytest
 from robotether_agent.backoff import (
     FAILED_START_S,
     STABLE_S,
+    USED_TRIES,
     Backoff,
     Repeats,
     Uptime,
@@ -25,6 +26,7 @@ from robotether_agent.problems import (
     NoAnswer,
     NotEnrolled,
     Retry,
+    ServerBusy,
     ServerKeyChanged,
     ServerSilent,
     SessionEnded,
@@ -72,16 +74,30 @@ def test_each_problem_has_its_pause(problem, low, high):
 
 
 def test_starts_anew_after_a_connection_that_stood():
-    """Pauses grow while connections fail at once, and are short again after one that stood 10 s."""
+    """Pauses grow while none comes up, and are short again after one that stood 10 s."""
     backoff = Backoff(Longest())
-    assert [backoff.after(LinkLost("x"), uptime_s=1) for _ in range(4)] == [1, 2, 4, 8]
+    assert [backoff.after(LinkLost("x"), uptime_s=0) for _ in range(4)] == [1, 2, 4, 8]
     assert backoff.after(LinkLost("x"), uptime_s=STABLE_S) == 1
+
+
+def test_a_short_connection_ends_what_was_before_it():
+    """One machine of a server after the other may fail; who has waited for one does not wait longer for the next."""
+    backoff = Backoff(Longest())
+    assert [backoff.after(LinkLost("x"), uptime_s=0) for _ in range(4)] == [1, 2, 4, 8]
+    assert [backoff.after(LinkLost("x"), uptime_s=1) for _ in range(2)] == [2, 2]
+    assert backoff.after(LinkLost("x"), uptime_s=0) == 4
+
+
+def test_a_busy_server_is_asked_again_soon():
+    """It has room as soon as one log-in ends, and the robot would wait longer for its turn than that takes."""
+    backoff = Backoff(Longest())
+    assert [backoff.after(ServerBusy("x"), uptime_s=0) for _ in range(5)] == [1, 2, 4, 4, 4]
 
 
 def test_silence_on_a_connection_that_stood_is_the_networks():
     """It is dialled again at once, and only then; a login that stalls again and again is not."""
     backoff = Backoff(Longest())
-    assert backoff.after(ServerSilent("x"), uptime_s=STABLE_S) == 0.5
+    assert backoff.after(ServerSilent("x"), uptime_s=STABLE_S) == 0.7
     assert [backoff.after(ServerSilent("x"), uptime_s=0) for _ in range(3)] == [1, 2, 4]
 
 
@@ -93,12 +109,15 @@ def test_another_address_after_a_connection_that_stood_costs_no_pause():
 
 
 def test_a_robot_that_somebody_used_goes_before_the_others():
-    """Once: what fails then is tried as ever."""
+    """Until it has a connection again, or the server is away for longer."""
     backoff = Backoff(Longest())
     assert backoff.after(LinkLost("x"), uptime_s=STABLE_S, was_used=True) == 0.2
-    assert [backoff.after(LinkLost("x"), uptime_s=0, was_used=True) for _ in range(2)] == [1, 2]
+    first = [backoff.after(ServerBusy("x"), uptime_s=0) for _ in range(USED_TRIES - 1)]
+    assert {*first, backoff.after(LinkLost("x"), uptime_s=1)} == {0.6}
+    assert backoff.after(LinkLost("x"), uptime_s=0) == 2
     superseded = SessionEnded("x", code="superseded", retry=Retry.SLOWLY)
     assert backoff.after(superseded, uptime_s=STABLE_S, was_used=True) == 30
+    assert backoff.after(LinkLost("x"), uptime_s=STABLE_S) == 1
 
 
 def test_who_is_sent_away_at_once_again_and_again_pauses():
