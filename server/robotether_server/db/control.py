@@ -242,12 +242,12 @@ def write_drive(tx: Transaction, drive: DriveEntry, cell: str | None) -> int | N
 
 def _add_drive(tx: Transaction, drive: DriveEntry, cell: str | None) -> int:
     columns, placeholders = ", ".join(PROGRESS), ", ".join(["%s"] * len(PROGRESS))
-    # The same row again: the answer to the first writing was lost with its connection.
+    changes = ", ".join(f"{column} = VALUES({column})" for column in PROGRESS)
+    # The same row again: the answer to the first writing was lost with its connection, or its relay was killed since.
     return tx.insert(
         f"INSERT INTO drives (robot_id, robot, user_name, fence, cell, started_at, address, {columns})"  # noqa: S608 - as above
         f" VALUES ((SELECT id FROM relay_robots WHERE id = %s), %s, %s, %s, %s, %s, %s, {placeholders})"
-        " ON DUPLICATE KEY UPDATE id = LAST_INSERT_ID(id), ended_at = VALUES(ended_at),"
-        " end_code = VALUES(end_code)",
+        f" ON DUPLICATE KEY UPDATE id = LAST_INSERT_ID(id), {changes}",
         (
             drive.robot_id,
             drive.robot[:MAX_NAME],

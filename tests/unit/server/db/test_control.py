@@ -207,6 +207,26 @@ def test_a_drive_whose_first_writing_got_no_answer_is_one_row(relay_database, si
     assert write(relay_database, drive) == first
 
 
+def test_a_drive_that_is_written_as_new_again_has_its_newest_figures(relay_database, sim1):
+    """By the relay after the one that wrote it first; a former relay's end of it stands."""
+    write(relay_database, DriveEntry(sim1, "sim1", "ann", 3, NOON))
+    again = DriveEntry(sim1, "sim1", "ann", 3, NOON, distance_m=2.5, refused={"topic": 1})
+    again.ended_at, again.end_code = NOON + HOUR, "relay_restarted"
+    write(relay_database, again, FormerSessions(NOON + 2 * HOUR))
+    (row,) = rows(relay_database, "drives")
+    assert (row["distance_m"], row["end_code"]) == (2.5, "relay_restarted")
+    assert (row["ended_at"], json.loads(str(row["refused"]))) == (NOON + HOUR, {"topic": 1})
+
+
+def test_a_lease_that_a_killed_relay_left_open_is_ended(relay_database, sim1, ann):
+    """Written by the next one, in front of what ends all of them."""
+    lease = LeaseStart(sim1, 4, ann, "ann", NOON)
+    write(relay_database, lease, FormerSessions(NOON + HOUR))
+    (row,) = rows(relay_database, "control_leases")
+    assert row["fence"] == 4
+    assert row["ended_at"] is not None
+
+
 def test_a_drive_outlives_its_robot(database, relay_database, sim1):
     """Names stay in the record of a robot that is gone, also when it is written first after that."""
     drive = DriveEntry(sim1, "sim1", "ann", 3, NOON)
