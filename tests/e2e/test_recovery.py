@@ -121,3 +121,33 @@ async def test_driving_goes_on_and_begins_without_the_database(
         await asyncio.to_thread(mysql.start)
         await asyncio.to_thread(stack.wait_healthy, "mysql")
     await _wait_drivable(program, "sim1")
+
+
+async def test_drive_without_the_database_outlives_its_relay(
+    program: Program, stack: Stack
+) -> None:
+    """Its record is on the relay's disk; the next relay writes it when the database is back."""
+    await _wait_drivable(program, "sim1")
+    newest = "FROM control_leases JOIN robots ON robots.id = robot_id WHERE name = 'sim1'"
+    [[fence]] = await asyncio.to_thread(stack.sql, f"SELECT fence + 1 {newest}")
+    mysql, relay = stack.container("mysql"), stack.container("relay")
+    try:
+        await asyncio.to_thread(mysql.stop, timeout=20)
+        async with program.connect("sim1") as socket:
+            await open_echo(socket)
+            assert await echo(socket, "driving") == "driving"
+        await asyncio.to_thread(run_inside, relay, "bash", "-c", "kill -9 -1")
+        await asyncio.to_thread(
+            stack.wait, "the relay restarted",
+            lambda: stack.container("relay").attrs["RestartCount"] > relay.attrs["RestartCount"], "relay",
+        )  # fmt: skip
+    finally:
+        await asyncio.to_thread(mysql.start)
+        await asyncio.to_thread(stack.wait_healthy, "mysql")
+    drive = (
+        f"SELECT 1 FROM drives WHERE robot = 'sim1' AND fence = {fence} AND ended_at IS NOT NULL"
+    )
+    await asyncio.to_thread(
+        stack.wait, "the drive's record", lambda: bool(stack.sql(drive)), "relay"
+    )
+    await _wait_drivable(program, "sim1")

@@ -184,7 +184,7 @@ BANNED_WORDS = {
     "handover door front": "fd_passing, video_proxy, site_certificate",
     "pace budget meter": "pacer, bandwidth_estimator, probe",
     "unfinished switching forgetting": "pending_upgrade, upgrade, unenrol",
-    "examination board journal delivery": "doctor, fleet_events, event_writer, viewer_stats",
+    "examination board delivery": "doctor, fleet_events, viewer_stats",
     "ending deed unsure": "close_reason, closing, action, ConfirmedAction, focusLoss",
     "seat came told visit visitor": "DriveLease, on_command, connected, session, current_user",
     "moment beat picture": "timestamp, clock_sync, frame",
@@ -206,7 +206,6 @@ BANNED_NAMES = {
 BANNED_VERBS = {"hear", "look", "stand", "take", "tell"}
 # Standard terms, or fixed names, each in its files.
 ALLOWED = {
-    ("JournalFormatter", "robotether_agent/systemd.py"): "systemd's journal",
     ("SWITCHING_PROTOCOLS", "sim_robot/healthcheck.py"): "HTTP's name of status 101",
     ("_check_authority", "doctor/server.py"): "a certificate authority",
     ("authority", "net/http_proxy.py"): "host and port, in RFC 3986",

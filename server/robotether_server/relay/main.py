@@ -14,6 +14,7 @@ import signal
 import sys
 from dataclasses import dataclass, field
 from datetime import datetime
+from pathlib import Path
 from typing import cast
 
 import uvloop
@@ -40,6 +41,7 @@ from robotether_server.relay.control.control_api import ControlApi, OtherCells
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.db.fleet import Fleet
+from robotether_server.relay.db.journal import Journal
 from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.events import EventsHandler, FleetEvents
 from robotether_server.relay.http import close_reasons
@@ -84,6 +86,8 @@ CONTROL_READS_AT_ONCE = 8
 KEPT_CONNECTIONS = 2
 # sshd may come back with another address.
 NAMES_KEPT_S = 2
+# In a volume of the relay's own.
+JOURNAL = Path("/var/lib/robotether/relay/journal.jsonl")
 
 
 @dataclass(frozen=True)
@@ -123,9 +127,11 @@ class Relay:
         listen: Listen | None = None,
         timing: Timing | None = None,
         peer_keys: PeerKeys | None = None,
+        journal: Path | None = None,
     ) -> None:
         self._settings = settings
         self._peer_keys = peer_keys
+        self._journal = None if journal is None else Journal(journal)
         self._database = database
         self._listen = listen or Listen()
         self._timing = timing or Timing()
@@ -151,6 +157,8 @@ class Relay:
 
     async def start(self) -> None:
         """Read the records once, if they can be read, and listen."""
+        for stops in self.event_writer.restore():
+            self.control.stops.restore(stops)
         self.event_writer.add(FormerSessions(before=utc_now()))
         await asyncio.gather(self.fleet.poll(), self.cells.poll())
         self._tasks = [
@@ -191,6 +199,7 @@ class Relay:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        self.event_writer.close()
         await self._client.close()
         self._database.close()
 
@@ -209,7 +218,7 @@ class Relay:
     def _make_control(self) -> None:
         """Make what the database has a part in: cells, who drives, robots and rights."""
         database, registry = self._database, self.registry
-        self.event_writer = EventWriter(database)
+        self.event_writer = EventWriter(database, journal=self._journal)
         self.credentials = Credentials(database)
         self.cells = Cells(
             self._settings.cell,
@@ -488,7 +497,7 @@ def main() -> None:
         sys.exit(problem.detail)
     logging.basicConfig(level=settings.log_level.upper(), format=LOG_FORMAT)
     raise_open_files()
-    uvloop.run(run(settings, Listen()), loop_factory=EventLoop)
+    uvloop.run(run(settings, Listen(), JOURNAL), loop_factory=EventLoop)
     logging.shutdown()
     # Threads that wait for a database that hangs would hold the interpreter's exit.
     os._exit(0)
@@ -500,7 +509,7 @@ def raise_open_files() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
-async def run(settings: RelaySettings, listen: Listen) -> None:
+async def run(settings: RelaySettings, listen: Listen, journal: Path | None = None) -> None:
     """Run a relay until the process is asked to stop."""
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -511,6 +520,7 @@ async def run(settings: RelaySettings, listen: Listen) -> None:
         RelayDatabase(Database(settings.database, keep=KEPT_CONNECTIONS), settings.cell.name),
         listen=listen,
         peer_keys=read_peer_keys(),
+        journal=journal,
     )
     await relay.start()
     await stopped.wait()

@@ -11,6 +11,7 @@ import secrets
 from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import asynccontextmanager
 from datetime import datetime, timezone
+from pathlib import Path
 
 from fake_robot import FINGERPRINT, HOST, WAIT_S
 from local_network import free_port
@@ -236,11 +237,19 @@ async def running_relay(
     timing: Timing = FAST,
     cell: CellSettings | None = None,
     peer_keys: PeerKeys | None = None,
+    journal: Path | None = None,
 ) -> AsyncIterator[RelayServer]:
     """Run the relay inside the block."""
     listen = Listen(host=HOST, http_port=0, session_port=0, peer_port=0, inside_port=0)
     settings = relay_settings(cell=cell)
-    relay = Relay(settings, memory_database, listen=listen, timing=timing, peer_keys=peer_keys)
+    relay = Relay(
+        settings,
+        memory_database,
+        listen=listen,
+        timing=timing,
+        peer_keys=peer_keys,
+        journal=journal,
+    )
     await relay.start()
     try:
         yield RelayServer(relay, memory_database)

@@ -2,6 +2,7 @@
 
 `main` reports to it and never waits. What cannot be written is kept and tried again; the queue is
 bounded, holds a session once with its newest state, and says in the log when it has to drop one.
+What people were told is also in the journal until it is written, for a relay that is killed.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from robotether_server.db.control import DriveEntry, StopEntry
 from robotether_server.db.fleet import Entry, FormerSessions, SessionEntry
 from robotether_server.problems import StoreProblem, StoreUnavailable
 from robotether_server.relay.db.database import RelayDatabase
+from robotether_server.relay.db.journal import Journal, JournalEntry
 from robotether_server.relay.http.timing import delays
 
 log = logging.getLogger(__name__)
@@ -26,22 +28,44 @@ BATCH = 100
 class EventWriter:
     """A bounded queue of entries, and the task that writes them."""
 
-    def __init__(self, database: RelayDatabase, max_waiting: int = MAX_WAITING) -> None:
+    def __init__(
+        self,
+        database: RelayDatabase,
+        max_waiting: int = MAX_WAITING,
+        journal: Journal | None = None,
+    ) -> None:
         self._database = database
         self._max_waiting = max_waiting
+        self._journal = journal
         self._waiting: OrderedDict[int, Entry] = OrderedDict()
+        # What the database is about to accept.
+        self._writing: Sequence[Entry] = ()
         self._wake = asyncio.Event()
         self._idle = asyncio.Event()
         self._idle.set()
         self.dropped = 0
 
+    def restore(self) -> list[StopEntry]:
+        """Write what the relay before this one did not; return the stops, which only `stops` can take over.
+
+        Before anything is added: what ends the drives and leases that it left open comes behind these.
+        """
+        former = [] if self._journal is None else self._journal.read()
+        if former:
+            log.warning("%d entries of the relay before this one wait", len(former))
+        for entry in former:
+            if not isinstance(entry, StopEntry):
+                self._queue(entry)
+        return [entry for entry in former if isinstance(entry, StopEntry)]
+
     def add(self, entry: Entry) -> None:
         """Write the entry soon; adding a session again writes its newest state."""
-        self._waiting[id(entry)] = entry
-        if len(self._waiting) > self._max_waiting:
-            self._drop_oldest()
-        self._idle.clear()
-        self._wake.set()
+        self._queue(entry)
+        if self._journal is not None and isinstance(entry, JournalEntry):
+            self._journal.add(entry)
+            if self._journal.needs_rewrite(len(self._waiting) + len(self._writing)):
+                waiting = (*self._writing, *self._waiting.values())
+                self._journal.rewrite(each for each in waiting if isinstance(each, JournalEntry))
 
     def waiting(self) -> int:
         """How many entries are not written yet."""
@@ -63,11 +87,24 @@ class EventWriter:
         except TimeoutError:
             log.warning("%d entries were not written to the database", len(self._waiting))
 
+    def close(self) -> None:
+        """Let the journal go."""
+        if self._journal is not None:
+            self._journal.close()
+
+    def _queue(self, entry: Entry) -> None:
+        self._waiting[id(entry)] = entry
+        if len(self._waiting) > self._max_waiting:
+            self._drop_oldest()
+        self._idle.clear()
+        self._wake.set()
+
     async def _write_all(self) -> None:
         pauses = delays()
         failing = False
         while self._waiting:
             batch = [self._waiting.popitem(last=False)[1] for _ in range(self._batch_size())]
+            self._writing = batch
             try:
                 await self._write(batch)
             except StoreUnavailable as problem:
@@ -80,6 +117,9 @@ class EventWriter:
                 if failing:
                     log.warning("the database accepts entries again")
                 failing, pauses = False, delays()
+                self._writing = ()
+                if self._journal is not None and not self._waiting:
+                    self._journal.clear()
 
     def _batch_size(self) -> int:
         return min(BATCH, len(self._waiting))
@@ -102,7 +142,7 @@ class EventWriter:
         try:
             await self._write_together([entry])
         except StoreUnavailable:
-            self.add(entry)
+            self._queue(entry)
         except StoreProblem as problem:
             log.warning("cannot write %r: %s; dropped", entry, problem.detail)
             self.dropped += 1
@@ -114,6 +154,7 @@ class EventWriter:
         for entry in reversed(batch):
             self._waiting[id(entry)] = entry
             self._waiting.move_to_end(id(entry), last=False)
+        self._writing = ()
 
     def _drop_oldest(self) -> None:
         if self.dropped == 0:

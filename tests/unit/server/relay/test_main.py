@@ -14,8 +14,18 @@ from dataclasses import replace
 import pytest
 from fake_robot import HOST, FakeRobot, RobotSession
 from relay_clients import closing, configured, ended
-from relay_server import FAST, SESSION_KEY, MemoryDatabase, relay_settings, running_relay, until
+from relay_server import (
+    FAST,
+    SESSION_KEY,
+    MemoryDatabase,
+    relay_settings,
+    running_relay,
+    until,
+    utc,
+)
+from robotether_server.db.control import Stop, StopEntry
 from robotether_server.db.fleet import Entry, FormerSessions, RelayUser
+from robotether_server.relay.db.journal import Journal
 from robotether_server.relay.main import Listen, run
 
 
@@ -68,6 +78,7 @@ async def test_sigterm_stops_it(caplog):
 
 
 ANN = RelayUser(1, "ann")
+NOON = utc(2026, 1, 1, 12)
 
 
 async def test_sessions_are_written_when_the_database_is_back(
@@ -89,6 +100,25 @@ async def test_former_sessions_are_closed_at_the_start(memory_database):
     async with running_relay(memory_database):
         await until(lambda: memory_database.written, "something is written")
     assert isinstance(memory_database.written[0], FormerSessions)
+
+
+async def test_a_stop_outlives_a_relay_that_is_killed_without_the_database(
+    tmp_path, memory_database, sim1
+):
+    """The next one stops the robot, and writes that; what had ended is none, also if the database has it."""
+    path = tmp_path / "journal.jsonl"
+    ended, stop = Stop(sim1.id, NOON, "ann"), Stop(sim1.id, NOON, "ben")
+    killed = Journal(path)
+    killed.add(StopEntry(sim1.id, stop, (ended.id,)))
+    killed.close()
+    memory_database.stops = [ended]
+    async with running_relay(memory_database, journal=path) as relay:
+        stops = relay.relay.control.stops
+        assert stops.of(sim1.id) == stop
+        assert list(stops.known(sim1.id).in_force) == [stop.id]
+        await relay.relay.event_writer.flush(5)
+        assert StopEntry(sim1.id, stop) in memory_database.written
+        assert path.read_bytes() == b""
 
 
 async def test_stopping_tells_operators_and_is_quick(memory_database, sim1, http):

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
 
 import pytest
 import pytest_asyncio
 from relay_server import MemoryDatabase, until, utc
-from robotether_server.db.control import Stop, StopEntry
-from robotether_server.db.fleet import AuditEntry, FormerSessions, SessionEntry
+from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, Stop, StopEntry
+from robotether_server.db.fleet import AuditEntry, Entry, FormerSessions, SessionEntry
 from robotether_server.problems import RecordRefused
 from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.db.journal import MAX_STALE_LINES, Journal
 
 NOW = utc(2026, 1, 1)
 
@@ -32,6 +35,21 @@ class Broken(MemoryDatabase):
         if any(getattr(entry, "robot_id", 0) == 13 for entry in entries):
             raise TypeError("a defect")
         return await super().write(entries)
+
+
+class Silent(MemoryDatabase):
+    """Records that never answer."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._asked = asyncio.Event()
+
+    def is_asked(self) -> bool:
+        return self._asked.is_set()
+
+    async def write(self, entries):
+        self._asked.set()
+        await asyncio.Event().wait()
 
 
 def session(robot_id: int = 7) -> SessionEntry:
@@ -145,3 +163,132 @@ async def test_a_flush_ends_without_a_database(event_writer, memory_database, ca
     async with asyncio.timeout(1):
         await event_writer.flush(0.1)
     assert "1 entries were not written to the database" in caplog.text
+
+
+# What waits outlives the relay that is killed.
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "journal.jsonl"
+
+
+START, END = LeaseStart(7, 3, 1, "ann", NOW), LeaseEnd(7, 3, NOW)
+LINE = AuditEntry(NOW, "ann", "drive_started")
+
+
+@pytest.fixture
+def drive() -> DriveEntry:
+    return DriveEntry(7, "sim1", "ann", 3, NOW, ended_at=NOW, end_code="client_left")
+
+
+@asynccontextmanager
+async def _at_work(event_writer: EventWriter) -> AsyncIterator[None]:
+    task = asyncio.create_task(event_writer.run())
+    try:
+        yield
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        event_writer.close()
+
+
+def _killed_with(path: Path, memory_database: MemoryDatabase, *entries: Entry) -> None:
+    """Leave what a relay leaves that the database did not answer."""
+    killed = EventWriter(memory_database, journal=Journal(path))
+    for entry in entries:
+        killed.add(entry)
+    killed.close()
+
+
+def _kept(path: Path) -> list[type[Entry]]:
+    return [type(entry) for entry in Journal(path).read()]
+
+
+async def test_the_next_relay_writes_what_a_killed_one_left(path, memory_database, drive):
+    """First, and in its order; sessions are no part of it, and what ends them comes behind."""
+    _killed_with(path, memory_database, session(), START, LINE, drive, END)
+    event_writer = EventWriter(memory_database, journal=Journal(path))
+    assert event_writer.restore() == []
+    event_writer.add(FormerSessions(NOW))
+    assert event_writer.waiting() == 5
+    async with _at_work(event_writer):
+        await event_writer.flush(5)
+    drive.row_id = 3
+    assert memory_database.written == [START, LINE, drive, END, FormerSessions(NOW)]
+
+
+async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_database):
+    """Also when the next relay is killed before."""
+    _killed_with(path, memory_database, START)
+    for _ in range(2):
+        event_writer = EventWriter(memory_database, journal=Journal(path))
+        event_writer.restore()
+        event_writer.close()
+    event_writer.add(END)
+    assert Journal(path).read() == [START, END]
+    async with _at_work(event_writer):
+        await event_writer.flush(5)
+    assert Journal(path).read() == []
+
+
+async def test_stops_of_a_killed_relay_are_for_the_stops(path, memory_database):
+    """Of each robot the newest state; nothing writes them by itself."""
+    stop = StopEntry(7, Stop(7, NOW, "ben"))
+    _killed_with(path, memory_database, stop, LINE)
+    event_writer = EventWriter(memory_database, journal=Journal(path))
+    assert event_writer.restore() == [stop]
+    assert event_writer.waiting() == 1
+    event_writer.close()
+
+
+async def test_the_journal_is_empty_when_all_is_written(path, memory_database, drive, caplog):
+    """And has what waits while anything does, also what the database was asked to write."""
+    memory_database.down = True
+    event_writer = EventWriter(memory_database, journal=Journal(path))
+    async with _at_work(event_writer):
+        event_writer.add(drive)
+        await until(lambda: "entries wait" in caplog.text, "the log says that the database is away")
+        event_writer.add(END)
+        assert _kept(path) == [DriveEntry, LeaseEnd]
+        memory_database.down = False
+        await event_writer.flush(5)
+        assert memory_database.written == [drive, END]
+        assert path.read_bytes() == b""
+
+
+async def test_the_journal_is_bounded(path, memory_database, drive):
+    """A drive that is written every 10 s while the database is away for days is one line again."""
+    event_writer = EventWriter(memory_database, journal=Journal(path))
+    event_writer.add(START)
+    for _ in range(3 * MAX_STALE_LINES):
+        event_writer.add(drive)
+    assert len(path.read_bytes().splitlines()) < 2 * MAX_STALE_LINES
+    event_writer.close()
+    assert Journal(path).read() == [START, drive]
+
+
+async def test_what_is_being_written_stays_when_the_journal_is_written_anew(path, drive):
+    """The database may yet not accept it."""
+    silent = Silent()
+    event_writer = EventWriter(silent, journal=Journal(path))
+    async with _at_work(event_writer):
+        event_writer.add(START)
+        await until(silent.is_asked, "the database is asked")
+        for _ in range(2 * MAX_STALE_LINES):
+            event_writer.add(drive)
+        assert _kept(path) == [LeaseStart, DriveEntry]
+
+
+async def test_a_disk_that_cannot_be_written_costs_the_journal_alone(
+    tmp_path, memory_database, drive, caplog
+):
+    """All is written from memory."""
+    event_writer = EventWriter(memory_database, journal=Journal(tmp_path / "no" / "journal"))
+    assert event_writer.restore() == []
+    for entry in (START, drive, END):
+        event_writer.add(entry)
+    async with _at_work(event_writer):
+        await event_writer.flush(5)
+    assert memory_database.written == [START, drive, END]
+    assert caplog.text.count("cannot write the journal") == 1

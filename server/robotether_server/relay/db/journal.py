@@ -1,0 +1,200 @@
+"""Keeps on the relay's disk what the database has not accepted yet, for the relay after one that was killed.
+
+`event_writer` appends each entry when it is added, and empties the file when nothing waits any more. The kernel has a
+line once `add` returns, so the death of the process loses nothing; a power cut may lose the last seconds, since nothing
+here waits for the disk. A disk that is full or cannot be written costs the journal, never the relay.
+
+A relay that is killed between the commit of entries and the end of the journal leaves what is written already. Written
+again, drives, leases and stops are the same; a line of the audit log is there twice.
+"""
+
+from __future__ import annotations
+
+import errno
+import logging
+import os
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import replace
+from datetime import datetime, timezone
+from io import FileIO
+from pathlib import Path
+from typing import get_args
+
+import msgspec
+from msgspec import Raw, Struct
+
+from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, StopEntry
+from robotether_server.db.fleet import AuditEntry
+
+log = logging.getLogger(__name__)
+
+# A new relay ends what was left open; nobody was told that sessions are written.
+JournalEntry = LeaseStart | LeaseEnd | DriveEntry | StopEntry | AuditEntry
+# So many lines may be of entries that are written or have a newer line, beyond one for each that waits.
+MAX_STALE_LINES = 1000
+RETRY_EVERY_S = 10.0
+_KINDS = {each.__name__: each for each in get_args(JournalEntry)}
+
+
+class JournalLine(Struct, frozen=True):
+    """A line of the file; `at` is when it was written."""
+
+    at: datetime
+    kind: str
+    entry: Raw
+
+
+class Journal:
+    """One file with a line of JSON for each entry."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        # It stays open: a file that is emptied and then closed would be written to the disk at once.
+        self._file: FileIO | None = None
+        self._lines = 0
+        # The disk refused a line. What is added since is in memory alone, until the whole is written anew.
+        self._is_failing = False
+        self._retry_at = 0.0
+
+    def read(self) -> list[JournalEntry]:
+        """Return what the relay before this one left, in its order.
+
+        A drive, and a robot's stops, are there once, with the newest state.
+        """
+        try:
+            lines = [line for line in self._path.read_bytes().split(b"\n") if line]
+        except FileNotFoundError:
+            return []
+        except OSError as problem:
+            self._fail(problem)
+            return []
+        self._lines = len(lines)
+        found: dict[tuple[object, ...], JournalEntry] = {}
+        unread = 0
+        for number, line in enumerate(lines):
+            entry = _parse(line)
+            if entry is None:
+                unread += 1
+            else:
+                found[_key(entry, number)] = entry
+        if unread:
+            log.warning("%d lines of %s cannot be read; they are left out", unread, self._path)
+        return list(found.values())
+
+    def add(self, entry: JournalEntry) -> None:
+        """Keep an entry, also when it is kept already in an older state."""
+        if self._is_failing:
+            return
+        try:
+            _write(self._opened(), _line(entry))
+        except OSError as problem:
+            self._fail(problem)
+        else:
+            self._lines += 1
+
+    def needs_rewrite(self, waiting: int) -> bool:
+        """Return whether `rewrite` is due, when so many entries wait: the file is long, or lacks some of them."""
+        if self._is_failing:
+            return time.monotonic() >= self._retry_at
+        return self._lines > 2 * waiting + MAX_STALE_LINES
+
+    def rewrite(self, entries: Iterable[JournalEntry]) -> None:
+        """Keep these alone, in a new file that takes the old one's place."""
+        lines = [_line(entry) for entry in entries]
+        try:
+            self._replace(b"".join(lines))
+        except OSError as problem:
+            self._fail(problem)
+            return
+        self._lines = len(lines)
+        if self._is_failing:
+            log.warning("the journal %s can be written again", self._path)
+        self._is_failing = False
+
+    def clear(self) -> None:
+        """Keep nothing: all is written."""
+        if self._lines == 0:
+            return
+        try:
+            self._opened().truncate(0)
+        except OSError as problem:
+            self._fail(problem)
+        else:
+            self._lines = 0
+
+    def close(self) -> None:
+        """Let the file go; what it has is for the next relay."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _opened(self) -> FileIO:
+        if self._file is None:
+            self._file = FileIO(self._path, "a")
+        return self._file
+
+    def _replace(self, data: bytes) -> None:
+        new = self._path.with_suffix(".new")
+        try:
+            with FileIO(new, "w") as file:
+                _write(file, data)
+            new.replace(self._path)
+        except OSError:
+            with suppress(OSError):
+                new.unlink()
+            raise
+        # The next line opens the new one.
+        self.close()
+
+    def _fail(self, problem: OSError) -> None:
+        self._retry_at = time.monotonic() + RETRY_EVERY_S
+        if not self._is_failing:
+            log.error(
+                "cannot write the journal: %s; a relay that is killed now loses what waits", problem
+            )
+        self._is_failing = True
+
+
+def _line(entry: JournalEntry) -> bytes:
+    # The end of a line comes first: what a full disk cut short before spoils no other.
+    try:
+        at, kind = datetime.now(timezone.utc), type(entry).__name__
+        return b"\n" + msgspec.json.encode({"at": at, "kind": kind, "entry": entry})
+    except (msgspec.MsgspecError, TypeError, ValueError) as problem:
+        # Text that is no Unicode: nor does the database accept it.
+        log.warning("cannot keep %r in the journal: %s", entry, problem)
+        return b""
+
+
+def _write(file: FileIO, data: bytes) -> None:
+    if file.write(data) != len(data):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _parse(data: bytes) -> JournalEntry | None:
+    """Read a line; None: it was cut short by a full disk, or is of another version."""
+    try:
+        line = msgspec.json.decode(data, type=JournalLine)
+        entry: JournalEntry = msgspec.json.decode(line.entry, type=_KINDS[line.kind])
+    except (ValueError, KeyError, RecursionError):
+        return None
+    if not isinstance(entry, DriveEntry):
+        return entry
+    # A database that was restored since may have another drive at this id; robot and fence find its row.
+    drive = replace(entry, row_id=None)
+    if drive.ended_at is None:
+        # It ended with its relay, and not only when this one writes it.
+        drive.ended_at, drive.end_code = line.at, "relay_restarted"
+    return drive
+
+
+def _key(entry: JournalEntry, number: int) -> tuple[object, ...]:
+    """Return what lines of one drive, or of one robot's stops, have in common."""
+    match entry:
+        case DriveEntry():
+            return DriveEntry, entry.robot_id, entry.fence
+        case StopEntry():
+            return StopEntry, entry.robot_id
+    return (number,)
