@@ -22,7 +22,6 @@ def nemesis(**others: Any) -> Outcome:
         "violations": [],
         "broken": 0,
         "returns": [],
-        "excused": [],
         "ignored_stops_s": [],
         "seen": {**seen, "confirmed_stops": 1},
         "failed": [],

@@ -22,7 +22,7 @@ from weakref import WeakKeyDictionary
 from demo import ROOT
 
 from paper.cells import steps
-from paper.cells.checker import check, excused, find_crowds, find_ignored_stops, find_returns
+from paper.cells.checker import check, find_crowds, find_ignored_stops, find_returns
 from paper.cells.history import read
 from paper.cells.report import report
 from paper.cells.site import Site
@@ -105,7 +105,6 @@ def run_nemesis(site: Site, size: Size) -> Values:
         "violations": [asdict(one) for one in violations[:MOST_VIOLATIONS]],
         "broken": len(violations),
         "returns": [asdict(one) for one in find_returns(history, site.names)],
-        "excused": excused(history, database),
         "crowds": find_crowds(history),
         "ignored_stops_s": [round(one, 3) for one in find_ignored_stops(history)],
         "seen": seen,

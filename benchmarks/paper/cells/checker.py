@@ -11,7 +11,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from paper.cells.history import Event, by_robot
 
@@ -21,17 +21,12 @@ DEADMAN_S, TURN_S = 0.5, 0.01
 NEXT_GUARD_S = 1.0
 # What a message needs within a robot on a machine that is busy; what held its process up is added, as it was measured.
 TOLERANCE_S = 0.1
-# The relay writes its records behind what it does: those of the last moments before it is killed may be missing. A
-# fault is written into the history before it is done.
-WRITTEN_WITHIN_S, FAULT_TAKES_S = 2.0, 1.0
-# ... and what waited for a database that was away, until the relay has found it again.
-FOUND_AGAIN_WITHIN_S = 10.0
 # Commands come every 50 ms.
 OUTAGE_S = 0.6
-RELAY_KILLED = {"cell_killed", "relay_killed"}
-DATABASE_GONE = {"database_away", "database_cut"}
 # With one of these, a cell is none for the robots that are concerned. Without a database it still is one.
-CELL_GONE = RELAY_KILLED | {
+CELL_GONE = {
+    "cell_killed",
+    "relay_killed",
     "cell_paused",
     "sshd_killed",
     "relay_restarted",
@@ -261,46 +256,29 @@ def _old_epochs(events: Sequence[Event]) -> Iterator[Violation]:
 
 
 def _lost_records(history: Sequence[Event], database: Database) -> Iterator[Violation]:
-    """What the server said it had is in the database, unless `may_be_lost` says why not."""
-    faults = Faults(history)
-    for one, what, is_there in records(history, database):
-        if not is_there and not faults.may_lose(one):
+    """What the server said it had is in the database, whatever was killed meanwhile."""
+    for one, what, is_there in _records(history, database):
+        if not is_there:
             yield Violation("lost record", one.robot, one.at_s, f"the database has no {what}")
 
 
-def excused(history: Sequence[Event], database: Database) -> list[str]:
-    """Records that are missing because the relay that was to write them was killed before it could."""
-    faults = Faults(history)
-    return [
-        f"{one.robot}: {what}"
-        for one, what, is_there in records(history, database)
-        if not is_there and faults.may_lose(one)
-    ]
-
-
-def records(history: Sequence[Event], database: Database) -> Iterator[tuple[Event, str, bool]]:
+def _records(history: Sequence[Event], database: Database) -> Iterator[tuple[Event, str, bool]]:
     """What the database must have: by which event, what it is, and whether it is there."""
     for robot, events in by_robot(history).items():
         fences, seen = fences_of(events), set[int]()
-        cell = ""
         for one in events:
-            if one.kind == "session":
-                cell = one.cell
             if one.kind == "stop_done" and one.what:
-                # The relay of the robot's cell writes what the robot has confirmed, whichever was asked.
-                of_stop = replace(one, cell=cell) if one.number and cell else one
                 is_there = one.what in database.stop_reasons
-                yield of_stop, f"audit line of the stop {one.what!r}", is_there
+                yield one, f"audit line of the stop {one.what!r}", is_there
             if one.kind != "moved":
                 continue
             fence = fences.get((one.connection, one.number), 0)
             if fence in seen or not fence:
                 continue
             seen.add(fence)
-            at_cell = Event(at_s=one.at_s, kind=one.kind, robot=robot, cell=cell)
-            yield at_cell, f"drive with fence {fence}", (robot, fence) in database.drives
+            yield one, f"drive with fence {fence}", (robot, fence) in database.drives
             is_there = database.fences.get(robot, 0) >= fence
-            yield at_cell, f"fence as high as {fence}", is_there
+            yield one, f"fence as high as {fence}", is_there
     for one in history:
         if one.kind == "recorded":
             yield one, f"record {one.what!r}", one.what in database.recorded
@@ -335,23 +313,6 @@ class Faults:
             one
             for one in self.all
             if one.cell in ("", cell) and (not one.source or one.source == source)
-        )
-
-    def may_lose(self, record: Event) -> bool:
-        """Whether the relay that had the record was killed before it could write it.
-
-        What the web server confirms is written already.
-        """
-        if record.kind == "recorded":
-            return False
-        at_s, written_s = record.at_s, record.at_s
-        for one in self.of_cell(record.cell):
-            if one.what in DATABASE_GONE and one.begin_s - WRITTEN_WITHIN_S <= at_s <= one.end_s:
-                written_s = max(written_s, one.end_s + FOUND_AGAIN_WITHIN_S)
-        return any(
-            at_s - FAULT_TAKES_S <= one.begin_s <= written_s + WRITTEN_WITHIN_S
-            for one in self.of_cell(record.cell)
-            if one.what in RELAY_KILLED
         )
 
     def is_live(self, cell: str, source: str, at_s: float) -> bool:
