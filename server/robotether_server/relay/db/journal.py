@@ -1,8 +1,9 @@
 """Keeps on the relay's disk what the database has not accepted yet, for the relay after one that was killed.
 
-`event_writer` appends each entry when it is added, and empties the file when nothing waits any more. The kernel has a
-line once `add` returns, so the death of the process loses nothing; a power cut may lose the last seconds, since nothing
-here waits for the disk. A disk that is full or cannot be written costs the journal, never the relay.
+`event_writer` appends each entry when it is added, and empties the file when nothing waits any more. A thread writes,
+so that a disk that is slow or hangs holds up no message to a robot. The kernel has a line moments after `add`, so the
+death of the process loses nothing older; a power cut may lose the last seconds, since nothing here waits for the disk.
+A disk that is full or cannot be written costs the journal, never the relay.
 
 A relay that is killed between the commit of entries and the end of the journal leaves what is written already. Written
 again, drives, leases and stops are the same; a line of the audit log is there twice.
@@ -14,7 +15,8 @@ import errno
 import logging
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime, timezone
@@ -35,6 +37,10 @@ JournalEntry = LeaseStart | LeaseEnd | DriveEntry | StopEntry | AuditEntry
 # So many lines may be of entries that are written or have a newer line, beyond one for each that waits.
 MAX_STALE_LINES = 1000
 RETRY_EVERY_S = 10.0
+# So many tasks wait for a disk that hangs; what is added beyond them is in memory alone.
+MAX_TASKS = 10_000
+# The end of a relay does not wait longer for the disk.
+CLOSE_WITHIN_S = 0.5
 _KINDS = {each.__name__: each for each in get_args(JournalEntry)}
 
 
@@ -51,6 +57,9 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        # All that follows is the thread's, but for reading.
+        self._disk = ThreadPoolExecutor(1, thread_name_prefix="journal")
+        self._submitted = self._done = 0
         # It stays open: a file that is emptied and then closed would be written to the disk at once.
         self._file: FileIO | None = None
         self._lines = 0
@@ -85,47 +94,66 @@ class Journal:
 
     def add(self, entry: JournalEntry) -> None:
         """Keep an entry, also when it is kept already in an older state."""
-        if self._is_failing:
-            return
-        try:
-            _write(self._opened(), _line(entry))
-        except OSError as problem:
-            self._fail(problem)
-        else:
-            self._lines += 1
+        if not self._is_failing:
+            self._submit(self._append, _line(entry))
 
     def needs_rewrite(self, waiting: int) -> bool:
         """Return whether `rewrite` is due, when so many entries wait: the file is long, or lacks some of them."""
+        if self._submitted > self._done:
+            return False
         if self._is_failing:
             return time.monotonic() >= self._retry_at
         return self._lines > 2 * waiting + MAX_STALE_LINES
 
     def rewrite(self, entries: Iterable[JournalEntry]) -> None:
         """Keep these alone, in a new file that takes the old one's place."""
-        lines = [_line(entry) for entry in entries]
-        try:
-            self._replace(b"".join(lines))
-        except OSError as problem:
-            self._fail(problem)
-            return
-        self._lines = len(lines)
-        if self._is_failing:
-            log.warning("the journal %s can be written again", self._path)
-        self._is_failing = False
+        self._submit(self._replace, [_line(entry) for entry in entries])
 
     def clear(self) -> None:
         """Keep nothing: all is written."""
-        if self._lines == 0:
-            return
-        try:
-            self._opened().truncate(0)
-        except OSError as problem:
-            self._fail(problem)
-        else:
-            self._lines = 0
+        self._submit(self._truncate)
+
+    def wait(self, within_s: float) -> None:
+        """Wait until what was added is written, at most so long."""
+        with suppress(TimeoutError):
+            self._disk.submit(int).result(within_s)
 
     def close(self) -> None:
         """Let the file go; what it has is for the next relay."""
+        self._submit(self._close_file)
+        self.wait(CLOSE_WITHIN_S)
+        self._disk.shutdown(wait=False)
+
+    def _submit(self, work: Callable[..., None], *values: object) -> None:
+        """Have the thread do it, behind what it was asked before."""
+        if self._submitted - self._done >= MAX_TASKS:
+            self._fail(TimeoutError("the disk does not answer"))
+            return
+        self._submitted += 1
+        self._disk.submit(self._do, work, *values)
+
+    def _do(self, work: Callable[..., None], *values: object) -> None:
+        try:
+            work(*values)
+        except OSError as problem:
+            self._fail(problem)
+        except Exception:
+            log.exception("cannot write the journal")
+        finally:
+            self._done += 1
+
+    def _append(self, line: bytes) -> None:
+        # Behind a line that is missing, what follows would look whole.
+        if not self._is_failing:
+            _write(self._opened(), line)
+            self._lines += 1
+
+    def _truncate(self) -> None:
+        if self._lines:
+            self._opened().truncate(0)
+            self._lines = 0
+
+    def _close_file(self) -> None:
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -135,18 +163,22 @@ class Journal:
             self._file = FileIO(self._path, "a")
         return self._file
 
-    def _replace(self, data: bytes) -> None:
+    def _replace(self, lines: list[bytes]) -> None:
         new = self._path.with_suffix(".new")
         try:
             with FileIO(new, "w") as file:
-                _write(file, data)
+                _write(file, b"".join(lines))
             new.replace(self._path)
         except OSError:
             with suppress(OSError):
                 new.unlink()
             raise
         # The next line opens the new one.
-        self.close()
+        self._close_file()
+        self._lines = len(lines)
+        if self._is_failing:
+            log.warning("the journal %s can be written again", self._path)
+        self._is_failing = False
 
     def _fail(self, problem: OSError) -> None:
         self._retry_at = time.monotonic() + RETRY_EVERY_S

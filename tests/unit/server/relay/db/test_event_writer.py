@@ -14,7 +14,7 @@ from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, Stop,
 from robotether_server.db.fleet import AuditEntry, Entry, FormerSessions, SessionEntry
 from robotether_server.problems import RecordRefused
 from robotether_server.relay.db.event_writer import EventWriter
-from robotether_server.relay.db.journal import MAX_STALE_LINES, Journal
+from robotether_server.relay.db.journal import MAX_STALE_LINES, Journal, JournalEntry
 
 NOW = utc(2026, 1, 1)
 
@@ -173,6 +173,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "journal.jsonl"
 
 
+WITHIN_S = 5.0
 START, END = LeaseStart(7, 3, 1, "ann", NOW), LeaseEnd(7, 3, NOW)
 LINE = AuditEntry(NOW, "ann", "drive_started")
 
@@ -193,9 +194,17 @@ async def _at_work(event_writer: EventWriter) -> AsyncIterator[None]:
         event_writer.close()
 
 
+class _Settled(Journal):
+    """Waits for the disk after each entry, as the loop of a relay that has time does."""
+
+    def add(self, entry: JournalEntry) -> None:
+        super().add(entry)
+        self.wait(WITHIN_S)
+
+
 def _killed_with(path: Path, memory_database: MemoryDatabase, *entries: Entry) -> None:
     """Leave what a relay leaves that the database did not answer."""
-    killed = EventWriter(memory_database, journal=Journal(path))
+    killed = EventWriter(memory_database, journal=_Settled(path))
     for entry in entries:
         killed.add(entry)
     killed.close()
@@ -208,7 +217,7 @@ def _kept(path: Path) -> list[type[Entry]]:
 async def test_the_next_relay_writes_what_a_killed_one_left(path, memory_database, drive):
     """First, and in its order; sessions are no part of it, and what ends them comes behind."""
     _killed_with(path, memory_database, session(), START, LINE, drive, END)
-    event_writer = EventWriter(memory_database, journal=Journal(path))
+    event_writer = EventWriter(memory_database, journal=_Settled(path))
     assert event_writer.restore() == []
     event_writer.add(FormerSessions(NOW))
     assert event_writer.waiting() == 5
@@ -222,9 +231,8 @@ async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_d
     """Also when the next relay is killed before."""
     _killed_with(path, memory_database, START)
     for _ in range(2):
-        event_writer = EventWriter(memory_database, journal=Journal(path))
+        event_writer = EventWriter(memory_database, journal=_Settled(path))
         event_writer.restore()
-        event_writer.close()
     event_writer.add(END)
     assert Journal(path).read() == [START, END]
     async with _at_work(event_writer):
@@ -236,7 +244,7 @@ async def test_stops_of_a_killed_relay_are_for_the_stops(path, memory_database):
     """Of each robot the newest state; nothing writes them by itself."""
     stop = StopEntry(7, Stop(7, NOW, "ben"))
     _killed_with(path, memory_database, stop, LINE)
-    event_writer = EventWriter(memory_database, journal=Journal(path))
+    event_writer = EventWriter(memory_database, journal=_Settled(path))
     assert event_writer.restore() == [stop]
     assert event_writer.waiting() == 1
     event_writer.close()
@@ -245,7 +253,7 @@ async def test_stops_of_a_killed_relay_are_for_the_stops(path, memory_database):
 async def test_the_journal_is_empty_when_all_is_written(path, memory_database, drive, caplog):
     """And has what waits while anything does, also what the database was asked to write."""
     memory_database.down = True
-    event_writer = EventWriter(memory_database, journal=Journal(path))
+    event_writer = EventWriter(memory_database, journal=_Settled(path))
     async with _at_work(event_writer):
         event_writer.add(drive)
         await until(lambda: "entries wait" in caplog.text, "the log says that the database is away")
@@ -254,12 +262,12 @@ async def test_the_journal_is_empty_when_all_is_written(path, memory_database, d
         memory_database.down = False
         await event_writer.flush(5)
         assert memory_database.written == [drive, END]
-        assert path.read_bytes() == b""
+    assert path.read_bytes() == b""
 
 
 async def test_the_journal_is_bounded(path, memory_database, drive):
     """A drive that is written every 10 s while the database is away for days is one line again."""
-    event_writer = EventWriter(memory_database, journal=Journal(path))
+    event_writer = EventWriter(memory_database, journal=_Settled(path))
     event_writer.add(START)
     for _ in range(3 * MAX_STALE_LINES):
         event_writer.add(drive)
@@ -271,13 +279,13 @@ async def test_the_journal_is_bounded(path, memory_database, drive):
 async def test_what_is_being_written_stays_when_the_journal_is_written_anew(path, drive):
     """The database may yet not accept it."""
     silent = Silent()
-    event_writer = EventWriter(silent, journal=Journal(path))
+    event_writer = EventWriter(silent, journal=_Settled(path))
     async with _at_work(event_writer):
         event_writer.add(START)
         await until(silent.is_asked, "the database is asked")
         for _ in range(2 * MAX_STALE_LINES):
             event_writer.add(drive)
-        assert _kept(path) == [LeaseStart, DriveEntry]
+    assert _kept(path) == [LeaseStart, DriveEntry]
 
 
 async def test_a_disk_that_cannot_be_written_costs_the_journal_alone(

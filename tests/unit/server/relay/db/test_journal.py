@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from datetime import timedelta
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from robotether_server.relay.db.journal import MAX_STALE_LINES, Journal
 
 NOON = utc(2026, 1, 1, 12)
 HOUR = timedelta(hours=1)
+WITHIN_S = 5.0
 START, END = LeaseStart(7, 3, 1, "ann", NOON), LeaseEnd(7, 3, NOON + HOUR)
 LINE = AuditEntry(NOON, "ann", "drive_ended", "sim1", "192.0.2.1", {"fence": 3, "lasted_s": 1.5})
 
@@ -56,6 +58,7 @@ def test_a_line_is_in_the_file_at_once(path):
     """A process that is killed closes nothing."""
     journal = Journal(path)
     journal.add(START)
+    journal.wait(WITHIN_S)
     assert Journal(path).read() == [START]
     journal.close()
 
@@ -105,6 +108,7 @@ def test_a_journal_that_is_cleared_is_empty(path):
     journal = Journal(path)
     journal.add(START)
     journal.clear()
+    journal.wait(WITHIN_S)
     assert path.read_bytes() == b""
     journal.add(END)
     journal.close()
@@ -127,8 +131,10 @@ def test_a_long_file_is_written_anew(path):
     drive = ended_drive()
     while not journal.needs_rewrite(1):
         journal.add(drive)
+        journal.wait(WITHIN_S)
     assert len(path.read_bytes().splitlines()) <= MAX_STALE_LINES + 5
     journal.rewrite([drive])
+    journal.wait(WITHIN_S)
     assert not journal.needs_rewrite(1)
     journal.add(END)
     journal.close()
@@ -143,12 +149,14 @@ def test_a_full_disk_is_said_once_and_tried_again(path, caplog, monkeypatch):
     journal = Journal(path)
     for entry in (START, LINE, END):
         journal.add(entry)
+    journal.wait(WITHIN_S)
     assert caplog.text.count("No space left on device") == 1
     assert not journal.needs_rewrite(3)
     monkeypatch.setattr(module.time, "monotonic", lambda: float("inf"))
     assert journal.needs_rewrite(3)
     # Not through the link: there is room in its folder.
     journal.rewrite([START, LINE])
+    journal.wait(WITHIN_S)
     assert "can be written again" in caplog.text
     journal.add(END)
     journal.close()
@@ -162,4 +170,29 @@ def test_a_folder_that_is_missing_costs_the_journal_alone(tmp_path, caplog):
     journal.add(START)
     journal.rewrite([START])
     journal.clear()
+    journal.wait(WITHIN_S)
     assert caplog.text.count("cannot write the journal") == 1
+
+
+def test_a_disk_that_hangs_holds_nobody_up(path, monkeypatch, caplog):
+    """What it has no time for is written as a whole when it answers again."""
+    monkeypatch.setattr(module, "MAX_TASKS", 2)
+    answers, write = threading.Event(), module._write
+
+    def hang(file, data):
+        answers.wait(WITHIN_S)
+        write(file, data)
+
+    monkeypatch.setattr(module, "_write", hang)
+    journal = Journal(path)
+    for entry in (START, LINE, END):
+        journal.add(entry)
+    assert caplog.text.count("the disk does not answer") == 1
+    monkeypatch.setattr(module.time, "monotonic", lambda: float("inf"))
+    assert not journal.needs_rewrite(3)
+    answers.set()
+    journal.wait(WITHIN_S)
+    assert journal.needs_rewrite(3)
+    journal.rewrite([START, LINE, END])
+    journal.close()
+    assert Journal(path).read() == [START, LINE, END]
