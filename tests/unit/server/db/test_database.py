@@ -45,16 +45,15 @@ def test_database_that_is_not_reached_is_soon_given_up_by_who_can_do_without(
     assert stopwatch.s < module.CONNECT_TIMEOUT_S - 1
 
 
+def insert_and_fail(database: Database) -> None:
+    with pytest.raises(LookupError), database.transaction() as tx:  # noqa: PT012 - what was inserted is rolled back
+        tx.insert(ADD_USER, ("ann", "user"))
+        raise LookupError
+
+
 def test_block_that_raises_leaves_nothing(database: Database) -> None:
     """What was done in the block is rolled back."""
-
-    def fail() -> None:
-        with database.transaction() as tx:
-            tx.insert(ADD_USER, ("ann", "user"))
-            raise LookupError
-
-    with pytest.raises(LookupError):
-        fail()
+    insert_and_fail(database)
     with database.transaction() as tx:
         assert tx.rows("SELECT * FROM users") == []
         assert tx.row("SELECT * FROM users") is None
@@ -169,14 +168,7 @@ def test_no_more_connections_are_kept_than_asked_for(keeping: Database) -> None:
 def test_kept_connection_knows_nothing_of_the_transaction_before(keeping: Database) -> None:
     """One that failed, and one with a lock, which holds until its connection ends, are not kept."""
     first = connection_id(keeping)
-
-    def fail() -> None:
-        with keeping.transaction() as tx:
-            tx.insert(ADD_USER, ("ann", "user"))
-            raise LookupError
-
-    with pytest.raises(LookupError):
-        fail()
+    insert_and_fail(keeping)
     second = connection_id(keeping)
     assert second != first
     with keeping.transaction() as tx:
