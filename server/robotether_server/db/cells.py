@@ -44,7 +44,7 @@ class Cell:
 
     @property
     def is_listed(self) -> bool:
-        """Whether robots are sent there."""
+        """Whether robots are sent there while there is a choice."""
         return self.host is not None and self.is_alive and not self.draining
 
 
@@ -163,11 +163,13 @@ def sort_for(
     """Where a robot connects, the best first: `first`, `second`, then the others as the robot's id has it.
 
     That is the rendezvous order: a cell that goes moves its own robots alone, and spreads them over the others. The
-    cells of the robot's region come before all others, in the same order.
+    cells of the robot's region come before all others, in the same order. Those that are drained come last: the others
+    may all die.
     """
     ranked = sorted(
         cells,
         key=lambda cell: (
+            not cell.draining,
             _is_in(cell, region),
             cell.name == first,
             cell.name == second,
@@ -178,7 +180,7 @@ def sort_for(
     return [
         SshAddresses(cell.host, cell.ssh_ports)
         for cell in ranked
-        if cell.is_listed and cell.host is not None
+        if cell.is_alive and cell.host is not None
     ]
 
 
@@ -191,7 +193,7 @@ def sort_for_join(
         key=lambda cell: (-cell.robots, _weight(robot_id, cell)),
         default=None,
     )
-    return [] if first is None else sort_for(robot_id, cells, first.name, region=region)
+    return sort_for(robot_id, cells, first.name if first else None, region=region)
 
 
 def find_emptiest(cells: Iterable[Cell], *, region: str | None = None) -> Cell | None:

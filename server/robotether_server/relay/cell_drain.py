@@ -9,7 +9,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 from robotether_server.relay.cells import Cells
 from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
@@ -21,7 +21,7 @@ DETAIL = "the machine is taken out of service; connect to the next"
 
 @dataclass(frozen=True)
 class DrainRules:
-    """How fast robots go; a robot that came within `stays_s` found no other cell, and is not sent away at once."""
+    """How fast robots go; one that comes to a drained cell found no other, and is sent away after `stays_s`."""
 
     robots_per_s: float = 20.0
     drives_last_s: float = 60.0
@@ -58,24 +58,24 @@ class CellDrain:
 
     async def _drain(self) -> None:
         loop = asyncio.get_running_loop()
-        began_at = loop.time()
+        began_at, began = loop.time(), utc_now()
         log.warning(
             "cell %s is taken out of service; its robots go to the others", self._cells.name
         )
         while self._cells.draining:
             # Their drives have had their time.
             with_driven = loop.time() - began_at >= self._rules.drives_last_s
-            robot_id = min(self._movable(with_driven=with_driven), default=(0, None))[1]
-            if robot_id is not None and self._cells.addresses(robot_id):
+            robot_id = min(self._movable(began, with_driven=with_driven), default=(0, None))[1]
+            if robot_id is not None and self._cells.has_room:
                 self._registry.end_links(robot_id, "cell_draining", DETAIL)
             await asyncio.sleep(1 / self._rules.robots_per_s)
         log.warning("cell %s is in service again", self._cells.name)
 
-    def _movable(self, *, with_driven: bool) -> Iterator[tuple[int, int]]:
+    def _movable(self, began: datetime, *, with_driven: bool) -> Iterator[tuple[int, int]]:
         """Rank the robots that may go now: unused, observed, driven."""
-        since_at_most = utc_now() - timedelta(seconds=self._rules.stays_s)
+        stays_since = max(began, utc_now() - timedelta(seconds=self._rules.stays_s))
         for robot_id, since in self._registry.online():
-            if since > since_at_most:
+            if since > stays_since:
                 continue
             if not self._is_driven(robot_id):
                 yield int(self._is_used(robot_id)), robot_id

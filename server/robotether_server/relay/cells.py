@@ -66,7 +66,7 @@ class Cells:
         return [cell for cell in others if cell.peer_address is not None]
 
     def addresses(self, robot_id: int, first: str | None = None) -> list[SshAddresses]:
-        """Where a robot of this cell connects, the best first: here, unless this drains or its region is another.
+        """Where a robot of this cell connects, the best first: here, unless its region is another; last if this drains.
 
         With `first`, at the cell of that name, or here if it cannot reach that one.
         """
@@ -74,6 +74,11 @@ class Cells:
         return cells.sort_for(
             robot_id, self._known.values(), first or self.name, second=self.name, region=region
         )
+
+    @property
+    def has_room(self) -> bool:
+        """Whether any cell takes robots."""
+        return any(cell.is_listed for cell in self._known.values())
 
     def surplus(self, robot_id: int | None = None) -> tuple[int, str]:
         """Return how many robots this cell has more than the emptiest that takes robots, and that one's name.

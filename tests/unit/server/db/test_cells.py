@@ -101,13 +101,23 @@ def test_a_cell_that_goes_moves_its_own_robots_alone():
     assert min(counts.values()) > len(moved) / 4
 
 
-@pytest.mark.parametrize("change", [{"draining": True}, {"is_alive": False}, {"host": None}])
+@pytest.mark.parametrize("change", [{"is_alive": False}, {"host": None}])
 def test_a_cell_that_takes_no_robots_is_not_listed(change):
     """Not even as the first."""
     out = replace(A, **change)
     assert hosts(7, [out, B], "a") == ["b.example"]
     assert [one.host for one in sort_for_join(7, [out, replace(B, robots=9)])] == ["b.example"]
     assert sort_for_join(7, [out]) == sort_for(7, [out]) == []
+
+
+def test_a_cell_that_is_drained_is_last():
+    """Of all regions, as the others may die: even where it has the fewest robots, or is the only one."""
+    out = replace(A, draining=True, region="eu")
+    for robot_id in range(20):
+        assert hosts(robot_id, [out, B, C], "a", "eu") == [*hosts(robot_id, [B, C]), "a.example"]
+        joins = sort_for_join(robot_id, [out, replace(B, robots=9)], region="eu")
+        assert [one.host for one in joins] == ["b.example", "a.example"]
+    assert [one.host for one in sort_for_join(7, [out])] == hosts(7, [out]) == ["a.example"]
 
 
 def test_who_joins_goes_where_the_fewest_robots_are():
@@ -131,7 +141,7 @@ def test_cells_of_a_robots_region_are_first():
         assert us == ["c.example", "b.example", "a.example"]
 
 
-@pytest.mark.parametrize("change", [{"draining": True}, {"is_alive": False}, {"host": None}])
+@pytest.mark.parametrize("change", [{"is_alive": False}, {"host": None}])
 def test_a_robot_whose_region_has_no_cell_goes_where_all_go(change):
     """As one without a region does, and every robot where no cell has one."""
     out = replace(US_C, **change)

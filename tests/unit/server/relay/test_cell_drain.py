@@ -14,6 +14,7 @@ from robotether_server.relay.main import Timing
 
 QUICK = DrainRules(robots_per_s=50, drives_last_s=60, stays_s=0)
 OTHER = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 3, False, True)
+DRAINED = replace(OTHER, name="a", host="a.example", draining=True)
 ROBOTS = {8: "sim2", 9: "sim3"}
 # What is used stays so for 10 s; nothing here waits for that.
 CELL = cell_settings("a", "a.example")
@@ -43,7 +44,7 @@ async def session_of(relay, robot_id: int) -> RobotSession:
 
 
 async def test_robots_are_told_where_to_go_and_leave(memory_database, sim1):
-    """Each gets a list without this cell before its bye; its other connections end with it."""
+    """Each gets a list with this cell last before its bye; its other connections end with it."""
     async with running_relay(memory_database, timing(), CELL) as relay:
         robot = FakeRobot(sim1.id, SESSION_KEY)
         await robot.start(relay.relay.session_port)
@@ -53,7 +54,10 @@ async def test_robots_are_told_where_to_go_and_leave(memory_database, sim1):
         ]
         set_draining(memory_database, on=True)
         assert await ended(robot.session) == await ended(robot.media) == "cell_draining"
-        assert robot.session.configs[-1]["cells"] == [{"host": "b.example", "ports": [2222]}]
+        assert [one["host"] for one in robot.session.configs[-1]["cells"]] == [
+            "b.example",
+            "a.example",
+        ]
         await until(lambda: not relay.relay.registry.online_count(), "nobody is left")
         await robot.stop()
 
@@ -99,11 +103,10 @@ async def test_a_drive_ends_when_its_time_is_over(memory_database, sim1, http):
 
 async def test_nobody_begins_to_drive(memory_database, sim1, http):
     """A robot that has yet to leave would take the drive along."""
+    memory_database.cells["a"] = DRAINED
     async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
         robot = FakeRobot(sim1.id, SESSION_KEY)
         await robot.start(relay.relay.session_port)
-        set_draining(memory_database, on=True)
-        await until(lambda: relay.relay.cells.draining, "it drains")
         reason = "cannot let you drive sim1: its server goes out of service; try again shortly"
         assert await closing(await http.ws_connect(relay.ros_url(sim1))) == (4510, reason)
         async with http.ws_connect(relay.ros_url(sim1, "observe")):
@@ -113,13 +116,12 @@ async def test_nobody_begins_to_drive(memory_database, sim1, http):
 
 @pytest.mark.parametrize("change", [{"stays_s": 60}, {}])
 async def test_a_robot_that_could_go_nowhere_stays(memory_database, change):
-    """It has just come, so that it found no other cell; or there is none."""
+    """It has come to a drained cell, so that it found no other; or there is none."""
+    memory_database.cells["a"] = DRAINED
     if not change:
         memory_database.cells["b"] = replace(OTHER, is_alive=False)
     async with running_relay(memory_database, timing(**change), CELL) as relay:
         first, second = await session_of(relay, 8), await session_of(relay, 9)
-        set_draining(memory_database, on=True)
-        await until(lambda: "cells" not in first.configs[-1] or len(first.configs) == 2, "told")
         await until(lambda: first.pings > 3, "time passes")
         assert (first.bye, second.bye) == (None, None)
         for each in (first, second):
@@ -128,20 +130,20 @@ async def test_a_robot_that_could_go_nowhere_stays(memory_database, change):
 
 async def test_a_cell_that_is_put_back_keeps_the_rest(memory_database):
     """And its robots hear of it again."""
+    memory_database.cells["a"] = DRAINED
     async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
         session = await session_of(relay, 8)
-        set_draining(memory_database, on=True)
-        await until(lambda: len(session.configs) == 2, "it is told")
+        assert session.configs[0]["cells"][0]["host"] == "b.example"
         set_draining(memory_database, on=False)
-        await until(lambda: len(session.configs) == 3, "it is told again")
-        assert session.configs[2]["cells"][0]["host"] == "a.example"
+        await until(lambda: len(session.configs) == 2, "it is told")
+        assert session.configs[1]["cells"][0]["host"] == "a.example"
         assert session.bye is None
         await session.close()
 
 
 async def test_a_relay_that_starts_in_a_drained_cell_goes_on_with_it(memory_database):
     """The row says so."""
-    memory_database.cells["a"] = replace(OTHER, name="a", draining=True)
+    memory_database.cells["a"] = DRAINED
     async with running_relay(memory_database, timing(), CELL) as relay:
         session = await session_of(relay, 8)
         assert await ended(session) == "cell_draining"

@@ -62,7 +62,7 @@ async def test_a_draining_cell_sends_its_robots_elsewhere(cells, memory_database
     memory_database.cells["a"] = replace(memory_database.cells["a"], draining=True)
     await cells.poll()
     assert cells.draining
-    assert [one.host for one in cells.addresses(7)] == ["b.example"]
+    assert [one.host for one in cells.addresses(7)] == ["b.example", "a.example"]
 
 
 async def test_a_robot_that_is_sent_elsewhere_comes_back_if_it_cannot_get_there(
