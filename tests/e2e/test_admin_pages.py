@@ -253,9 +253,13 @@ PAGES = (
 
 @pytest.mark.parametrize(
     "context",
-    [PHONE, {**PHONE, "java_script_enabled": False}],
+    [
+        pytest.param(PHONE, id="phone"),
+        pytest.param(
+            {**PHONE, "java_script_enabled": False}, id="no script", marks=pytest.mark.release
+        ),
+    ],
     indirect=True,
-    ids=["phone", "no script"],
 )
 def test_no_page_scrolls_sideways_on_a_phone(page: Page, stack: Stack, tmp_path: Path) -> None:
     """With and without scripts, on a small phone and at 200 % zoom, too; every page has its heading and the menu."""

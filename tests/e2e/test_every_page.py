@@ -227,6 +227,8 @@ def _numbers(stack: Stack) -> dict[str, str]:
     return dict(zip(TABLES, row, strict=True))
 
 
+# The two take over a minute; for every change test_accessibility.py looks at the pages that people drive by.
+@pytest.mark.release
 @pytest.mark.usefixtures("operator")
 def test_pages_of_an_admin(page: Page, stack: Stack) -> None:
     """Each that the application has, and the answer to an address that it has not."""
@@ -238,6 +240,7 @@ def test_pages_of_an_admin(page: Page, stack: Stack) -> None:
     assert not looks.found, "\n".join(looks.found)
 
 
+@pytest.mark.release
 def test_pages_of_an_operator(operator: Page, stack: Stack) -> None:
     """Those that are not the admin's, and what is said instead of one of these."""
     looks = Looks(operator, stack.url)

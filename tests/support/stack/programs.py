@@ -85,7 +85,7 @@ async def drive_forward(program: Program, robot: str) -> float:
         await socket.send_json(
             {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
         )
-        start = json.loads(await asyncio.wait_for(socket.receive_str(), 5))["msg"]["x"]
+        start = await _x_of_pose(socket)
         twist = {
             "linear": {"x": 1.0, "y": 0.0, "z": 0.0},
             "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
@@ -95,5 +95,11 @@ async def drive_forward(program: Program, robot: str) -> float:
         while time.monotonic() < end and x - start < 0.5:
             # Again and again, as a driver does: the guard stops a robot whose commands have stopped.
             await socket.send_json({"op": "publish", "topic": "/cmd_vel", "msg": twist})
-            x = json.loads(await asyncio.wait_for(socket.receive_str(), 5))["msg"]["x"]
-        return float(x - start)
+            x = await _x_of_pose(socket)
+        return x - start
+
+
+async def _x_of_pose(socket: aiohttp.ClientWebSocketResponse) -> float:
+    message = json.loads(await asyncio.wait_for(socket.receive_str(), 5))
+    assert message["op"] == "publish", message
+    return float(message["msg"]["x"])
