@@ -59,7 +59,7 @@ test: ## everything that any change may break: checks, unit, images, end to end,
 
 test-release: venv images robot-host-image ## before a release, after make test: long tests, experiments in small, server.yml, site.yml (some 40 minutes)
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 900 -m release tests/images tests/e2e tests/ansible $(SERVERS:%=--ignore %)
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 900 -m release tests/unit tests/images tests/e2e tests/ansible $(SERVERS:%=--ignore %)
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-server
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory experiments QUICK=1 RESTART=1
 
@@ -68,7 +68,7 @@ lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 
 test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
 	@tools/ensure_test_hosts
-	@$(PYTEST) -n 6 --dist worksteal $(ENDS_AFTER) 120 tests/unit benchmarks/tests tests/fuzz
+	@$(PYTEST) -n 6 --dist worksteal $(ENDS_AFTER) 120 -m "not release" tests/unit benchmarks/tests tests/fuzz
 
 check: venv ## the short loop: ruff, mypy, and the unit tests that neither start processes nor wait
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target check-lint check-unit

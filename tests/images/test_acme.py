@@ -42,6 +42,7 @@ def lonely(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AcmeNetwork]:
         yield made
 
 
+@pytest.mark.release
 def test_a_certificate_is_got_and_served(network: AcmeNetwork) -> None:
     """Self-signed first, without a word about insisting on https; then the authority's, with it."""
     network.start_authority()

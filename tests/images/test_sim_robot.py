@@ -19,6 +19,8 @@ from inside import run_inside
 from PIL import Image
 from stopwatch import Stopwatch
 
+pytestmark = pytest.mark.release
+
 IMAGE = image("sim_robot")
 NOWHERE = {
     "ROBOTETHER_SERVER": "127.0.0.1:1",

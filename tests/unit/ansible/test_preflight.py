@@ -20,6 +20,8 @@ from ansible_module import ANSIBLE, run_module
 from fake_proxy import PASSWORD, USER, FakeProxy
 from jinja2 import Template
 
+pytestmark = pytest.mark.release
+
 MODULE = "robotether.robotether.preflight"
 
 

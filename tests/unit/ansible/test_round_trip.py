@@ -12,6 +12,8 @@ import pytest
 from aiohttp import web
 from ansible_module import run_module
 
+pytestmark = pytest.mark.release
+
 NO_LIBRARY = "raise ImportError\n"
 
 Answer = Callable[[web.Request], Awaitable[web.StreamResponse]]

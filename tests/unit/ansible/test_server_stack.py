@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 import yaml
 
+pytestmark = pytest.mark.release
+
 ROLE = Path(__file__).resolve().parents[3] / "ansible/roles/robotether_server"
 TASKS = ROLE / "tasks"
 HEALTHY = ["nginx=healthy", "mysql=healthy"]

@@ -140,6 +140,7 @@ def needs_upgrade(container: Container) -> bool:
 
 
 @MAY_MAKE_A_BASE
+@pytest.mark.release
 def test_data_of_an_older_series_is_upgraded(
     engine: docker.DockerClient, older_data: tuple[str, str], tmp_path: Path
 ) -> None:
@@ -162,6 +163,7 @@ def test_data_of_an_older_series_is_upgraded(
 
 
 @MAY_MAKE_A_BASE
+@pytest.mark.release
 def test_interrupted_upgrade_is_done_again_and_keeps_its_backup(
     engine: docker.DockerClient, older_data: tuple[str, str], tmp_path: Path
 ) -> None:
@@ -189,6 +191,7 @@ def test_interrupted_upgrade_is_done_again_and_keeps_its_backup(
 
 
 @MAY_MAKE_A_BASE
+@pytest.mark.release
 def test_data_of_a_newer_series_is_refused(
     engine: docker.DockerClient, older_data: tuple[str, str], older_suite: str, tmp_path: Path
 ) -> None:
