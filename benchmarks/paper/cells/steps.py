@@ -98,10 +98,8 @@ def kill_cell(site: Site, size: Size) -> Values:
     victim, other = site.cells[-1], site.cells[0]
     with some_robots(site, size) as workload:
         robots = robots_at(workload, victim)
-        began = time.monotonic()
-        victim.each(SERVICES, "kill")
         try:
-            probes, met = asyncio.run(_probe_all(site, other, robots, began))
+            probes, met = asyncio.run(_kill_and_probe_all(site, victim, other, robots))
         finally:
             victim.each(SERVICES, "start")
             victim.wait_live()
@@ -109,8 +107,8 @@ def kill_cell(site: Site, size: Size) -> Values:
     return {"robots": len(robots), "of": size.robots, "took_s": times, "met": dict(met)}
 
 
-async def _probe_all(
-    site: Site, cell: Cell, robots: Sequence[str], began: float
+async def _kill_and_probe_all(
+    site: Site, victim: Cell, cell: Cell, robots: Sequence[str]
 ) -> tuple[list[Probe], Counter[str]]:
     met: Counter[str] = Counter()
     headers = {"Authorization": f"Bearer {site.world.token}"}
@@ -120,15 +118,24 @@ async def _probe_all(
             connector=aiohttp.TCPConnector(ssl=insecure_tls()), headers=headers
         ) as following,
     ):
+        # All that is no part of a return, such as new tokens, comes before the kill.
+        people = [person(site, at, cell, http) for at in range(len(robots))]
         events = FleetEvents(following, f"https://{cell.address}")
         task = asyncio.ensure_future(events.follow())
         try:
-            probes = await asyncio.gather(
-                *(
-                    _probe(person(site, at, cell, http), robot, at + 1, began, events, met)
-                    for at, robot in enumerate(robots)
-                )
-            )
+            await events.until(robots, online=True)
+            began = time.monotonic()
+            # It returns seconds after the processes have died, which the other cells notice at once.
+            killing = asyncio.ensure_future(asyncio.to_thread(victim.each, SERVICES, "kill"))
+
+            async def probe(number: int, who: Person, robot: str) -> Probe:
+                gone = asyncio.ensure_future(events.until([robot], online=False))
+                await asyncio.wait({killing, gone}, return_when=asyncio.FIRST_COMPLETED)
+                gone.cancel()
+                return await _probe(who, robot, number, began, events, met)
+
+            probes = await asyncio.gather(*map(probe, range(1, len(robots) + 1), people, robots))
+            await killing
         finally:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
