@@ -1,4 +1,7 @@
-"""The command: what each subcommand prints, and its exit code."""
+"""The command: what each subcommand prints, and its exit code.
+
+Long, as each module has one file of tests (test_structure.py).
+"""
 
 from __future__ import annotations
 
