@@ -1,6 +1,6 @@
 """Takes this cell out of service: sends its robots to the other cells, those first that nobody uses.
 
-`main` runs it. A robot that nobody else can take stays: without another cell it would only come back.
+`main` runs it. Robots stay while no other cell takes them, as they would only come back, and are driven here.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class CellDrain:
             # Their drives have had their time.
             with_driven = loop.time() - began_at >= self._rules.drives_last_s
             robot_id = min(self._movable(began, with_driven=with_driven), default=(0, None))[1]
-            if robot_id is not None and self._cells.has_room:
+            if robot_id is not None and self._cells.robots_leave:
                 self._registry.end_links(robot_id, "cell_draining", DETAIL)
             await asyncio.sleep(1 / self._rules.robots_per_s)
         log.warning("cell %s is in service again", self._cells.name)

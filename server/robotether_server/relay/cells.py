@@ -76,9 +76,9 @@ class Cells:
         )
 
     @property
-    def has_room(self) -> bool:
-        """Whether any cell takes robots."""
-        return any(cell.is_listed for cell in self._known.values())
+    def robots_leave(self) -> bool:
+        """Whether robots go from here to others: this cell is drained, and another one takes them."""
+        return self.draining and any(cell.is_listed for cell in self._known.values())
 
     def surplus(self, robot_id: int | None = None) -> tuple[int, str]:
         """Return how many robots this cell has more than the emptiest that takes robots, and that one's name.

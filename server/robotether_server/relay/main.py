@@ -232,7 +232,7 @@ class Relay:
             event_writer=self.event_writer,
             registry=registry,
             snapshot=lambda: self.fleet.known,
-            draining=lambda: self.cells.draining,
+            robots_leave=lambda: self.cells.robots_leave,
         )
         self.cell_drain = CellDrain(
             self.cells,

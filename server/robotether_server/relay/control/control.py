@@ -35,10 +35,10 @@ class Control:
         event_writer: EventWriter,
         registry: SessionRegistry,
         snapshot: Callable[[], Snapshot],
-        draining: Callable[[], bool],
+        robots_leave: Callable[[], bool],
     ) -> None:
         self._registry = registry
-        self._draining = draining
+        self._robots_leave = robots_leave
         self._listeners: list[Callable[[int], None]] = []
         self._watchers: dict[int, set[Callable[[], None]]] = {}
         self.leasing = Leasing(
@@ -118,7 +118,7 @@ class Control:
     def _why_no_lease(self, robot: RelayRobot) -> CloseReason | None:
         if (close_reason := self.stops.close_reason(robot)) is not None:
             return close_reason
-        return close_reasons.cell_draining(robot.name) if self._draining() else None
+        return close_reasons.cell_draining(robot.name) if self._robots_leave() else None
 
     def _changed(self, robot_id: int) -> None:
         for listener in self._listeners:

@@ -114,6 +114,30 @@ async def test_nobody_begins_to_drive(memory_database, sim1, http):
         await robot.stop()
 
 
+async def test_one_drives_while_no_other_cell_takes_robots(memory_database, sim1, http):
+    """They died during the drain, which goes on when one is back."""
+    memory_database.cells |= {"a": DRAINED, "b": replace(OTHER, is_alive=False)}
+    async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
+        robot = FakeRobot(sim1.id, SESSION_KEY)
+        await robot.start(relay.relay.session_port)
+        async with http.ws_connect(relay.ros_url(sim1)):
+            await until(lambda: relay.relay.control.driver(sim1.id), "somebody drives")
+        memory_database.cells["b"] = OTHER
+        await until(lambda: relay.relay.cells.robots_leave, "b is back")
+        assert (await closing(await http.ws_connect(relay.ros_url(sim1))))[0] == 4510
+        await robot.stop()
+
+
+async def test_a_drain_goes_on_when_another_cell_is_back(memory_database):
+    """Robots have waited for it."""
+    memory_database.cells |= {"a": DRAINED, "b": replace(OTHER, is_alive=False)}
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        session = await session_of(relay, 8)
+        memory_database.cells["b"] = OTHER
+        assert await ended(session) == "cell_draining"
+        await session.close()
+
+
 @pytest.mark.parametrize("change", [{"stays_s": 60}, {}])
 async def test_a_robot_that_could_go_nowhere_stays(memory_database, change):
     """It has come to a drained cell, so that it found no other; or there is none."""
