@@ -249,6 +249,24 @@ def test_a_robot_that_is_cut_from_one_cell_has_another():
     assert returns(*history) == [(2, 2.0, True)]
 
 
+DRAINED = event(2, "fault", what="cell_drained", cell="main")
+
+
+@pytest.mark.parametrize(("cell", "begin_s"), [("main", 2), ("second", 1)])
+def test_the_clock_begins_with_a_drain_for_the_robots_at_that_cell(cell: str, begin_s: float):
+    at = event(0, "session", cell=cell, epoch=1)
+    wants, leaves = event(1, "wants", what="ann"), event(6, "leaves", what="ann")
+    history = [at, wants, DRAINED, *driven("a1", 1, 5, 6), leaves]
+    assert returns(*history) == [(begin_s, 5.0 - begin_s, True)]
+
+
+def test_a_drained_cell_is_live_when_it_alone_is_left():
+    at = event(0, "session", cell="main", epoch=1)
+    paused = event(3, "fault", what="cell_paused", cell="second")
+    history = [at, WANTS, *driven("a1", 1, 0, 2), DRAINED, paused, *driven("a2", 2, 9, 10)]
+    assert returns(*history, event(10, "leaves", what="ann")) == [(3, 6.0, True)]
+
+
 def test_no_return_is_counted_without_a_live_cell():
     other = event(2, "fault", what="sshd_killed", cell="second")
     assert returns(WANTS, *driven("a1", 1, 0, 2), KILLED, other, LEAVES) == []

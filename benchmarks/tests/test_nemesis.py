@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 from types import SimpleNamespace
@@ -12,13 +13,13 @@ from typing import Any, cast
 import pytest
 from paper.cells import nemesis as module
 from paper.cells.history import History, read
-from paper.cells.nemesis import FAULTS, TAKES_A_CELL, Context, Fault, Nemesis, Target
+from paper.cells.nemesis import DRAINED, FAULTS, TAKES_A_CELL, Context, Fault, Nemesis, Target
 
 Deeds = list[tuple[str, str]]
 
 
-def context(seed: int = 1) -> Context:
-    site = cast(Any, SimpleNamespace(names=["a", "b", "c"], cells=[]))
+def context(seed: int = 1, cells: str = "abc") -> Context:
+    site = cast(Any, SimpleNamespace(names=list(cells), cells=[]))
     return Context(site, cast(Any, {"robots-1": None, "robots-2": None}), Random(seed))
 
 
@@ -31,7 +32,7 @@ def noting(deeds: Deeds, *, failing: str = "") -> dict[str, Fault]:
             if name == failing:
                 raise RuntimeError("it is on fire")
 
-        return Fault(lambda _, __: deeds.append(("do", name)), mend)
+        return replace(FAULTS[name], do=lambda _, __: deeds.append(("do", name)), mend=mend)
 
     return {name: fault(name) for name in FAULTS}
 
@@ -79,10 +80,41 @@ async def test_what_is_broken_is_mended_and_written_down(
 async def test_one_cell_stays_whole(history: History, quick: None) -> None:
     deeds: Deeds = []
     await open_nemesis(history, deeds).run(1.0)
-    takers = [what for what, name in deeds if name in TAKES_A_CELL]
-    # One of them is mended before the next is done.
+    takers = [what for what, name in deeds if name in TAKES_A_CELL - {DRAINED}]
+    # One of them is mended before the next is done; a drain may be beside it.
     assert takers[::2] == ["do"] * len(takers[::2])
     assert takers[1::2] == ["mend"] * len(takers[1::2])
+
+
+async def takers_beside(
+    history: History, name: str, target: Target, cells: str = "abc"
+) -> dict[str, set[str]]:
+    """What takes a cell and may be chosen beside a fault, with its cells."""
+    one = Nemesis(context(cells=cells), history, noting([]))
+    await one.begin(name, target)
+    found: dict[str, set[str]] = {}
+    for _ in range(500):
+        chosen = one.choose()
+        if chosen is not None and chosen[0] in TAKES_A_CELL:
+            found.setdefault(chosen[0], set()).add(chosen[1].cell)
+    return found
+
+
+async def test_another_cell_breaks_while_one_is_drained(history: History) -> None:
+    """Never the drained one: its web could not resume it."""
+    beside = await takers_beside(history, DRAINED, Target("b"))
+    assert beside == {one: {"a", "c"} for one in TAKES_A_CELL - {DRAINED, "database_away"}}
+
+
+@pytest.mark.parametrize("name", sorted(TAKES_A_CELL - {DRAINED, "database_away"}))
+async def test_another_cell_is_drained_while_one_is_broken(history: History, name: str) -> None:
+    assert await takers_beside(history, name, Target("b")) == {DRAINED: {"a", "c"}}
+
+
+async def test_nothing_is_drained_without_a_database_or_a_third_cell(history: History) -> None:
+    assert await takers_beside(history, "database_away", Target()) == {}
+    for name in (DRAINED, "cell_killed"):
+        assert await takers_beside(history, name, Target("b"), cells="ab") == {}
 
 
 async def test_a_run_that_is_interrupted_mends_all(history: History, quick: None) -> None:

@@ -8,7 +8,7 @@ A rule yields a violation for each event that breaks it, with the robot, the tim
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -33,6 +33,8 @@ CELL_GONE = {
     "robots_cut",
     "disk_full",
 }
+# A drained cell still is one: who has no other is driven there. But the robots at it have to begin anew elsewhere.
+CELL_DRAINED = "cell_drained"
 
 
 @dataclass(frozen=True)
@@ -293,6 +295,25 @@ class _Fault:
     end_s: float
 
 
+class Robot:
+    """A robot: the process that plays it, and where it was."""
+
+    def __init__(self, events: Sequence[Event]) -> None:
+        self.source = next((one.source for one in events if one.kind in ("session", "moved")), "")
+        self._sessions = [one for one in events if one.kind == "session"]
+
+    def has_to_leave(self, fault: _Fault) -> bool:
+        """Whether a fault takes a cell, or drains the one that the robot was at."""
+        if fault.what == CELL_DRAINED:
+            return self._cell_at(fault.begin_s) == fault.cell
+        return fault.what in CELL_GONE
+
+    def _cell_at(self, at_s: float) -> str:
+        """Where its newest session was, which may be over: there it connects first."""
+        count = bisect_right(self._sessions, at_s, key=lambda one: one.at_s)
+        return self._sessions[count - 1].cell if count else ""
+
+
 class Faults:
     """What the nemesis did, with begin and end."""
 
@@ -323,29 +344,29 @@ class Faults:
         )
 
     def last_change(
-        self, cells: Sequence[str], source: str, begin_s: float, end_s: float
+        self, cells: Sequence[str], robot: Robot, begin_s: float, end_s: float
     ) -> tuple[float, str]:
         """The last moment until `end_s`, at the earliest `begin_s`, that a robot has to begin anew from, and why.
 
-        That is a fault which takes a cell, or the return of the first one that is live.
+        That is a fault which takes a cell, a drain of the robot's own, or the return of the first one that is live.
         """
         # A fault is written down before it is done, and may be what the robot's last command came after.
         open_ones = [
             (one.begin_s, one.what)
             for one in self.all
             if one.begin_s <= begin_s <= one.end_s
-            and one.what in CELL_GONE
-            and one.source in ("", source)
+            and robot.has_to_leave(one)
+            and one.source in ("", robot.source)
         ]
         last = (begin_s, max(open_ones, default=(0.0, ""))[1])
         for cell in cells:
-            for one in self.of_cell(cell, source):
-                if one.what not in CELL_GONE:
+            for one in self.of_cell(cell, robot.source):
+                if not robot.has_to_leave(one):
                     continue
                 if one.begin_s <= end_s:
                     last = max(last, (one.begin_s, one.what))
                 before_s = one.end_s - 0.001
-                if one.end_s <= end_s and not self.any_live(cells, source, before_s):
+                if one.end_s <= end_s and not self.any_live(cells, robot.source, before_s):
                     last = max(last, (one.end_s, f"end of {one.what}"))
         return last
 
@@ -423,15 +444,15 @@ def find_returns(history: Sequence[Event], cells: Sequence[str]) -> list[Return]
 def _returns_of(
     robot: str, events: Sequence[Event], faults: Faults, cells: Sequence[str], end_s: float
 ) -> Iterator[Return]:
-    source = next((one.source for one in events if one.kind in ("session", "moved")), "")
+    whose = Robot(events)
     wish = _Wish()
     for one in [*events, Event(at_s=end_s, kind="late")]:
         since_s, waits = wish.since_s, wish.waits
         wish.follow(one)
         ends = one.kind in ("moved", "late") or (one.kind == "leaves" and wish.since_s is None)
-        if not (ends and waits and faults.any_live(cells, source, one.at_s)):
+        if not (ends and waits and faults.any_live(cells, whose.source, one.at_s)):
             continue
-        begin_s, after = faults.last_change(cells, source, since_s or one.at_s, one.at_s)
+        begin_s, after = faults.last_change(cells, whose, since_s or one.at_s, one.at_s)
         if one.at_s - begin_s > OUTAGE_S:
             yield Return(robot, begin_s, one.at_s - begin_s, one.kind == "moved", after)
 

@@ -105,6 +105,14 @@ def _restart(context: Context, target: Target) -> None:
     context.cell(target).each(["relay"], "restart", timeout=15)
 
 
+def _drain(context: Context, target: Target) -> None:
+    context.cell(target).drain()
+
+
+def _resume(context: Context, target: Target) -> None:
+    context.cell(target).resume()
+
+
 def _robots_cut(*, to_drop: bool) -> Do:
     def do(context: Context, target: Target) -> None:
         cell, robots = context.cell(target), context.robots[target.source]
@@ -175,12 +183,15 @@ FAULTS: Mapping[str, Fault] = {
     ),
     "database_cut": Fault(_database_cut(to_drop=True), _database_cut(to_drop=False)),
     "peers_cut": Fault(_peers_cut(to_drop=True), _peers_cut(to_drop=False), weight=3),
+    "cell_drained": Fault(_drain, _resume),
     "database_away": Fault(_kill_database, _start_database, of_cell=False),
     "disk_full": Fault(_fill, _empty, of_cell=False, of_robots=True, weight=1),
     "guards_killed": Fault(_kill_guards, _nothing, of_cell=False, of_robots=True),
 }
 # With one of these no other is begun that takes something from another cell: one stays whole.
 TAKES_A_CELL = frozenset(FAULTS) - {"disk_full", "guards_killed", "peers_cut"}
+# Only this one may be beside another of them: a machine dies while one is out of service.
+DRAINED = "cell_drained"
 
 
 @dataclass
@@ -215,20 +226,29 @@ class Nemesis:
 
     def choose(self) -> tuple[str, Target] | None:
         """The next fault: one that leaves a cell whole beside what is broken already; None: there is none."""
-        rng, open_ones = self.context.rng, self._open
-        names = [
-            name
-            for name in self.faults
-            if all(one.name != name for one in open_ones)
-            and not (name in TAKES_A_CELL and any(one.name in TAKES_A_CELL for one in open_ones))
-        ]
+        rng = self.context.rng
+        open_names = [one.name for one in self._open]
+        names = [name for name in self.faults if name not in open_names and self._cells_for(name)]
         if not names:
             return None
         [name] = rng.choices(names, [self.faults[one].weight for one in names])
         fault = self.faults[name]
-        cell = rng.choice(self.context.site.names) if fault.of_cell else ""
+        cell = rng.choice(self._cells_for(name)) if fault.of_cell else ""
         source = rng.choice(sorted(self.context.robots)) if fault.of_robots else ""
         return name, Target(cell, source)
+
+    def _cells_for(self, name: str) -> Sequence[str]:
+        """The cells that a fault may concern; none while it may not begin."""
+        cells = self.context.site.names
+        takers = [one for one in self._open if one.name in TAKES_A_CELL]
+        if name not in TAKES_A_CELL or not takers:
+            return cells
+        is_with_drain = len(takers) == 1 and DRAINED in (name, takers[0].name)
+        if not (is_with_drain and self.faults[name].of_cell and takers[0].target.cell):
+            return []
+        # A drained cell is resumed by its own web, which must work; and a third cell takes the robots.
+        others = [one for one in cells if one != takers[0].target.cell]
+        return others if len(others) > 1 else []
 
     async def begin(self, name: str, target: Target) -> None:
         """Do one fault."""

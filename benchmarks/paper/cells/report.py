@@ -76,7 +76,8 @@ def _nemesis(run: Values) -> Section:
 def _returns(returns: Sequence[Mapping[str, Any]]) -> Section:
     text = (
         "How long robots were not drivable by who wanted to, from when a live cell was there and the last fault of a "
-        "cell had begun; an outage below 0.6 s is none. Who gives up within 5 s is left out."
+        "cell had begun; a drain is one for the robots at that cell. An outage below 0.6 s is none. Who gives up "
+        "within 5 s is left out."
     )
     by_cause: dict[str, list[Mapping[str, Any]]] = {}
     for one in returns:

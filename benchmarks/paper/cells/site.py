@@ -24,6 +24,7 @@ from signal import SIGCONT, SIGSTOP, Signals
 from typing import TYPE_CHECKING, Any
 
 from cells import first_cell, second_cell
+from inside import run_inside
 from local_network import insecure_tls
 
 from paper.world import Enrolled, World
@@ -42,6 +43,7 @@ DATABASE_PORT = 3306
 # Of web and of the relay, which both answer 401 to who shows nothing.
 HEALTH_PATHS = ("/api/v1/me", "/api/v1/events")
 HEALTHY_WITHIN_S, ASK_EVERY_S = 120.0, 0.2
+ORDERED_WITHIN_S = 30.0
 AT_ONCE = 4
 
 
@@ -84,6 +86,24 @@ class Cell:
                 _signal(container, SIGSTOP if do == "pause" else SIGCONT)
         elif {"kill": is_running, "start": not is_running}.get(do, True):
             getattr(container, do)(**how)
+
+    def drain(self) -> None:
+        """Take it out of service, as an admin at its machine does."""
+        self._order("drain")
+
+    def resume(self) -> None:
+        """Put it back into service; one that is in service stays so."""
+        self._order("resume")
+
+    def _order(self, order: str) -> None:
+        """Run a command of the site on this cell, in its own web."""
+        end = time.monotonic() + ORDERED_WITHIN_S
+        command = ("robotether", "cell", order, self.name)
+        # No cell is drained while no other is in service, and one that has just come back is not yet for a second.
+        while (done := run_inside(self.container("web"), *command)).returncode != 0:
+            if time.monotonic() > end:
+                raise RuntimeError(f"cannot {order} cell {self.name}: {done.stderr[-2000:]}")
+            time.sleep(ASK_EVERY_S)
 
     def wait_live(self) -> None:
         """Wait until pages and relay answer."""

@@ -335,11 +335,10 @@ def drain(site: Site, size: Size) -> Values:
     victim, other = site.cells[-1], site.cells[0]
     with some_robots(site, size) as workload:
         robots = robots_at(workload, victim)
-        command_line = ("robotether", "cell")
         try:
             drives, took_s = asyncio.run(_drain(site, victim, robots[:DRIVEN]))
         finally:
-            site.world.exec("web", *command_line, "resume", victim.name)
+            victim.resume()
         online_s = workload.wait_online(BACK_WITHIN_S, [other])
     return {
         "robots": len(robots),
@@ -356,7 +355,7 @@ async def _drain(
     async with driving(site, driven, victim, RATE_HZ, DRAIN_DRIVE_S) as runs:
         await asyncio.sleep(BEFORE_S)
         began = time.monotonic()
-        await asyncio.to_thread(site.world.exec, "web", "robotether", "cell", "drain", victim.name)
+        await asyncio.to_thread(victim.drain)
         drives = await runs
     while time.monotonic() - began < DRAINED_WITHIN_S:
         if victim.name not in (await asyncio.to_thread(sessions, site)).values():
