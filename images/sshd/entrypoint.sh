@@ -1,6 +1,6 @@
 #!/bin/sh
-# Starts the two watches, nginx for log-ins through 443, and sshd in the foreground. At the first start it makes the host key, which a volume keeps: robots
-# pin it. A secret of that name goes before what was made: all cells of a site have one.
+# Starts the key look-ups, the two watches, nginx for log-ins through 443, and sshd in the foreground. At the first
+# start it makes the host key, which a volume keeps: robots pin it. A secret of that name goes before what was made: all cells of a site have one.
 set -eu
 
 readonly KEY=/etc/ssh/keys/ssh_host_ed25519_key
@@ -47,12 +47,12 @@ ensure_database_options() {
   {
     cat /etc/robotether/keylookup.cnf
     printf 'host = %s\nport = %s\n' "${DB_HOST:-mysql}" "${DB_PORT:-3306}"
-    # The network `data` exists on one host only, and a handshake costs 3 ms a log-in. The client program and its library
-    # have each a word of their own for it.
+    # The network `data` exists on one host only. The client program and its library have each a word of their own for
+    # TLS.
     if [ -n "${DB_CA_FILE:-}" ]; then
-      printf 'ssl-ca = %s\nssl-verify-server-cert = 1\n[authorized-keys]\nssl-enforce = 1\n' "$DB_CA_FILE"
+      printf 'ssl-ca = %s\nssl-verify-server-cert = 1\n[key-lookups]\nssl-enforce = 1\n' "$DB_CA_FILE"
     else
-      printf 'skip-ssl\n[authorized-keys]\nssl-enforce = 0\n'
+      printf 'skip-ssl\n[key-lookups]\nssl-enforce = 0\n'
     fi
   } > /run/robotether/keylookup.cnf
   chmod 644 /run/robotether/keylookup.cnf
@@ -67,6 +67,7 @@ as_nginx() { setpriv --reuid www-data --regid www-data --clear-groups "$@"; }
 # by jump-keys and cleared by jump-watch; nobody else may as much as look into it.
 ensure_run_folders() {
   install -d -m 1777 /run/robotether
+  as_keylookup install -d -m 755 /run/robotether/key-lookups
   setpriv --reuid keylookup --regid jumpwatch --clear-groups install -d -m 770 /run/robotether/jump
   as_jump_watch install -d -m 755 /run/robotether/jump-watch
   as_tunnel_watch install -d -m 755 /run/robotether/tunnel-watch
@@ -79,6 +80,7 @@ ensure_run_folders() {
 start_beside_sshd() {
   # shellcheck disable=SC2016 # $@, $1 and $? are the inner shell's
   readonly keep_running='while :; do "$@"; echo "$1 ended with $?; starting it again" >&2; sleep 1; done'
+  as_keylookup sh -c "$keep_running" loop /usr/lib/robotether/key-lookups &
   as_jump_watch sh -c "$keep_running" loop /usr/lib/robotether/jump-watch &
   as_tunnel_watch sh -c "$keep_running" loop /usr/lib/robotether/tunnel-watch &
   as_nginx sh -c "$keep_running" loop nginx -c "$PROXY_PROTOCOL" &

@@ -167,6 +167,7 @@ def test_database_that_answers_with_an_error_lets_nobody_in(stack: Stack, key: R
     """Although the key is in the cache: whoever can bring an error about shall not open it."""
     line_of(key)
     stack.sql("ALTER USER 'keylookup'@'%' ACCOUNT LOCK")
+    end_database_connections(stack)
     try:
         done = look_up(stack, "tunnel", key.fingerprint, CONNECTION)
         assert "Permission denied" in key.ssh(USER, "session").stderr
@@ -174,6 +175,48 @@ def test_database_that_answers_with_an_error_lets_nobody_in(stack: Stack, key: R
         stack.sql("ALTER USER 'keylookup'@'%' ACCOUNT UNLOCK")
     # sshd says in its log that it failed.
     assert (done.returncode, done.stdout) == (1, "")
+
+
+def end_database_connections(stack: Stack) -> None:
+    """Those of the look-ups, as a database does that is restarted."""
+    stack.sql("KILL USER 'keylookup'@'%'")
+
+
+def test_look_up_connects_again_when_the_database_has_ended_the_connection(
+    stack: Stack, key: RobotKey
+) -> None:
+    known = line_of(key)
+    end_database_connections(stack)
+    assert line_of(key) == known
+
+
+def signal_lookups(stack: Stack, signal: str) -> None:
+    stack.exec("sshd", "pkill", f"-{signal}", "-x", "key-lookups", user="keylookup")
+
+
+def test_log_in_waits_for_look_ups_that_died(stack: Stack, key: RobotKey) -> None:
+    """They are started again, and no robot hears that its key is refused."""
+    known = line_of(key)
+    signal_lookups(stack, "KILL")
+    assert line_of(key) == known
+    assert "key-lookups ended with 137; starting it again" in stack.logs("sshd")
+
+
+@pytest.mark.release
+def test_look_ups_that_hang_let_nobody_in(stack: Stack, key: RobotKey) -> None:
+    """The container is not healthy then."""
+    signal_lookups(stack, "STOP")
+    try:
+        done = look_up(stack, "tunnel", key.fingerprint, CONNECTION)
+        assert (done.returncode, done.stdout) == (1, "")
+        stack.wait(
+            "the container is not healthy",
+            lambda: run_inside(stack.container("sshd"), "/usr/lib/robotether/healthy").returncode,
+            "sshd",
+        )
+    finally:
+        signal_lookups(stack, "CONT")
+    line_of(key)
 
 
 def test_known_key_works_while_the_database_is_away(

@@ -177,6 +177,7 @@ def _nice(stack: Stack, program: str) -> set[str]:
         "/usr/lib/openssh/sshd-session",
         "/usr/lib/openssh/sshd-auth",
         "/usr/lib/robotether/authorized-keys",
+        "/usr/lib/robotether/key-lookups",
         "/usr/lib/robotether/session",
         "/usr/lib/robotether/sshd-auth",
     ],

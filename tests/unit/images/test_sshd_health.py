@@ -12,10 +12,10 @@ HEALTHY = Path(__file__).resolve().parents[3] / "images" / "sshd" / "healthy"
 
 
 async def is_healthy(folder: Path, plain: Mode, through_nginx: Mode) -> bool:
-    """Run the check with these two ports, and with two watches that have just looked."""
-    for watch in ("jump-watch", "tunnel-watch"):
-        (folder / watch).mkdir()
-        (folder / watch / "alive").touch()
+    """Run the check with these two ports, and with programs beside sshd that are at work."""
+    for program in ("jump-watch", "tunnel-watch", "key-lookups"):
+        (folder / program).mkdir()
+        (folder / program / "alive").touch()
     async with SshPort(plain) as first, SshPort(through_nginx) as second:
         check = HEALTHY.read_text()
         for ours, theirs in (
