@@ -36,6 +36,10 @@ def drive(**others: Any) -> dict[str, Any]:
     return {"sent": 100, "lost": 0, "unsent": 0, "endings": {}, **others}
 
 
+def killed(**others: Any) -> dict[str, Any]:
+    return {"robots": 2, "of": 6, "took_s": [1.0, 2.0], "met": {}, "cpu_s": {}, **others}
+
+
 def short(**outcomes: Outcome) -> dict[str, float]:
     """What is worse than its aim or rule."""
     found = report({name.replace("_", "-"): one for name, one in outcomes.items()})
@@ -73,9 +77,14 @@ def test_who_gives_up_soon_tells_nothing():
 
 
 def test_a_robot_of_a_killed_cell_that_never_comes_back():
-    values = {"robots": 2, "of": 6, "took_s": [1.0, None], "met": {}}
-    found = short(cell_killed=Outcome(values=values))
+    found = short(cell_killed=Outcome(values=killed(took_s=[1.0, None])))
     assert found == {"robots of a killed cell that never came back": 1.0}
+
+
+def test_processor_of_a_service_is_that_of_all_cells():
+    cpu_s = {"sshd of a": 1.0, "relay of a": 2.5, "sshd of b": 2.0, "robots": 0.25}
+    [section] = report({"cell-killed": Outcome(values=killed(cpu_s=cpu_s))}).sections
+    assert section.text.endswith("worked for 5.8 s: sshd 3.0, relay 2.5, robots 0.2.")
 
 
 def test_drives_without_a_database():

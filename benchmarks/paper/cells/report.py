@@ -98,11 +98,22 @@ def _killed(run: Values) -> Section:
     took = [one for one in run["took_s"] if one is not None]
     text = (
         f"All containers of a cell are killed, with {run['robots']} of {run['of']} robots on it. The time is from just "
-        "before the kill until an operator at another cell has heard his own command of the robot."
+        "before the kill until an operator at another cell has heard his own command of the robot. Meanwhile this "
+        f"machine's processors worked for {sum(run['cpu_s'].values()):.1f} s: {_shares(run['cpu_s'])}."
     )
     rows = [(run["robots"], len(took), *_quantiles(took))]
     columns = "robots | drivable elsewhere | p50, s | p99, s | max, s"
     return Section("A cell is killed", text, columns, rows)
+
+
+def _shares(cpu_s: Mapping[str, float]) -> str:
+    """Who used the processor, most first; the services of all cells together."""
+    used: dict[str, float] = {}
+    for name, seconds in cpu_s.items():
+        who = name.split()[0]
+        used[who] = used.get(who, 0.0) + seconds
+    most_first = sorted(used, key=lambda who: -used[who])
+    return ", ".join(f"{who} {used[who]:.1f}" for who in most_first)
 
 
 def _away(run: Values) -> Section:

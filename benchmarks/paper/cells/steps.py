@@ -9,9 +9,10 @@ import asyncio
 import json
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -23,7 +24,7 @@ from paper.cells.commands import TOPIC, TYPE, command, origin
 from paper.cells.people import FAILURES, CellAddress, Person
 from paper.cells.site import SERVICES, Cell, Site
 from paper.cells.workload import Size, Workload, read_database
-from paper.costs import use_of
+from paper.costs import Reading, cpu_between, use_of
 from paper.density.drivers import Drive, Driver
 from paper.fleet.operators import FleetEvents
 from paper.numbered.messages import Histogram
@@ -99,17 +100,36 @@ def kill_cell(site: Site, size: Size) -> Values:
     with some_robots(site, size) as workload:
         robots = robots_at(workload, victim)
         try:
-            probes, met = asyncio.run(_kill_and_probe_all(site, victim, other, robots))
+            probes, met, cpu_s = asyncio.run(
+                _kill_and_probe_all(site, victim, other, robots, partial(_reading, site, workload))
+            )
         finally:
             victim.each(SERVICES, "start")
             victim.wait_live()
     times = [one.took_s for one in probes]
-    return {"robots": len(robots), "of": size.robots, "took_s": times, "met": dict(met)}
+    return {
+        "robots": len(robots),
+        "of": size.robots,
+        "took_s": times,
+        "met": dict(met),
+        "cpu_s": cpu_s,
+    }
+
+
+def _reading(site: Site, workload: Workload) -> Reading:
+    """What the database, the cells that live on, and the robots have used."""
+    containers = {
+        f"{service} of {cell.name}": cell.container(service)
+        for cell in site.cells[:-1]
+        for service in SERVICES
+    }
+    containers["mysql"] = site.cells[0].container("mysql")
+    return Reading.now(containers, [one.pid for one in workload.processes.values()])
 
 
 async def _kill_and_probe_all(
-    site: Site, victim: Cell, cell: Cell, robots: Sequence[str]
-) -> tuple[list[Probe], Counter[str]]:
+    site: Site, victim: Cell, cell: Cell, robots: Sequence[str], read: Callable[[], Reading]
+) -> tuple[list[Probe], Counter[str], dict[str, float]]:
     met: Counter[str] = Counter()
     headers = {"Authorization": f"Bearer {site.world.token}"}
     async with (
@@ -124,7 +144,7 @@ async def _kill_and_probe_all(
         task = asyncio.ensure_future(events.follow())
         try:
             await events.until(robots, online=True)
-            began = time.monotonic()
+            before, began = read(), time.monotonic()
             # It returns seconds after the processes have died, which the other cells notice at once.
             killing = asyncio.ensure_future(asyncio.to_thread(victim.each, SERVICES, "kill"))
 
@@ -135,11 +155,12 @@ async def _kill_and_probe_all(
                 return await _probe(who, robot, number, began, events, met)
 
             probes = await asyncio.gather(*map(probe, range(1, len(robots) + 1), people, robots))
+            cpu_s = cpu_between(before, read())
             await killing
         finally:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
-    return list(probes), met
+    return list(probes), met, cpu_s
 
 
 async def _probe(  # noqa: PLR0917 (one call)
