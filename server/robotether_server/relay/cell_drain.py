@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from datetime import datetime, timedelta
 
 from robotether_server.relay.cells import Cells
-from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+from robotether_server.relay.robots.sessions import SessionRegistry
 
 log = logging.getLogger(__name__)
 
@@ -57,25 +57,24 @@ class CellDrain:
                 await self._drain()
 
     async def _drain(self) -> None:
-        loop = asyncio.get_running_loop()
-        began_at, began = loop.time(), utc_now()
+        began_at = time.monotonic()
         log.warning(
             "cell %s is taken out of service; its robots go to the others", self._cells.name
         )
         while self._cells.draining:
             # Their drives have had their time.
-            with_driven = loop.time() - began_at >= self._rules.drives_last_s
-            robot_id = min(self._movable(began, with_driven=with_driven), default=(0, None))[1]
+            with_driven = time.monotonic() - began_at >= self._rules.drives_last_s
+            robot_id = min(self._movable(began_at, with_driven=with_driven), default=(0, None))[1]
             if robot_id is not None and self._cells.robots_leave:
                 self._registry.end_links(robot_id, "cell_draining", DETAIL)
             await asyncio.sleep(1 / self._rules.robots_per_s)
         log.warning("cell %s is in service again", self._cells.name)
 
-    def _movable(self, began: datetime, *, with_driven: bool) -> Iterator[tuple[int, int]]:
+    def _movable(self, began_at: float, *, with_driven: bool) -> Iterator[tuple[int, int]]:
         """Rank the robots that may go now: unused, observed, driven."""
-        stays_since = max(began, utc_now() - timedelta(seconds=self._rules.stays_s))
-        for robot_id, since in self._registry.online():
-            if since > stays_since:
+        stays_since = max(began_at, time.monotonic() - self._rules.stays_s)
+        for robot_id, connected_at in self._registry.online():
+            if connected_at > stays_since:
                 continue
             if not self._is_driven(robot_id):
                 yield int(self._is_used(robot_id)), robot_id

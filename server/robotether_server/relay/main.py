@@ -12,8 +12,8 @@ import os
 import resource
 import signal
 import sys
+import time
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from typing import cast
 
@@ -342,7 +342,7 @@ class Relay:
             snapshot=lambda: self.fleet.snapshot,
             allowed_origins=settings.allowed_origins,
             clock=utc_now,
-            began_at=self._began_at,
+            online_s=self._online_s,
         )
         context = VideoContext(
             access=access,
@@ -401,10 +401,12 @@ class Relay:
     def _known(self) -> Snapshot:
         return self.fleet.known
 
-    def _began_at(self, robot_id: int) -> datetime | None:
-        """Return since when a robot is here that may have been at another cell before."""
-        presence = self.registry.presence(robot_id)
-        return presence.since if presence.online and self.cells.peers() else None
+    def _online_s(self, robot_id: int) -> float | None:
+        """Return for how long a robot has been here that may have been at another cell before."""
+        connected_at = self.registry.presence(robot_id).connected_at
+        if connected_at is None or not self.cells.peers():
+            return None
+        return time.monotonic() - connected_at
 
     def _is_used(self, robot_id: int) -> bool:
         """Return whether anybody needs the robot here: also its guard's word, that it is stopped or released."""

@@ -6,12 +6,12 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from datetime import datetime, timedelta
 
 from robotether_server.relay.cells import Cells
-from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+from robotether_server.relay.robots.sessions import SessionRegistry
 
 DETAIL = "another machine of the server has fewer robots; connect to the next"
 
@@ -51,7 +51,7 @@ class Rebalancing:
         self._is_used = is_used
         self._unreached = unreached
         self._rules = rules or BalanceRules()
-        self._sent_at: dict[int, datetime] = {}
+        self._sent_at: dict[int, float] = {}
 
     async def run(self) -> None:
         """Look every second, and send robots one after the other, for ever."""
@@ -65,8 +65,8 @@ class Rebalancing:
         if self._cells.draining or not self._is_much(self._cells.surplus()[0]):
             return False
         unreached = self._unreached()
-        for robot_id, since in self._registry.online():
-            if self._may_go(robot_id, since):
+        for robot_id, connected_at in self._registry.online():
+            if self._may_go(robot_id, connected_at):
                 surplus, emptiest = self._cells.surplus(robot_id)
                 if self._is_much(surplus) and emptiest not in unreached:
                     self._send(robot_id, emptiest)
@@ -77,18 +77,18 @@ class Rebalancing:
         rules = self._rules
         return surplus > max(rules.robots, rules.share * self._registry.online_count())
 
-    def _may_go(self, robot_id: int, since: datetime) -> bool:
-        stays = timedelta(seconds=self._rules.stays_s)
+    def _may_go(self, robot_id: int, connected_at: float) -> bool:
+        stays_s = self._rules.stays_s
         sent_at = self._sent_at.get(robot_id)
-        if sent_at is not None and since - sent_at < stays:
+        if sent_at is not None and connected_at - sent_at < stays_s:
             # It came back at once, so that it cannot reach another cell: it stays.
             return False
         # Nobody knows whether somebody works in a shell.
         is_idle = not self._is_used(robot_id) and not self._registry.has(robot_id, "shell")
-        return is_idle and utc_now() - since > stays
+        return is_idle and time.monotonic() - connected_at > stays_s
 
     def _send(self, robot_id: int, cell: str) -> None:
-        self._sent_at[robot_id] = utc_now()
+        self._sent_at[robot_id] = time.monotonic()
         if (session := self._registry.session_of(robot_id)) is not None:
             session.send_cells(self._cells.addresses(robot_id, cell))
         self._registry.end_links(robot_id, "rebalanced", DETAIL)

@@ -103,8 +103,7 @@ class UsedTickets:
             raise TicketUsed("cannot accept the ticket: it was already used; get a new one")
         self._issued[ticket_id] = issued_at
         if len(self._issued) > self._capacity:
-            _, forgotten = self._issued.popitem(last=False)
-            self._floor = max(self._floor, forgotten + timedelta(seconds=1))
+            self._drop_first()
 
     def _drop_expired(self, now: datetime) -> None:
         # In order of use and not of issue: an expired one behind a good one just stays longer.
@@ -113,13 +112,19 @@ class UsedTickets:
             # One second more, because the signer counts whole seconds.
             if self._issued[ticket_id] + self._ttl + timedelta(seconds=1) >= now:
                 return
-            del self._issued[ticket_id]
+            self._drop_first()
+
+    def _drop_first(self) -> None:
+        # From now on it is refused by its age: one that has expired is good again if the clock is set back.
+        _, issued_at = self._issued.popitem(last=False)
+        self._floor = max(self._floor, issued_at + timedelta(seconds=1))
 
 
 class Access:
     """Decides who may open what, with the newest rights.
 
-    `began_at` gives when a robot came to this cell from another, which may have used its tickets; None: from none.
+    `online_s` gives for how long a robot has been here that may have come from another cell, where its tickets may be
+    used already; None: from none.
     """
 
     def __init__(
@@ -130,14 +135,14 @@ class Access:
         snapshot: Callable[[], Snapshot],
         allowed_origins: Collection[str],
         clock: Callable[[], datetime],
-        began_at: Callable[[int], datetime | None] = lambda _robot_id: None,
+        online_s: Callable[[int], float | None] = lambda _robot_id: None,
     ) -> None:
         self._signer = signer
         self._credentials = credentials
         self._snapshot = snapshot
         self._allowed_origins = frozenset(allowed_origins)
         self._clock = clock
-        self._began_at = began_at
+        self._online_s = online_s
         self._used = UsedTickets(clock(), signer.ttl_s)
 
     def for_rosbridge(self, request: Request, name: str) -> Permit:
@@ -235,12 +240,14 @@ class Access:
         return ticket, issued_at
 
     def _use(self, ticket: Ticket, issued_at: datetime, robot: RelayRobot) -> None:
-        began_at = self._began_at(robot.id)
-        if began_at is not None and issued_at < began_at.replace(microsecond=0):
+        now, online_s = self._clock(), self._online_s(robot.id)
+        # Counted back from now, as the clock may have been set since. A signature's timestamp has whole seconds.
+        connected_at = None if online_s is None else now - timedelta(seconds=online_s)
+        if connected_at is not None and issued_at < connected_at.replace(microsecond=0):
             raise TicketExpired(
                 "cannot accept the ticket: the robot has connected elsewhere since; get a new one"
             )
-        self._used.use(ticket.id, issued_at, self._clock())
+        self._used.use(ticket.id, issued_at, now)
 
     def _permit_of_ticket(self, ticket: Ticket, issued_at: datetime, name: str, use: Use) -> Permit:
         user = RelayUser(ticket.user_id, ticket.user)

@@ -6,6 +6,7 @@ listen. At most one link of a kind is current for a robot.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -89,6 +90,8 @@ class Presence:
 
     online: bool = False
     since: datetime | None = None
+    # Of the monotonic clock, for durations; None while the robot is offline.
+    connected_at: float | None = None
     address: str | None = None
     rtt_ms: float | None = None
     ros: ServiceState = "unknown"
@@ -130,16 +133,21 @@ Listener = Callable[[Change], None]
 
 
 def utc_now() -> datetime:
-    """Return the time for people; durations are measured with the loop's clock."""
+    """Return the time for people; durations are measured with a monotonic clock."""
     return datetime.now(timezone.utc)
 
 
 class SessionRegistry:
     """The current links and the presence of each robot."""
 
-    def __init__(self, clock: Callable[[], datetime] = utc_now) -> None:
+    def __init__(
+        self,
+        clock: Callable[[], datetime] = utc_now,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._listeners: list[Listener] = []
         self._clock = clock
+        self._monotonic = monotonic
         self._current: dict[tuple[int, Kind], Link] = {}
         self._presences: dict[int, Presence] = {}
         self._online = 0
@@ -180,12 +188,12 @@ class SessionRegistry:
         """Count the current links of a kind."""
         return sum(each == kind for _, each in self._current)
 
-    def online(self) -> list[tuple[int, datetime]]:
-        """List the robots that are online, and since when."""
+    def online(self) -> list[tuple[int, float]]:
+        """List the robots that are online, and when they connected, by the monotonic clock."""
         return [
-            (robot_id, presence.since)
+            (robot_id, presence.connected_at)
             for robot_id, presence in self._presences.items()
-            if presence.online and presence.since is not None
+            if presence.connected_at is not None
         ]
 
     def end_links(self, robot_id: int, code: ByeCode, detail: str) -> None:
@@ -225,7 +233,12 @@ class SessionRegistry:
     def established(self, link: Link) -> None:
         """The link has its configuration; a robot with an established session is online."""
         if link.kind == "session" and self.is_current(link):
-            presence = Presence(online=True, since=self._clock(), address=link.address)
+            presence = Presence(
+                online=True,
+                since=self._clock(),
+                connected_at=self._monotonic(),
+                address=link.address,
+            )
             self._notify(Change("connected", link.robot_id, presence))
 
     def disconnected(self, link: Link, code: ByeCode) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import timedelta
 
 import pytest
 from fake_robot import FakeRobot, RobotSession
@@ -11,6 +12,7 @@ from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, runni
 from robotether_server.db.cells import Cell
 from robotether_server.relay.cell_drain import DrainRules
 from robotether_server.relay.main import Timing
+from robotether_server.relay.robots.sessions import utc_now
 
 QUICK = DrainRules(robots_per_s=50, drives_last_s=60, stays_s=0)
 OTHER = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 3, False, True)
@@ -134,6 +136,16 @@ async def test_a_drain_goes_on_when_another_cell_is_back(memory_database):
     async with running_relay(memory_database, timing(), CELL) as relay:
         session = await session_of(relay, 8)
         memory_database.cells["b"] = OTHER
+        assert await ended(session) == "cell_draining"
+        await session.close()
+
+
+async def test_a_robot_leaves_though_the_clock_was_set_back(memory_database):
+    """It has been here from before the drain, if by the clock only in an hour."""
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        relay.relay.registry._clock = lambda: utc_now() + timedelta(hours=1)
+        session = await session_of(relay, 8)
+        set_draining(memory_database, on=True)
         assert await ended(session) == "cell_draining"
         await session.close()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import timedelta
 
 import pytest
 from fake_robot import FakeRobot, RobotSession
@@ -11,6 +12,7 @@ from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, runni
 from robotether_server.db.cells import Cell
 from robotether_server.relay.main import Timing
 from robotether_server.relay.rebalancing import BalanceRules
+from robotether_server.relay.robots.sessions import utc_now
 
 EMPTY = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 0, False, True)
 RULES = BalanceRules(robots=0, share=0, robots_per_s=50, look_every_s=0.05, stays_s=0.3)
@@ -116,6 +118,15 @@ async def test_a_robot_that_comes_back_at_once_is_left_alone(memory_database):
         assert await ended(later) == "rebalanced"
         for each in (session, later):
             await each.close()
+
+
+async def test_a_robot_goes_though_the_clock_was_set_back(memory_database):
+    """It has been here long enough, if by the clock only in an hour."""
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        relay.relay.registry._clock = lambda: utc_now() + timedelta(hours=1)
+        session = await session_of(relay, 8)
+        assert await ended(session) == "rebalanced"
+        await session.close()
 
 
 async def test_a_draining_cell_sends_all_by_its_own_rules(memory_database):

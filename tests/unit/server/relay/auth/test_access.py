@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 
@@ -36,7 +37,7 @@ def access_of(
     granted: Level = "observe",
     credentials: Credentials | None = None,
     *,
-    began_at: Callable[[int], datetime | None] = lambda _robot_id: None,
+    online_s: Callable[[int], float | None] = lambda _robot_id: None,
 ) -> Access:
     """Robot 7 is sim1, robot 8 is sim2, and user 3 has this grant on them."""
     robot = RelayRobot(7, "sim1", "active", 20000, 20001)
@@ -46,8 +47,8 @@ def access_of(
         credentials=credentials or Credentials(database),
         snapshot=lambda: Snapshot({7: robot, 8: other}, {(3, 7): granted, (3, 8): granted}),
         allowed_origins=["https://lab.example"],
-        clock=lambda: datetime.now(UTC),
-        began_at=began_at,
+        clock=lambda: datetime.fromtimestamp(time.time(), UTC),
+        online_s=online_s,
     )
 
 
@@ -268,10 +269,15 @@ def test_a_clock_that_is_set_back_makes_no_new_ticket_too_old():
 
 
 @pytest.mark.parametrize("remembered", [False, True])
-@pytest.mark.parametrize(("began_s", "is_good"), [(None, True), (0, True), (-5, True), (2, False)])
-async def test_tickets_of_before_the_robot_came_are_refused(began_s, is_good, remembered):
-    """Another cell may have used one; signatures have whole seconds."""
-    began_at = None if began_s is None else datetime.now(UTC) + timedelta(seconds=began_s)
+@pytest.mark.parametrize(
+    ("online_s", "is_good"), [(None, True), (15, True), (10.1, True), (9.5, False), (0, False)]
+)
+async def test_tickets_of_before_the_robot_came_are_refused(
+    monkeypatch, online_s, is_good, remembered
+):
+    """This one is signed at 0 and shown at 10.6 s. Another cell may have used it; signatures have whole seconds."""
+    now = START.timestamp()
+    monkeypatch.setattr(time, "time", lambda: now)
     signer = TicketSigner("key", 30)
     database = MemoryDatabase()
     credentials = Credentials(database)
@@ -281,16 +287,27 @@ async def test_tickets_of_before_the_robot_came_are_refused(began_s, is_good, re
         database,
         "drive",
         credentials,
-        began_at=lambda robot_id: began_at if robot_id == 7 else None,
+        online_s=lambda robot_id: online_s if robot_id == 7 else None,
     )
     robot, by = (None if remembered else 7, "sim1"), ("login", login.digest.hex())
     text = signer.sign(Ticket(new_id(), 3, "ann", *robot, "drive", *by, remembered=remembered))
+    monkeypatch.setattr(time, "time", lambda: now + 10.6)
     request = Request("robots.example", None, text, None, None)
     if is_good:
         access.for_rosbridge(request, "sim1")
         return
     with pytest.raises(TicketExpired, match="connected elsewhere"):
         access.for_rosbridge(request, "sim1")
+
+
+def test_a_used_ticket_stays_used_when_the_clock_goes_ahead_and_back():
+    """The clock shows once that the ticket has expired, and later that it has not."""
+    used = UsedTickets(START, ttl_s=30)
+    used.use("a", later(0), later(0))
+    used.use("b", later(90), later(90))
+    used.refuse_too_old(later(1), later(10))
+    with pytest.raises(TicketExpired):
+        used.refuse_too_old(later(0), later(10))
 
 
 def test_a_full_memory_forgets_no_ticket_that_could_be_used_again():

@@ -36,8 +36,8 @@ def changes() -> list[Change]:
 
 @pytest.fixture
 def registry(changes) -> SessionRegistry:
-    """A registry with a listener, where it is always 12:03."""
-    registry = SessionRegistry(clock=lambda: NOW)
+    """A registry with a listener, where it is always 12:03, and 5 s by the monotonic clock."""
+    registry = SessionRegistry(clock=lambda: NOW, monotonic=lambda: 5.0)
     registry.listen(changes.append)
     return registry
 
@@ -55,7 +55,10 @@ def test_a_robot_is_online_once_it_is_established(registry, changes):
     assert registry.make_current(link) is None
     assert registry.presence(7) is NEVER_SEEN
     registry.established(link)
-    assert registry.presence(7) == Presence(online=True, since=NOW, address="198.51.100.7")
+    assert registry.presence(7) == Presence(
+        online=True, since=NOW, connected_at=5.0, address="198.51.100.7"
+    )
+    assert registry.online() == [(7, 5.0)]
     assert [change.what for change in changes] == ["connected"]
 
 
@@ -136,6 +139,7 @@ def test_leaving_forgets_what_holds_only_while_online(registry):
     registry.disconnected(link, "timeout")
     assert registry.presence(7) == Presence(since=NOW, agent_version="0.1.0", epoch=8)
     assert registry.count("session") == 0
+    assert registry.online() == []
 
 
 def test_the_database_tell_since_when_but_never_overrule(registry):

@@ -5,15 +5,19 @@ from __future__ import annotations
 import asyncio
 import time
 from dataclasses import replace
+from datetime import timedelta
 
 import aiohttp
 import pytest
 from aiohttp import web
+from fake_robot import FakeRobot
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
-from relay_server import FAST, running_relay, until
+from relay_server import FAST, SESSION_KEY, MemoryDatabase, running_relay, until
+from robotether_server.db.cells import Cell
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.http.sockets import OperatorSocket
+from robotether_server.relay.robots.sessions import utc_now
 from stopwatch import Stopwatch
 
 ANN = RelayUser(1, "ann")
@@ -71,6 +75,37 @@ async def test_an_old_ticket_is_expired(relay, robot, sim1, http, monkeypatch):
     monkeypatch.setattr("itsdangerous.timed.time.time", lambda: later)
     assert await refusal(http, url) == (401, "ticket_expired")
     assert robot.clients_ever == 0
+
+
+@pytest.fixture
+def other_cell(memory_database: MemoryDatabase) -> None:
+    """Another cell, from which a robot may have come."""
+    memory_database.cells["b"] = Cell(
+        "b", "b.example", 443, (2222,), "b.example:8444", "0.1.0", 0, False, True
+    )
+
+
+@pytest.mark.usefixtures("other_cell")
+async def test_a_ticket_of_before_the_robot_came_to_this_cell_is_expired(relay, sim1, http):
+    """The other cell may have used it."""
+    await until(relay.relay.cells.peers, "the other cell is known")
+    relay.relay.registry._monotonic = lambda: time.monotonic() + 5
+    robot = FakeRobot(sim1.id, SESSION_KEY)
+    await robot.start(relay.relay.session_port)
+    assert await refusal(http, relay.ros_url(sim1)) == (401, "ticket_expired")
+    await robot.stop()
+
+
+@pytest.mark.usefixtures("other_cell")
+async def test_a_new_ticket_is_good_though_the_clock_was_set_back(relay, sim1, http):
+    """By the clock the robot came to this cell only in an hour."""
+    await until(relay.relay.cells.peers, "the other cell is known")
+    relay.relay.registry._clock = lambda: utc_now() + timedelta(hours=1)
+    robot = FakeRobot(sim1.id, SESSION_KEY)
+    await robot.start(relay.relay.session_port)
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+    await robot.stop()
 
 
 async def test_a_ticket_opens_one_connection(relay, robot, sim1, http):
