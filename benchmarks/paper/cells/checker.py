@@ -32,6 +32,8 @@ CELL_GONE = {
     "relay_restarted",
     "robots_cut",
     "disk_full",
+    # Its tickets are no other's.
+    "clock_stepped",
 }
 # A drained cell still is one: who has no other is driven there. But the robots at it have to begin anew elsewhere.
 CELL_DRAINED = "cell_drained"

@@ -1,6 +1,6 @@
 """Breaks a site by a seed, one or two things at a time, and mends each again; at the end all, also when it is ended.
 
-What it can do is in FAULTS. Nothing steps a clock: the containers' clocks are the machine's.
+What it can do is in FAULTS.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ MOST_AT_ONCE = 2
 # The database comes back from a loss of power.
 DATABASE_WITHIN_S = 60.0
 GUARDS_SHARE = 0.2
+# Ahead or behind.
+MOST_STEPPED_S = 60.0
 FULL = "full"
 
 
@@ -113,6 +115,14 @@ def _resume(context: Context, target: Target) -> None:
     context.cell(target).resume()
 
 
+def _step_clock(context: Context, target: Target) -> None:
+    context.cell(target).step_clock(context.rng.uniform(-MOST_STEPPED_S, MOST_STEPPED_S))
+
+
+def _step_clock_back(context: Context, target: Target) -> None:
+    context.cell(target).step_clock(0.0)
+
+
 def _robots_cut(*, to_drop: bool) -> Do:
     def do(context: Context, target: Target) -> None:
         cell, robots = context.cell(target), context.robots[target.source]
@@ -183,6 +193,7 @@ FAULTS: Mapping[str, Fault] = {
     ),
     "database_cut": Fault(_database_cut(to_drop=True), _database_cut(to_drop=False)),
     "peers_cut": Fault(_peers_cut(to_drop=True), _peers_cut(to_drop=False), weight=3),
+    "clock_stepped": Fault(_step_clock, _step_clock_back),
     "cell_drained": Fault(_drain, _resume),
     "database_away": Fault(_kill_database, _start_database, of_cell=False),
     "disk_full": Fault(_fill, _empty, of_cell=False, of_robots=True, weight=1),

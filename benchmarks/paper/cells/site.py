@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import socket
+import struct
 import subprocess
 import time
 import urllib.error
@@ -44,6 +45,10 @@ DATABASE_PORT = 3306
 HEALTH_PATHS = ("/api/v1/me", "/api/v1/events")
 HEALTHY_WITHIN_S, ASK_EVERY_S = 120.0, 0.2
 ORDERED_WITHIN_S = 30.0
+# What gives web and relay a clock of their own, and the image that has the library for it.
+CLOCK = Path(__file__).with_name("clock")
+CLOCK_IMAGE, OFFSET = "robotether-test/clock", "offset"
+NS_PER_S = 1e9
 AT_ONCE = 4
 
 
@@ -104,6 +109,13 @@ class Cell:
             if time.monotonic() > end:
                 raise RuntimeError(f"cannot {order} cell {self.name}: {done.stderr[-2000:]}")
             time.sleep(ASK_EVERY_S)
+
+    def step_clock(self, seconds: float) -> None:
+        """Let the clock of web and relay differ from this machine's by so much."""
+        folder = Path(str(self.stack.settings["STEPPED_CLOCK"]))
+        # In place: they have it mapped.
+        with (folder / OFFSET).open("r+b") as file:
+            file.write(offset_bytes(seconds))
 
     def wait_live(self) -> None:
         """Wait until pages and relay answer."""
@@ -177,11 +189,12 @@ class Site:
         """Start so many cells, and remove them at the end."""
         with ExitStack() as made:
             first = first_cell(folder.folder / "site")
+            _add_clock(first)
             made.callback(first.down)
             first.up(robots=False)
             stacks = {"a": first}
             for name in "bcdefgh"[: count - 1]:
-                stacks[name] = made.enter_context(second_cell(first, name))
+                stacks[name] = made.enter_context(second_cell(first, name, prepare=_add_clock))
             world = World(first.container, folder.folder)
             cells = [Cell(name, one, world.machine) for name, one in stacks.items()]
             yield cls(cells, world)
@@ -229,6 +242,25 @@ class Site:
     def sql(self, query: str) -> list[list[str]]:
         """Rows of the database, as text."""
         return self.cells[0].stack.sql(query)
+
+
+def offset_bytes(seconds: float) -> bytes:
+    """As stepped_clock.c reads it."""
+    return struct.pack("q", round(seconds * NS_PER_S))
+
+
+def _add_clock(stack: Stack) -> None:
+    """Give web and relay a clock that can be stepped, before they start."""
+    folder = stack.folder / "clock"
+    folder.mkdir(parents=True)
+    stack.engine.images.build(path=str(CLOCK), tag=CLOCK_IMAGE, rm=True)
+    here = {str(folder): {"bind": "/out"}}
+    stack.engine.containers.run(CLOCK_IMAGE, remove=True, volumes=here)
+    (folder / OFFSET).write_bytes(offset_bytes(0.0))
+    for one in (folder, *folder.iterdir()):
+        one.chmod(0o755)
+    stack.settings["STEPPED_CLOCK"] = folder
+    stack.settings["COMPOSE_FILE"] = f"{stack.settings['COMPOSE_FILE']}:{CLOCK / 'compose.yaml'}"
 
 
 def _signal(container: Container, which: Signals) -> None:

@@ -6,7 +6,7 @@ bridge, as machines in one network do.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -46,13 +46,16 @@ def first_cell(folder: Path, name: str = "a") -> Stack:
 
 
 @contextmanager
-def second_cell(first: Stack, name: str = "b") -> Iterator[Stack]:
+def second_cell(
+    first: Stack, name: str = "b", *, prepare: Callable[[Stack], None] = lambda _: None
+) -> Iterator[Stack]:
     """Cell b, or another, of the site of the first, which runs: started without robots, and removed at the end."""
     folder = first.folder / name
     settings = _settings(name, "cell.yaml", str(first.settings["DB_HOST"]))
     settings["DB_PORT"] = first.settings["DB_PORT"]
     cell = Stack(folder, project=f"{PROJECT}-{name}", settings=settings, is_built=True)
     first.tool("tools/site_secrets", str(folder / "secrets"))
+    prepare(cell)
     try:
         cell.up(robots=False)
         yield cell
