@@ -80,7 +80,8 @@ ensure_run_folders() {
 start_beside_sshd() {
   # shellcheck disable=SC2016 # $@, $1 and $? are the inner shell's
   readonly keep_running='while :; do "$@"; echo "$1 ended with $?; starting it again" >&2; sleep 1; done'
-  as_keylookup sh -c "$keep_running" loop /usr/lib/robotether/key-lookups &
+  # A name server that does not answer must not hold up who is let in by the cache.
+  as_keylookup env RES_OPTIONS='timeout:1 attempts:1' sh -c "$keep_running" loop /usr/lib/robotether/key-lookups &
   as_jump_watch sh -c "$keep_running" loop /usr/lib/robotether/jump-watch &
   as_tunnel_watch sh -c "$keep_running" loop /usr/lib/robotether/tunnel-watch &
   as_nginx sh -c "$keep_running" loop nginx -c "$PROXY_PROTOCOL" &

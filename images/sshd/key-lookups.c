@@ -8,33 +8,38 @@
  * where it has never been. A database that answers with an error (too many connections, a wrong password) lets nobody
  * in: a stranger could bring that about.
  *
- * It answers one question after the other, by one connection to the database that it keeps. What it read before it
- * never answers with: a key that was revoked is refused at once.
+ * Each of its processes answers one question after the other, by a connection to the database that it keeps. While the
+ * database answers, nothing is remembered: a key that was revoked is refused at once.
  */
 #include <dirent.h>
 #include <err.h>
 #include <errmsg.h>
 #include <fcntl.h>
 #include <mysql.h>
-#include <poll.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/time.h>
 #include <sys/un.h>
+#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "key-lookups.h"
 
 #define ALIVE "/run/robotether/key-lookups/alive"
-#define ALIVE_EVERY_MS 5000
+#define ALIVE_EVERY_SECONDS 5
 #define OPTIONS_FILE "/run/robotether/keylookup.cnf"
 #define OPTIONS_GROUP "key-lookups"
 #define PASSWORD_FILE "/run/secrets/mysql_keylookup_password"
-/* As connect-timeout in the options, which the library takes from no file for this. */
+/* As connect-timeout in keylookup.cnf, where the library finds none for reads and writes. */
 #define DATABASE_SECONDS 2
+/* The database may be far away: one process would answer one question each round trip. */
+#define PROCESSES 8
 #define CACHE "/var/cache/robotether/"
 #define CACHE_SECONDS (24 * 3600)
 /* Written only when it changed or is half a day old, so that a log-in does not wait for a disk. */
@@ -94,7 +99,10 @@ static int read_password(char *into, int size)
         fclose(file);
     if (is_read)
         into[strcspn(into, "\r\n")] = '\0';
-    return is_read && into[0] != '\0';
+    if (is_read && into[0] != '\0')
+        return 1;
+    warnx("%s has no password that can be read", PASSWORD_FILE);
+    return 0;
 }
 
 /* The client library's own errors: no socket, no host, no such name, gone, lost, no TLS with whom we trust. Who can bring
@@ -210,16 +218,17 @@ static enum answer find_line(struct lookups *lookups, const char *fingerprint, c
     } else {
         /* A second line would be a second key. */
         length = row[0] == NULL ? 0 : strcspn(row[0], "\r\n");
-        if (length == 0 || length >= LINE_SIZE || length != mysql_fetch_lengths(rows)[0])
+        if (length == 0 || length >= LINE_SIZE || length != mysql_fetch_lengths(rows)[0]) {
+            warnx("the database's line for %s is none", fingerprint);
             answer = FAILED;
-        else
+        } else
             memcpy(line, row[0], length + 1);
     }
     mysql_free_result(rows);
     return answer;
 }
 
-/* One audit line at most; without it the key is refused just the same. */
+/* One audit line at most. What it takes is no other's matter: it says nothing of whether the database answers. */
 static void record_refused_key(struct lookups *lookups, const char *fingerprint, const char *connection)
 {
     char address[ADDRESS_SIZE], sql[256];
@@ -227,7 +236,7 @@ static void record_refused_key(struct lookups *lookups, const char *fingerprint,
 
     read_address(connection, address);
     snprintf(sql, sizeof sql, REFUSED_KEY, fingerprint, address);
-    if (ask(lookups, sql, &rows) == FOUND)
+    if (ask_once(lookups, sql, &rows) == FOUND)
         mysql_free_result(rows);
 }
 
@@ -248,16 +257,16 @@ static int read_cached(const char *path, time_t seconds, char line[LINE_SIZE])
     return is_read;
 }
 
-/* Whatever fails only leaves the cache as it was. */
+/* Another process may do the same; whatever fails only leaves the cache as it was. */
 static void write_cached(const char *path, const char *line)
 {
-    char known[LINE_SIZE];
-    const char *written = CACHE "new";
+    char known[LINE_SIZE], written[128];
     FILE *file;
     int is_whole;
 
     if (read_cached(path, RENEW_SECONDS, known) && strcmp(known, line) == 0)
         return;
+    snprintf(written, sizeof written, "%s.%d", path, (int)getpid());
     file = fopen(written, "we");
     if (file == NULL)
         return;
@@ -332,8 +341,7 @@ static int renew_cache(struct lookups *lookups)
 }
 
 /* The first letter of the answer; with LET_IN there is a line. */
-static char look_up(
-    struct lookups *lookups, const char *fingerprint, const char *connection, char line[LINE_SIZE])
+static char look_up(struct lookups *lookups, const char *fingerprint, char line[LINE_SIZE])
 {
     char cached[PATH_SIZE];
 
@@ -346,7 +354,6 @@ static char look_up(
         return LET_IN;
     case UNKNOWN:
         unlink(cached);
-        record_refused_key(lookups, fingerprint, connection);
         return KEEP_OUT;
     case UNREACHABLE:
         return read_cached(cached, CACHE_SECONDS, line) && line[0] != '\0' ? LET_IN : CANNOT_TELL;
@@ -355,55 +362,76 @@ static char look_up(
     }
 }
 
-/* Answers one question; a client that is gone needs none. */
+/* Answers one question, or waits for none for a while; a client that is gone needs no answer. */
 static void serve(struct lookups *lookups, int listener)
 {
     char question[QUESTION_SIZE], answer[1 + LINE_SIZE];
+    const char *connection = NULL;
     struct sockaddr_un client;
     socklen_t size = sizeof client;
     ssize_t got = recvfrom(listener, question, sizeof question, 0, (struct sockaddr *)&client, &size);
     size_t length = 1;
-    const char *connection;
 
     if (got <= 0 || question[got - 1] != '\0')
         return;
-    /* Behind the first word's end; the question's own end is one, too. */
-    connection = question + strlen(question) + 1;
-    if (strcmp(question, RENEW_CACHE) == 0)
-        answer[0] = renew_cache(lookups) ? KEEP_OUT : CANNOT_TELL;
-    else if (connection < question + got)
-        answer[0] = look_up(lookups, question, connection, answer + 1);
-    else
-        return;
+    if (strcmp(question, RENEW_CACHE) == 0) {
+        answer[0] = renew_cache(lookups) ? RENEWED : CANNOT_TELL;
+    } else {
+        connection = question + strlen(question) + 1;
+        if (connection >= question + got)
+            return;
+        answer[0] = look_up(lookups, question, answer + 1);
+    }
     if (answer[0] == LET_IN)
         length += strlen(answer + 1) + 1;
     sendto(listener, answer, length, MSG_NOSIGNAL | MSG_DONTWAIT, (struct sockaddr *)&client, size);
+    if (answer[0] == KEEP_OUT && is_fingerprint(question))
+        record_refused_key(lookups, question, connection);
 }
 
 static int listen_at_socket(void)
 {
     struct sockaddr_un here = {.sun_family = AF_UNIX, .sun_path = SOCKET};
+    struct timeval most = {.tv_sec = ALIVE_EVERY_SECONDS};
     int listener = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
 
     umask(077);
     /* One that ended before left its own. */
     unlink(SOCKET);
-    if (listener == -1 || bind(listener, (struct sockaddr *)&here, sizeof here) != 0)
+    if (listener == -1 || setsockopt(listener, SOL_SOCKET, SO_RCVTIMEO, &most, sizeof most) != 0 ||
+        bind(listener, (struct sockaddr *)&here, sizeof here) != 0)
         err(1, "%s", SOCKET);
     return listener;
 }
 
-int main(void)
+static void serve_for_ever(int listener)
 {
     struct lookups lookups = {0};
-    struct pollfd question = {.fd = listen_at_socket(), .events = POLLIN};
-    int alive = open(ALIVE, O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
+    int alive = open(ALIVE, O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
 
     if (alive == -1)
         err(1, "%s", ALIVE);
     for (;;) {
         futimens(alive, NULL);
-        if (poll(&question, 1, ALIVE_EVERY_MS) > 0)
-            serve(&lookups, question.fd);
+        serve(&lookups, listener);
     }
+}
+
+int main(void)
+{
+    int listener = listen_at_socket(), count;
+
+    signal(SIGPIPE, SIG_IGN);
+    for (count = 0; count < PROCESSES; count++) {
+        switch (fork()) {
+        case -1:
+            err(1, "fork");
+        case 0:
+            prctl(PR_SET_PDEATHSIG, SIGKILL);
+            serve_for_ever(listener);
+        }
+    }
+    /* They end with this one, and all are started again. */
+    wait(NULL);
+    errx(1, "one of its processes has ended");
 }

@@ -12,6 +12,7 @@
 /* The answer: a letter, and behind LET_IN the key's line. */
 #define LET_IN 'y'
 #define KEEP_OUT 'n'
+#define RENEWED 'r'
 #define CANNOT_TELL '?'
 #define LINE_SIZE 4096
 

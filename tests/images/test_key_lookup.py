@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -195,10 +196,16 @@ def signal_lookups(stack: Stack, signal: str) -> None:
 
 
 def test_log_in_waits_for_look_ups_that_died(stack: Stack, key: RobotKey) -> None:
-    """They are started again, and no robot hears that its key is refused."""
+    """They are started again, and no robot hears that its key is refused, nor one whose question they had."""
     known = line_of(key)
-    signal_lookups(stack, "KILL")
-    assert line_of(key) == known
+    signal_lookups(stack, "STOP")
+    with ThreadPoolExecutor() as threads:
+        answer = threads.submit(line_of, key)
+        asks = ("pgrep", "-x", "authorized-keys")
+        sshd = stack.container("sshd")
+        stack.wait("somebody asks", lambda: run_inside(sshd, *asks).returncode == 0, "sshd")
+        signal_lookups(stack, "KILL")
+        assert line_of(key) == answer.result() == known
     assert "key-lookups ended with 137; starting it again" in stack.logs("sshd")
 
 
