@@ -57,7 +57,7 @@ def drain(name: str, wait: bool, timeout: float) -> None:
     """Take a machine out of service.
 
     Its robots connect to the others, 20 a second, first those that nobody uses. Drives may last for a minute; no new
-    one begins. While no other machine takes robots, they stay, and new drives begin.
+    one begins. While no other machine takes robots, they stay, and drives may begin.
     """
     database = open_database()
     with database.transaction() as tx:

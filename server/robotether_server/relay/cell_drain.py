@@ -57,18 +57,25 @@ class CellDrain:
                 await self._drain()
 
     async def _drain(self) -> None:
-        began_at = time.monotonic()
+        began_at = leave_since = time.monotonic()
         log.warning(
             "cell %s is taken out of service; its robots go to the others", self._cells.name
         )
         while self._cells.draining:
-            # Their drives have had their time.
-            with_driven = time.monotonic() - began_at >= self._rules.drives_last_s
-            robot_id = min(self._movable(began_at, with_driven=with_driven), default=(0, None))[1]
-            if robot_id is not None and self._cells.robots_leave:
-                self._registry.end_links(robot_id, "cell_draining", DETAIL)
+            if self._cells.robots_leave:
+                # Their drives have had their time.
+                with_driven = time.monotonic() - leave_since >= self._rules.drives_last_s
+                self._send_one(began_at, with_driven=with_driven)
+            else:
+                # Drives begin meanwhile.
+                leave_since = time.monotonic()
             await asyncio.sleep(1 / self._rules.robots_per_s)
         log.warning("cell %s is in service again", self._cells.name)
+
+    def _send_one(self, began_at: float, *, with_driven: bool) -> None:
+        robot_id = min(self._movable(began_at, with_driven=with_driven), default=(0, None))[1]
+        if robot_id is not None:
+            self._registry.end_links(robot_id, "cell_draining", DETAIL)
 
     def _movable(self, began_at: float, *, with_driven: bool) -> Iterator[tuple[int, int]]:
         """Rank the robots that may go now: unused, observed, driven."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from datetime import timedelta
 
@@ -138,6 +139,25 @@ async def test_a_drain_goes_on_when_another_cell_is_back(memory_database):
         memory_database.cells["b"] = OTHER
         assert await ended(session) == "cell_draining"
         await session.close()
+
+
+async def test_a_drive_that_began_while_no_other_took_robots_has_its_time(
+    memory_database, sim1, http
+):
+    """From when another cell is back, and not from the drain's begin."""
+    memory_database.cells |= {"a": DRAINED, "b": replace(OTHER, is_alive=False)}
+    async with running_relay(memory_database, timing(drives_last_s=0.6), CELL) as relay:
+        robot = FakeRobot(sim1.id, SESSION_KEY)
+        await robot.start(relay.relay.session_port)
+        driver = await http.ws_connect(relay.ros_url(sim1))
+        await until(lambda: robot.clients, "the driver is connected")
+        await asyncio.sleep(0.7)
+        memory_database.cells["b"] = OTHER
+        await until(lambda: relay.relay.cells.robots_leave, "b is back")
+        began = asyncio.get_running_loop().time()
+        assert (await closing(driver))[0] == 4505
+        assert asyncio.get_running_loop().time() - began > 0.3
+        await robot.stop()
 
 
 async def test_a_robot_leaves_though_the_clock_was_set_back(memory_database):
