@@ -39,7 +39,7 @@ from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
 LOGIN_COOKIE = "__Host-robotether_login"
 ROBOT_NAME = re.compile(r"[a-z0-9-]{1,63}")
 HTTPS_PORT = 443
-MAX_USED_TICKETS = 100_000
+MAX_USED_TICKETS = 20_000
 # Longer texts are no credential of ours, and need not be hashed to know that.
 MAX_CREDENTIAL_LENGTH = 512
 
@@ -78,12 +78,11 @@ class Permit:
 
 
 class UsedTickets:
-    """The tickets that have opened a connection, as long as they could be shown again."""
+    """The tickets that have opened a connection, by no clock: one that is set back makes an old ticket good again."""
 
-    def __init__(self, started_at: datetime, ttl_s: int, capacity: int = MAX_USED_TICKETS) -> None:
+    def __init__(self, started_at: datetime, capacity: int = MAX_USED_TICKETS) -> None:
         # A signature's timestamp has whole seconds. Older ones may have been used at a relay before.
         self._floor = started_at.replace(microsecond=0)
-        self._ttl = timedelta(seconds=ttl_s)
         self._capacity = capacity
         self._issued: OrderedDict[str, datetime] = OrderedDict()
 
@@ -93,31 +92,17 @@ class UsedTickets:
         self._floor = min(self._floor, now.replace(microsecond=0))
         if issued_at < self._floor:
             raise TicketExpired(
-                "cannot accept the ticket: the relay has restarted since; get a new one"
+                "cannot accept the ticket: the relay may have accepted it before; get a new one"
             )
 
-    def use(self, ticket_id: str, issued_at: datetime, now: datetime) -> None:
+    def use(self, ticket_id: str, issued_at: datetime) -> None:
         """Remember the ticket; TicketUsed when it is known."""
-        self._drop_expired(now)
         if ticket_id in self._issued:
             raise TicketUsed("cannot accept the ticket: it was already used; get a new one")
         self._issued[ticket_id] = issued_at
         if len(self._issued) > self._capacity:
-            self._drop_first()
-
-    def _drop_expired(self, now: datetime) -> None:
-        # In order of use and not of issue: an expired one behind a good one just stays longer.
-        while self._issued:
-            ticket_id = next(iter(self._issued))
-            # One second more, because the signer counts whole seconds.
-            if self._issued[ticket_id] + self._ttl + timedelta(seconds=1) >= now:
-                return
-            self._drop_first()
-
-    def _drop_first(self) -> None:
-        # From now on it is refused by its age: one that has expired is good again if the clock is set back.
-        _, issued_at = self._issued.popitem(last=False)
-        self._floor = max(self._floor, issued_at + timedelta(seconds=1))
+            _, forgotten = self._issued.popitem(last=False)
+            self._floor = max(self._floor, forgotten + timedelta(seconds=1))
 
 
 class Access:
@@ -143,7 +128,7 @@ class Access:
         self._allowed_origins = frozenset(allowed_origins)
         self._clock = clock
         self._online_s = online_s
-        self._used = UsedTickets(clock(), signer.ttl_s)
+        self._used = UsedTickets(clock())
 
     def for_rosbridge(self, request: Request, name: str) -> Permit:
         """Let a ticket open its one WebSocket to robot `name`, and use it up."""
@@ -240,14 +225,15 @@ class Access:
         return ticket, issued_at
 
     def _use(self, ticket: Ticket, issued_at: datetime, robot: RelayRobot) -> None:
-        now, online_s = self._clock(), self._online_s(robot.id)
-        # Counted back from now, as the clock may have been set since. A signature's timestamp has whole seconds.
-        connected_at = None if online_s is None else now - timedelta(seconds=online_s)
-        if connected_at is not None and issued_at < connected_at.replace(microsecond=0):
-            raise TicketExpired(
-                "cannot accept the ticket: the robot has connected elsewhere since; get a new one"
-            )
-        self._used.use(ticket.id, issued_at, now)
+        online_s = self._online_s(robot.id)
+        if online_s is not None:
+            # Counted back from now, as the clock may have been set since. A signature's timestamp has whole seconds.
+            connected_at = self._clock() - timedelta(seconds=online_s)
+            if issued_at < connected_at.replace(microsecond=0):
+                raise TicketExpired(
+                    "cannot accept the ticket: the robot has connected elsewhere since; get a new one"
+                )
+        self._used.use(ticket.id, issued_at)
 
     def _permit_of_ticket(self, ticket: Ticket, issued_at: datetime, name: str, use: Use) -> Permit:
         user = RelayUser(ticket.user_id, ticket.user)
