@@ -297,23 +297,24 @@ class _Fault:
     end_s: float
 
 
-class Robot:
-    """A robot: the process that plays it, and where it was."""
+class Whereabouts:
+    """The process that plays a robot, and at which cells it was."""
 
     def __init__(self, events: Sequence[Event]) -> None:
         self.source = next((one.source for one in events if one.kind in ("session", "moved")), "")
         self._sessions = [one for one in events if one.kind == "session"]
 
     def has_to_leave(self, fault: _Fault) -> bool:
-        """Whether a fault takes a cell, or drains the one that the robot was at."""
+        """Whether a fault takes a cell, or drains one that the robot was at."""
         if fault.what == CELL_DRAINED:
-            return self._cell_at(fault.begin_s) == fault.cell
+            return fault.cell in self._cells_in(fault.begin_s, fault.end_s)
         return fault.what in CELL_GONE
 
-    def _cell_at(self, at_s: float) -> str:
-        """Where its newest session was, which may be over: there it connects first."""
-        count = bisect_right(self._sessions, at_s, key=lambda one: one.at_s)
-        return self._sessions[count - 1].cell if count else ""
+    def _cells_in(self, begin_s: float, end_s: float) -> set[str]:
+        """Where it was then, and where its newest session before was, to which it connects first."""
+        first = bisect_right(self._sessions, begin_s, key=lambda one: one.at_s)
+        last = bisect_right(self._sessions, end_s, key=lambda one: one.at_s)
+        return {one.cell for one in self._sessions[max(0, first - 1) : last]}
 
 
 class Faults:
@@ -346,7 +347,7 @@ class Faults:
         )
 
     def last_change(
-        self, cells: Sequence[str], robot: Robot, begin_s: float, end_s: float
+        self, cells: Sequence[str], robot: Whereabouts, begin_s: float, end_s: float
     ) -> tuple[float, str]:
         """The last moment until `end_s`, at the earliest `begin_s`, that a robot has to begin anew from, and why.
 
@@ -446,15 +447,15 @@ def find_returns(history: Sequence[Event], cells: Sequence[str]) -> list[Return]
 def _returns_of(
     robot: str, events: Sequence[Event], faults: Faults, cells: Sequence[str], end_s: float
 ) -> Iterator[Return]:
-    whose = Robot(events)
+    whereabouts = Whereabouts(events)
     wish = _Wish()
     for one in [*events, Event(at_s=end_s, kind="late")]:
         since_s, waits = wish.since_s, wish.waits
         wish.follow(one)
         ends = one.kind in ("moved", "late") or (one.kind == "leaves" and wish.since_s is None)
-        if not (ends and waits and faults.any_live(cells, whose.source, one.at_s)):
+        if not (ends and waits and faults.any_live(cells, whereabouts.source, one.at_s)):
             continue
-        begin_s, after = faults.last_change(cells, whose, since_s or one.at_s, one.at_s)
+        begin_s, after = faults.last_change(cells, whereabouts, since_s or one.at_s, one.at_s)
         if one.at_s - begin_s > OUTAGE_S:
             yield Return(robot, begin_s, one.at_s - begin_s, one.kind == "moved", after)
 
