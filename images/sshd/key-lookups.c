@@ -39,7 +39,7 @@
 /* As connect-timeout in keylookup.cnf, where the library finds none for reads and writes. */
 #define DATABASE_SECONDS 2
 /* The database may be far away: one process would answer one question each round trip. */
-#define PROCESSES 8
+#define PROCESSES 4
 #define CACHE "/var/cache/robotether/"
 #define CACHE_SECONDS (24 * 3600)
 /* Written only when it changed or is half a day old, so that a log-in does not wait for a disk. */
