@@ -17,7 +17,6 @@ import math
 import secrets
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from robotether_server.db.control import MAX_NAME, Stop, StopEntry, StopId
 from robotether_server.db.fleet import AuditEntry, RelayRobot
@@ -69,14 +68,17 @@ class RobotStops:
     def begin(self, stop: Stop) -> None:
         """Add the newest stop."""
         self.in_force[stop.id] = self.entry.stop = stop
-        _keep_newest(self.in_force)
+        if len(self.in_force) > MAX_STOPS:
+            del self.in_force[next(iter(self.in_force))]
 
     def end(self, stop_ids: Iterable[StopId]) -> None:
         """Remember that these stops ended."""
         for stop_id in stop_ids:
             self.in_force.pop(stop_id, None)
             self.ended[stop_id] = None
-        _keep_newest(self.ended)
+        # By when they began: what another cell still knows of long ago must not take the place of what ended here last.
+        for stop_id in sorted(self.ended)[:-MAX_STOPS]:
+            del self.ended[stop_id]
         self.entry.stop = next(reversed(self.in_force.values()), None)
         self.entry.ended = tuple(self.ended)
 
@@ -395,11 +397,6 @@ class Stops:
         details: Mapping[str, object],
     ) -> None:
         self._event_writer.add(AuditEntry(utc_now(), by, kind, robot.name, address, details))
-
-
-def _keep_newest(stops: dict[StopId, Any]) -> None:
-    while len(stops) > MAX_STOPS:
-        del stops[next(iter(stops))]
 
 
 def _may_end_it(answered: asyncio.Future[None]) -> bool:

@@ -677,6 +677,16 @@ async def test_stops_of_a_robot_are_bounded(world):
     assert (len(known.ended), known.entry.stop) == (stops_module.MAX_STOPS, None)
 
 
+async def test_what_ended_long_ago_takes_no_room_of_what_ended_last(world):
+    """A cell that was cut off tells all that it remembers, and has the last stop still in force."""
+    last = Stop(SIM1.id, NOON + timedelta(hours=1), "ben")
+    old = [(NOON + timedelta(minutes=minute), "ben") for minute in range(40)]
+    for stop_id in [*old, last.id, *old[: stops_module.MAX_STOPS]]:
+        world.stops.learn_end(SIM1.id, stop_id)
+    world.stops.learn(last)
+    assert world.stops.of(SIM1.id) is None
+
+
 @pytest.mark.parametrize("seed", range(20))
 async def test_cells_agree_on_stops_whatever_reaches_whom(seed):
     """What no release knew stays in force everywhere, and nothing else; the robot is at the first cell."""
