@@ -8,7 +8,7 @@
  * with the database.
  *
  * It has no library of the database's: a fleet logs in all at once, and to begin with that library, its TLS and a new
- * connection would be a quarter of what a log-in costs.
+ * connection is much of what a log-in costs.
  */
 #include <stdio.h>
 #include <string.h>
