@@ -189,6 +189,7 @@ class Site:
         """Start so many cells, and remove them at the end."""
         with ExitStack() as made:
             first = first_cell(folder.folder / "site")
+            first.engine.images.build(path=str(CLOCK), tag=CLOCK_IMAGE, rm=True)
             _add_clock(first)
             made.callback(first.down)
             first.up(robots=False)
@@ -253,7 +254,6 @@ def _add_clock(stack: Stack) -> None:
     """Give web and relay a clock that can be stepped, before they start."""
     folder = stack.folder / "clock"
     folder.mkdir(parents=True)
-    stack.engine.images.build(path=str(CLOCK), tag=CLOCK_IMAGE, rm=True)
     here = {str(folder): {"bind": "/out"}}
     stack.engine.containers.run(CLOCK_IMAGE, remove=True, volumes=here)
     (folder / OFFSET).write_bytes(offset_bytes(0.0))
