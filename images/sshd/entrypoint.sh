@@ -1,6 +1,7 @@
 #!/bin/sh
 # Starts the key look-ups, the two watches, nginx for log-ins through 443, and sshd in the foreground. At the first
-# start it makes the host key, which a volume keeps: robots pin it. A secret of that name goes before what was made: all cells of a site have one.
+# start it makes the host key, which a volume keeps: robots pin it. A secret of that name goes before what was made: all
+# cells of a site have one.
 set -eu
 
 readonly KEY=/etc/ssh/keys/ssh_host_ed25519_key
