@@ -1,23 +1,25 @@
-"""A program for a robot behind Robotether: publishes and subscribes, drives for a second, saves a frame.
+"""A program for a robot behind Robotether: reads its odometry, drives for a second, saves a frame.
 
-Needs `pip install roslibpy` and an API token (`robotether token create --user NAME --name laptop`):
+Needs `pip install roslibpy`, level `drive` on the robot, and an API token:
 
     python roslibpy_client.py https://robots.example sim1 rt_...
 
 Get a new ticket for every connection: a ticket opens one WebSocket, within 30 s. Its mode `drive` makes this program
-the robot's driver, if nobody else drives and the robot is not stopped; `observe` is for subscribing alone. Users with
-level `drive` publish on the drive topics, such as /cmd_vel; any other topic, as here, needs `manage`, or the topic in
-the robot's policy. With a self-signed certificate give its file in SSL_CERT_FILE, or set ROBOTETHER_INSECURE=1 on a
-network that you trust. docs/reference/client.md has the same for web pages.
+the robot's driver, if nobody else drives and the robot is not stopped; `observe` is for subscribing alone. With a
+self-signed certificate give its file in SSL_CERT_FILE, or set ROBOTETHER_INSECURE=1 on a network that you trust.
+docs/reference/client.md has the same for web pages.
 """
 
 import contextlib
 import json
+import logging
+import math
 import os
 import ssl
 import sys
 import threading
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from http.client import HTTPResponse
@@ -27,14 +29,14 @@ from typing import Any
 import roslibpy
 from roslibpy.comm import RosBridgeClientFactory
 
-TRIES = 20
 PERIOD_S = 0.05  # the robot stops by itself when no command comes for half a second
 ZEROS = 5
-LONGEST_LINE = 1024
+MAX_LINE = 1024
+TIMEOUT_S = 10
 
 
 def ask(url: str, token: str, body: dict[str, Any] | None = None) -> HTTPResponse:
-    """Ask the server; raises urllib.error.HTTPError with a problem+json body when it refuses."""
+    """Ask the server; exits with the server's sentence when it refuses, or when it can't be reached."""
     request = urllib.request.Request(  # noqa: S310 - the server's address comes from the caller
         url,
         data=None if body is None else json.dumps(body).encode(),
@@ -43,8 +45,25 @@ def ask(url: str, token: str, body: dict[str, Any] | None = None) -> HTTPRespons
     context = ssl.create_default_context()
     if os.environ.get("ROBOTETHER_INSECURE"):
         context = ssl._create_unverified_context()  # noqa: S323 - asked for, see above
-    answer: HTTPResponse = urllib.request.urlopen(request, context=context, timeout=10)  # noqa: S310
+    try:
+        answer: HTTPResponse = urllib.request.urlopen(request, context=context, timeout=TIMEOUT_S)  # noqa: S310
+    except urllib.error.HTTPError as refused:
+        sys.exit(problem_of(refused))
+    except urllib.error.URLError as error:
+        advice = ""
+        if isinstance(error.reason, ssl.SSLCertVerificationError):
+            advice = "; give the certificate in SSL_CERT_FILE, or set ROBOTETHER_INSECURE=1 on a network that you trust"
+        sys.exit(f"cannot reach {url}: {error.reason}{advice}")
     return answer
+
+
+def problem_of(refused: urllib.error.HTTPError) -> str:
+    """Return the sentence of the server's problem+json, or the status of an answer that is not the server's."""
+    with refused:
+        try:
+            return str(json.load(refused)["detail"])
+        except (ValueError, KeyError):
+            return f"the server answered {refused.code} {refused.reason}"
 
 
 def get_ticket(server: str, robot: str, token: str, mode: str = "drive") -> str:
@@ -63,29 +82,53 @@ def connected(server: str, robot: str, token: str) -> Iterator[roslibpy.Ros]:
     # By itself roslibpy would connect again with this ticket, for ever: the server accepts it once.
     RosBridgeClientFactory.set_max_retries(0)
     ros = roslibpy.Ros(f"{server.replace('https', 'wss', 1)}/robots/{robot}/ros?ticket={ticket}")
-    ros.run(timeout=10)
+    # roslibpy has no handler for op "status", with which the server says why it refuses a message.
+    ros.factory.on_ready(lambda protocol: protocol._message_handlers.update(status=print_status))
+    try:
+        ros.run(timeout=TIMEOUT_S)
+    except TimeoutError:
+        sys.exit(f"cannot connect to {robot}: no answer within {TIMEOUT_S} s")
     try:
         yield ros
     finally:
         ros.terminate()
 
 
-def echo(ros: roslibpy.Ros, text: str) -> bool:
-    """Publish a text, print it when it comes back from the robot, and say whether it did."""
-    topic = roslibpy.Topic(ros, "/robotether_hello", "std_msgs/String")
-    came_back = threading.Event()
+def print_status(message: dict[str, str]) -> None:
+    """Print what the server or the robot's rosbridge says of a message."""
+    print(f"{message['level']}: {message['msg']}", file=sys.stderr)  # noqa: T201
 
-    def on_message(message: dict[str, str]) -> None:
-        print(message["data"])  # noqa: T201 - what this example is for
-        came_back.set()
 
-    topic.subscribe(on_message)
-    topic.advertise()
-    for _ in range(TRIES):
-        topic.publish(roslibpy.Message({"data": text}))
-        if came_back.wait(0.5):
-            break
-    return came_back.is_set()
+class Odometry:
+    """The robot's position, in metres of its odometry."""
+
+    def __init__(self, ros: roslibpy.Ros, topic: str = "/odom") -> None:
+        self._ros = ros
+        self._topic = roslibpy.Topic(ros, topic, "nav_msgs/Odometry", throttle_rate=100)
+        self._came = threading.Event()
+        self._position = (math.nan, math.nan)
+        self._topic.subscribe(self._on_message)
+
+    def position(self) -> tuple[float, float]:
+        """Return x and y of the next message."""
+        self._came.clear()
+        end = time.monotonic() + TIMEOUT_S
+        while not self._came.wait(PERIOD_S):
+            check_connection(self._ros)
+            if time.monotonic() > end:
+                sys.exit(f"nothing came on {self._topic.name} within {TIMEOUT_S} s")
+        return self._position
+
+    def _on_message(self, message: dict[str, Any]) -> None:
+        position = message["pose"]["pose"]["position"]
+        self._position = (position["x"], position["y"])
+        self._came.set()
+
+
+def check_connection(ros: roslibpy.Ros) -> None:
+    """Exit if the connection has ended; roslibpy's log, which main() shows, has the server's reason."""
+    if not ros.is_connected:
+        sys.exit("the server ended the connection: see above")
 
 
 def drive(ros: roslibpy.Ros, forward: float, turn: float, seconds: float) -> None:
@@ -94,10 +137,7 @@ def drive(ros: roslibpy.Ros, forward: float, turn: float, seconds: float) -> Non
     end = time.monotonic() + seconds
     try:
         while time.monotonic() < end:
-            if not ros.is_connected:
-                sys.exit(
-                    "the connection ended: was the robot stopped, or does somebody else drive?"
-                )
+            check_connection(ros)
             topic.publish(twist(forward, turn))
             time.sleep(PERIOD_S)
     finally:
@@ -116,7 +156,7 @@ def frames(server: str, robot: str, token: str, topic: str) -> Iterator[bytes]:
     """Yield the JPEGs of a camera, always the newest one."""
     with ask(f"{server}/robots/{robot}/video/stream?topic={topic}", token) as stream:
         length = 0
-        while line := stream.readline(LONGEST_LINE):
+        while line := stream.readline(MAX_LINE):
             name, _, value = line.decode().partition(":")
             if name.lower() == "content-length":
                 length = int(value)
@@ -126,16 +166,23 @@ def frames(server: str, robot: str, token: str, topic: str) -> Iterator[bytes]:
 
 
 def main() -> None:
-    """Say hello to the robot, drive it for a second, save a frame."""
-    server, robot, token = sys.argv[1:4]
+    """Drive the robot for a second, say how far it came, save a frame."""
+    try:
+        server, robot, token = sys.argv[1:]
+    except ValueError:
+        sys.exit(f"usage: python {sys.argv[0]} https://HOST ROBOT TOKEN")
+    logging.basicConfig(format="%(message)s")
+    logging.getLogger("roslibpy").setLevel(logging.INFO)
+    # Twisted logs a traceback for each message that follows the end of a connection.
+    logging.getLogger("twisted").disabled = True
     with connected(server, robot, token) as ros:
-        if not echo(ros, f"hello from {robot}"):
-            sys.exit(
-                f"nothing came back from {robot}: does somebody drive it, or its policy refuse this?"
-            )
+        odometry = Odometry(ros)
+        start = odometry.position()
         drive(ros, forward=0.2, turn=0.0, seconds=1.0)
+        print(f"{robot} moved {math.dist(start, odometry.position()):.2f} m")  # noqa: T201
     frame = next(frames(server, robot, token, "/camera/image_raw"))
     Path(f"{robot}.jpg").write_bytes(frame)
+    print(f"saved a frame as {robot}.jpg")  # noqa: T201
 
 
 if __name__ == "__main__":

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import re
 import subprocess
 import sys
-import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from pathlib import Path
 
 import aiohttp
@@ -36,36 +36,63 @@ def program(stack: Stack, token: str) -> Program:
     return Program(stack, token)
 
 
-def test_roslibpy_hears_the_echo_drives_and_saves_a_picture(
-    stack: Stack, token: str, tmp_path: Path
+def run_tutorial(
+    stack: Stack, token: str, folder: Path, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run the documented roslibpy program as it stands in docs/, in a folder for its frame."""
+    return subprocess.run(
+        [sys.executable, str(ROOT / "docs" / "tutorial" / "roslibpy_client.py"), stack.url, "sim1", token],
+        env={**os.environ, **environment}, cwd=folder,
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def drivers_token(stack: Stack) -> Iterator[str]:
+    """A token of a user with level drive on sim1, as README makes one."""
+    stack.admin.add_user("programmer")
+    stack.admin.grant("programmer", "sim1", "drive")
+    stack.wait_for_right("programmer", "sim1")
+    yield stack.token("tutorial", "programmer")
+    stack.admin.remove("users", "programmer")
+
+
+def test_tutorial_drives_with_level_drive_and_saves_a_frame(
+    stack: Stack, drivers_token: str, tmp_path: Path
 ) -> None:
-    """The documented roslibpy program runs as it stands in docs/."""
-    with SimWatch(stack, "sim1") as watch, ThreadPoolExecutor(1) as pool:
-
-        def commands() -> list[float]:
-            return [seen.msg["linear"]["x"] for seen in watch.commands()]
-
-        program = pool.submit(
-            subprocess.run,
-            [sys.executable, str(ROOT / "docs" / "tutorial" / "roslibpy_client.py"), stack.url, "sim1", token],
-            env={**os.environ, "ROBOTETHER_INSECURE": "1"}, cwd=tmp_path,
-            capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
-        while not (0.2 in commands() or program.done()):
-            time.sleep(0.01)
-        with Stopwatch() as driven:
-            while not (commands()[-1:] == [0] or program.done()):
-                time.sleep(0.01)
-        done, sent = program.result(), commands()
+    """The program says how far the robot came, and logs no error on the way."""
+    with SimWatch(stack, "sim1") as watch:
+        done = run_tutorial(stack, drivers_token, tmp_path, ROBOTETHER_INSECURE="1")
+        sent = [seen.msg["linear"]["x"] for seen in watch.commands()]
     assert done.returncode == 0, done.stderr
-    assert "hello from sim1" in done.stdout
-    # Of 20 in a second, less those for which the machine stood still.
-    assert sent.count(0.2) > 10 * driven.s
-    assert sent.count(0.2) > 5
+    moved = re.search(r"sim1 moved (\S+) m", done.stdout)
+    assert moved is not None, done.stdout
+    # A metre is more than any delay of the last command adds to the 0.2 m.
+    assert 0 < float(moved[1]) < 1
+    assert "Traceback" not in done.stderr
+    assert "error:" not in done.stderr
+    assert 0.2 in sent
     assert sent[-1] == 0
     picture = (tmp_path / "sim1.jpg").read_bytes()
     assert picture.startswith(JPEG_START)
     assert picture.endswith(JPEG_END)
+
+
+def test_tutorial_prints_why_it_is_refused(
+    stack: Stack, drivers_token: str, tmp_path: Path
+) -> None:
+    """A certificate that nobody signed and a robot that is stopped end the program with one sentence."""
+    untrusted = run_tutorial(stack, drivers_token, tmp_path)
+    assert untrusted.returncode == 1
+    assert "ROBOTETHER_INSECURE=1" in untrusted.stderr
+    stack.admin.ask("POST", "/robots/sim1/stop", {"reason": "tutorial"})
+    try:
+        stopped = run_tutorial(stack, drivers_token, tmp_path, ROBOTETHER_INSECURE="1")
+    finally:
+        stack.admin.ask("POST", "/robots/sim1/release")
+    assert stopped.returncode == 1
+    assert "stopped" in stopped.stderr
+    assert "Traceback" not in untrusted.stderr + stopped.stderr
 
 
 async def test_messages_pass_unchanged(program: Program) -> None:

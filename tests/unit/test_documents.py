@@ -1,21 +1,32 @@
-"""The documents: links lead somewhere, and files that sources and pages name are there."""
+"""The documents: links lead somewhere, files that sources and pages name are there, and commands are understood."""
 
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
+import click
 import pytest
+from robotether_agent.cli import _parser as agent_parser
+from robotether_server.cli.main import cli
 
 ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\]\(([^)\s#]*)(?:#([^)\s]*))?\)")
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 # A file under docs/, as a comment or a message names it.
 NAMED = re.compile(r"\bdocs/[\w/.-]+\.(?:md|py|html)\b")
+SHELL_BLOCK = re.compile(r"^ *```sh\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
+COMMAND_IN_TEXT = re.compile(r"`((?:robotether|robotether-agent|tools/\w+|make) [^`]+)`")
+PROGRAM = re.compile(
+    r"\s*(?:sudo )?(?:[A-Z_]+=\S+ )*(?:(?:docker compose|tools/compose) exec (?:-T )?web )?"
+    r"(robotether|robotether-agent|tools/\w+|make|ansible-playbook)(?: (.*))?$"
+)
 # It says what was there before.
 HISTORY = "CHANGELOG.md"
 
@@ -84,3 +95,75 @@ def test_named_documents_are_there() -> None:
             if not (ROOT / name).exists()
         ]
     assert missing == []
+
+
+def commands(page: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield each program of ours that a page's commands start, with its arguments."""
+    text = page.read_text()
+    lines = [line for block in SHELL_BLOCK.findall(text) for line in block.splitlines()]
+    lines += COMMAND_IN_TEXT.findall(FENCED.sub("", text).replace("\n", " "))
+    for command in (part for line in lines for part in re.split(r"&&|\|", line)):
+        if started := PROGRAM.match(command):
+            yield started[1], shlex.split(started[2] or "", comments=True)
+
+
+def parse_robotether(arguments: list[str]) -> None:
+    """Parse the arguments as the admin command does, and run nothing."""
+    command: click.Command = cli
+    while isinstance(command, click.Group) and arguments and not arguments[0].startswith("-"):
+        _, subcommand, arguments = command.resolve_command(click.Context(command), arguments)
+        assert subcommand is not None
+        command = subcommand
+    command.make_context(command.name, arguments)
+
+
+def check_command(program: str, arguments: list[str]) -> None:
+    """Fail unless the program knows the arguments."""
+    match program:
+        case "robotether":
+            parse_robotether(arguments)
+        case "robotether-agent":
+            agent_parser().parse_args(arguments)
+        case "make":
+            verbs = re.findall(
+                r"^([a-z0-9-]+):.*## ", (ROOT / "Makefile").read_text(), re.MULTILINE
+            )
+            assert {word for word in arguments if "=" not in word} <= {*verbs}
+        case "ansible-playbook":
+            books = [
+                word
+                for option, word in pairwise(["", *arguments])
+                if option != "-i" and re.fullmatch(r"\w+\.yml", word)
+            ]
+            assert all((ROOT / "ansible" / book).exists() for book in books)
+        case "tools/compose":
+            pass
+        case tool:
+            source = (ROOT / tool).read_text()
+            assert all(word in source for word in arguments if word.startswith("--"))
+
+
+def misunderstood(program: str, arguments: list[str]) -> str:
+    """Say what is wrong with a command; nothing if it is right."""
+    try:
+        check_command(program, arguments)
+    except click.exceptions.Exit:
+        return ""  # --help
+    except SystemExit as ended:
+        return f"exit {ended.code}" if ended.code else ""
+    except (click.UsageError, AssertionError, OSError) as error:
+        return str(error)
+    return ""
+
+
+def test_commands_are_understood() -> None:
+    """Each command of the documents has a program, subcommand and options that are there."""
+    pages = [page for page in tracked("*.md") if not {"experiments", "adr"} & {*page.parts}]
+    wrong = [
+        f"{page.relative_to(ROOT)}: {program} {shlex.join(arguments)}: {reason}"
+        for page in pages
+        if page.name != HISTORY
+        for program, arguments in commands(page)
+        if (reason := misunderstood(program, arguments))
+    ]
+    assert wrong == []
