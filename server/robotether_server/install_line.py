@@ -128,9 +128,11 @@ def _assignments(variables: dict[str, str]) -> str:
     return " ".join(f"{name}={shlex.quote(value)}" for name, value in variables.items())
 
 
-def install_line(certificates: SiteCertificates, asked: str, token: str) -> str:
+def install_line(
+    certificates: SiteCertificates, asked: str, token: str, name: str | None = None
+) -> str:
     """Return the line for the robot alone; raise as `enrolment_lines` does."""
-    return enrolment_lines(certificates, asked, token).install
+    return enrolment_lines(certificates, asked, token, name).install
 
 
 def parse_site_address(text: str) -> SiteAddress:

@@ -140,7 +140,7 @@ def test_robot_goes_to_the_next_cell(swarm: Swarm) -> None:
     """It joins at one, and is seen at both; when that is removed it is online at the other."""
     web = partial(swarm.nodes["a"].inside, "robotether_a_web")
     token = web("robotether token create --user admin --name test").split()[-1]
-    line = web("robotether robot invite --name swarm --uses 1 --hours 1 --host cloud")
+    line = web("robotether robot invite --uses 1 --hours 1 --host cloud")
     [join_token] = re.findall(r"--token (\S+)", line)
     web("robotether robot add sim1 --mac 02:00:00:00:51:01 --allow-local-mac")
     with robot(swarm, "a", join_token) as container:

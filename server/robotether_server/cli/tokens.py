@@ -98,7 +98,7 @@ def delete(user_name: str, name: str) -> None:
     show_default=True,
     help="How long it is valid.",
 )
-@click.option("--name", help="What to call it.  [default: invite and the time]")
+@click.option("--name", help="Name of the robot.  [default: robot- and the end of its MAC]")
 @click.option(
     "--host", metavar="HOST[:PORT]", help="Where robots reach this site.  [default: PUBLIC_HOST]"
 )
@@ -111,17 +111,15 @@ def invite(uses: int, hours: int, name: str | None, host: str | None, **place: s
     The install line is the last line of the output. It holds a new join token: whoever has it can enrol that many
     robots until it expires, or until: robotether join-token delete.
     """
-    now = dt.datetime.now(dt.UTC)
-    called = name or f"invite {now:%Y-%m-%d %H:%M:%S}"
-    ends = now + dt.timedelta(hours=hours)
+    ends = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
     certificates, asked = _site(host)
     with open_database().transaction() as tx:
-        token = tokens.create_join_token(tx, SOURCE, called, uses, ends, place=Place(**place))
+        label, token = tokens.invite(tx, SOURCE, name, uses, ends, place=Place(**place))
         # Before the end of the transaction: a token that nobody has seen would stay behind otherwise.
-        line = install_line(certificates, asked, token)
+        line = install_line(certificates, asked, token, name)
     robots = "1 robot" if uses == 1 else f"{uses} robots"
     click.echo(
-        f"join token {called}, for {robots} until {timestamp(ends, '')} UTC; run on the robot:"
+        f"join token {label}, for {name or robots} until {timestamp(ends, '')} UTC; run on the robot:"
     )
     click.echo(line)
 

@@ -1,9 +1,10 @@
 """API tokens, which programs of a user log in with, and join tokens, which admit robots: made, listed, deleted."""
 
 import datetime as dt
+import secrets
 
 from robotether_server import schemas
-from robotether_server.db import Transaction, audit, credentials, join_tokens
+from robotether_server.db import Transaction, audit, credentials, join_tokens, robots
 from robotether_server.db.audit import Source
 from robotether_server.db.credentials import Token
 from robotether_server.db.join_tokens import NOWHERE, JoinToken, Place
@@ -11,12 +12,15 @@ from robotether_server.db.users import User
 from robotether_server.problems import FieldInvalid, NotPossible
 from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label
+from robotether_server.services.joining import ROBOT_NAME
 
 # So that no user fills the table, nor the lists of admins.
 MAX_TOKENS = 1000
 # Of a join token.
 MAX_USES = 10000
 MAX_LIFETIME = dt.timedelta(hours=8760)
+# The random end of the label of an invitation: a robot may be invited again.
+SUFFIX_BYTES = 3
 
 
 def create(
@@ -49,6 +53,44 @@ def delete(tx: Transaction, source: Source, token_id: int) -> Token:
     credentials.delete_token(tx, token_id)
     audit.record(tx, source, "token_deleted", user=token.user, token=token.name)
     return token
+
+
+def invite(
+    tx: Transaction,
+    source: Source,
+    robot: str | None,
+    uses: int,
+    expires_at: dt.datetime,
+    *,
+    place: Place,
+) -> tuple[str, str]:
+    """Make a join token, for a robot that asks for the name `robot` if there is one; return its label and text.
+
+    Raises FieldInvalid, RecordExists or RecordMissing.
+    """
+    if robot is not None:
+        _check_requested_name(tx, robot, uses)
+    suffix = secrets.token_hex(SUFFIX_BYTES)
+    label = f"{(robot or 'robot')[: schemas.MAX_NAME_LENGTH - len(suffix) - 1]} {suffix}"
+    return label, create_join_token(tx, source, label, uses, expires_at, place=place)
+
+
+def _check_requested_name(tx: Transaction, robot: str, uses: int) -> None:
+    """Raise FieldInvalid for a name that the server would ignore when the robot asks for it."""
+    if not ROBOT_NAME.fullmatch(robot):
+        raise FieldInvalid(
+            "cannot use this name: it must be of a-z, 0-9 and -, neither first nor last a -", "name"
+        )
+    if uses > 1:
+        raise FieldInvalid(
+            "cannot give one name to several robots: leave it empty, and rename them later", "name"
+        )
+    if robots.name_is_taken(tx, robot):
+        raise FieldInvalid(
+            f"cannot name it {robot}: a robot has that name; if this is that robot, leave the name empty and it "
+            "keeps its own",
+            "name",
+        )
 
 
 def create_join_token(

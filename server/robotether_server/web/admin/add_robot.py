@@ -5,21 +5,20 @@ who comes without a token. The answer that holds a line is the only one that eve
 """
 
 import datetime as dt
-import secrets
 from dataclasses import dataclass
 
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, cells, join_tokens, robots, seen_robots
+from robotether_server.db import Transaction, cells, join_tokens, seen_robots
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.join_tokens import JoinToken, Place
 from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.install_line import EnrolmentLines, enrolment_lines
-from robotether_server.problems import FieldInvalid, Problem
+from robotether_server.problems import Problem
 from robotether_server.schemas import MAX_NAME_LENGTH
-from robotether_server.services import joining, pending, tokens
+from robotether_server.services import pending, tokens
 from robotether_server.services import robots as robot_service
 from robotether_server.web import confirmation, forms
 from robotether_server.web.confirmation import ConfirmedAction, Words
@@ -30,8 +29,6 @@ blueprint = Blueprint("add_robot", __name__)
 PAGE = "/admin/add-robot"
 MAX_MAC_LENGTH = 17
 MAX_HOURS = 8760
-# A token's own name is the robot's, and this many bytes in hex: a robot may be added again.
-SUFFIX_BYTES = 3
 
 
 @dataclass(frozen=True)
@@ -64,16 +61,14 @@ def create_line(tx: Transaction, source: Source) -> Saved:
     """Create a join token; the answer shows its lines once."""
     uses = forms.number("uses", "Robots", 1, tokens.MAX_USES)
     hours = forms.number("hours", "Hours", 1, MAX_HOURS)
-    name = _robot_name(tx, uses)
+    name = forms.optional_text("name", "Name", MAX_NAME_LENGTH)
     place = Place(
         forms.optional_text("site", "Site", MAX_NAME_LENGTH),
         forms.optional_text("group", "Group", MAX_NAME_LENGTH),
         forms.optional_text("region", "Region", MAX_NAME_LENGTH),
     )
-    suffix = secrets.token_hex(SUFFIX_BYTES)
-    label = f"{(name or 'robot')[: MAX_NAME_LENGTH - len(suffix) - 1]} {suffix}"
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
-    text = tokens.create_join_token(tx, source, label, uses, expires_at, place=place)
+    label, text = tokens.invite(tx, source, name, uses, expires_at, place=place)
     # This may raise: without a certificate to pin there is no install line, and so no token.
     lines = enrolment_lines(context().site_certificates, request.host, text, name)
     # A name is unique among join tokens.
@@ -91,28 +86,6 @@ def announce(tx: Transaction, source: Source) -> Saved:
         f"/admin/robots/{robot.name}",
         f"Robot {robot.name} is announced. It waits for the machine with MAC {robot.mac}.",
     )
-
-
-def _robot_name(tx: Transaction, uses: int) -> str | None:
-    """Return the name that the robot is to ask for; the server would ignore one that it cannot have."""
-    name = forms.optional_text("name", "Name", MAX_NAME_LENGTH)
-    if name is None:
-        return None
-    if not joining.ROBOT_NAME.fullmatch(name):
-        raise FieldInvalid(
-            "cannot use this name: it must be of a-z, 0-9 and -, neither first nor last a -", "name"
-        )
-    if uses > 1:
-        raise FieldInvalid(
-            "cannot give one name to several robots: leave it empty, and rename them later", "name"
-        )
-    if robots.name_is_taken(tx, name):
-        raise FieldInvalid(
-            f"cannot name it {name}: a robot has that name; if this is that robot, leave the name empty and it "
-            "keeps its own",
-            "name",
-        )
-    return name
 
 
 def _page(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import json
+import re
 
 import pytest
 from admin_records import Run, kinds
@@ -68,9 +69,9 @@ def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
     run("site", "add", "hall")
     run("group", "add", "crew")
     place = ("--site", "hall", "--group", "crew", "--region", "eu")
-    given = ("--uses", "3", "--hours", "2", "--name", "lab", *place)
-    lines = run("robot", "invite", *given).out.splitlines()
-    assert lines[0].startswith("join token lab, for 3 robots until ")
+    lines = run("robot", "invite", "--uses", "3", "--hours", "2", *place).out.splitlines()
+    label = re.match(r"join token (robot [0-9a-f]{6}), for 3 robots until ", lines[0])
+    assert label is not None
     words = lines[-1].split()
     assert words[0] == "curl"
     assert "https://robots.example/join.sh" in words
@@ -80,10 +81,19 @@ def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
         token = join_tokens.find(tx, words[words.index("--token") + 1])
         assert token is not None
         assert join_tokens.place_of(tx, token.id) == Place("hall", "crew", "eu")
-    assert (token.name, token.uses, token.created_by) == ("lab", 3, "cli")
+    assert (token.name, token.uses, token.created_by) == (label[1], 3, "cli")
     lifetime = token.expires_at - dt.datetime.now(dt.UTC)
     assert dt.timedelta(hours=1.9) < lifetime <= dt.timedelta(hours=2)
     assert kinds(database) == ["site_added", "group_added", "join_token_created"]
+
+
+def test_invited_robot_asks_for_its_name(run: Run) -> None:
+    """The line carries the name, which must be one that a single new robot can have."""
+    said, line = run("robot", "invite", "--name", "turtle").out.splitlines()
+    assert re.match(r"join token turtle [0-9a-f]{6}, for turtle until ", said)
+    assert "--name turtle" in line
+    assert "several robots" in run("robot", "invite", "--name", "hare", "--uses", "2").err
+    assert "cannot use this name" in run("robot", "invite", "--name", "My Robot").err
 
 
 @pytest.mark.parametrize(
@@ -128,14 +138,14 @@ def test_no_token_stays_behind_when_there_is_no_line(
 
 
 def test_join_tokens_are_listed_and_deleted(run: Run) -> None:
-    """By name, without their texts."""
+    """The newest is first, and none shows its text."""
     text = run("robot", "invite", "--name", "lab").out.split()[-1]
     run("robot", "invite")
     listed = run("join-token", "list").out
-    assert [line.split()[0] for line in listed.splitlines()] == ["NAME", "invite", "lab"]
+    assert [line.split()[0] for line in listed.splitlines()] == ["NAME", "robot", "lab"]
     assert "0 of 1" in listed
     assert text not in listed
-    names = [one["name"] for one in json.loads(run("join-token", "list", "--json").out)]
-    assert names[1] == "lab"
-    assert run("join-token", "delete", "lab").out == "deleted join token lab\n"
-    assert "there is none of that name" in run("join-token", "delete", "lab").err
+    label = json.loads(run("join-token", "list", "--json").out)[1]["name"]
+    assert label.startswith("lab ")
+    assert run("join-token", "delete", label).out == f"deleted join token {label}\n"
+    assert "there is none of that name" in run("join-token", "delete", label).err
