@@ -128,6 +128,7 @@ async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Ss
     open_now: Forward | None = None
     reported: tuple[SessionConfig, Forward | None] | None = None
     config = await session.new_config(None)
+    tunnel.on_connected()
     while True:
         role.moved.clear()
         wanted = role.forward(config)

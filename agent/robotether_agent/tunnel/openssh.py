@@ -215,9 +215,16 @@ def why_not_connected(
 
 
 def why_ended(stderr: Sequence[str], status: int | None, target: SshAddress) -> AgentProblem:
-    """Return why a client ended that had been connected."""
-    said = _last(stderr) or ("ssh was killed" if status is None or status < 0 else "without a word")
-    return LinkLost(f"lost the connection to {target}: {said}")
+    """Return why a client ended that had been connected; `stderr` is what it printed since then."""
+    return LinkLost(f"lost the connection to {target}: {_last(stderr) or _silent_end(status)}")
+
+
+def _silent_end(status: int | None) -> str:
+    if status is None or status < 0:
+        return "ssh was killed"
+    if status == SSH_FAILED:
+        return "ssh ended and gave no reason"
+    return f"the server ended the session (status {status})"
 
 
 def why_no_forward(stderr: Sequence[str], forward: Forward, action: str) -> AgentProblem:

@@ -101,6 +101,10 @@ class Tunnel:
         """Close `forward` on the live connection."""
         await self._control("cancel", forward)
 
+    def on_connected(self) -> None:
+        """Forget what was printed during the log-in, such as a banner: it is not why the connection ends."""
+        self._stderr = b""
+
     async def why_ended(self, *, was_connected: bool) -> AgentProblem:
         """Wait shortly for the client's end and its last words, and return what they mean."""
         await asyncio.wait({self._listener}, timeout=END_TIMEOUT_S)

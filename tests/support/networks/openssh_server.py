@@ -34,6 +34,7 @@ def end_connection():
         os.kill(os.getppid(), signal.SIGTERM)
     sys.exit(0)
 
+sys.stderr.write("a notice of the log-in\\n")
 relay_port, robot_id = int(sys.argv[1]), int(sys.argv[2])
 kind = os.environ.get("SSH_ORIGINAL_COMMAND", "")
 try:

@@ -44,8 +44,8 @@ COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 MAX_THROTTLE_MS = 3_600_000
 MAX_QUEUE = 1000
 MAX_CALL_S = 60.0
-# Smaller pieces would make the robot write many messages of one.
-FRAGMENT_BYTES = (4096, 2**31 - 1)
+# Bounds of a fragment's size. Of a smaller one most that the robot sends would be the fragment's own frame.
+FRAGMENT_BYTES = (100, 2**31 - 1)
 STATUS_CODES = (-128, 127)
 MAX_TEXT_LENGTH = 1024
 # Parsers written in C refuse what is longer, or make a float of it.

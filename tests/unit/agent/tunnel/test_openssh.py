@@ -202,6 +202,8 @@ def test_a_client_that_was_connected():
     assert problem.code == "link_lost"
     assert "not responding" in problem.message
     assert "ssh was killed" in why_ended([], -9, TARGET).message
+    assert "gave no reason" in why_ended([], 255, TARGET).message
+    assert "the server ended the session" in why_ended([], 0, TARGET).message
 
 
 def test_a_forward_that_was_refused():

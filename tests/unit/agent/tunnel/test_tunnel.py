@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
+import signal
 import socket
 from pathlib import Path
 from typing import NoReturn
@@ -60,6 +61,20 @@ async def test_a_client_that_an_agent_left_is_ended(dialer):
     finally:
         await tunnel.close()
         await left.close()
+
+
+async def test_notice_of_the_log_in_does_not_explain_the_end(dialer):
+    """A client that ends without a message is not explained by what the server printed before."""
+    _, target, files = dialer
+    tunnel = await Tunnel.open(target, files, "session")
+    try:
+        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+        tunnel.on_connected()
+        [client] = [child for child in descendants(os.getpid()) if _is_client(child, files)]
+        os.kill(client, signal.SIGKILL)
+        assert "ssh was killed" in (await tunnel.why_ended(was_connected=True)).message
+    finally:
+        await tunnel.close()
 
 
 async def test_close_before_it_connects(place):
@@ -133,6 +148,10 @@ async def test_a_server_that_refuses(place):
     files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
     with pytest.raises(ServerUnreachable, match=r"cannot reach SSH at 127\.0\.0\.1 port"):
         await Tunnel.open(SshAddress("127.0.0.1", free_port(), "tunnel"), files, "session")
+
+
+def _is_client(process: int, files: SshFiles) -> bool:
+    return str(files.control).encode() in Path(f"/proc/{process}/cmdline").read_bytes()
 
 
 def _descriptors() -> int:
