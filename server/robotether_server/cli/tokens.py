@@ -99,13 +99,21 @@ def delete(user_name: str, name: str) -> None:
     help="How long it is valid.",
 )
 @click.option("--name", help="Name of the robot.  [default: robot- and the end of its MAC]")
+@click.option("--label", help="Name of the token.  [default: that of the robot and six digits]")
 @click.option(
     "--host", metavar="HOST[:PORT]", help="Where robots reach this site.  [default: PUBLIC_HOST]"
 )
 @click.option("--site", help="Site of the robots.")
 @click.option("--group", help="Group of users who may drive them.")
 @click.option("--region", help="Region of the robots: its machines are first for them.")
-def invite(uses: int, hours: int, name: str | None, host: str | None, **place: str | None) -> None:
+def invite(
+    uses: int,
+    hours: int,
+    name: str | None,
+    label: str | None,
+    host: str | None,
+    **place: str | None,
+) -> None:
     """Print the line that makes a machine a robot.
 
     The install line is the last line of the output. It holds a new join token: whoever has it can enrol that many
@@ -114,7 +122,9 @@ def invite(uses: int, hours: int, name: str | None, host: str | None, **place: s
     ends = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
     certificates, asked = _site(host)
     with open_database().transaction() as tx:
-        label, token = tokens.invite(tx, SOURCE, name, uses, ends, place=Place(**place))
+        label, token = tokens.invite(
+            tx, SOURCE, name, uses, ends, place=Place(**place), label=label
+        )
         # Before the end of the transaction: a token that nobody has seen would stay behind otherwise.
         line = install_line(certificates, asked, token, name)
     robots = "1 robot" if uses == 1 else f"{uses} robots"

@@ -63,6 +63,7 @@ def invite(
     expires_at: dt.datetime,
     *,
     place: Place,
+    label: str | None = None,
 ) -> tuple[str, str]:
     """Make a join token, for a robot that asks for the name `robot` if there is one; return its label and text.
 
@@ -70,8 +71,9 @@ def invite(
     """
     if robot is not None:
         _check_requested_name(tx, robot, uses)
-    suffix = secrets.token_hex(SUFFIX_BYTES)
-    label = f"{(robot or 'robot')[: schemas.MAX_NAME_LENGTH - len(suffix) - 1]} {suffix}"
+    if label is None:
+        suffix = secrets.token_hex(SUFFIX_BYTES)
+        label = f"{(robot or 'robot')[: schemas.MAX_NAME_LENGTH - len(suffix) - 1]} {suffix}"
     return label, create_join_token(tx, source, label, uses, expires_at, place=place)
 
 
