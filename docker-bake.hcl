@@ -4,8 +4,9 @@ variable "CA_BUNDLE" {
   default = ""
 }
 variable "REGISTRY" {
-  # Where images are pushed to, with a slash at the end.
-  default = ""
+  # Where images are pushed to, with a slash at the end. The default is a name that no registry can have (RFC 6761), so that
+  # no tool ever gets an image of ours from a stranger's.
+  default = "local.invalid/"
 }
 variable "VERSION" {
   # The release that these sources are or become, as the packages say it.
@@ -94,7 +95,7 @@ target "agent" {
   labels     = labels("agent", "The agent, for robots that run everything in containers")
   context    = "."
   dockerfile = "images/agent/Dockerfile"
-  tags       = ["robotether/agent:${TAG}"]
+  tags       = ["${REGISTRY}robotether/agent:${TAG}"]
   secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
 }
 # The computer of a robot, for the tests of playbooks and installer.
@@ -103,32 +104,32 @@ target "robot_host" {
   context    = "."
   dockerfile = "images/robot_host/Dockerfile"
   args       = { SUITE = ROBOT_SUITE }
-  tags       = ["robotether/robot_host:${ROBOT_SUITE}"]
+  tags       = ["${REGISTRY}robotether/robot_host:${ROBOT_SUITE}"]
   secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
 }
 # An ACME authority, for the tests.
 target "pebble" {
   labels  = labels("pebble", "An ACME authority, for tests")
   context = "images/pebble"
-  tags    = ["robotether/pebble:${TAG}"]
+  tags    = ["${REGISTRY}robotether/pebble:${TAG}"]
 }
 # A registry, for the tests.
 target "registry" {
   labels  = labels("registry", "A registry, for tests")
   context = "images/registry"
-  tags    = ["robotether/registry:${TAG}"]
+  tags    = ["${REGISTRY}robotether/registry:${TAG}"]
 }
 # A machine with an engine of its own, for the tests of Docker Swarm.
 target "docker_host" {
   labels  = labels("docker_host", "A machine with a Docker engine of its own, for tests")
   context = "images/docker_host"
-  tags    = ["robotether/docker_host:${TAG}"]
+  tags    = ["${REGISTRY}robotether/docker_host:${TAG}"]
 }
 target "frontend_test" {
   inherits = ["server"]
   labels   = labels("frontend_test", "The browser modules with their own tests")
   target   = "bundle"
-  tags     = ["robotether/frontend_test:${TAG}"]
+  tags     = ["${REGISTRY}robotether/frontend_test:${TAG}"]
 }
 
 # What is in each image, as CycloneDX, in build/sbom/: with any builder, and without a registry. tools/build sbom

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+from typing import ClassVar
 
 import pytest
 from image_names import image
@@ -44,6 +49,48 @@ SECRETS = {
         "mysql_web_password",
     },
 }
+
+
+class RecordingRegistry(BaseHTTPRequestHandler):
+    """A stand-in for a registry that has nothing and notes what it is asked for."""
+
+    requested: ClassVar[list[str]] = []
+
+    def do_GET(self) -> None:
+        """Refuse one request."""
+        self.requested.append(self.path)
+        self.send_error(HTTPStatus.NOT_FOUND)
+
+    def do_HEAD(self) -> None:
+        """Refuse one question whether an image is there."""
+        self.do_GET()
+
+    def log_message(self, *_: object) -> None:
+        """Write no log."""
+
+
+@pytest.mark.parametrize(("policy", "pulls"), [("", False), ("missing", True)])
+def test_our_images_are_pulled_only_if_asked_to(policy: str, pulls: bool) -> None:
+    """`pull` and `up` ask a registry for nothing of ours, even one that REGISTRY names, without PULL_POLICY."""
+    RecordingRegistry.requested.clear()
+    with ThreadingHTTPServer(("127.0.0.1", 0), RecordingRegistry) as registry:
+        Thread(target=registry.serve_forever).start()
+        settings = {
+            "REGISTRY": f"127.0.0.1:{registry.server_port}/",
+            "PULL_POLICY": policy,
+            "COMPOSE_PROFILES": "acme,direct,demo,demo-more",
+            "COMPOSE_PROJECT_NAME": "robotether-pull-test",
+        }
+        for arguments in (["pull"], ["up", "--no-build", "--no-start"]):
+            subprocess.run(
+                ["docker", "compose", "--project-directory", "compose", *arguments],
+                cwd=ROOT, env=os.environ | settings, check=False, capture_output=True,
+            )  # fmt: skip
+        registry.shutdown()
+    down = ["docker", "compose", "--project-name", "robotether-pull-test", "down", "--volumes"]
+    subprocess.run(down, check=True, capture_output=True)
+    asked = {path for path in RecordingRegistry.requested if "robotether" in path}
+    assert bool(asked) == pulls, asked
 
 
 def reached(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import ssl
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
@@ -19,6 +20,8 @@ from pathlib import Path
 agents = [one for one in Path("/proc").glob("[0-9]*") if b"robotether_agent\0run" in (one / "cmdline").read_bytes()]
 print(*{one.owner() for one in agents})
 """
+# Compose's lines about a service whose image it asks a registry for.
+PULL_PROGRESS = re.compile(r"^ [\w-]+ (?:Pulling|Warning|Error)\b.*", re.MULTILINE)
 SIMS = ("sim1", "sim2", "sim3", "sim4", "sim5")
 KINDS = ["differential", "holonomic", "ackermann", "differential", "differential"]
 
@@ -30,7 +33,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlainCompose]:
     """What the first start made; the images too are built by it."""
     plain = PlainCompose(tmp_path_factory.mktemp("plain"))
     try:
-        plain.compose("up", "--detach", "--wait")
+        started = plain.run("up", "--detach", "--wait")
+        assert started.returncode == 0, started.stderr[-4000:]
+        assert PULL_PROGRESS.findall(started.stderr) == []
         yield plain
     finally:
         plain.down()
@@ -129,3 +134,14 @@ def test_open_ports_need_a_list_of_sources(site: PlainCompose) -> None:
     site.compose("up", "--detach", "--wait")
     assert f"ports {first} to {first} are open to 192.0.2.0/24" in site.log("direct")
     assert "DIRECT_PORTS=yes\n" in site.compose("exec", "relay", "robotether", "show-settings")
+
+
+def test_up_runs_the_sources_that_are_there(site: PlainCompose) -> None:
+    """After `git pull`, which changes files, `up` builds and runs them; a dump of before has been made."""
+    site.tool("tools/dump_database", str(site.compose_folder))
+    healthy = site.compose_folder.parent / "images" / "mysql" / "healthy"
+    healthy.write_text(healthy.read_text() + "# of the next release\n")
+    site.compose("up", "--detach", "--wait")
+    running = site.compose("exec", "-T", "mysql", "cat", "/usr/lib/robotether/healthy")
+    assert running.endswith("# of the next release\n")
+    assert list(site.compose_folder.glob("robotether-*.sql.gz"))

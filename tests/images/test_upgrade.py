@@ -102,8 +102,8 @@ def old_stack(tmp_path: Path) -> Iterator[Stack]:
     finally:
         stack.root = ROOT
         stack.down()
-        names = ("--format", "{{.Repository}}:{{.Tag}}", f"robotether/*:{tag}")
-        run("docker", "image", "rm", *run("docker", "images", *names).split())
+        names = run("docker", "images", "--format", "{{.Repository}}:{{.Tag}}").split()
+        run("docker", "image", "rm", *(name for name in names if name.endswith(f":{tag}")))
 
 
 def identity(stack: Stack) -> dict[str, Any]:

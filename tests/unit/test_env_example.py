@@ -15,7 +15,16 @@ from robotether_server.settings import VARIABLES
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE = ROOT / "compose"
 # Derived when empty: from the published ports, from this checkout's version; or no file.
-DERIVED = {"SSH_PORTS", "PUBLIC_PORT", "TAG", "TLS_CERT_FILE", "TLS_KEY_FILE", "CA_BUNDLE"}
+DERIVED = {
+    "SSH_PORTS",
+    "PUBLIC_PORT",
+    "REGISTRY",
+    "PULL_POLICY",
+    "TAG",
+    "TLS_CERT_FILE",
+    "TLS_KEY_FILE",
+    "CA_BUNDLE",
+}
 READ_BY_COMPOSE = {"COMPOSE_PROFILES"}
 
 
@@ -130,18 +139,22 @@ def test_everything_has_one_version() -> None:
 
 def image_of(service: dict[str, Any]) -> str:
     """The name of a service's image without registry and tag."""
-    pattern = r"\$\{REGISTRY:-\}robotether/(\w+):\$\{TAG:-[0-9.]+\}"
+    pattern = r"\$\{REGISTRY:-local\.invalid/\}robotether/(\w+):\$\{TAG:-[0-9.]+\}"
     found = re.fullmatch(pattern, service["image"])
     assert found is not None, service["image"]
     return found[1]
 
 
 @pytest.mark.parametrize("name", sorted({image_of(one) for one in services().values()}))
-def test_every_image_is_pulled_or_built(name: str) -> None:
-    """By one of its services, under the name and from the files with which docker-bake.hcl builds it."""
-    of_image = [one for one in services().values() if image_of(one) == name]
-    assert not any("pull_policy" in one for one in of_image)
-    [build] = [one["build"] for one in of_image if "build" in one]
+def test_every_image_is_built_by_one_service(name: str) -> None:
+    """Compose builds it from the files and under the name that docker-bake.hcl has, and pulls it only if asked to."""
+    of_image = [service for service in services().values() if image_of(service) == name]
+    for service in of_image:
+        assert (
+            service["pull_policy"]
+            == f"${{PULL_POLICY:-{'build' if 'build' in service else 'never'}}}"
+        )
+    [build] = [service["build"] for service in of_image if "build" in service]
     target = bake_targets()[name]
     assert f'"${{REGISTRY}}robotether/{name}:${{TAG}}"' in target["tags"]
     context = build if isinstance(build, str) else build["context"]

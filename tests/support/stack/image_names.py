@@ -15,7 +15,7 @@ ARE_BUILT = "IMAGES_ARE_BUILT" in os.environ
 
 def image(name: str) -> str:
     """The name of one of the images, such as `server`."""
-    return f"robotether/{name}:{os.environ.get('TAG') or __version__}"
+    return f"local.invalid/robotether/{name}:{os.environ.get('TAG') or __version__}"
 
 
 def ensure_built(*names: str) -> None:

@@ -66,6 +66,11 @@ class PlainCompose:
             timeout=timeout,
         )
 
+    def tool(self, name: str, *arguments: str) -> None:
+        """Run one of the repository's tools for this stack; it must succeed."""
+        settings = {name: str(value) for name, value in self.settings.items()}
+        subprocess.run([self._folder / name, *arguments], env=os.environ | settings, check=True)
+
     def compose(self, *arguments: str) -> str:
         """Run what must succeed; what it printed."""
         done = self.run(*arguments)

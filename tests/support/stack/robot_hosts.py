@@ -33,7 +33,7 @@ from local_network import free_port
 
 ROOT = Path(__file__).resolve().parents[3]
 PREFIX = f"robot-host-{os.getpid()}"
-IMAGE = "robotether/robot_host:bookworm"
+IMAGE = "local.invalid/robotether/robot_host:bookworm"
 USER = "pi"
 # In every host, so that pip there trusts what this machine trusts; a site behind an inspecting proxy does the same.
 CA_BUNDLE = "/etc/ssl/site-ca.pem"
@@ -64,7 +64,7 @@ class CommandError(AssertionError):
     """A command on a host ended with an error; the text has what it printed."""
 
 
-NEWER_IMAGE = "robotether/robot_host:trixie"
+NEWER_IMAGE = "local.invalid/robotether/robot_host:trixie"
 
 
 def newer_systemd_boots() -> bool:
