@@ -237,6 +237,7 @@ class Agent:
     async def _shell_attempt(self, uptime: Uptime) -> None:
         await self._features.shell.wait()
         await self._session_up.wait()
+        request = self._features.shell.number
         role = Role(
             kind="shell", forward=self._shell_forward, on_up=partial(self._shell_is_up, uptime)
         )
@@ -245,9 +246,9 @@ class Agent:
         except SessionEnded as problem:
             if problem.code != SHELL_OFF:
                 raise
-            # Until the next configuration, which the session brings.
-            self._features.shell.clear()
-            self._status_writer.set(shell_tunnel="off")
+            # The session may have brought another request while this connection ended.
+            self._features.shell.end(request)
+            self._status_writer.set(shell_tunnel=self._shell_state(is_open=False))
             log.info(
                 "robot %s: the server has turned the shell off", self._status_writer.status.robot
             )
@@ -275,8 +276,9 @@ class Agent:
 
     async def _rotation_attempt(self, _: Uptime) -> None:
         await self._features.new_key.wait()
+        request = self._features.new_key.number
         await self._enroller.rotate()
-        self._features.new_key.clear()
+        self._features.new_key.end(request)
         self._status_writer.set(new_key="")
         await self._show_key()
 

@@ -109,13 +109,30 @@ def message_handlers(handler: DriveMessageHandler) -> Mapping[str, Callable[[Jso
     return {"lease": on_lease, "stop": on_stop, "release": on_release}
 
 
+class Request(asyncio.Event):
+    """Set while the server requests something; `number` counts the requests."""
+
+    number = 0
+
+    def set(self) -> None:
+        """Begin a request, unless there is one."""
+        if not self.is_set():
+            self.number += 1
+        super().set()
+
+    def end(self, number: int) -> None:
+        """End the request of this number; one that has come since stays."""
+        if self.number == number:
+            self.clear()
+
+
 class RequestedFeatures:
     """What a configuration asks for: one event a feature, set for as long as it is requested."""
 
     def __init__(self, *, allows_shell: bool) -> None:
         self.media = asyncio.Event()
-        self.shell = asyncio.Event()
-        self.new_key = asyncio.Event()
+        self.shell = Request()
+        self.new_key = Request()
         self._allows_shell = allows_shell
         self._key_was_requested = False
 

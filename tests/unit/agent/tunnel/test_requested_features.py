@@ -52,6 +52,24 @@ async def test_a_shell_is_a_connection_of_its_own(make_cloud, start_agent, servi
     assert [len(cloud.of_kind(kind, live=False)) for kind in ("session", "media")] == [1, 1]
 
 
+async def test_shell_that_is_on_again_before_it_has_ended_comes_back(
+    make_cloud, start_agent, services
+):
+    """The session says off and on before the shell's own connection reads that it ends."""
+    cloud = await make_cloud()
+    cloud.shell_port = free_port()
+    agent = start_agent(cloud, shell_address=f"127.0.0.1:{services.port}")
+    await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is open")
+    shell = await cloud.link("shell")
+    cloud.configure(shell_port=None)
+    await agent.until(lambda status: status.shell_tunnel == "off", "the shell is off")
+    cloud.configure(shell_port=free_port())
+    await agent.until(lambda status: status.shell_tunnel == "closed", "the shell is on again")
+    shell.send({"type": "bye", "code": "shell_off", "detail": "an admin switched it off"})
+    await cloud.link("shell", number=2)
+    await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is back")
+
+
 async def test_video_has_a_connection_while_somebody_watches(make_cloud, start_agent):
     """It opens on request, and goes with unwatched; that is no problem, and the session never notices."""
     cloud = await make_cloud()
