@@ -383,6 +383,7 @@ class Agent:
                 ros=report.ros,
                 ros_detail=report.ros_detail,
                 ros_exposed=report.ros_exposed,
+                ros_exposed_advice=report.ros_exposed_advice,
                 video=report.video,
                 video_detail=report.video_detail,
             )

@@ -12,32 +12,22 @@ of one message in 5 s at most, and none on a robot without a battery's topic.
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 import logging
 import math
 import random
-import struct
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from http import HTTPStatus
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import aiohttp
 from robotether_common.session import Battery, ServiceState
 
 from robotether_agent.describe_error import describe_error
+from robotether_agent.exposure import PAST_GUARD, exposed_at, port_of, rosbridge_advice
 from robotether_agent.fields import FieldError, JsonObject, parse_object
-from robotether_agent.files import read_text
-from robotether_agent.problems import (
-    EXPOSED_ADVICE,
-    PAST_GUARD,
-    AgentProblem,
-    RosbridgeDown,
-    StateUnusable,
-    VideoSourceDown,
-)
+from robotether_agent.problems import AgentProblem, RosbridgeDown, VideoSourceDown
 from robotether_agent.rosbridge import (
     IMAGE_TYPE,
     LOOK_UP,
@@ -56,9 +46,6 @@ MAX_MESSAGE_BYTES = 1024 * 1024
 # rosapi, cameras and the kernel's listening sockets are asked once in so many times.
 SELDOM = 15
 SPREAD = 0.5, 1.5
-# The kernel's lists of TCP sockets, and the state LISTEN in them.
-LISTS = ("tcp", "tcp6")
-LISTEN = "0A"
 
 BATTERY_TYPE = "sensor_msgs/BatteryState"
 # Tried in this order; else the first by name.
@@ -82,8 +69,9 @@ class HealthReport:
     video: ServiceState = "unknown"
     ros_detail: str = ""
     video_detail: str = ""
-    # The address at which everybody in the robot's own network reaches rosbridge, past the guard.
+    # The address at which everybody in the robot's own network reaches rosbridge, past the guard, and what ends that.
     ros_exposed: str = ""
+    ros_exposed_advice: str = ""
 
     @property
     def detail(self) -> str:
@@ -142,11 +130,11 @@ class Health:
             # for it, and robots that share a machine ask at different moments.
             address = await asyncio.to_thread(exposed_at, self._rosbridge_url)
             if address != self.report.ros_exposed:
-                await self._set(replace(self.report, ros_exposed=address))
+                advice = await rosbridge_advice(self._rosbridge_url) if address else ""
+                report = replace(self.report, ros_exposed=address, ros_exposed_advice=advice)
+                await self._set(report)
                 if address:
-                    log.warning(
-                        "rosbridge listens on %s: %s; %s", address, PAST_GUARD, EXPOSED_ADVICE
-                    )
+                    log.warning("rosbridge answers at %s: %s; %s", address, PAST_GUARD, advice)
             await asyncio.sleep(SELDOM * self._every_s * self._rng.uniform(*SPREAD))
 
     async def _hold_rosbridge(self, http: aiohttp.ClientSession) -> None:
@@ -285,52 +273,6 @@ def _log_change(good: str, problem: AgentProblem | None) -> None:
         log.info("%s", good)
     else:
         log.warning("%s; the tunnel stays open and waits for it", problem)
-
-
-def port_of(url: str) -> int:
-    """Return the port of a service's URL."""
-    split = urlsplit(url)
-    return split.port or (443 if split.scheme in {"https", "wss"} else 80)
-
-
-def exposed_at(url: str, lists: Path = Path("/proc/net")) -> str:
-    """Return the address beyond loopback at which the port of `url` is listened on; empty: none, or not known.
-
-    ROS's rosbridge listens on all interfaces by default, and the guard is not in the way of who comes
-    from there. Read from the kernel's list, so that no service sees a connection.
-    """
-    port = port_of(url)
-    for name in LISTS:
-        for line in _lines_of(lists / name)[1:]:
-            _, local, _, state, *_ = line.split()
-            words, _, its_port = local.partition(":")
-            if state != LISTEN or int(its_port, 16) != port:
-                continue
-            address = _address(words)
-            if not _is_loopback(address):
-                return str(address)
-    return ""
-
-
-def _lines_of(path: Path) -> list[str]:
-    try:
-        return (read_text(path) or "").splitlines()
-    except StateUnusable as problem:
-        # A hardened kernel shows it to root alone.
-        log.debug("%s", problem)
-        return []
-
-
-def _address(words: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    """Read an address as the kernel prints it: words of 32 bits in this machine's order."""
-    raw = bytes.fromhex(words)
-    count = len(raw) // 4
-    return ipaddress.ip_address(struct.pack(f"={count}I", *struct.unpack(f">{count}I", raw)))
-
-
-def _is_loopback(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
-    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
-    return (mapped or address).is_loopback
 
 
 class Vitals:

@@ -20,8 +20,6 @@ from enum import Enum
 from typing import ClassVar
 
 # Of a rosbridge that listens beyond loopback, for log, status and doctor.
-PAST_GUARD = "anyone in its own network can drive this robot past the guard"
-EXPOSED_ADVICE = "start it with address:=127.0.0.1, a parameter of its launch file"
 
 
 class Retry(Enum):

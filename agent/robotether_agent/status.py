@@ -16,9 +16,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from robotether_agent import __version__
+from robotether_agent.exposure import PAST_GUARD
 from robotether_agent.fields import FieldError, JsonObject, get_number, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import EXPOSED_ADVICE, PAST_GUARD, AgentProblem, StateUnusable
+from robotether_agent.problems import AgentProblem, StateUnusable
 
 log = logging.getLogger(__name__)
 
@@ -56,6 +57,7 @@ class Status:
     ros_detail: str = ""
     # The address at which everybody in the robot's own network reaches rosbridge, past the guard.
     ros_exposed: str = ""
+    ros_exposed_advice: str = ""
     video: str = "unknown"
     video_detail: str = ""
     # ready, down, or off by the settings; and why it is down.
@@ -198,7 +200,8 @@ def render(status: Status, now: float) -> str:
         ("video", _service(status.video, status.video_detail)),
     ]
     if status.ros_exposed:
-        exposed = f"rosbridge listens on {status.ros_exposed}: {PAST_GUARD}; {EXPOSED_ADVICE}"
+        advice = status.ros_exposed_advice
+        exposed = f"rosbridge answers at {status.ros_exposed}: {PAST_GUARD}; {advice}"
         rows += [("warning", exposed)]
     if status.new_key:
         rows += [("new key", status.new_key)]

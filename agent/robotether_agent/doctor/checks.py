@@ -18,9 +18,9 @@ from robotether_agent.doctor import Finding, fail, ok, server, skipped, tunnel, 
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import EnrolmentStore
 from robotether_agent.enrolment.identity import IdentityStore, interface_with
+from robotether_agent.exposure import ADDRESS_ADVICE, PAST_GUARD, exposed_at, rosbridge_advice
 from robotether_agent.fields import printable
-from robotether_agent.health import exposed_at
-from robotether_agent.problems import EXPOSED_ADVICE, PAST_GUARD, AgentProblem
+from robotether_agent.problems import AgentProblem
 from robotether_agent.settings import Settings
 from robotether_agent.status import is_alive, read_status
 from robotether_agent.tasks import within
@@ -121,8 +121,9 @@ async def check_rosbridge(settings: Settings) -> Finding:
             f"no WebSocket at {url}: {describe_error(error, TIMEOUT_S)}",
             "start rosbridge (ros2 launch rosbridge_server rosbridge_websocket_launch.xml), or correct rosbridge_url",
         )
-    if exposed := exposed_at(url):
-        return warning("rosbridge", f"listens on {exposed}: {PAST_GUARD}", EXPOSED_ADVICE)
+    if exposed := await asyncio.to_thread(exposed_at, url):
+        advice = await rosbridge_advice(url)
+        return warning("rosbridge", f"answers at {exposed}: {PAST_GUARD}", advice)
     return ok("rosbridge", f"answers at {url}")
 
 
@@ -146,11 +147,9 @@ async def check_video(settings: Settings) -> Finding:
         )
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         return fail("video", f"HTTP status {status} at {url}", "see web_video_server's log")
-    if exposed := exposed_at(url):
+    if exposed := await asyncio.to_thread(exposed_at, url):
         who = "anyone in its own network can watch"
-        return ok(
-            "video", f"answers at {url}, and listens on {exposed}: {who}; or {EXPOSED_ADVICE}"
-        )
+        return ok("video", f"answers at {url}, and at {exposed}: {who}; or {ADDRESS_ADVICE}")
     return ok("video", f"answers at {url}")
 
 

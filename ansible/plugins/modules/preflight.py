@@ -158,8 +158,8 @@ def _rosbridge(params: dict[str, Any]) -> str:
             return ""
     except (OSError, ValueError) as error:
         return (
-            f"rosbridge does not answer at {url} ({error}): start it (ros2 launch rosbridge_server "
-            "rosbridge_websocket_launch.xml address:=127.0.0.1), correct robotether_agent_rosbridge_url, or enrol "
+            f"rosbridge does not answer at {url} ({error}): start it (docs/howto/ros2-robot.md, "
+            "docs/howto/ros1-robot.md), correct robotether_agent_rosbridge_url, or enrol "
             "without it with robotether_agent_rosbridge_required=false"
         )
 

@@ -72,11 +72,13 @@ def test_rosbridge_that_its_network_reaches_is_a_warning():
     """The installer and the playbook print this line."""
     [line] = [
         line
-        for line in render(replace(UP, ros_exposed="0.0.0.0"), NOW).splitlines()
+        for line in render(
+            replace(UP, ros_exposed="192.0.2.1", ros_exposed_advice="close it"), NOW
+        ).splitlines()
         if line.startswith("warning ")
     ]
-    assert "rosbridge listens on 0.0.0.0: anyone in its own network can drive" in line
-    assert "address:=127.0.0.1" in line
+    assert "rosbridge answers at 192.0.2.1: anyone in its own network can drive" in line
+    assert line.endswith("; close it")
     assert "warning" not in render(UP, NOW)
 
 

@@ -121,7 +121,7 @@ async def test_services_that_the_robots_network_reaches(settings, monkeypatch):
     monkeypatch.setattr(checks, "exposed_at", lambda _url: "0.0.0.0")
     rosbridge, video = await checks.check_rosbridge(settings), await checks.check_video(settings)
     assert rosbridge.state == WARNING
-    assert "listens on 0.0.0.0: anyone in its own network can drive" in rosbridge.detail
+    assert "answers at 0.0.0.0: anyone in its own network can drive" in rosbridge.detail
     assert "address:=127.0.0.1" in rosbridge.advice
     assert video.state == OK
     assert "anyone in its own network can watch" in video.detail

@@ -1,0 +1,139 @@
+"""Finds services of the robot that answer its own network, past the guard, and what would confine them.
+
+Used by the agent's health and doctor. It believes what answers and not what was configured: rosbridge 0.11 for ROS 1
+prints the address of its settings and listens on all interfaces.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import fcntl
+import ipaddress
+import logging
+import os
+import socket
+import struct
+from contextlib import suppress
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import aiohttp
+
+from robotether_agent.files import read_text
+from robotether_agent.problems import StateUnusable
+
+PAST_GUARD = "anyone in its own network can drive this robot past the guard"
+ADDRESS_ADVICE = "start it with address:=127.0.0.1, a parameter of its launch file"
+# rosbridge from 0.11.5 on for ROS 1 is built on Autobahn and passes no address to it.
+FIREWALL_ADVICE = "this rosbridge of ROS 1 ignores address:=127.0.0.1; close its port as docs/howto/ros1-robot.md says"
+FIREWALLED = "AutobahnPython"
+TIMEOUT_S = 1.0
+# The kernel's lists of TCP sockets, and the state LISTEN in them.
+LISTS = ("tcp", "tcp6")
+LISTEN = "0A"
+# Asks for the address of a network interface (linux/sockios.h); a struct ifreq begins with the name, in 16 bytes.
+SIOCGIFADDR = 0x8915
+IFREQ = struct.Struct("16s2xH4s16x")
+
+log = logging.getLogger(__name__)
+
+Address = ipaddress.IPv4Address | ipaddress.IPv6Address
+
+
+def port_of(url: str) -> int:
+    """Return the port of a service's URL."""
+    split = urlsplit(url)
+    return split.port or (443 if split.scheme in {"https", "wss"} else 80)
+
+
+def exposed_at(url: str, lists: Path = Path("/proc/net")) -> str:
+    """Return an address beyond loopback at which the port of `url` answers; empty: none, or not known.
+
+    Blocks for TIMEOUT_S for each of the robot's own addresses at most. A service that listens on loopback alone sees no
+    connection: the kernel's list says so. One that listens on all interfaces is tried at the robot's own addresses,
+    where a firewall may be in the way.
+    """
+    port = port_of(url)
+    for address in _listens_beyond_loopback(port, lists):
+        candidates = own_addresses() if address.is_unspecified else [str(address)]
+        if not candidates:
+            # Nobody is in the robot's network now; that may change.
+            return str(address)
+        for candidate in candidates:
+            if _answers(candidate, port):
+                return candidate
+    return ""
+
+
+def own_addresses() -> list[str]:
+    """Return the IPv4 addresses of this machine's network interfaces, without loopback."""
+    addresses = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        for _, name in socket.if_nameindex():
+            request = IFREQ.pack(name.encode(), 0, b"")
+            # An interface without an address has none to tell.
+            with suppress(OSError):
+                raw = IFREQ.unpack(fcntl.ioctl(asking, SIOCGIFADDR, request)[: IFREQ.size])[2]
+                addresses.append(ipaddress.ip_address(raw))
+    return [str(address) for address in addresses if not address.is_loopback]
+
+
+async def rosbridge_advice(url: str) -> str:
+    """Return what confines the rosbridge at `url` to this machine, by which server it says to be."""
+    key = base64.b64encode(os.urandom(16)).decode()
+    headers = {
+        **{"Connection": "Upgrade", "Upgrade": "websocket"},
+        **{"Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": key},
+    }
+    timeout = aiohttp.ClientTimeout(total=TIMEOUT_S)
+    try:
+        async with (
+            aiohttp.ClientSession(timeout=timeout) as http,
+            http.get(url.replace("ws", "http", 1), headers=headers) as answer,
+        ):
+            server = answer.headers.get("Server", "")
+    except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+        log.debug("cannot ask %s which server it is: %r", url, error)
+        return f"{ADDRESS_ADVICE}; on ROS 1: close its port as docs/howto/ros1-robot.md says"
+    return FIREWALL_ADVICE if server.startswith(FIREWALLED) else ADDRESS_ADVICE
+
+
+def _answers(address: str, port: int) -> bool:
+    try:
+        socket.create_connection((address, port), timeout=TIMEOUT_S).close()
+    except OSError:
+        return False
+    return True
+
+
+def _listens_beyond_loopback(port: int, lists: Path) -> list[Address]:
+    addresses = []
+    for name in LISTS:
+        for line in _lines_of(lists / name)[1:]:
+            _, local, _, state, *_ = line.split()
+            words, _, its_port = local.partition(":")
+            if state == LISTEN and int(its_port, 16) == port:
+                addresses.append(_address(words))
+    return [address for address in addresses if not _is_loopback(address)]
+
+
+def _lines_of(path: Path) -> list[str]:
+    try:
+        return (read_text(path) or "").splitlines()
+    except StateUnusable as problem:
+        # A hardened kernel shows it to root alone.
+        log.debug("%s", problem)
+        return []
+
+
+def _address(words: str) -> Address:
+    """Read an address as the kernel prints it: words of 32 bits in this machine's order."""
+    raw = bytes.fromhex(words)
+    count = len(raw) // 4
+    return ipaddress.ip_address(struct.pack(f"={count}I", *struct.unpack(f">{count}I", raw)))
+
+
+def _is_loopback(address: Address) -> bool:
+    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
+    return (mapped or address).is_loopback
