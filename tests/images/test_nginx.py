@@ -178,6 +178,35 @@ def test_one_address_has_1000_connections_and_gets_them_back(stack: Stack) -> No
     assert printed.split() == ["1000", "False", "1000"]
 
 
+# Asks for more than one address may, from the address of the container in which it runs.
+FLOOD = """
+import asyncio, collections, aiohttp
+
+site, headers = "https://nginx:8443", {"Authorization": "Bearer rt_unknown"}
+
+async def status(http, method, path):
+    async with http.request(method, f"{site}/api/v1/robots/sim1/{path}", headers=headers) as answer:
+        return answer.status
+
+async def main():
+    async with aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0, ssl=False)) as http:
+        asked = [asyncio.create_task(status(http, "GET", "control")) for _ in range(900)]
+        await asyncio.wait(asked, return_when=asyncio.FIRST_COMPLETED)
+        while not any(one.done() and one.result() == 429 for one in asked):
+            await asyncio.wait([one for one in asked if not one.done()], return_when=asyncio.FIRST_COMPLETED)
+        print(await status(http, "POST", "stop"))
+        found = collections.Counter(await asyncio.gather(*asked))
+        print(*sorted(found))
+
+asyncio.run(main())
+"""
+
+
+def test_a_flood_of_strangers_is_cut_and_leaves_stops_their_places(stack: Stack) -> None:
+    """Beyond its burst an address gets 429, while a stop from there reaches the relay, which does not know who asks."""
+    assert stack.exec("web", "python3", "-c", FLOOD).split() == ["401", "401", "429"]
+
+
 @pytest.mark.parametrize(
     ("path", "encoding"),
     [("/static/dist/drive.js", "gzip"), ("/static/drive.css", "gzip"), ("/login", None)],

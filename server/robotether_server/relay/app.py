@@ -79,7 +79,10 @@ def public_app(
         try:
             if (preflight := cors.preflight(request)) is not None:
                 return preflight
-            if forwarding is not None and (forwarded := forwarding.answer(request)) is not None:
+            if (
+                forwarding is not None
+                and (forwarded := await forwarding.answer(request)) is not None
+            ):
                 return forwarded
             return await handler(request)
         except Problem as problem:

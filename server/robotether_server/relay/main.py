@@ -374,7 +374,10 @@ class Relay:
             OtherCells(self.peers.confirmation, self._cells_unreached),
         )
         handlers = Handlers(rosbridge, frames, video, events, control)
-        cors, forwarding = Cors(settings.allowed_origins), Forwarding(self.peers, self._known)
+        cors, forwarding = (
+            Cors(settings.allowed_origins),
+            Forwarding(self.peers, self._known, access),
+        )
         self._public = public_app(self.metrics, handlers, cors, forwarding)
         self._make_peers(handlers, cors)
         self._inside = inside_app(self.metrics, lambda: self.fleet.store_up)

@@ -34,3 +34,25 @@ def test_no_ticket_is_logged_while_the_relay_is_away(name: str) -> None:
     to_relay = [body for body in locations if "proxy_pass http://$relay" in body]
     assert to_relay
     assert all("error_log stderr crit;" in body for body in to_relay)
+
+
+def test_every_request_counts_for_its_address() -> None:
+    """What a stranger may ask of relay or web is bounded, and a stop's bound is not used up by anything else."""
+    text = (IMAGES / "nginx" / "nginx.conf").read_text()
+    https = text[text.index("listen unix:/run/nginx/tls.sock") :]
+    locations = re.findall(
+        r"location ([^{]*\S) \{([^}]*)\}", re.sub(r'"[^"]*"', _without_braces, https)
+    )
+    bounds = {
+        name: set(re.findall(r"limit_(?:req|conn) (?:zone=)?(\w+)", body))
+        for name, body in locations
+        if "proxy_pass" in body
+    }
+    assert [name for name, zones in bounds.items() if not zones] == []
+    of_stops = [name for name, zones in bounds.items() if "stop" in zones]
+    assert of_stops == ['~ "^/api/v1/(stop|robots/[^/]+/stop)$"']
+    assert bounds[of_stops[0]] == {"stop"}
+
+
+def _without_braces(quoted: re.Match[str]) -> str:
+    return re.sub(r"[{}]", "", quoted[0])

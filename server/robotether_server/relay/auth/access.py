@@ -23,8 +23,11 @@ from robotether_server.problems import (
     OriginRefused,
     RobotUnknown,
     StoreUnavailable,
+    Throttled,
     TicketExpired,
     TicketForeign,
+    TicketForged,
+    TicketMalformed,
     TicketMissing,
     TicketUsed,
     TokenInvalid,
@@ -53,6 +56,9 @@ class Request:
     ticket: str | None
     login: str | None
     authorization: str | None
+    # Of the client, as nginx saw it.
+    address: str = ""
+    stops: bool = False
 
 
 @dataclass(frozen=True)
@@ -185,12 +191,28 @@ class Access:
         A page of another site shows a token: a login that its browser adds is not its word.
         """
         if request.authorization is not None:
-            return await self._asker_by_token(request.authorization)
+            return await self._asker_by_token(request)
         is_ours = request.origin is None or _same_host(request.origin, request.host)
-        asker = await self._asker("login", (request.login or "") if is_ours else "")
+        asker = await self._asker(request, "login", (request.login or "") if is_ours else "")
         if asker is None:
             raise LoginMissing("cannot identify the caller: log in first")
         return asker
+
+    async def is_vouched_for(self, request: Request) -> bool:
+        """Return whether this site signed the ticket, or the login or token is somebody's.
+
+        Whether it opens anything is for the cell that has the robot. While the database is away that one may know more.
+        """
+        try:
+            if request.ticket is None:
+                await self.asker(request)
+            else:
+                self._signer.verify(request.ticket)
+        except (StoreUnavailable, TicketExpired):
+            return True
+        except (LoginMissing, Throttled, TicketForged, TicketMalformed, TokenInvalid):
+            return False
+        return True
 
     def check_origin(self, request: Request) -> None:
         """Refuse pages of other sites; programs send no Origin."""
@@ -203,20 +225,22 @@ class Access:
                 "ALLOWED_ORIGINS may ask"
             )
 
-    async def _asker_by_token(self, authorization: str) -> AuthenticatedUser:
-        scheme, _, token = authorization.partition(" ")
+    async def _asker_by_token(self, request: Request) -> AuthenticatedUser:
+        scheme, _, token = (request.authorization or "").partition(" ")
         asker = None
         if scheme.lower() == "bearer":
-            asker = await self._asker("token", token.strip())
+            asker = await self._asker(request, "token", token.strip())
         if asker is None:
             raise TokenInvalid("cannot identify the caller: the token is unknown or has expired")
         return asker
 
-    async def _asker(self, kind: CredentialKind, text: str) -> AuthenticatedUser | None:
+    async def _asker(
+        self, request: Request, kind: CredentialKind, text: str
+    ) -> AuthenticatedUser | None:
         if not 0 < len(text) <= MAX_CREDENTIAL_LENGTH:
             return None
         credential = credential_of(kind, text)
-        user = await self._credentials.user_of(credential)
+        user = await self._credentials.user_of(credential, request.address, stops=request.stops)
         return None if user is None else AuthenticatedUser(user, credential)
 
     def _verified(self, text: str) -> tuple[Ticket, datetime]:
@@ -275,6 +299,7 @@ def request_of(
         ticket=query.get("ticket"),
         login=cookies.get(LOGIN_COOKIE),
         authorization=headers.get("Authorization"),
+        address=headers.get("X-Forwarded-For", ""),
     )
 
 

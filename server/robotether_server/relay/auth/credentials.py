@@ -1,7 +1,8 @@
 """Looks up logins and API tokens, and ends what depends on one that is gone.
 
 `access` asks for every request that comes without a ticket. Answers are kept a few seconds, so that
-a page with many videos asks the database once. `fleet` has those that something live hangs on
+a page with many videos asks the database once. Whatever number of strangers ask, the database has two open questions
+about them: one for stops, one for the rest. `fleet` has those that something live hangs on
 asked again; such a one is believed as long as what hangs on it, with the database away, too, and a while longer.
 Who begins to drive is asked for each time, and while the database is away believed in the same way. So is whoever
 has a ticket that another cell's web has signed with the database since.
@@ -10,13 +11,13 @@ has a ticket that another cell's web has signed with the database since.
 from __future__ import annotations
 
 import asyncio
-from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter, OrderedDict
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from robotether_server.db.credentials import digest
 from robotether_server.db.fleet import Credential, RelayUser
-from robotether_server.problems import StoreUnavailable
+from robotether_server.problems import StoreUnavailable, Throttled
 from robotether_server.relay.db.database import RelayDatabase
 from robotether_server.tickets import CredentialKind
 
@@ -28,6 +29,14 @@ MAX_RECENT = 1000
 # A ticket must be so much newer than the last answer: its signer's clock may be ahead (`MAX_AHEAD_S`), and the
 # signer asked for the credential before it asked for the rest, each for `BRIEF_TIMEOUT_S` at most.
 NEWER_BY_S = 6.0
+# Maximum number of unknown credentials in one question to the database.
+MAX_IN_QUESTION = 100
+# Maximum number of unknown credentials that wait for an answer, of one address and of all.
+MAX_WAITING_OF_ADDRESS = 50
+MAX_WAITING = 2000
+THROTTLED_S = 1
+
+UsersOf = Callable[[list[Credential]], Awaitable[Mapping[Credential, RelayUser]]]
 
 
 def credential_of(kind: CredentialKind, text: str) -> Credential:
@@ -35,11 +44,77 @@ def credential_of(kind: CredentialKind, text: str) -> Credential:
     return Credential(kind, digest(text))
 
 
+class SharedQuestions:
+    """Asks about credentials of strangers: one question at a time, about all that wait for it.
+
+    A question for each would take the places of the relay's own duties in the database's queue.
+    """
+
+    def __init__(self, ask: UsersOf) -> None:
+        self._ask = ask
+        # Not those whose question is open: its answer may be of before a change.
+        self._waiting: dict[Credential, asyncio.Future[RelayUser | None]] = {}
+        self._of_address: Counter[str] = Counter()
+        self._asking: asyncio.Task[None] | None = None
+
+    async def user_of(self, credential: Credential, address: str) -> RelayUser | None:
+        """Return who the credential belongs to; raise Throttled or StoreUnavailable."""
+        if (answer := self._waiting.get(credential)) is None:
+            answer = self._wait_for(credential, address)
+        # Several may wait for it, and one of them may leave.
+        return await asyncio.shield(answer)
+
+    def _wait_for(self, credential: Credential, address: str) -> asyncio.Future[RelayUser | None]:
+        if self._of_address[address] >= MAX_WAITING_OF_ADDRESS or (
+            self._of_address.total() >= MAX_WAITING
+        ):
+            raise Throttled(
+                "cannot identify the caller now: too many requests wait to be identified; try again shortly",
+                THROTTLED_S,
+            )
+        answer = self._waiting[credential] = asyncio.get_running_loop().create_future()
+        self._of_address[address] += 1
+        answer.add_done_callback(lambda _answer: self._on_answer(address))
+        if self._asking is None:
+            self._asking = asyncio.create_task(self._ask_all(), name="unknown credentials")
+        return answer
+
+    def _on_answer(self, address: str) -> None:
+        self._of_address[address] -= 1
+        if not self._of_address[address]:
+            del self._of_address[address]
+
+    async def _ask_all(self) -> None:
+        try:
+            while self._waiting:
+                asked = list(self._waiting)[:MAX_IN_QUESTION]
+                await self._answer(
+                    {credential: self._waiting.pop(credential) for credential in asked}
+                )
+        finally:
+            self._asking = None
+
+    async def _answer(self, waiting: Mapping[Credential, asyncio.Future[RelayUser | None]]) -> None:
+        try:
+            users = await self._ask(list(waiting))
+        except Exception as problem:  # noqa: BLE001  # who waits raises it
+            for answer in waiting.values():
+                answer.set_exception(problem)
+                # Whoever waited may be gone.
+                answer.exception()
+        else:
+            for credential, answer in waiting.items():
+                answer.set_result(users.get(credential))
+
+
 class Credentials:
     """Looks credentials up, and watches those on which something live depends."""
 
     def __init__(self, database: RelayDatabase) -> None:
         self._database = database
+        self._questions = SharedQuestions(self._users_of)
+        # Who stops a robot does not wait for an answer about others.
+        self._stop_questions = SharedQuestions(self._users_of)
         self._kept: OrderedDict[Credential, tuple[float, RelayUser | None]] = OrderedDict()
         self._held: dict[Credential, set[Callable[[], None]]] = {}
         self._unchecked: set[Credential] = set()
@@ -51,8 +126,13 @@ class Credentials:
         # When the database last answered, about whatever.
         self._answered_at: float | None = None
 
-    async def user_of(self, credential: Credential) -> RelayUser | None:
-        """Return who the credential belongs to; None: it does not hold. May raise StoreUnavailable."""
+    async def user_of(
+        self, credential: Credential, address: str = "", *, stops: bool = False
+    ) -> RelayUser | None:
+        """Return who the credential belongs to; None: it does not hold. May raise StoreUnavailable or Throttled.
+
+        `address` is where it was sent from, `stops`: to stop robots.
+        """
         if (live := self._live.get(credential)) is not None:
             # Else nobody could stop a robot over HTTP while the database is away.
             return live
@@ -60,20 +140,28 @@ class Credentials:
         kept = self._kept.get(credential)
         if kept is not None and now - kept[0] < KEEP_S:
             return kept[1]
-        rechecks, is_recent = self._rechecks, self._is_recent(credential)
+        rechecks = self._rechecks
         try:
-            found = await self._users_of([credential], briefly=is_recent)
+            user = await self._ask_for(credential, address, stops=stops)
         except StoreUnavailable:
             # Whoever may still begin to drive may stop a robot, too.
             if self._is_recent(credential):
                 return self._recent[credential][1]
             raise
-        if (user := found.get(credential)) is None:
+        if user is None:
             self._forget(credential)
         # An answer to a question of before a change may be the old one.
         if rechecks == self._rechecks:
             self._keep(credential, now, user)
         return user
+
+    async def _ask_for(
+        self, credential: Credential, address: str, *, stops: bool
+    ) -> RelayUser | None:
+        if self._is_recent(credential):
+            return (await self._users_of([credential], briefly=True)).get(credential)
+        questions = self._stop_questions if stops else self._questions
+        return await questions.user_of(credential, address)
 
     async def holds(self, credential: Credential) -> bool:
         """Ask the database, whatever is remembered; StoreUnavailable when it is away and did not say so recently."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Awaitable, Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -79,7 +79,7 @@ class ControlApi:
 
     async def stop(self, request: web.Request) -> web.Response:
         """Stop a robot: whoever may see it."""
-        user, robot = await self._who_and_what(request)
+        user, robot = await self._who_and_what(request, stops=True)
         reason = _text(await _members(request, ("reason",)), "reason", MAX_REASON)
         self._control.stops.stop(robot, user.name, reason=reason, address=_address(request))
         await self._control.stops.confirmation(robot.id)
@@ -111,7 +111,7 @@ class ControlApi:
 
     async def stop_many(self, request: web.Request) -> web.Response:
         """Stop all robots, or those of a site, that the caller manages."""
-        user = await self._changer(request)
+        user = await self._changer(request, stops=True)
         members = await _members(request, ("site", "reason"))
         site = _text(members, "site", MAX_SITE)
         reason = _text(members, "reason", MAX_REASON)
@@ -142,12 +142,15 @@ class ControlApi:
             raise FieldInvalid("cannot use to: it is a user's name, and goes with hand_over alone")
         return partial(self._control.leasing.hand_over, to=to)
 
-    async def _who_and_what(self, request: web.Request) -> tuple[RelayUser, RelayRobot]:
-        user = await self._changer(request)
+    async def _who_and_what(
+        self, request: web.Request, *, stops: bool = False
+    ) -> tuple[RelayUser, RelayRobot]:
+        user = await self._changer(request, stops=stops)
         return user, self._access.visible_robot(user, request.match_info["name"])
 
-    async def _changer(self, request: web.Request) -> RelayUser:
+    async def _changer(self, request: web.Request, *, stops: bool = False) -> RelayUser:
         asked = request_of(request.headers, request.cookies, request.query)
+        asked = replace(asked, stops=stops)
         csrf_header = request.headers.get("X-CSRFToken", "")
         return (await self._access.for_change(asked, csrf_header)).user
 

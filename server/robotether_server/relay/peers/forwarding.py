@@ -1,17 +1,19 @@
 """Decides which requests the relay of another cell answers: those for a robot that it has.
 
-`app` asks before any handler. Nothing is checked here: nginx passes the request on as it came, to the other cell's
-nginx, whose relay checks it. So what is forwarded never passes this relay.
+`app` asks before any handler. nginx passes the request on as it came, to the other cell's nginx, whose relay checks it.
+So what is forwarded never passes this relay. Strangers are refused here: each forward costs both cells a TLS handshake.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 from aiohttp import web
 
 from robotether_server.db.fleet import Snapshot
+from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.peers.peers import Peers
 
 FORWARDED = re.compile(
@@ -25,11 +27,12 @@ CELL_HEADER = "X-Robotether-Cell"
 class Forwarding:
     """Sends nginx to the cell that has the robot."""
 
-    def __init__(self, peers: Peers, snapshot: Callable[[], Snapshot]) -> None:
+    def __init__(self, peers: Peers, snapshot: Callable[[], Snapshot], access: Access) -> None:
         self._peers = peers
         self._snapshot = snapshot
+        self._access = access
 
-    def answer(self, request: web.Request) -> web.Response | None:
+    async def answer(self, request: web.Request) -> web.Response | None:
         """Return what has nginx forward the request; None: it is answered here."""
         found = FORWARDED.fullmatch(request.path)
         if found is None or not self._peers.count():
@@ -38,7 +41,11 @@ class Forwarding:
         peer = None if robot is None else self._peers.owner(robot.id)
         if peer is None:
             return None
-        location = STOP_LOCATION if found["action"] == "stop" else LOCATION
+        stops = found["action"] == "stop"
+        asked = request_of(request.headers, request.cookies, request.query)
+        if not await self._access.is_vouched_for(replace(asked, stops=stops)):
+            return None
+        location = STOP_LOCATION if stops else LOCATION
         # No content: nginx would take its type for that of the forwarded answer.
         return web.Response(
             status=204, headers={"X-Accel-Redirect": location, CELL_HEADER: peer.address}

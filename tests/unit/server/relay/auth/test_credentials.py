@@ -8,7 +8,7 @@ from collections.abc import Collection
 import pytest
 from relay_server import MemoryDatabase
 from robotether_server.db.fleet import Credential, RelayUser
-from robotether_server.problems import StoreUnavailable
+from robotether_server.problems import StoreUnavailable, Throttled
 from robotether_server.relay.auth import credentials as module
 from robotether_server.relay.auth.credentials import Credentials, credential_of
 
@@ -37,6 +37,98 @@ async def test_what_is_kept_is_bounded(credentials, monkeypatch):
     for number in range(50):
         await credentials.user_of(credential_of("token", str(number)))
     assert len(credentials._kept) == 10
+
+
+class BusyDatabase(MemoryDatabase):
+    """Answers about credentials when the test says so, and remembers what was asked at once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.questions: list[list[Credential]] = []
+        self.answers = asyncio.Event()
+
+    async def users_of(
+        self, credentials: Collection[Credential], *, briefly: bool = False
+    ) -> dict[Credential, RelayUser]:
+        self.questions.append(list(credentials))
+        await self.answers.wait()
+        return await super().users_of(credentials, briefly=briefly)
+
+
+def unknown(count: int, address: str = "x") -> list[Credential]:
+    return [credential_of("token", f"{address} {number}") for number in range(count)]
+
+
+async def test_strangers_have_one_question_at_a_time():
+    """Whatever their number; the next question is about all who came meanwhile. A stop waits for none of them."""
+    database = BusyDatabase()
+    credentials = Credentials(database)
+    ann = credential_of("token", database.add_credential("token", ANN))
+    # Of five addresses, as one has fewer places.
+    asking = [
+        asyncio.create_task(credentials.user_of(one, address))
+        for address in "abcde"
+        for one in unknown(40, address)
+    ]
+    await asyncio.sleep(0)
+    stop = asyncio.create_task(credentials.user_of(ann, "a", stops=True))
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    assert [len(asked) for asked in database.questions] == [100, 1]
+    database.answers.set()
+    assert await stop == ANN
+    assert await asyncio.gather(*asking) == [None] * 200
+    assert [len(asked) for asked in database.questions] == [100, 1, 100]
+
+
+async def test_an_address_has_few_places_and_takes_nobody_elses(monkeypatch):
+    """Who has none is told to come again, not that the database is away; a stop has places of its own."""
+    monkeypatch.setattr(module, "MAX_WAITING_OF_ADDRESS", 3)
+    database = BusyDatabase()
+    credentials = Credentials(database)
+    asking = [asyncio.create_task(credentials.user_of(one, "x")) for one in unknown(3)]
+    await asyncio.sleep(0)
+    with pytest.raises(Throttled) as refused:
+        await credentials.user_of(credential_of("token", "one more"), "x")
+    assert refused.value.retry_after_s == 1
+    asking += [
+        asyncio.create_task(credentials.user_of(*asked, stops=stops))
+        for asked, stops in [
+            ((credential_of("token", "elsewhere"), "y"), False),
+            ((credential_of("token", "stop"), "x"), True),
+        ]
+    ]
+    await asyncio.sleep(0)
+    database.answers.set()
+    assert await asyncio.gather(*asking) == [None] * 5
+    # The places are free again.
+    assert await credentials.user_of(credential_of("token", "later"), "x") is None
+
+
+async def test_all_addresses_together_have_a_bound(monkeypatch):
+    """Or a stranger with many would fill the memory."""
+    monkeypatch.setattr(module, "MAX_WAITING", 3)
+    database = BusyDatabase()
+    credentials = Credentials(database)
+    asking = [
+        asyncio.create_task(credentials.user_of(one, str(number)))
+        for number, one in enumerate(unknown(3))
+    ]
+    await asyncio.sleep(0)
+    with pytest.raises(Throttled):
+        await credentials.user_of(credential_of("token", "one more"), "z")
+    database.answers.set()
+    await asyncio.gather(*asking)
+
+
+async def test_who_leaves_takes_nobodys_answer(credentials, memory_database):
+    """Two requests with one credential have one question; the first of them is given up."""
+    login = credential_of("login", memory_database.add_credential("login", ANN))
+    first, second = (asyncio.create_task(credentials.user_of(login)) for _ in range(2))
+    await asyncio.sleep(0)
+    first.cancel()
+    assert await second == ANN
+    assert memory_database.lookups == 1
 
 
 async def test_an_outage_is_told_and_not_kept(credentials, memory_database):

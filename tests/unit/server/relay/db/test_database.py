@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
+import threading
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from socket import create_server
 
 import pytest
+from aiohttp import ClientSession, TCPConnector
 from fake_robot import FINGERPRINT, WAIT_S, FakeRobot, Mode
 from granted import give
 from mariadb_server import MariaDb
@@ -120,6 +122,66 @@ async def test_a_database_that_hangs_is_unavailable_in_time(paused):
     assert stopwatch.s < 1
     assert max_s < 0.2
     memory_database.close()
+
+
+async def test_strangers_take_no_place_of_the_relays_own_duties(
+    *, mariadb, database, ann, http, monkeypatch
+):
+    """With 200 unknown tokens not answered yet, somebody stops, somebody drives, and a right ends."""
+    login, (first_stop, observing) = log_in(database), tokens_of_ann(database)
+    is_over, answer, questions = threading.Event(), module.fleet.users_of, []
+
+    def answer_strangers_last(tx, asked):
+        found = answer(tx, asked)
+        if not found:
+            questions.append(len(asked))
+            is_over.wait(WAIT_S)
+        return found
+
+    monkeypatch.setattr(module.fleet, "users_of", answer_strangers_last)
+    relay_database = RelayDatabase(Database(mariadb.settings("relay")), "main", WAIT_S * 2)
+    async with (
+        ClientSession(connector=TCPConnector(limit=0)) as others,
+        running_relay(relay_database) as relay,
+        robot_of(relay, "guarded") as robot,
+    ):
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        control = f"{relay.url}/api/v1/robots/sim1/control"
+        strangers = asyncio.gather(
+            *(status_of(others, control, f"unknown {n}", f"192.0.2.{n % 5}") for n in range(200))
+        )
+        await until(lambda: questions, "the strangers' first question is open")
+        url = relay.ros_url(sim1, "drive", ann, login)
+        try:
+            async with asyncio.timeout(WAIT_S), http.ws_connect(url) as driver:
+                await robot.connections(1)
+                stopping = f"{relay.url}/api/v1/robots/sim1/stop"
+                bearer = {"Authorization": f"Bearer {first_stop}"}
+                async with http.post(stopping, headers=bearer) as answered:
+                    assert (await answered.json())["stopped"]["by"] == "ann"
+                assert (await closing(driver))[0] == 4003
+            async with http.ws_connect(relay.ros_url(sim1, "observe", ann, observing)) as observer:
+                with database.transaction() as tx:
+                    tx.change("DELETE FROM grants")
+                assert (await closing(observer))[0] == 4001
+            assert len(questions) == 1
+        finally:
+            is_over.set()
+        assert set(await strangers) <= {401, 429}
+
+
+def tokens_of_ann(database: Database) -> tuple[str, Credential]:
+    """Two API tokens: one as its text, and one as what a ticket holds of it."""
+    with database.transaction() as tx:
+        ann = users.get(tx, "ann")
+        texts = [credentials.create_token(tx, ann, name, None) for name in ("a", "b")]
+    return texts[0], credential_of("token", texts[1])
+
+
+async def status_of(http, url: str, token: str, address: str) -> int:
+    headers = {"Authorization": f"Bearer {token}", "X-Forwarded-For": address}
+    async with http.get(url, headers=headers) as answer:
+        return answer.status
 
 
 async def test_driving_goes_on_while_the_database_hangs(mariadb, database, ann, http):

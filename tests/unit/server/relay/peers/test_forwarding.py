@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from fake_robot import HOST
 from relay_server import until
@@ -18,6 +20,15 @@ async def at_b(site, cell_a, cell_b, sim1):
     await robot.stop()
 
 
+@pytest.fixture
+def ann(memory_database, cell_a, cell_b) -> dict[str, str]:
+    """What a program of ann's sends."""
+    token = memory_database.add_credential("token", RelayUser(1, "ann"))
+    for database in (cell_a.database, cell_b.database):
+        database.credentials.update(memory_database.credentials)
+    return {"Authorization": f"Bearer {token}"}
+
+
 @pytest.mark.parametrize(
     ("method", "path", "location"),
     [
@@ -31,16 +42,50 @@ async def at_b(site, cell_a, cell_b, sim1):
     ],
 )
 async def test_nginx_is_sent_to_the_robots_cell(
-    *, at_b, cell_a, cell_b, http, method, path, location
+    *, at_b, cell_a, cell_b, http, ann, method, path, location
 ):
-    """Without a look at who asks, which is the other cell's part; a stop begins here if that one is away."""
-    async with http.request(method, cell_a.server.url + path) as answer:
+    """What ann may do there is the other cell's part; a stop begins here if that one is away."""
+    async with http.request(method, cell_a.server.url + path, headers=ann) as answer:
         assert answer.status == 204
         assert answer.headers["X-Accel-Redirect"] == location
         assert answer.headers["X-Robotether-Cell"] == f"{HOST}:{cell_b.listener.port}"
         assert "Content-Type" not in answer.headers
-    async with http.request(method, cell_b.server.url + path) as answer:
-        assert answer.status in {401, 403, 426}
+    async with http.request(method, cell_b.server.url + path, headers=ann) as answer:
+        assert "X-Accel-Redirect" not in answer.headers
+
+
+@pytest.mark.parametrize(
+    "path", ["/robots/sim1/ros", "/robots/sim1/video/snapshot", "/api/v1/robots/sim1/control"]
+)
+@pytest.mark.parametrize(
+    ("query", "authorization"),
+    [("", ""), ("", "Bearer rt_random"), ("?ticket=e30.aaaaaa.random", ""), ("?ticket=x", "")],
+)
+async def test_nothing_of_strangers_is_forwarded(*, at_b, cell_a, http, path, query, authorization):
+    """Each would cost both cells a TLS handshake; this cell refuses it as the other one would."""
+    headers = {"Authorization": authorization} if authorization else {}
+    async with http.get(cell_a.server.url + path + query, headers=headers) as answer:
+        assert "X-Accel-Redirect" not in answer.headers
+        assert answer.status in {400, 401, 403, 426}
+
+
+async def test_a_ticket_that_is_over_is_the_other_cells_to_refuse(
+    *, at_b, cell_a, sim1, http, monkeypatch
+):
+    """As the clocks of two machines differ; no stranger has one."""
+    url = cell_a.server.ros_url(sim1)
+    now = time.time()
+    monkeypatch.setattr(time, "time", lambda: now + 60)
+    async with http.get(url) as answer:
+        assert answer.headers["X-Accel-Redirect"] == "@cell"
+
+
+async def test_all_who_ask_are_forwarded_while_the_database_is_away(*, at_b, cell_a, http):
+    """The other cell may know them, and can stop the robot."""
+    cell_a.database.down = True
+    headers = {"Authorization": "Bearer rt_new"}
+    async with http.post(f"{cell_a.server.url}/api/v1/robots/sim1/stop", headers=headers) as answer:
+        assert answer.headers["X-Accel-Redirect"] == "@cell_or_here"
 
 
 @pytest.mark.parametrize(
