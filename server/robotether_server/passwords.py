@@ -1,6 +1,7 @@
 """Hashes and checks passwords with argon2id; used by web and cli.
 
-Two hashes at a time at most, so that a burst of logins can fill neither memory nor processor.
+Two hashes at a time at most, so that a burst of logins can fill neither memory nor processor; and two more wait, so
+that it cannot take all threads of web.
 """
 
 import base64
@@ -8,11 +9,13 @@ import re
 import secrets
 import string
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalid, Throttled
 
 MIN_LENGTH = 12
 MAX_LENGTH = 1024
@@ -20,6 +23,9 @@ MEMORY_KIB = 32 * 1024
 TIME_COST = 3
 SALT_BYTES, HASH_BYTES = 16, 32
 AT_ONCE = 2
+# Maximum number of passwords that wait for those: each holds a thread of web, which has eight.
+MAX_WAITING = 2
+THROTTLED_S = 2
 
 # What common passwords of this length are made of. Lists of real ones hold few that are as long.
 _COMMON = """
@@ -63,6 +69,21 @@ _hasher = PasswordHasher(
     hash_len=HASH_BYTES,
 )
 _turn = threading.BoundedSemaphore(AT_ONCE)
+_places = threading.BoundedSemaphore(AT_ONCE + MAX_WAITING)
+
+
+@contextmanager
+def _in_turn() -> Iterator[None]:
+    if not _places.acquire(blocking=False):
+        raise Throttled(
+            "cannot check the password now: too many people log in at this moment; try again in a few seconds",
+            THROTTLED_S,
+        )
+    try:
+        with _turn:
+            yield
+    finally:
+        _places.release()
 
 
 def _random_text(count: int) -> str:
@@ -83,7 +104,7 @@ def new_password() -> str:
 
 
 def hash_password(password: str) -> str:
-    """Return the text for users.password_hash; raise FieldInvalid when it is too short or long."""
+    """Return the text for users.password_hash; raise FieldInvalid when it is too short or long, or Throttled."""
     if not MIN_LENGTH <= len(password) <= MAX_LENGTH:
         raise FieldInvalid(
             f"cannot use this password: it has {len(password)} characters; "
@@ -96,7 +117,7 @@ def hash_password(password: str) -> str:
             "four words that have nothing to do with each other",
             "password",
         )
-    with _turn:
+    with _in_turn():
         return _hasher.hash(password)
 
 
@@ -122,9 +143,9 @@ def _is_of_words(letters: str) -> bool:
 
 
 def matches(password: str, password_hash: str | None) -> bool:
-    """Return whether the password is right; None for an unknown user, which takes as long."""
+    """Return whether the password is right; None for an unknown user, which takes as long. Raises Throttled."""
     try:
-        with _turn:
+        with _in_turn():
             _hasher.verify(password_hash or _NOBODY, password[:MAX_LENGTH])
     except (VerificationError, InvalidHashError):
         return False

@@ -1,5 +1,6 @@
 """/api/v1/join: a robot's request at its first start, and while it is not admitted."""
 
+import threading
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,7 +15,7 @@ from robotether_server.api.operations import operation
 from robotether_server.db import cells
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.robots import Report
-from robotether_server.problems import StoreUnavailable
+from robotether_server.problems import StoreUnavailable, Throttled
 from robotether_server.schemas import (
     AgentVersion,
     Hostname,
@@ -29,6 +30,11 @@ from robotether_server.settings import JoinSettings
 
 SSH_USER = "tunnel"
 KEY_WORDS = 2
+# Maximum number of joins that change something at once: they wait for each other in the database, each in a thread of
+# web, which has eight. Agents ask again.
+MAX_AT_ONCE = 4
+THROTTLED_S = 1
+_places = threading.BoundedSemaphore(MAX_AT_ONCE)
 
 Signature = Annotated[
     str,
@@ -111,12 +117,23 @@ def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRob
     with context().database.transaction() as tx:
         answer, known = joining.is_in(tx, asked), cells.read(tx)
     if answer is None:
-        with context().database.transaction() as tx:
-            answer = joining.join(tx, asked, context().join)
+        answer = _join(asked)
     if answer.code == "active":
         addresses = cells.sort_for_join(answer.robot_id, known, region=answer.region)
         return JoinedRobot("active", answer.robot, ssh_of(context().join, addresses)), 200
     return WaitingRobot("pending", answer.robot, answer.code, answer.detail), 202
+
+
+def _join(asked: joining.JoinAttempt) -> joining.Answer:
+    if not _places.acquire(blocking=False):
+        raise Throttled(
+            "cannot join now: too many robots join at this moment; try again shortly", THROTTLED_S
+        )
+    try:
+        with context().database.transaction() as tx:
+            return joining.join(tx, asked, context().join)
+    finally:
+        _places.release()
 
 
 def _asked(body: RobotJoin) -> joining.JoinAttempt:

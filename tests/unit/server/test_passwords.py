@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import threading
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+
 import pytest
 from robotether_server import passwords
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalid, Throttled
 
 
 def test_right_password_matches_and_wrong_does_not() -> None:
@@ -26,6 +29,28 @@ def test_nobody_has_no_password(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(passwords, "_hasher", Hasher())
     assert not passwords.matches("anything", None)
     assert verified[0].split("$")[:4] == passwords._NOBODY.split("$")[:4]
+
+
+def test_a_burst_of_logins_leaves_threads_to_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two are checked and two wait; who comes then is told to come again, and does not wait with them."""
+    is_over = threading.Event()
+
+    class Hasher:
+        def verify(self, _password_hash: str, _password: str) -> None:
+            is_over.wait(20)
+
+    monkeypatch.setattr(passwords, "_hasher", Hasher())
+    with ThreadPoolExecutor(5) as threads:
+        checks = [threads.submit(passwords.matches, "anything", "a hash") for _ in range(5)]
+        try:
+            refused, _ = wait(checks, 20, return_when=FIRST_COMPLETED)
+            [problem] = [check.exception() for check in refused]
+        finally:
+            is_over.set()
+    assert isinstance(problem, Throttled)
+    assert [check.result() for check in checks if check not in refused] == [True] * 4
+    # The places are free again.
+    assert passwords.matches("anything", "a hash")
 
 
 def test_damaged_hash_matches_nothing() -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import datetime as dt
 import subprocess
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from api_visitor import new_public_key
 from relay_server import cell_settings
 from robot_signer import RobotSigner
-from robotether_server.api.join import read_host_keys, ssh_of
+from robotether_server.api.join import MAX_AT_ONCE, _places, read_host_keys, ssh_of
 from robotether_server.api.operations import plain
 from robotether_server.db import Database, cells, robots
 from robotether_server.db.cells import SshAddresses
@@ -114,6 +115,25 @@ def test_null_is_as_good_as_nothing(program: Browser, key: str) -> None:
     nothing = dict.fromkeys(("token", "name", "mac_present", "previous_key"))
     answer = program.ask("POST", "/api/v1/join", json=join_body(key, **nothing))
     assert answer.status_code == 202
+
+
+def test_joins_at_once_leave_threads_to_others(
+    program: Browser, database: Database, key: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Unknown robots wait for each other in four threads; one that is in waits for none of them."""
+    program.ask("POST", "/api/v1/join", json=join_body(key))
+    with database.transaction() as tx:
+        robots.set_state(tx, robots.get(tx, "robot-006101").id, "active")
+    other = RobotSigner(tmp_path_factory.mktemp("key")).line
+    body = join_body(other, mac="00:1b:44:11:3a:b7")
+    with ExitStack() as held:
+        for _ in range(MAX_AT_ONCE):
+            held.enter_context(_places)
+        refused = program.ask("POST", "/api/v1/join", json=body)
+        assert (refused.status_code, refused.json["code"]) == (429, "throttled")
+        assert refused.headers["Retry-After"] == "1"
+        assert program.ask("POST", "/api/v1/join", json=join_body(key)).status_code == 200
+    assert program.ask("POST", "/api/v1/join", json=body).status_code == 202
 
 
 def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
