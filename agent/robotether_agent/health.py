@@ -34,6 +34,7 @@ from robotether_agent.rosbridge import (
     Rosbridge,
     connected,
     is_answer,
+    rosapi_topics,
     topics_in,
 )
 from robotether_agent.tasks import first_of, within
@@ -313,10 +314,11 @@ class Vitals:
     async def _listen(self) -> None:
         """Follow the battery's topic until it falls silent; return at once when there is none."""
         url = self._rosbridge_url
+        topic = battery_topic(await rosapi_topics(url))
+        if topic is None:
+            return
         async with connected(url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
-            topic = battery_topic(await rosbridge.topics())
-            if topic is not None:
-                await self._follow(rosbridge, topic)
+            await self._follow(rosbridge, topic)
 
     async def _follow(self, rosbridge: Rosbridge, topic: str) -> None:
         throttle_ms = int(self._every_s * 1000)

@@ -1,4 +1,4 @@
-"""The agent's own use of rosbridge: lists topics, and subscribes to one.
+"""The agent's own use of rosbridge: asks rosapi, and subscribes to a topic.
 
 Used for video and battery, each on a connection of its own and only while somebody wants what it brings.
 Never publishes, and never calls anything but rosapi's look-ups. Messages of a connection are read by one task alone.
@@ -19,9 +19,12 @@ CONNECT_WITHIN_S = 3.0
 ANSWER_WITHIN_S = 3.0
 HEARTBEAT_S = 10.0
 CLOSE_WITHIN_S = 0.5
+CALL_ID = "robotether_agent:call"
 LOOK_UP_ID = "robotether_agent:topics"
 LOOK_UP = {"op": "call_service", "id": LOOK_UP_ID, "service": "/rosapi/topics", "args": {}}
 IMAGE_TYPE = "sensor_msgs/CompressedImage"
+# Maximum size of an answer: the list of all topics of a large robot.
+MAX_ANSWER_BYTES = 1024 * 1024
 
 
 class Rosbridge:
@@ -30,10 +33,15 @@ class Rosbridge:
     def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
         self._socket = socket
 
-    async def topics(self) -> dict[str, str]:
-        """Return each topic's type; asyncio.TimeoutError where no rosapi runs. Before any subscription only."""
-        await self._socket.send_json(LOOK_UP)
-        return await within(ANSWER_WITHIN_S, self._answer())
+    async def call(self, service: str, args: Mapping[str, object]) -> JsonObject:
+        """Return what a service answers, nothing if it refuses. On a connection without subscriptions only."""
+        call = {"op": "call_service", "id": CALL_ID, "service": service, "args": args}
+        await self._socket.send_json(call)
+        while True:
+            operation = await self._operation()
+            if operation.get("op") == "service_response" and operation.get("id") == CALL_ID:
+                values = operation.get("values")
+                return cast("JsonObject", values) if isinstance(values, dict) else {}
 
     async def subscribe(self, topic: str, kind: str, *, throttle_ms: int) -> None:
         """Ask for the newest message of a topic, one each `throttle_ms` at most."""
@@ -54,12 +62,6 @@ class Rosbridge:
             if operation.get("op") == "publish" and isinstance(operation.get("msg"), dict):
                 return cast("JsonObject", operation["msg"])
 
-    async def _answer(self) -> dict[str, str]:
-        while True:
-            operation = await self._operation()
-            if is_answer(operation):
-                return topics_in(operation)
-
     async def _operation(self) -> JsonObject:
         """Return the next text that is an object; rosbridge also sends its own words of status."""
         while True:
@@ -76,6 +78,20 @@ def _why_ended(message: aiohttp.WSMessage) -> str:
     if message.type is aiohttp.WSMsgType.ERROR:
         return f"rosbridge's connection broke: {message.data}"
     return "rosbridge closed the connection"
+
+
+async def ask_rosapi(url: str, look_up: str, args: Mapping[str, object]) -> JsonObject:
+    """Return what one of rosapi's look-ups answers; asyncio.TimeoutError where it does not answer.
+
+    On a connection of its own: rosbridge may handle nothing else on it until the service has answered.
+    """
+    async with connected(url, max_message_bytes=MAX_ANSWER_BYTES) as rosbridge:
+        return await within(ANSWER_WITHIN_S, rosbridge.call(f"/rosapi/{look_up}", args))
+
+
+async def rosapi_topics(url: str) -> dict[str, str]:
+    """Return each topic's type, as rosapi lists them; raises as `ask_rosapi` does."""
+    return topics_in({"values": await ask_rosapi(url, "topics", {})})
 
 
 def is_answer(operation: Mapping[str, object]) -> bool:

@@ -24,7 +24,7 @@ with atheris.instrument_imports(include=["robotether_common", "robotether_server
         MessageValidator,
         ValidatedMessage,
     )
-    from robotether_server.relay.rosbridge.operations import OPERATIONS, ROSAPI_LOOKUPS
+    from robotether_server.relay.rosbridge.operations import OPERATIONS, ROSAPI_LOOKUPS_OF_DRIVERS
     from robotether_server.robot_settings import LevelPolicy, Limits
 
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])
@@ -57,7 +57,7 @@ def names_are_allowed(
     return FULL_NAME.fullmatch(name) is not None and (
         getattr(policy, entry.right).match(name)
         or (entry.right == "publish" and policy.drives and DRIVE_TOPICS.match(name))
-        or (checked.operation == "call_service" and name in ROSAPI_LOOKUPS)
+        or (checked.operation == "call_service" and name in ROSAPI_LOOKUPS_OF_DRIVERS)
     )
 
 

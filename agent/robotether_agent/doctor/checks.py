@@ -21,6 +21,7 @@ from robotether_agent.enrolment.identity import IdentityStore, interface_with
 from robotether_agent.exposure import ADDRESS_ADVICE, PAST_GUARD, exposed_at, rosbridge_advice
 from robotether_agent.fields import printable
 from robotether_agent.problems import AgentProblem
+from robotether_agent.rosbridge import ask_rosapi, rosapi_topics
 from robotether_agent.settings import Settings
 from robotether_agent.status import is_alive, read_status
 from robotether_agent.tasks import within
@@ -28,6 +29,8 @@ from robotether_agent.tunnel.openssh import forward_to
 
 TIMEOUT_S = 4.0
 ENOUGH_MB = 20
+# Parameters with which rosbridge for ROS 2 calls services and sends goals beside other messages of a connection.
+IN_NEW_THREAD = ("call_services_in_new_thread", "send_action_goals_in_new_thread")
 FORGET = "if this disk is a copy, make it a robot of its own: sudo robotether-agent forget"
 
 
@@ -52,6 +55,7 @@ async def run_checks(settings: Settings) -> AsyncIterator[Finding]:
         yield finding
     yield tunnel.check_service(systemd.state(), status)
     yield await check_rosbridge(settings)
+    yield await check_rosapi(settings)
     yield tunnel.check_guard(settings, status)
     yield await check_video(settings)
     yield await check_shell(settings)
@@ -125,6 +129,39 @@ async def check_rosbridge(settings: Settings) -> Finding:
         advice = await rosbridge_advice(url)
         return warning("rosbridge", f"answers at {exposed}: {PAST_GUARD}", advice)
     return ok("rosbridge", f"answers at {url}")
+
+
+async def check_rosapi(settings: Settings) -> Finding:
+    """Whether rosapi answers, and whether rosbridge for ROS 2 lets a slow service block its connection."""
+    url = settings.rosbridge_url
+    try:
+        await rosapi_topics(url)
+    except asyncio.TimeoutError:
+        return warning(
+            "rosapi",
+            f"is silent behind {url}: pages find no topics, and the agent no battery and no cameras of rosbridge",
+            "start rosapi beside rosbridge; if it runs, it hangs: restart both",
+        )
+    except (aiohttp.ClientError, OSError):
+        return skipped("rosapi", "rosbridge, which leads to it, does not answer")
+    blocking = [name for name in IN_NEW_THREAD if await _is_off(url, name)]
+    if blocking:
+        return warning(
+            "rosapi",
+            f"answers, but rosbridge has {' and '.join(blocking)} false: a slow service blocks its connection",
+            "set it to true, as the launch file of docs/howto/ros2-robot.md does",
+        )
+    return ok("rosapi", "answers")
+
+
+async def _is_off(url: str, name: str) -> bool:
+    """Whether rosbridge for ROS 2 says that this parameter of its own is false."""
+    args = {"name": f"/rosbridge_websocket:{name}", "default_value": ""}
+    try:
+        answer = await ask_rosapi(url, "get_param", args)
+    except (aiohttp.ClientError, OSError, asyncio.TimeoutError):
+        return False
+    return str(answer.get("value")).strip('"').lower() == "false"
 
 
 async def check_video(settings: Settings) -> Finding:

@@ -109,7 +109,7 @@ def message_handlers(handler: DriveMessageHandler) -> Mapping[str, Callable[[Jso
     return {"lease": on_lease, "stop": on_stop, "release": on_release}
 
 
-class Request(asyncio.Event):
+class FeatureRequest(asyncio.Event):
     """Set while the server requests something; `number` counts the requests."""
 
     number = 0
@@ -131,8 +131,8 @@ class RequestedFeatures:
 
     def __init__(self, *, allows_shell: bool) -> None:
         self.media = asyncio.Event()
-        self.shell = Request()
-        self.new_key = Request()
+        self.shell = FeatureRequest()
+        self.new_key = FeatureRequest()
         self._allows_shell = allows_shell
         self._key_was_requested = False
 

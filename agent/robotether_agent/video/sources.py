@@ -28,7 +28,7 @@ from yarl import URL
 from robotether_agent.clock import robot_time
 from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject, printable
-from robotether_agent.rosbridge import IMAGE_TYPE, Rosbridge, connected
+from robotether_agent.rosbridge import IMAGE_TYPE, connected, rosapi_topics
 from robotether_agent.tasks import first_of, within
 
 # What is older than this was stamped by another clock than this robot's.
@@ -260,8 +260,8 @@ def _pass_part(part: Part, on_frame: OnFrame) -> None:
 async def run_rosbridge(url: str, source_request: SourceRequest, on_frame: OnFrame) -> NoReturn:
     """Give the frames of a CompressedImage topic."""
     try:
+        topic = await _image_topic(url, source_request.topic)
         async with connected(url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
-            topic = await _image_topic(rosbridge, source_request.topic)
             throttle_ms = int(1000 * THROTTLE / source_request.fps)
             await rosbridge.subscribe(topic, IMAGE_TYPE, throttle_ms=throttle_ms)
             while True:
@@ -275,12 +275,12 @@ async def run_rosbridge(url: str, source_request: SourceRequest, on_frame: OnFra
         raise SourceDownError(f"rosbridge at {url} sends no frames: {reason}") from error
 
 
-async def _image_topic(rosbridge: Rosbridge, wanted: str) -> str:
+async def _image_topic(url: str, wanted: str) -> str:
     """Return the name under which rosbridge has a camera's compressed frames."""
     name = wanted if wanted.startswith("/") else f"/{wanted}"
     names = (name, f"{name}{COMPRESSED}")
     try:
-        topics = await rosbridge.topics()
+        topics = await rosapi_topics(url)
     except asyncio.TimeoutError:
         # No rosapi: by what image_transport calls it.
         return name if name.endswith(COMPRESSED) else names[1]

@@ -133,13 +133,18 @@ class FakeVideoServer:
 
 
 class TopicRosbridge:
-    """A rosbridge with `topics` by name and type; None is one without rosapi. Publishes what a test says."""
+    """A rosbridge with `topics` by name and type; None is one without rosapi. Publishes what a test says.
 
-    def __init__(self, topics: dict[str, str] | None = None) -> None:
+    A connection that has called a rosapi which is not there handles nothing else. `parameters` are of rosbridge itself.
+    """
+
+    def __init__(self, topics: dict[str, str] | None = None, **parameters: bool) -> None:
         self.topics = topics
+        self.parameters = parameters
         self.port = 0
         self.got: list[dict[str, Any]] = []
         self._sockets: set[web.WebSocketResponse] = set()
+        self._stopped = asyncio.Event()
 
     @property
     def url(self) -> str:
@@ -160,6 +165,7 @@ class TopicRosbridge:
 
     async def start(self) -> None:
         """Listen, the second time on the same port."""
+        self._stopped.clear()
         app = web.Application()
         app.router.add_get("/", self._serve)
         self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
@@ -169,6 +175,7 @@ class TopicRosbridge:
 
     async def stop(self) -> None:
         """End all connections."""
+        self._stopped.set()
         for socket in tuple(self._sockets):
             await socket.close()
         await self._runner.cleanup()
@@ -189,15 +196,25 @@ class TopicRosbridge:
         try:
             async for message in socket:
                 if message.type is WSMsgType.TEXT:
-                    await self._take(socket, json.loads(message.data))
+                    operation = json.loads(message.data)
+                    if operation["op"] == "call_service" and self.topics is None:
+                        await self._stopped.wait()
+                    await self._take(socket, operation)
         finally:
             self._sockets.discard(socket)
         return socket
 
     async def _take(self, socket: web.WebSocketResponse, operation: dict[str, Any]) -> None:
         self.got.append(operation)
-        if operation["op"] == "call_service" and self.topics is not None:
-            assert operation["service"] == TOPICS_SERVICE
-            values = {"topics": list(self.topics), "types": list(self.topics.values())}
+        if operation["op"] == "call_service":
             answer = {"op": "service_response", "id": operation["id"], "result": True}
-            await socket.send_json({**answer, "service": TOPICS_SERVICE, "values": values})
+            answer |= {"service": operation["service"], "values": self._look_up(operation)}
+            await socket.send_json(answer)
+
+    def _look_up(self, operation: dict[str, Any]) -> dict[str, Any]:
+        if operation["service"] == TOPICS_SERVICE:
+            assert self.topics is not None
+            return {"topics": list(self.topics), "types": list(self.topics.values())}
+        assert operation["service"] == "/rosapi/get_param"
+        name = operation["args"]["name"].partition(":")[2]
+        return {"value": json.dumps(self.parameters.get(name, ""))}

@@ -102,7 +102,7 @@ def test_firewall_of_ros_1_closes_the_port_to_all_but_this_machine():
         socket.create_connection(("127.0.0.1", ROSBRIDGE_PORT), timeout=5).close()
 
 
-class Rosbridge(TcpService):
+class NamedServer(TcpService):
     """Accepts one WebSocket as the server of this name does."""
 
     def __init__(self, server: str) -> None:
@@ -123,7 +123,7 @@ class Rosbridge(TcpService):
 )
 async def test_advice_is_what_works_for_this_rosbridge(server: str, advice: str):
     """One that is built on Autobahn ignores the address of its settings."""
-    async with Rosbridge(server) as rosbridge:
+    async with NamedServer(server) as rosbridge:
         assert await rosbridge_advice(f"ws://127.0.0.1:{rosbridge.port}") == advice
 
 

@@ -29,6 +29,7 @@ from robotether_server.relay.http.timing import Excess, RateLimiter
 from robotether_server.relay.rosbridge.operations import (
     OPERATIONS,
     ROSAPI_LOOKUPS,
+    ROSAPI_LOOKUPS_OF_DRIVERS,
     FieldRefusedError,
     NotJsonError,
     Operation,
@@ -193,14 +194,17 @@ class MessageValidator:
         """Whether it passes without a glob: a driver's drive topics, everybody's look-ups."""
         if entry.right == "publish":
             return self._drives and self._is_drive_topic(name)
-        if written["op"] == "call_service" and name in ROSAPI_LOOKUPS:
+        look_ups = ROSAPI_LOOKUPS_OF_DRIVERS if self._drives else ROSAPI_LOOKUPS
+        if written["op"] == "call_service" and name in look_ups:
             _check_plain_values(written)
             return True
         return False
 
     def _missing_right(self, right: Right) -> str:
         if right != "subscribe" and not self._drives:
-            return "an observing connection only subscribes and calls look-ups of /rosapi"
+            return (
+                "an observing connection only subscribes and calls rosapi's look-ups of the graph"
+            )
         return "the robot's policy does not let you; an admin changes it on the robot's page"
 
     def _count_subscription(self, written: Mapping[str, Any]) -> None:

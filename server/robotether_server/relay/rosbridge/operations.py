@@ -399,12 +399,20 @@ OPERATIONS: Mapping[str, Operation] = {
     "robotether.stop": Operation("stop the robot", {}, own=True),
 }
 
-# Services of rosapi that only look something up; every level may call them.
+# Services of rosapi that only look something up in what rosapi knows by itself; every level may call them.
 _LOOKUPS = """
     action_feedback_details action_goal_details action_result_details action_servers action_type
-    get_param get_param_names get_ros_version get_time has_param interfaces message_details
-    node_details nodes publishers search_param service_host service_node service_providers
-    service_request_details service_response_details service_type services services_for_type
-    subscribers topic_type topics topics_and_raw_types topics_for_type
+    get_ros_version get_time interfaces message_details node_details nodes publishers
+    service_providers service_request_details service_response_details services
+    subscribers topic_type topics topics_for_type
+"""
+# Look-ups that ask other nodes or describe every type: for drivers. rosapi up to 2.1.0 waits for a node that hangs, and
+# after get_param_names never answers anybody again.
+_LOOKUPS_OF_DRIVERS = """
+    get_param get_param_names has_param search_param service_host service_node service_type
+    services_for_type topics_and_raw_types
 """
 ROSAPI_LOOKUPS = frozenset(f"/rosapi/{name}" for name in _LOOKUPS.split())
+ROSAPI_LOOKUPS_OF_DRIVERS = ROSAPI_LOOKUPS.union(
+    f"/rosapi/{name}" for name in _LOOKUPS_OF_DRIVERS.split()
+)

@@ -9,8 +9,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from fake_cameras import TopicRosbridge
 from fake_root import FakeRoot
 from local_network import free_port
+from robotether_agent import rosbridge as rosbridge_module
 from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, checks
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.settings import Settings
@@ -114,6 +116,26 @@ async def test_the_robots_services(settings, services):
     assert "a robot without a camera needs none" in video.detail
     elsewhere = await checks.check_video(replace(away, video_source="rosbridge"))
     assert (elsewhere.state, "rosbridge" in elsewhere.detail) == (SKIPPED, True)
+
+
+@pytest.mark.parametrize(
+    ("robot", "state", "detail"),
+    [
+        ({"topics": {}}, OK, "answers"),
+        ({"topics": {}, "call_services_in_new_thread": True}, OK, "answers"),
+        ({"topics": {}, "call_services_in_new_thread": False}, WARNING, "_in_new_thread false"),
+        ({"topics": None}, WARNING, "is silent"),
+    ],
+)
+async def test_rosapi_is_asked(settings, monkeypatch, robot, state, detail):
+    """Without it pages find no topics; without threads of its own a slow service blocks its connection."""
+    monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 0.5)
+    async with TopicRosbridge(**robot) as rosbridge:
+        checked = await checks.check_rosapi(replace(settings, rosbridge_url=rosbridge.url))
+    assert checked.state == state
+    assert detail in checked.detail
+    gone = replace(settings, rosbridge_url=f"ws://127.0.0.1:{free_port()}")
+    assert (await checks.check_rosapi(gone)).state == SKIPPED
 
 
 async def test_services_that_the_robots_network_reaches(settings, monkeypatch):
