@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import json
 
 import pytest
 from granted import give
@@ -137,35 +138,77 @@ def test_change_that_commits_late_is_seen(database: Database, relay_database: Da
     assert version(relay_database) != between
 
 
-def refuse(keylookup: Database, fingerprint: str) -> None:
+ADDRESS = "192.0.2.9"
+
+
+def refuse(keylookup: Database, fingerprint: str, address: str = ADDRESS) -> None:
     with keylookup.transaction() as tx:
-        tx.change("CALL record_refused_key(%s, '192.0.2.9')", (fingerprint,))
+        tx.change("CALL record_refused_key(%s, %s)", (fingerprint, address))
 
 
-def refused_lines(database: Database) -> list[str]:
+def refused_lines(database: Database) -> list[dict[str, object]]:
     with database.transaction() as tx:
         rows = tx.rows(
-            "SELECT JSON_VALUE(details, '$.fingerprint') AS fingerprint FROM audit_events "
-            "WHERE kind = 'key_refused' AND actor = 'sshd' AND address = '192.0.2.9'"
+            "SELECT details FROM audit_events WHERE kind = 'key_refused' AND actor = 'sshd' ORDER BY id"
         )
-    return [row["fingerprint"] for row in rows]
+    return [json.loads(row["details"]) for row in rows]
 
 
 def test_refused_key_leaves_one_line_an_hour(
     database: Database, admin_database: Database, keylookup: Database
 ) -> None:
-    """A robot that keeps trying is told once; an hour later once more."""
-    for fingerprint in ("SHA256:a", "SHA256:a", "SHA256:b", "SHA256:a"):
+    """A robot that keeps trying is counted there, from wherever; an hour later it has another line."""
+    for fingerprint in ("SHA256:a", "SHA256:a", "SHA256:b"):
         refuse(keylookup, fingerprint)
-    assert refused_lines(database) == ["SHA256:a", "SHA256:b"]
+    refuse(keylookup, "SHA256:a", "198.51.100.1")
+    refuse(keylookup, "SHA256:c", "")
+    assert refused_lines(database) == [
+        {"fingerprint": "SHA256:a", "more": 2},
+        {"fingerprint": "SHA256:b"},
+        {"fingerprint": "SHA256:c"},
+    ]
     with admin_database.transaction() as tx:
         tx.change("UPDATE audit_events SET at = at - INTERVAL 61 MINUTE")
     refuse(keylookup, "SHA256:a")
-    assert refused_lines(database) == ["SHA256:a", "SHA256:b", "SHA256:a"]
+    assert refused_lines(database)[3:] == [{"fingerprint": "SHA256:a"}]
 
 
-def test_refused_keys_leave_sixty_lines_a_minute(database: Database, keylookup: Database) -> None:
-    """Somebody with many keys cannot fill the disk."""
+@pytest.mark.parametrize("address", [ADDRESS, "2001:db8:0:1::{}"])
+def test_a_network_with_many_keys_hides_no_others(
+    database: Database, keylookup: Database, address: str
+) -> None:
+    """Its ten lines an hour say how many there were; a /64 of IPv6 is one network."""
+    for number in range(15):
+        refuse(keylookup, f"SHA256:{number}", address.format(number))
+    refuse(keylookup, "SHA256:robot", "198.51.100.1")
+    lines = refused_lines(database)
+    assert [line["fingerprint"] for line in lines] == [
+        *(f"SHA256:{number}" for number in range(10)),
+        "SHA256:robot",
+    ]
+    assert [line.get("more") for line in lines] == [None] * 9 + [5, None]
+
+
+def test_many_networks_leave_sixty_lines_an_hour(database: Database, keylookup: Database) -> None:
+    """Somebody with many addresses cannot fill the disk, and the last line counts what has none."""
     for number in range(65):
-        refuse(keylookup, f"SHA256:{number}")
-    assert len(refused_lines(database)) == 60
+        refuse(keylookup, f"SHA256:{number}", f"192.0.2.{number}")
+    lines = refused_lines(database)
+    assert len(lines) == 60
+    assert lines[-1] == {"fingerprint": "SHA256:59", "elsewhere": 5}
+
+
+def test_refused_keys_are_kept_for_a_month(
+    database: Database, admin_database: Database, keylookup: Database
+) -> None:
+    """Also where all else is kept for ever."""
+    for days in (31, 29):
+        refuse(keylookup, f"SHA256:{days}")
+        with admin_database.transaction() as tx:
+            tx.change(
+                "UPDATE audit_events SET at = at - INTERVAL %s DAY ORDER BY id DESC LIMIT 1",
+                (days,),
+            )
+    with admin_database.transaction() as tx:
+        tx.change("CALL prune_history()")
+    assert refused_lines(database) == [{"fingerprint": "SHA256:29"}]
