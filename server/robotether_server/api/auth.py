@@ -161,7 +161,13 @@ def admitted(who: Who, robot: str, *, briefly: bool = False) -> Iterator[Caller 
             check_admin(user)
         if who == "manager":
             drive_pages.find_managed(tx, user, robot)
-        yield Caller(tx, user, Source(user.name, request.remote_addr))
+        yield Caller(tx, user, _source_of(user))
+
+
+def _source_of(user: User) -> Source:
+    kind, sha256 = credential_of(request)
+    api_token = bytes.fromhex(sha256) if kind == "token" else None
+    return Source(user.name, request.remote_addr, api_token)
 
 
 def check_admin(user: User) -> None:

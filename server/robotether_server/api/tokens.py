@@ -21,15 +21,14 @@ from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label, UserName
 from robotether_server.services import tokens as token_service
 
-MAX_DAYS = 3650
 MAX_HOURS = 8760
 
 
 class NewToken(Struct, forbid_unknown_fields=True):
-    """A new API token; without `days` it does not expire."""
+    """A new API token; without `days` it ends after a year."""
 
     name: Label
-    days: Annotated[int, Meta(ge=1, le=MAX_DAYS)] | UnsetType = UNSET
+    days: Annotated[int, Meta(ge=1, le=token_service.MAX_DAYS)] | UnsetType = UNSET
     user: UserName | UnsetType = UNSET
 
 
@@ -84,10 +83,9 @@ def list_tokens(caller: Caller) -> TokenList:
 
 @operation("POST", "/tokens", "user", problems=(404, 409))
 def create_token(caller: Caller, body: NewToken) -> Created[CreatedToken]:
-    """Create an API token for the user; an admin may name another user."""
-    expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=body.days) if body.days else None
+    """Create an API token for the user; an admin may name another user. A login does this, an API token may not."""
     owner = _owner(caller, body.user or caller.user.name)
-    text = token_service.create(caller.tx, caller.source, owner, body.name, expires_at)
+    text = token_service.create(caller.tx, caller.source, owner, body.name, body.days or None)
     # A name is unique among the user's tokens.
     [made] = [one for one in credentials.list_tokens_of(caller.tx, owner) if one.name == body.name]
     return CreatedToken(**vars(made), token=text), 201
@@ -95,7 +93,7 @@ def create_token(caller: Caller, body: NewToken) -> Created[CreatedToken]:
 
 @operation("DELETE", "/tokens/<int:token_id>", "user")
 def delete_token(caller: Caller, token_id: int) -> None:
-    """Delete an API token of the user; an admin may delete any."""
+    """Delete an API token of the user, with the join tokens and SSH keys that it made; an admin may delete any."""
     token = credentials.get_token(caller.tx, token_id)
     if token.user != caller.user.name and not caller.user.is_admin:
         raise RecordMissing(f"cannot find token {token_id}: there is none of that number")

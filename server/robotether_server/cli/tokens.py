@@ -26,7 +26,6 @@ from robotether_server.install_line import (
 )
 from robotether_server.services import tokens
 
-MAX_DAYS = 3650
 MAX_HOURS = 8760
 
 USER = click.option("--user", "user_name", required=True, help="Whose rights the token has.")
@@ -41,12 +40,17 @@ def token() -> None:
 @token.command()
 @USER
 @NAME
-@click.option("--days", type=click.IntRange(1, MAX_DAYS), help="Ends after so many days.")
-def create(user_name: str, name: str, days: int | None) -> None:
+@click.option(
+    "--days",
+    type=click.IntRange(1, tokens.MAX_DAYS),
+    default=tokens.DEFAULT_DAYS,
+    show_default=True,
+    help="Ends after so many days.",
+)
+def create(user_name: str, name: str, days: int) -> None:
     """Create a token and print it once, as the last word."""
-    expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days) if days else None
     with open_database().transaction() as tx:
-        text = tokens.create(tx, SOURCE, users.get(tx, user_name), name, expires_at)
+        text = tokens.create(tx, SOURCE, users.get(tx, user_name), name, days)
     click.echo(f"token {name} of user {user_name}, shown only once: {text}")
 
 
@@ -73,7 +77,7 @@ def list_tokens(as_json: bool) -> None:
 @USER
 @NAME
 def delete(user_name: str, name: str) -> None:
-    """Delete a token; what it opened ends."""
+    """Delete a token, with the join tokens and SSH keys that it made; what it opened ends."""
     with open_database().transaction() as tx:
         held = credentials.list_tokens_of(tx, users.get(tx, user_name))
         found = next((one for one in held if one.name == name), None)

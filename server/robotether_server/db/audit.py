@@ -6,7 +6,7 @@ Written by web and cli in the transaction of the change itself. Never holds a se
 import datetime as dt
 import json
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Any
 
@@ -23,10 +23,11 @@ NOBODYS = ip_network("::")
 
 @dataclass(frozen=True)
 class Source:
-    """The author of a change: a user's name or `cli`, and an IP address."""
+    """The author of a change: a user's name or `cli`, and an IP address; `api_token`: its hash, if one was shown."""
 
     actor: str
     address: str | None = None
+    api_token: bytes | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,12 @@ def create(
     by: str,
     *,
     place: Place = NOWHERE,
+    api_token: bytes | None = None,
 ) -> str:
-    """Make a token; return its text, which cannot be had again. Raises RecordExists or RecordMissing."""
+    """Make a token; return its text, which cannot be had again. Raises RecordExists or RecordMissing.
+
+    `api_token` is the hash of the one that made it.
+    """
     site_id = grants.get_site(tx, place.site).id if place.site else None
     group_id = grants.get_group(tx, place.group).id if place.group else None
     text = credentials.new_secret(PREFIX)
@@ -55,7 +59,8 @@ def create(
     ):
         tx.insert(
             "INSERT INTO join_tokens (name, token_hash, uses, expires_at, created_by, site_id, group_id, "
-            "region) VALUES (%s, %s, %s, %s, %s, %s, %s, %s)",
+            "region, api_token_id) VALUES (%s, %s, %s, %s, %s, %s, %s, %s, "
+            "(SELECT id FROM api_tokens WHERE token_hash = %s))",
             (
                 name,
                 credentials.digest(text),
@@ -65,6 +70,7 @@ def create(
                 site_id,
                 group_id,
                 place.region,
+                api_token,
             ),
         )
     return text
@@ -87,6 +93,12 @@ def get(tx: Transaction, token_id: int) -> JoinToken:
 def list_all(tx: Transaction) -> list[JoinToken]:
     """Return every join token, the newest first."""
     return [JoinToken(**row) for row in tx.rows(SELECT + "ORDER BY id DESC")]
+
+
+def made_by(tx: Transaction, api_token_id: int) -> list[int]:
+    """Return the ids of those that an API token made."""
+    rows = tx.rows("SELECT id FROM join_tokens WHERE api_token_id = %s", (api_token_id,))
+    return [row["id"] for row in rows]
 
 
 def place_of(tx: Transaction, token_id: int) -> Place:

@@ -116,12 +116,24 @@ def enabled_admins(tx: Transaction) -> list[str]:
     return [row["name"] for row in rows]
 
 
-def add_ssh_key(tx: Transaction, user: User, name: str, key: PublicKey) -> SshKey:
-    """Add a key; raise RecordExists when the user has it, or one of that name."""
+def ssh_keys_made_by(tx: Transaction, api_token_id: int) -> list[int]:
+    """Return the ids of those that an API token added."""
+    rows = tx.rows("SELECT id FROM user_ssh_keys WHERE api_token_id = %s", (api_token_id,))
+    return [row["id"] for row in rows]
+
+
+def add_ssh_key(
+    tx: Transaction, user: User, name: str, key: PublicKey, api_token: bytes | None = None
+) -> SshKey:
+    """Add a key; raise RecordExists when the user has it, or one of that name.
+
+    `api_token` is the hash of the one that adds it.
+    """
     try:
         key_id = tx.insert(
-            "INSERT INTO user_ssh_keys (user_id, name, fingerprint, public_key) VALUES (%s, %s, %s, %s)",
-            (user.id, name, key.fingerprint, key.line),
+            "INSERT INTO user_ssh_keys (user_id, name, fingerprint, public_key, api_token_id) "
+            "VALUES (%s, %s, %s, %s, (SELECT id FROM api_tokens WHERE token_hash = %s))",
+            (user.id, name, key.fingerprint, key.line, api_token),
         )
     except RecordExists as error:
         taken = "a key of that name" if error.key == "user_ssh_keys_name" else "this very key"

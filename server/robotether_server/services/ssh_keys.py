@@ -35,7 +35,7 @@ def add(tx: Transaction, source: Source, user: User, name: str | None, line: str
         raise NotPossible(
             f"cannot add SSH key {chosen}: user {user.name} has {MAX_KEYS}; delete one that is not used"
         )
-    added = users.add_ssh_key(tx, user, chosen, key)
+    added = users.add_ssh_key(tx, user, chosen, key, source.api_token)
     audit.record(tx, source, "ssh_key_added", **_details(user, added))
     return added
 

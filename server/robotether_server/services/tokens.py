@@ -4,18 +4,22 @@ import datetime as dt
 import secrets
 
 from robotether_server import schemas
-from robotether_server.db import Transaction, audit, credentials, join_tokens, robots
+from robotether_server.db import Transaction, audit, credentials, join_tokens, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.credentials import Token
 from robotether_server.db.join_tokens import NOWHERE, JoinToken, Place
 from robotether_server.db.users import User
-from robotether_server.problems import FieldInvalid, NotPossible
+from robotether_server.problems import FieldInvalid, GrantMissing, NotPossible
 from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label
+from robotether_server.services import ssh_keys
 from robotether_server.services.joining import ROBOT_NAME
 
 # So that no user fills the table, nor the lists of admins.
 MAX_TOKENS = 1000
+# Lifetime of an API token when nobody says another.
+DEFAULT_DAYS = 365
+MAX_DAYS = 3650
 # Of a join token.
 MAX_USES = 10000
 MAX_LIFETIME = dt.timedelta(hours=8760)
@@ -23,13 +27,17 @@ MAX_LIFETIME = dt.timedelta(hours=8760)
 SUFFIX_BYTES = 3
 
 
-def create(
-    tx: Transaction, source: Source, user: User, name: str, expires_at: dt.datetime | None
-) -> str:
-    """Make a token and return its text, which cannot be had again.
+def create(tx: Transaction, source: Source, user: User, name: str, days: int | None = None) -> str:
+    """Make a token that ends after so many days, and return its text, which cannot be had again.
 
-    Raises FieldInvalid, RecordExists or NotPossible.
+    Raises FieldInvalid, RecordExists, NotPossible, or GrantMissing for a program that shows a token itself: one that
+    leaked would outlive its own end.
     """
+    if source.api_token is not None:
+        raise GrantMissing(
+            f"cannot create token {name}: an API token makes no other; log in, or run: robotether token create"
+        )
+    expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days or DEFAULT_DAYS)
     schemas.check("name", name, Label)
     if len(credentials.list_tokens_of(tx, user)) >= MAX_TOKENS:
         raise NotPossible(
@@ -42,14 +50,19 @@ def create(
         "token_created",
         user=user.name,
         token=name,
-        expires_at=expires_at.isoformat(timespec="seconds") if expires_at else None,
+        expires_at=expires_at.isoformat(timespec="seconds"),
     )
     return text
 
 
 def delete(tx: Transaction, source: Source, token_id: int) -> Token:
-    """Delete a token and return it; what it opened ends. Raises RecordMissing."""
+    """Delete a token and return it; what it opened ends, and what it made goes with it. Raises RecordMissing."""
     token = credentials.get_token(tx, token_id)
+    for join_token_id in join_tokens.made_by(tx, token_id):
+        delete_join_token(tx, source, join_token_id)
+    owner = users.get(tx, token.user)
+    for key_id in users.ssh_keys_made_by(tx, token_id):
+        ssh_keys.delete(tx, source, owner, key_id)
     credentials.delete_token(tx, token_id)
     audit.record(tx, source, "token_deleted", user=token.user, token=token.name)
     return token
@@ -119,7 +132,13 @@ def create_join_token(
             "cannot use hours: the token's time must end within 1 to 8760 hours", "hours"
         )
     text = join_tokens.create(
-        tx, name, uses, expires_at, source.actor[: audit.MAX_ACTOR_LENGTH], place=place
+        tx,
+        name,
+        uses,
+        expires_at,
+        source.actor[: audit.MAX_ACTOR_LENGTH],
+        place=place,
+        api_token=source.api_token,
     )
     audit.record(
         tx,

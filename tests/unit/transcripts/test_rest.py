@@ -191,9 +191,12 @@ def test_people(talk: Conversation, recorded: SnapshotAssertion) -> None:
     talk.ask("root", "DELETE", "/groups/lab")
     talk.ask("root", "DELETE", "/groups/lab")
     talk.ask("root", "DELETE", "/users/ben")
-    made = talk.ask("ann", "POST", "/tokens", {"name": "laptop", "days": 30})["id"]
-    talk.ask("ann", "POST", "/tokens", {"name": "x", "days": 0})
-    talk.ask("ann", "POST", "/tokens", {"name": "x", "user": "root"})
+    talk.ask("ann", "POST", "/tokens", {"name": "laptop", "days": 30})
+    talk.visitor.log_in("ann")
+    talk.headers["login of ann"] = {"X-CSRFToken": talk.visitor.csrf_of("/profile")}
+    made = talk.ask("login of ann", "POST", "/tokens", {"name": "laptop", "days": 30})["id"]
+    talk.ask("login of ann", "POST", "/tokens", {"name": "x", "days": 0})
+    talk.ask("login of ann", "POST", "/tokens", {"name": "x", "user": "root"})
     talk.ask("ann", "GET", "/tokens")
     talk.ask("ann", "DELETE", f"/tokens/{NOBODY}")
     talk.ask("ann", "DELETE", "/tokens/{token_id}", token_id=made)

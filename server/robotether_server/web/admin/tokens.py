@@ -39,6 +39,7 @@ confirmation.register(
         title="Delete API token {token.name} of {token.user}?",
         effects=(
             "Programs that use it are rejected from now on; their connections are cut within 2 seconds.",
+            "The join tokens and SSH keys that they made with it are deleted, too.",
         ),
         undo="A deleted token cannot be restored; {token.user} creates another one in the profile.",
         button="Delete",

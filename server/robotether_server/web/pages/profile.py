@@ -25,7 +25,6 @@ blueprint = Blueprint("profile", __name__, url_prefix="/profile")
 blueprint.before_request(current_user.require_user)
 
 PAGE = "/profile"
-MAX_DAYS = 3650
 
 
 @blueprint.get("")
@@ -64,12 +63,11 @@ def add_key(tx: Transaction, source: Source) -> Saved:
 def create_token(tx: Transaction, source: Source) -> Saved:
     """Create an API token; the answer shows it once."""
     name = forms.text("name", "Name", MAX_NAME_LENGTH)
-    days = forms.optional_number("days", "Days", 1, MAX_DAYS)
-    expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days) if days else None
+    days = forms.optional_number("days", "Days", 1, tokens.MAX_DAYS)
     return render_template(
         "admin/secret.html",
         title=f"API token {name} is created",
-        secret=tokens.create(tx, source, current_user.get(), name, expires_at),
+        secret=tokens.create(tx, source, current_user.get(), name, days),
         what="The token",
         advice="Programs send it as the header Authorization: Bearer TOKEN. It may do what you may do.",
         back=f"{PAGE}#tokens",
@@ -194,6 +192,7 @@ confirmation.register(
         title="Delete API token {token.name}?",
         effects=(
             "Programs that use it are rejected from now on; their connections are cut within 2 seconds.",
+            "The join tokens and SSH keys that they made with it are deleted, too.",
         ),
         undo="A deleted token cannot be restored; create another one.",
         button="Delete",

@@ -38,8 +38,11 @@ def test_token_is_the_last_word_of_the_last_line(run: Run, database: Database) -
     assert details[-1]["kind"] == "token_created"
     listed = run("token", "list").out
     assert listed.splitlines()[1].split()[:2] == ["ann", "ci"]
-    assert listed.split()[-1] == "never"
     assert text not in listed
+    with database.transaction() as tx:
+        [token] = credentials.list_tokens(tx)
+    assert token.expires_at is not None
+    assert round((token.expires_at - token.created_at) / dt.timedelta(days=1)) == 365
 
 
 def test_token_may_end(run: Run, database: Database) -> None:

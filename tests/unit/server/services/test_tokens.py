@@ -5,16 +5,18 @@ from __future__ import annotations
 import datetime as dt
 
 import pytest
+from api_visitor import new_public_key
 from joins import Site
 from robotether_server.db import credentials, join_tokens, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     FieldInvalid,
+    GrantMissing,
     NotPossible,
     RecordExists,
     RecordMissing,
 )
-from robotether_server.services import tokens
+from robotether_server.services import ssh_keys, tokens
 
 ANN = Source("ann")
 
@@ -24,9 +26,9 @@ def test_token_works_until_it_is_deleted(site: Site) -> None:
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         text = tokens.create(tx, ANN, ann, "ci", None)
-        tokens.create(tx, ANN, users.get(tx, "root"), "ci", dt.datetime.now(dt.UTC))
+        tokens.create(tx, ANN, users.get(tx, "root"), "ci", 1)
         (token,) = credentials.list_tokens_of(tx, ann)
-        assert (token.user, token.name, token.expires_at) == ("ann", "ci", None)
+        assert (token.user, token.name) == ("ann", "ci")
         assert text.startswith("rt_")
         assert text not in str(tx.rows("SELECT * FROM api_tokens"))
         assert credentials.find_token_user(tx, text) == ann
@@ -37,6 +39,26 @@ def test_token_works_until_it_is_deleted(site: Site) -> None:
             tokens.delete(tx, ANN, token.id)
     assert len(site.events("token_deleted")) == 1
     assert text not in repr(site.events("token_created"))
+
+
+def test_what_a_token_made_goes_with_it(site: Site) -> None:
+    """Join tokens and SSH keys, as the log says; what its user made by a login stays. It makes no API token."""
+    with site.database.transaction() as tx:
+        ann = users.get(tx, "ann")
+        program = Source(
+            "ann", api_token=credentials.digest(tokens.create(tx, ANN, ann, "ci", None))
+        )
+        with pytest.raises(GrantMissing, match="an API token makes no other"):
+            tokens.create(tx, program, ann, "next", None)
+        for source, name in ((ANN, "by hand"), (program, "by program")):
+            tokens.create_join_token(tx, source, name, 1, hours(1))
+            ssh_keys.add(tx, source, ann, name, new_public_key())
+        (token,) = credentials.list_tokens_of(tx, ann)
+        tokens.delete(tx, ANN, token.id)
+        assert [one.name for one in join_tokens.list_all(tx)] == ["by hand"]
+        assert [one.name for one in users.list_ssh_keys(tx, ann)] == ["by hand"]
+    for kind in ("join_token_deleted", "ssh_key_deleted", "token_deleted"):
+        assert len(site.events(kind)) == 1
 
 
 def test_wrong_or_taken_name_is_refused(site: Site) -> None:
