@@ -27,7 +27,7 @@ def no_systemd(monkeypatch, place):
 
 
 async def test_a_robot_that_works(make_cloud, start_agent, monkeypatch):
-    """While the agent runs every step is well, in the order in which a connection needs them; the double has no rosapi."""
+    """While the agent runs every step is well, in the order of a connection; the double has no rosapi."""
     monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.2)
     cloud = await make_cloud()
     cloud.checked["video"] = "ok"
