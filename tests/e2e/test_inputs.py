@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 
 import page_holds
 import pytest
-from pages import drive_live, expect_armed, expect_live
+from pages import drive_live, expect_armed, expect_live, expect_mode
 from playwright.sync_api import Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -241,18 +241,50 @@ def _wait_while_moving(watch: SimWatch, until: float) -> None:
     watch.wait_pose("held", lambda pose: time.monotonic() > until or not _moving(pose))
 
 
-@pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
-@pytest.mark.parametrize("end", ["touchEnd", "touchCancel"])
-def test_a_finger_on_a_phone_drives_until_it_lifts(page: Page, stack: Stack, end: str) -> None:
-    """A finger that holds the stick still goes on driving, past the time of a long press, and stops as it leaves."""
-    drive_live(page, stack, "sim1")
-    stick = Stick(page)
+def finger_on(page: Page) -> Callable[..., None]:
+    """Return what sends one kind of touch event, with the points at which fingers are."""
     touch = page.context.new_cdp_session(page)
 
     def finger(kind: str, *points: tuple[float, float]) -> None:
         at = [{"x": x, "y": y} for x, y in points]
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": at})
 
+    return finger
+
+
+@pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
+def test_button_that_appears_under_a_finger_takes_no_press(page: Page, stack: Stack) -> None:
+    """Give up control comes where Hold to drive again was: neither the hold nor a press just after it gives up."""
+    drive_live(page, stack, "sim1")
+    page.get_by_test_id("stop").tap()
+    release = page.get_by_test_id("release")
+    expect(release).to_have_text("Hold to drive again")
+    box = release.bounding_box()
+    assert box is not None
+    point = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    finger = finger_on(page)
+    finger("touchStart", point)
+    leave = page.get_by_test_id("control-leave")
+    expect(leave).to_be_visible()
+    under = page.evaluate("(at) => document.elementFromPoint(...at).dataset.testid", point)
+    assert under == "control-leave"
+    finger("touchEnd")
+    finger("touchStart", point)
+    finger("touchEnd")
+    # A click comes before what the page does next.
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done)))")
+    expect_mode(page, "drive")
+    leave.click()
+    expect_mode(page, "observe")
+
+
+@pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
+@pytest.mark.parametrize("end", ["touchEnd", "touchCancel"])
+def test_a_finger_on_a_phone_drives_until_it_lifts(page: Page, stack: Stack, end: str) -> None:
+    """A finger that holds the stick still goes on driving, past the time of a long press, and stops as it leaves."""
+    drive_live(page, stack, "sim1")
+    stick = Stick(page)
+    finger = finger_on(page)
     with SimWatch(stack, "sim1") as watch:
         for _ in range(STRETCHES):
             expect_armed(page)

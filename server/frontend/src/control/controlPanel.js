@@ -3,6 +3,7 @@
 
 import { api, serverClock } from "../pages/calls.js";
 import { byTestId, localTime, part, setText } from "../pages/page.js";
+import { NEW_MS, isNew, markNew } from "../pages/presses.js";
 import { connection, control as texts, driveMode as notes, logIn, states } from "../texts/common.js";
 
 /** @typedef {import("./driveMode.js").Control} Control */
@@ -12,7 +13,7 @@ const FRESH_MS = 8000; // a note over the picture goes by itself
 
 export class ControlPanel {
   // `busy` as of Question, `driveTopic` as of settings.js.
-  constructor(root, { robot, driveMode, driveTopic, busy, now = () => performance.now() }) {
+  constructor(root, { robot, driveMode, driveTopic, busy }) {
     this.root = root;
     this.robot = robot;
     this.driveMode = driveMode;
@@ -26,16 +27,15 @@ export class ControlPanel {
     this.sureElement = byTestId(root, "take-sure");
     this.question = new Question(this.questionElement, { busy });
     this.sure = new Question(this.sureElement, { busy });
-    this.deafness = new Deafness(now); // the second press of a double one must not end what the first began
     this.listen();
     setInterval(() => this.count(), TICK_MS);
   }
 
   listen() {
     const acts = {
-      arm: () => this.arm(),
+      arm: () => this.driveMode.arm(),
       drive: () => this.driveMode.drive(),
-      leave: () => this.deafness.active || this.driveMode.leave(),
+      leave: () => this.driveMode.leave(),
       ask: () => this.ask(),
       withdraw: () => this.withdraw(),
       take: () => this.askSure(true),
@@ -44,7 +44,10 @@ export class ControlPanel {
       "hand-over": () => this.handOver(),
       refuse: () => this.answer("refuse"),
     };
-    for (const [name, act] of Object.entries(acts)) this.button(name)?.addEventListener("click", act);
+    for (const [name, act] of Object.entries(acts)) {
+      const button = this.button(name);
+      button?.addEventListener("click", () => isNew(button) || act());
+    }
   }
 
   /** @returns {HTMLButtonElement | null} */
@@ -80,11 +83,14 @@ export class ControlPanel {
     if (!lasting) this.fading = setTimeout(() => (element.dataset.fresh = "false"), FRESH_MS);
   }
 
-  // A button that goes while it has the focus hands it to what came in its place.
+  // A button that goes while it has the focus hands it to what came in its place. The second press of a double one must not
+  // end what the first began.
   showActions(actions) {
     const buttons = [...part(this.root, "deeds").querySelectorAll("[data-deed]")];
     const focused = buttons.find((button) => button === document.activeElement);
+    const before = buttons.filter((button) => !button.hidden);
     for (const button of buttons) button.hidden = !actions.includes(button.dataset.deed);
+    if (before.some((button) => button.hidden)) buttons.filter((button) => !button.hidden && !before.includes(button)).forEach(markNew);
     if (focused?.hidden) (buttons.find((button) => !button.hidden) ?? this.element).focus();
   }
 
@@ -101,11 +107,6 @@ export class ControlPanel {
     setText(part(this.questionElement, "left"), asking ? texts.passes(asking.user, left(asking)) : "");
     const mine = asked && control.waiting?.user === me && control.driver ? control.waiting : null;
     setText(byTestId(this.root, "control-left"), mine ? texts.arrives(control.driver.user, left(mine)) : "");
-  }
-
-  arm() {
-    this.deafness.renew(); // what gives the control up is there now
-    this.driveMode.arm();
   }
 
   async ask() {
@@ -260,7 +261,6 @@ function drivingStatus(video, slow) {
 
 // A question that comes up by itself, over the video. It accepts no input while it is new and while somebody drives: what is
 // pressed then was meant for what stood there before, or slipped off the stick.
-const NEW_MS = 700;
 const CHECK_MS = 100;
 
 // Whether a press comes too soon to be meant for what is shown now.

@@ -2,6 +2,7 @@
 
 import { api } from "../pages/calls.js";
 import { byTestId, localTime, part, setText, TEXT, matches } from "../pages/page.js";
+import { markNew } from "../pages/presses.js";
 import { release as releaseTexts, stop as texts } from "../texts/common.js";
 import { Stopping, sameStop } from "./stopping.js";
 
@@ -53,8 +54,15 @@ export class StopBar {
     this.element.dataset.stop = kind;
     const words = texts[kind]({ by, at: localTime(at), detail });
     setText(part(this.element, "stop-text"), [words, this.failure].join(" ").trim());
-    part(this.element, "deeds").hidden = this.stopping.holds;
+    this.showDeeds();
     if (this.release) this.release.hidden = !this.stopping.stopped;
+  }
+
+  // What comes where the button to hold was acts on no press that was meant for that.
+  showDeeds() {
+    const deeds = part(this.element, "deeds");
+    if (deeds.hidden && !this.stopping.holds) deeds.querySelectorAll("[data-deed]").forEach(markNew);
+    deeds.hidden = this.stopping.holds;
   }
 
   // What holding the button brings: "idle", that the robot may be driven, or "again", that this page drives it again.

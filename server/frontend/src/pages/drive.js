@@ -20,6 +20,7 @@ import { ObserverConnection } from "../topics/topicProbe.js";
 import { View } from "../video/view.js";
 import { LoginUse, api } from "./calls.js";
 import { Choices, FIELDS, byTestId, localTime, matches, part, setText } from "./page.js";
+import { Presses } from "./presses.js";
 import { driveSettings } from "./settings.js";
 
 const CHECK_MS = 50;
@@ -231,6 +232,7 @@ function setUpDrawer() {
 }
 
 setUpDrawer();
+new Presses().watch(window);
 loginUse.watch(window);
 window.addEventListener("offline", () => connection.cut());
 window.addEventListener("online", retryNow);

@@ -11,6 +11,7 @@ import { Toolbar } from "../fleet/toolbar.js";
 import { feed as feedTexts } from "../texts/common.js";
 import { LoginUse } from "./calls.js";
 import { byTestId, part, setText } from "./page.js";
+import { Presses } from "./presses.js";
 
 const ARRANGE_EVERY_MS = 1000;
 
@@ -145,4 +146,5 @@ const feed = new Feed({
 });
 
 feed.start();
+new Presses().watch(window);
 new LoginUse().watch(window);

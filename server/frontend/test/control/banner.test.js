@@ -32,7 +32,7 @@ test("a press that was meant for what the button was before lets nobody drive wi
   press();
   held();
   press();
-  clock += 699;
+  clock += 1199;
   held();
   press();
   assert.deepEqual(deeds, ["retry"]);
@@ -42,10 +42,10 @@ test("a press that was meant for what the button was before lets nobody drive wi
 test("who has had the time to read it, or saw no button before, may drive without a picture", () => {
   banner.show(LINK_LOST, {});
   held();
-  clock += 700;
+  clock += 1200;
   press();
   banner.show(LIVE, { control: {}, driving: true, video: "seen" });
-  clock += 700;
+  clock += 1200;
   held();
   press();
   assert.deepEqual(deeds, ["blind", "blind"]);

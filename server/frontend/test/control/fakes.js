@@ -11,8 +11,17 @@ export class FakeElement extends EventTarget {
   querySelectorAll() {
     return [];
   }
+  attributes = new Map();
   focus() {}
-  setAttribute() {}
+  getAttribute(name) {
+    return this.attributes.get(name) ?? null;
+  }
+  setAttribute(name, value) {
+    this.attributes.set(name, value);
+  }
+  removeAttribute(name) {
+    this.attributes.delete(name);
+  }
   replaceChildren() {}
   contains() {
     return false;

@@ -29,10 +29,10 @@ function click() {
   return heard && !stopped;
 }
 
-test("a question is deaf for its first 0.7 s", () => {
+test("a question is deaf for its first 1.2 s", () => {
   question.show(true);
   assert.equal(click(), false);
-  clock += 690;
+  clock += 1190;
   assert.equal(click(), false);
   clock += 20;
   assert.equal(click(), true);
@@ -40,7 +40,7 @@ test("a question is deaf for its first 0.7 s", () => {
 
 test("a question that goes and comes again is new", () => {
   question.show(true);
-  clock += 1000;
+  clock += 1300;
   question.show(true);
   assert.equal(click(), true);
   question.show(false);
@@ -50,7 +50,7 @@ test("a question that goes and comes again is new", () => {
 
 test("a question is deaf while a key or stick is held, and looks so", () => {
   question.show(true);
-  clock += 1000;
+  clock += 1300;
   held = true;
   assert.equal(click(), false);
   mock.timers.tick(100);

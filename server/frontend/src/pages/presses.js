@@ -1,0 +1,56 @@
+// A press counts only on the control on which it began: one that appears, or comes to lie, under a finger that is down takes
+// nothing from it, nor does one that gets the focus while a key is held. Stop is left out: it acts on the press itself.
+
+import { matches } from "./page.js";
+
+const CONTROL = "button, a[href], input, select, textarea, label, summary";
+const STOP = ".stop, [data-testid^=stop]";
+const ENTER = ["Enter", "NumpadEnter"];
+
+export class Presses {
+  constructor() {
+    this.began = null; // the control under the newest press
+  }
+
+  // Before all other listeners of the page.
+  watch(target) {
+    const on = (name, act) => target.addEventListener(name, act, { capture: true });
+    on("pointerdown", (event) => (this.began = controlOf(event.target)));
+    on("click", (event) => this.mayAct(event) || ignore(event));
+    on("keydown", (event) => isHeld(event) && event.preventDefault());
+  }
+
+  // A click of a key, a script or assistive technology has no press of a pointer.
+  mayAct({ detail, isTrusted, target }) {
+    if (detail === 0 || !isTrusted || matches(target, STOP)) return true;
+    const control = controlOf(target);
+    return control === null || control === this.began || isLabelOf(this.began, control);
+  }
+}
+
+const controlOf = (target) => target?.closest?.(CONTROL) ?? null;
+
+const isLabelOf = (label, control) => Boolean(label) && label.control === control;
+
+const isHeld = ({ repeat, code, target }) => repeat && ENTER.includes(code) && matches(target, "button, a, summary");
+
+function ignore(event) {
+  event.preventDefault();
+  event.stopImmediatePropagation();
+}
+
+// Marks a control that took the place of another: who presses it this soon meant the other one. A test and assistive
+// technology see that it does not act yet.
+export const NEW_MS = 1200;
+const ends = new WeakMap();
+
+export function markNew(control) {
+  clearTimeout(ends.get(control));
+  control.setAttribute("aria-disabled", "true");
+  ends.set(
+    control,
+    setTimeout(() => control.removeAttribute("aria-disabled"), NEW_MS),
+  );
+}
+
+export const isNew = (control) => control.getAttribute("aria-disabled") === "true";
