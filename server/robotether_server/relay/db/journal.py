@@ -14,6 +14,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import stat
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -73,7 +74,8 @@ class Journal:
         A drive, and a robot's stops, are there once, with the newest state.
         """
         try:
-            lines = [line for line in self._path.read_bytes().split(b"\n") if line]
+            with FileIO(self._path, opener=_open_regular) as file:
+                lines = [line for line in file.readall().split(b"\n") if line]
         except FileNotFoundError:
             return []
         except OSError as problem:
@@ -160,13 +162,13 @@ class Journal:
 
     def _opened(self) -> FileIO:
         if self._file is None:
-            self._file = FileIO(self._path, "a")
+            self._file = FileIO(self._path, "a", opener=_open_regular)
         return self._file
 
     def _replace(self, lines: list[bytes]) -> None:
         new = self._path.with_suffix(".new")
         try:
-            with FileIO(new, "w") as file:
+            with FileIO(new, "w", opener=_open_regular) as file:
                 _write(file, b"".join(lines))
             new.replace(self._path)
         except OSError:
@@ -187,6 +189,15 @@ class Journal:
                 "cannot write the journal: %s; a relay that is killed now loses what waits", problem
             )
         self._is_failing = True
+
+
+def _open_regular(path: str, flags: int) -> int:
+    """Open a file of our own: a link leads to another's, and a FIFO would hold the relay's start."""
+    descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "it is no regular file", path)
+    return descriptor
 
 
 def _line(entry: JournalEntry) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from datetime import timedelta
 from pathlib import Path
@@ -52,6 +53,30 @@ def test_each_kind_is_read_as_it_was_written(path):
 def test_without_a_file_nothing_is_left(path):
     """As at the first start."""
     assert Journal(path).read() == []
+
+
+@pytest.mark.parametrize("name", ["journal.jsonl", "journal.new"])
+@pytest.mark.parametrize("kind", ["symlink", "fifo"])
+def test_only_a_regular_file_is_a_journal(path, tmp_path, monkeypatch, name, kind):
+    """A link leads to another's file, and a FIFO would hold the relay's start; a rewrite takes their place."""
+    monkeypatch.setattr(module, "RETRY_EVERY_S", 0.0)
+    others = tmp_path / "others"
+    others.write_text("not ours")
+    place = tmp_path / name
+    if kind == "symlink":
+        place.symlink_to(others)
+    else:
+        os.mkfifo(place)
+    journal = Journal(path)
+    assert journal.read() == []
+    for _ in range(2):
+        journal.rewrite([START])
+        journal.wait(WITHIN_S)
+    journal.close()
+    assert others.read_text() == "not ours"
+    assert path.is_file()
+    assert not path.is_symlink()
+    assert Journal(path).read() == [START]
 
 
 def test_a_line_is_in_the_file_at_once(path):
@@ -145,16 +170,16 @@ def test_a_long_file_is_written_anew(path):
 
 def test_a_full_disk_is_said_once_and_tried_again(path, caplog, monkeypatch):
     """What waits is written as a whole when there is room."""
-    path.symlink_to("/dev/full")
     journal = Journal(path)
-    for entry in (START, LINE, END):
-        journal.add(entry)
-    journal.wait(WITHIN_S)
+    with monkeypatch.context() as full:
+        full.setattr(module, "_open_regular", lambda _path, flags: os.open("/dev/full", flags))
+        for entry in (START, LINE, END):
+            journal.add(entry)
+        journal.wait(WITHIN_S)
     assert caplog.text.count("No space left on device") == 1
     assert not journal.needs_rewrite(3)
     monkeypatch.setattr(module.time, "monotonic", lambda: float("inf"))
     assert journal.needs_rewrite(3)
-    # Not through the link: there is room in its folder.
     journal.rewrite([START, LINE])
     journal.wait(WITHIN_S)
     assert "can be written again" in caplog.text
