@@ -104,7 +104,11 @@ class VideoHandler:
         self, request: web.Request, robot: RelayRobot, presence: Presence, *, embeddable: bool
     ) -> web.StreamResponse:
         async with self._asked_robot(request, robot, presence) as answer:
-            headers = headers_for_viewer(answer.headers, embeddable=embeddable)
+            headers = headers_for_viewer(
+                answer.headers,
+                embeddable=embeddable,
+                destination=request.headers.get("Sec-Fetch-Dest", "empty"),
+            )
             response = web.StreamResponse(status=answer.status, headers=headers)
             await response.prepare(request)
             if request.method == "GET":

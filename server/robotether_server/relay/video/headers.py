@@ -47,6 +47,9 @@ LIVE_HEADERS = {"Cache-Control": "no-store", "Pragma": "no-cache"}
 # What a browser may want the answer for: to show it, or to hand it to a page's script as data.
 # The pages allow scripts and styles of their own site, which a robot must not be.
 DESTINATIONS = frozenset({"document", "empty", "frame", "iframe", "image", "video"})
+# Where a browser shows a document. Some take each part of a multipart answer for one, with headers of its own.
+OF_DOCUMENTS = frozenset({"document", "frame", "iframe"})
+MULTIPART = "multipart/"
 # No comma: browsers take the last type of a list.
 PASSING_TYPE = re.compile(
     r"(image/[a-z0-9.+-]+|video/[a-z0-9.+-]+|multipart/x-mixed-replace"
@@ -75,9 +78,19 @@ def headers_of_stream(*, embeddable: bool) -> dict[str, str]:
     return {**LIVE_HEADERS, **_our_headers(embeddable=embeddable)}
 
 
-def headers_for_viewer(headers: Mapping[str, str], *, embeddable: bool = False) -> CIMultiDict[str]:
-    """Keep what describes the body; nothing that could act on our site."""
+def headers_for_viewer(
+    headers: Mapping[str, str], *, embeddable: bool = False, destination: str = "empty"
+) -> CIMultiDict[str]:
+    """Keep what describes the body; nothing that could act on our site.
+
+    Raises DestinationRefused for the robot's own multipart answer where a document is shown.
+    """
     kept = _passing(headers, RESPONSE_HEADERS)
+    is_multipart = kept.get("Content-Type", "").strip().lower().startswith(MULTIPART)
+    if is_multipart and destination in OF_DOCUMENTS:
+        raise DestinationRefused(
+            f"cannot show this stream as {destination!r}: show it as an image of a page"
+        )
     if not PASSING_TYPE.fullmatch(kept.get("Content-Type", "")):
         kept.update(UNKNOWN_TYPE)
     kept.update(_our_headers(embeddable=embeddable))

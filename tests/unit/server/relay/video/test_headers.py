@@ -17,6 +17,16 @@ def test_what_shows_a_picture_may_have_it(destination):
     check_destination({"Sec-Fetch-Dest": destination})
 
 
+@pytest.mark.parametrize("destination", ["document", "frame", "iframe"])
+@pytest.mark.parametrize("kind", ["multipart/x-mixed-replace;boundary=b", " Multipart/mixed"])
+def test_a_robots_parts_are_no_documents(destination, kind):
+    """Each could be a page with headers of its own."""
+    with pytest.raises(DestinationRefused):
+        headers_for_viewer({"Content-Type": kind}, destination=destination)
+    assert headers_for_viewer({"Content-Type": "image/jpeg"}, destination=destination)
+    assert headers_for_viewer({"Content-Type": kind}, destination="image")
+
+
 def test_a_program_says_no_destination():
     """Only browsers know the header, and all of those that run the pages do."""
     check_destination({})
