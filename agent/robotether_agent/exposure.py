@@ -47,7 +47,7 @@ def port_of(url: str) -> int:
     return split.port or (443 if split.scheme in {"https", "wss"} else 80)
 
 
-def exposed_at(url: str, lists: Path = Path("/proc/net")) -> str:
+def exposed_at(url: str, lists: Path = Path("/proc/self/net")) -> str:
     """Return an address beyond loopback at which the port of `url` answers; empty: none, or not known.
 
     Blocks for TIMEOUT_S for each of the robot's own addresses at most. A service that listens on loopback alone sees no

@@ -185,7 +185,7 @@ def default_routes(root: Path) -> list[str]:
 
 def _ipv4_default_routes(root: Path) -> list[str]:
     routes = []
-    for line in _text(root / "proc/net/route").splitlines()[1:]:
+    for line in _text(root / "proc/self/net/route").splitlines()[1:]:
         name, destination, _, flags, _, _, metric, mask = line.split()[:8]
         if destination == mask == "00000000" and int(flags, 16) & RTF_UP:
             routes.append((int(metric), name))
@@ -194,7 +194,7 @@ def _ipv4_default_routes(root: Path) -> list[str]:
 
 def _ipv6_default_routes(root: Path) -> list[str]:
     routes = []
-    for line in _text(root / "proc/net/ipv6_route").splitlines():
+    for line in _text(root / "proc/self/net/ipv6_route").splitlines():
         destination, length, _, _, _, metric, _, _, flags, name = line.split()
         if destination == "0" * 32 and length == "00" and int(flags, 16) & RTF_UP:
             routes.append((int(metric, 16), name))

@@ -13,7 +13,7 @@ class FakeRoot:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        (path / "proc/net").mkdir(parents=True)
+        (path / "proc/self/net").mkdir(parents=True)
         (path / "sys/class/net").mkdir(parents=True)
 
     def add(
@@ -51,4 +51,4 @@ class FakeRoot:
             f"{name} 00000000 0101A8C0 0003 0 0 {metric} 00000000 0 0 0" for name, metric in routes
         ]
         local = "eth0 0001A8C0 00000000 0001 0 0 0 00FFFFFF 0 0 0"
-        (self.path / "proc/net/route").write_text(ROUTES + "\n".join([local, *lines]) + "\n")
+        (self.path / "proc/self/net/route").write_text(ROUTES + "\n".join([local, *lines]) + "\n")
