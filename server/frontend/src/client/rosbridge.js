@@ -127,9 +127,21 @@ const refusal =
   ({ op, level, msg }) =>
     op === "status" && level === "error" && act(msg);
 
-function parse(data) {
+// JSON as Python writes it: rosbridge has NaN and Infinity in it for numbers that are none. Null for what is no such text.
+export function parse(data) {
   try {
     return JSON.parse(data);
+  } catch {
+    return parsePythons(data);
+  }
+}
+
+const STRING_OR_NO_NUMBER = /"(?:[^"\\]|\\.)*"|\bNaN\b|-?\bInfinity\b/g;
+const IN_JSON = { NaN: "null", Infinity: "1e999", "-Infinity": "-1e999" }; // too large for a number, so infinite
+
+function parsePythons(data) {
+  try {
+    return JSON.parse(data.replace(STRING_OR_NO_NUMBER, (found) => IN_JSON[found] ?? found));
   } catch {
     return null;
   }
@@ -168,20 +180,26 @@ function carMessage(speed, turn, wheelbase) {
   return { header: { frame_id: "" }, drive: { steering_angle, speed } };
 }
 
+// What a robot does not know is missing, null, NaN or infinite in its messages: null here.
+const known = (value) => (Number.isFinite(value) ? value : null);
+
+// The member at a path such as "twist.linear.x"; undefined where one of its steps is missing.
+const member = (message, path) => path.split(".").reduce((value, step) => value?.[step], message);
+
 const SPEED_READERS = {
-  "nav_msgs/Odometry": ({ twist }) => ({
-    forward: twist.twist.linear.x,
-    left: twist.twist.linear.y ?? 0,
-    turn: twist.twist.angular.z,
+  "nav_msgs/Odometry": (message) => ({
+    forward: known(member(message, "twist.twist.linear.x")),
+    left: known(member(message, "twist.twist.linear.y")),
+    turn: known(member(message, "twist.twist.angular.z")),
   }),
   "turtlesim/Pose": ({ linear_velocity, angular_velocity }) => ({
-    forward: linear_velocity,
-    left: 0,
-    turn: angular_velocity,
+    forward: known(linear_velocity),
+    left: 0, // a turtle has no other
+    turn: known(angular_velocity),
   }),
 };
 
-// The function that reads {forward, left, turn} out of a message of this type, or undefined.
+// The function that reads {forward, left, turn} out of a message of this type, each null where it is not known; or undefined.
 export const speedReader = (type) => SPEED_READERS[plainType(type)];
 
 const SPEED_TYPES = Object.keys(SPEED_READERS);
@@ -195,18 +213,27 @@ export function speedTopic(topics) {
 
 // Poses in the plane are {x, y, theta} in m and rad (REP-103); odometry names the frame that it is in, and the robot's own.
 const POSE_READERS = {
-  "nav_msgs/Odometry": ({ header, child_frame_id, pose }) => ({ ...planar(pose.pose), frame: header?.frame_id, base: child_frame_id }),
-  "geometry_msgs/PoseWithCovarianceStamped": ({ pose }) => planar(pose.pose),
-  "turtlesim/Pose": ({ x, y, theta }) => ({ x, y, theta }),
+  "nav_msgs/Odometry": ({ header, child_frame_id, pose }) => {
+    const read = planar(pose?.pose);
+    return read && { ...read, frame: header?.frame_id, base: child_frame_id };
+  },
+  "geometry_msgs/PoseWithCovarianceStamped": ({ pose }) => planar(pose?.pose),
+  "turtlesim/Pose": (pose) => wholePose(pose),
 };
 
-// The function that reads a pose out of a message of this type, or undefined.
+// The function that reads a pose out of a message of this type, null where it is not known; or undefined.
 export const poseReader = (type) => POSE_READERS[plainType(type)];
 
-// A geometry_msgs/Pose seen from above.
-/** @param {{position?: {x: number, y: number}, orientation?: object}} pose */
+// A geometry_msgs/Pose seen from above; null where place or heading are not known.
+/** @type {(pose?: {position?: {x: number, y: number}, orientation?: {x: number, y: number, z: number, w: number}}) => {x: number, y: number, theta: number} | null} */
 export function planar({ position, orientation } = {}) {
-  const { x, y, z, w } = { x: 0, y: 0, z: 0, w: 1, ...orientation };
-  const theta = Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
-  return { x: position?.x ?? 0, y: position?.y ?? 0, theta };
+  return wholePose({ x: position?.x, y: position?.y, theta: headingOf(orientation) });
 }
+
+// Of a quaternion; NaN where it is none, as one that nobody has set.
+function headingOf(orientation) {
+  const { x, y, z, w } = orientation ?? {};
+  return Math.hypot(x, y, z, w) > 0 ? Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) : NaN;
+}
+
+const wholePose = ({ x, y, theta }) => ([x, y, theta].every(Number.isFinite) ? { x, y, theta } : null);

@@ -134,6 +134,7 @@ function drawWorld(canvas, world, { zoom, parts }) {
   if (parts.map && world.map) drawMap(context, world.map);
   if (parts.path) within(context, world.offset, () => drawPath(context, world.path.points, zoom));
   within(context, robot, () => {
+    if (robot.unknown && parts.map && world.map) return; // where in the map it is
     if (parts.scan && world.points) drawScan(context, world.points, zoom);
     drawRobot(context, robot.old, zoom);
   });

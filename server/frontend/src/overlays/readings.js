@@ -22,25 +22,28 @@ export class Readings {
     setInterval(() => this.tick(), TICK_MS);
   }
 
+  // {forward, left, turn}, each null for unknown; null for all of them.
   speed(measured) {
-    this.value("speed-linear", measured ? decimals(measured.forward) : texts.none);
-    this.value("speed-angular", measured ? degrees(measured.turn) : texts.none);
-    this.bar("linear", "measured", measured?.forward ?? 0);
-    this.bar("angular", "measured", measured?.turn ?? 0);
+    const { forward = null, left = null, turn = null } = measured ?? {};
+    this.value("speed-linear", speedText(forward, left));
+    this.value("speed-angular", degrees(turn));
+    this.bar("linear", "measured", lengthOf(forward, left));
+    this.bar("angular", "measured", turn);
   }
 
-  wanted({ forward, turn }) {
-    setText(byTestId(this.root, "wanted-linear"), texts.wanted(decimals(forward)));
+  wanted({ forward, left, turn }) {
+    setText(byTestId(this.root, "wanted-linear"), texts.wanted(speedText(forward, left)));
     setText(byTestId(this.root, "wanted-angular"), texts.wanted(degrees(turn)));
-    this.bar("linear", "asked", forward);
+    this.bar("linear", "asked", lengthOf(forward, left));
     this.bar("angular", "asked", turn);
   }
 
-  // How much of the most it is: filled what is measured, a line at what is asked for.
+  // How much of the most it is: filled what is measured, a line at what is asked for. Nothing for what is not known.
   bar(name, kind, value) {
     const share = Math.min(1, Math.abs(value) / this.limits[name]);
-    part(this.root, `bar-${name}`).querySelector(`.bar-${kind}`).style.transform =
-      kind === "asked" ? `translateX(${share * 100}%)` : `scaleX(${share})`;
+    const bar = part(this.root, `bar-${name}`).querySelector(`.bar-${kind}`);
+    bar.hidden = value === null;
+    bar.style.transform = kind === "asked" ? `translateX(${share * 100}%)` : `scaleX(${share})`;
   }
 
   // `reading` as of rtt.js; `parts` are its known parts, {server, robot} in ms.
@@ -76,10 +79,22 @@ export function health(value, [good, fair]) {
   return value <= fair ? "fair" : "poor";
 }
 
-// Two decimals, and no "-0.00" for a robot that stands still.
-const decimals = (value) => (Math.abs(value) < 0.005 ? 0 : value).toFixed(2);
+const STILL_M_S = 0.005; // shown as 0.00
+// Ahead, and on counter-clockwise in eighths of a turn.
+const ARROWS = ["↑", "↖", "←", "↙", "↓", "↘", "→", "↗"];
 
-const degrees = (radians) => String(Math.round((radians * 180) / Math.PI) + 0);
+const lengthOf = (forward, left) => (forward === null || left === null ? null : Math.hypot(forward, left));
+
+// How fast, and in which direction as seen from the robot.
+export function speedText(forward, left) {
+  const length = lengthOf(forward, left);
+  if (length === null) return texts.none;
+  if (length < STILL_M_S) return (0).toFixed(2);
+  const eighth = Math.round(Math.atan2(left, forward) / (Math.PI / 4));
+  return `${ARROWS[(eighth + ARROWS.length) % ARROWS.length]} ${length.toFixed(2)}`;
+}
+
+const degrees = (radians) => (radians === null ? texts.none : String(Math.round((radians * 180) / Math.PI) + 0));
 
 function rounded(parts) {
   const texts = Object.entries(parts).map(([name, ms]) => [name, Number.isFinite(ms) ? Math.round(ms) : latency.unknown]);
@@ -104,8 +119,8 @@ export class Readback {
   /**
    * @param {{
    *   subscribe: (spec: object, handler: (message: any) => void) => () => void,
-   *   onSpeed: (speed: {forward: number, left: number, turn: number} | null) => void,
-   *   onPose?: (pose: {x: number, y: number, theta: number}) => void,
+   *   onSpeed: (speed: {forward: number | null, left: number | null, turn: number | null} | null) => void,
+   *   onPose?: (pose: {x: number, y: number, theta: number} | null) => void,
    * }} options
    */
   constructor({ subscribe, onSpeed, onPose = () => {} }) {
@@ -120,8 +135,8 @@ export class Readback {
     const begun = this.subscriptions.follow("speed", topic, { throttleMs: THROTTLE_MS }, (message) => {
       clearTimeout(this.timer);
       this.timer = setTimeout(() => this.forget(), SPEED_OLD_MS);
-      this.onSpeed(read(message));
-      if (readPose) this.onPose(readPose(message));
+      this.onSpeed(read(message ?? {}));
+      if (readPose) this.onPose(readPose(message ?? {}));
     });
     if (begun) this.forget();
   }

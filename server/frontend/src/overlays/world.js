@@ -63,8 +63,9 @@ export class World {
     return this.mapRefused;
   }
 
-  // The odometry's pose: comes with the speed, whether the map is seen or not.
+  // The odometry's pose: comes with the speed, whether the map is seen or not. Null for unknown.
   receivePose(pose) {
+    if (!pose) return;
     this.odometry = { pose, at: this.now() };
     this.locate();
     if (this.path.add(pose) || this.shown) this.onChange();
@@ -118,7 +119,7 @@ export class World {
   locate() {
     const frame = this.odometry?.pose.frame;
     const begun = frame && this.transforms.find(this.mapFrame, frame);
-    if (begun) this.offset = planarOf(begun);
+    if (begun) this.offset = planarOf(begun) ?? this.offset;
     return Boolean(begun);
   }
 
@@ -147,14 +148,14 @@ export class World {
     this.onChange();
   }
 
-  // The robot in the map's frame, {x, y, theta, old}; in the origin while nothing is known.
+  // The robot in the map's frame, {x, y, theta, old, unknown}; `unknown` while nothing is known of where it is.
   get robot() {
     if (this.odometry) {
       return { ...compose(this.offset, this.odometry.pose), old: this.isOld(this.odometry) };
     }
     const place = this.inMap();
     if (place) return { ...planarOf(place), old: this.isOld(place) };
-    return { ...(this.located ?? ORIGIN), old: true };
+    return { ...(this.located ?? ORIGIN), old: true, unknown: !this.located };
   }
 
   // Where the robot is in the map, by its frames alone; null for unknown.
@@ -218,6 +219,7 @@ const MOST_POINTS = 1500; // more than a screen shows, at 10 Hz
 // Points in m in the scan's own frame, x and y in turn; what the sensor did not see (null, NaN, infinite, out of range)
 // is left out.
 export function scanPoints({ angle_min, angle_increment, range_min, range_max, ranges }) {
+  if (![angle_min, angle_increment].every(Number.isFinite) || !Array.isArray(ranges)) return new Float32Array();
   const seen = within(range_min || 0, range_max > 0 ? range_max : Infinity);
   const step = Math.max(1, Math.ceil(ranges.length / MOST_POINTS));
   const points = [];
@@ -245,11 +247,12 @@ for (let value = 0; value <= 100; value++) {
 }
 
 // Gives {width, height, pixels (RGBA, the first row is the map's lowest), resolution, origin {x, y, theta}}, or null for
-// what is no map. `data` is a list of numbers, or base64 as some bridges write bytes.
+// what is no map, or lies nobody knows where. `data` is a list of numbers, or base64 as some bridges write bytes.
 export function gridPixels({ info, data }) {
   const { width, height, resolution, origin } = info ?? {};
-  const cells = typeof data === "string" ? signedBytes(data) : data;
-  if (!fits(width, height, resolution) || cells?.length !== width * height) return null;
+  const cells = cellsOf(data);
+  const place = planar({ position: origin?.position, orientation: turnOf(origin) });
+  if (!place || !fits(width, height, resolution) || cells.length !== width * height) return null;
   const pixels = new Uint32Array(cells.length);
   for (let i = 0; i < cells.length; i++) pixels[i] = COLOURS[cells[i] & 255];
   return {
@@ -257,11 +260,17 @@ export function gridPixels({ info, data }) {
     height,
     resolution,
     pixels: new Uint8ClampedArray(pixels.buffer),
-    origin: planar(origin),
+    origin: place,
   };
 }
 
+// Map servers leave the orientation of a map that is not turned as it is: all zeros.
+const turnOf = ({ orientation = UNSET } = {}) => (Object.values(orientation).some(Boolean) ? orientation : { ...UNSET, w: 1 });
+const UNSET = { x: 0, y: 0, z: 0, w: 0 };
+
 const fits = (width, height, resolution) => width > 0 && height > 0 && width * height <= MOST_CELLS && resolution > 0;
+
+const cellsOf = (data) => (typeof data === "string" ? signedBytes(data) : (data ?? []));
 
 const signedBytes = (base64) => Int8Array.from(atob(base64), (char) => char.charCodeAt(0));
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { driveMessage, isSteered, speedReader, speedTopic } from "../../src/client/rosbridge.js";
+import { driveMessage, isSteered, parse, speedReader, speedTopic } from "../../src/client/rosbridge.js";
 
 test("a stamped type gets the same twist in an envelope", () => {
   const speed = { forward: 1, left: 0.5, turn: 2 };
@@ -55,4 +55,11 @@ test("only a car's type is steered, under its ROS 1 and ROS 2 name", () => {
   assert.equal(isSteered("ackermann_msgs/msg/AckermannDriveStamped"), true);
   assert.equal(isSteered("geometry_msgs/Twist"), false);
   assert.equal(isSteered(null), false);
+});
+
+test("numbers that are none are read as rosbridge writes them, and texts stay as they are", () => {
+  const text = '{"data": [NaN, -Infinity, Infinity, 1.5, null], "text": "NaN, \\"Infinity\\" and -Infinity"}';
+  assert.deepEqual(parse(text), { data: [null, -Infinity, Infinity, 1.5, null], text: 'NaN, "Infinity" and -Infinity' });
+  assert.equal(parse('{"data": NaNs}'), null);
+  assert.equal(parse("{"), null);
 });

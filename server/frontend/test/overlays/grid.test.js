@@ -32,6 +32,17 @@ test("what does not fit together is no map", () => {
   assert.equal(gridPixels({}), null);
 });
 
-test("a pose that lacks its parts is the origin", () => {
-  assert.deepEqual(planar(), { x: 0, y: 0, theta: 0 });
+test("a map that is not turned may leave its orientation unset, but not its place", () => {
+  const at = (origin) => gridPixels({ info: { ...info, origin }, data: [0, 0, 0, 0] })?.origin;
+  const { position } = info.origin;
+  assert.deepEqual(at({ position, orientation: { x: 0, y: 0, z: 0, w: 0 } }), { x: -1, y: 2, theta: 0 });
+  assert.deepEqual(at({ position: { ...position, x: null } }), undefined);
+});
+
+test("a pose without place or heading is unknown", () => {
+  const { position, orientation } = info.origin;
+  assert.notEqual(planar({ position, orientation }), null);
+  assert.equal(planar(), null);
+  assert.equal(planar({ position, orientation: { x: 0, y: 0, z: 0, w: 0 } }), null);
+  assert.equal(planar({ position: { ...position, y: null }, orientation }), null);
 });

@@ -10,8 +10,10 @@ test("a pose in a frame that is turned left lies to the left", () => {
   near(compose({ x: 1, y: 2, theta: Math.PI / 2 }, { x: 3, y: 0, theta: 0 }), { x: 1, y: 5, theta: Math.PI / 2 });
 });
 
+const HERE = { position: { x: 0, y: 0, z: 0 }, orientation: { x: 0, y: 0, z: 0, w: 1 } };
+
 test("odometry says in which frame it is, and what the robot's own is called", () => {
-  const message = { header: { frame_id: "odom" }, child_frame_id: "base_link", pose: { pose: {} } };
+  const message = { header: { frame_id: "odom" }, child_frame_id: "base_link", pose: { pose: HERE } };
   const { frame, base } = poseReader("nav_msgs/Odometry")(message);
   assert.deepEqual([frame, base], ["odom", "base_link"]);
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { health, latencyBreakdown, Readback } from "../../src/overlays/readings.js";
+import { health, latencyBreakdown, Readback, speedText } from "../../src/overlays/readings.js";
 
 test("what is left of the round trip is the robot's rosbridge", () => {
   assert.deepEqual(latencyBreakdown({ total: 60, server: 12, robot: 40 }), { server: 12, robot: 40, rosbridge: 8 });
@@ -71,4 +71,22 @@ test("another topic replaces the first, the same one changes nothing", () => {
   readback.follow(ODOM);
   assert.equal(subscriptions[0].ended, true);
   assert.equal(subscriptions[1].spec.name, "/odom");
+});
+
+test("speed is the length of the vector, with its direction as seen from the robot", () => {
+  assert.equal(speedText(0.3, 0), "↑ 0.30");
+  assert.equal(speedText(-0.3, 0), "↓ 0.30");
+  assert.equal(speedText(0, -0.4), "→ 0.40");
+  assert.equal(speedText(0.3, 0.4), "↖ 0.50");
+  assert.equal(speedText(-0.3, -0.001), "↓ 0.30");
+  assert.equal(speedText(0, 0.004), "0.00");
+});
+
+test("a speed of which a part is not known is none", () => {
+  assert.equal(speedText(null, 0), "-");
+  assert.equal(speedText(0.3, null), "-");
+  readback.follow(ODOM);
+  subscriptions[0].handler({ twist: { twist: { linear: { x: null }, angular: { z: 0.1 } } } });
+  assert.deepEqual(speed, { forward: null, left: null, turn: 0.1 });
+  assert.equal(pose, null);
 });

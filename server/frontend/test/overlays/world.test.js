@@ -9,7 +9,9 @@ const PLACE = { name: "/amcl_pose", type: "geometry_msgs/PoseWithCovarianceStamp
 const TF = { name: "/tf", type: "tf2_msgs/TFMessage" };
 const TF_STATIC = { name: "/tf_static", type: "tf2_msgs/TFMessage" };
 const scan = { header: { frame_id: "laser" }, angle_min: 0, angle_increment: 1, range_min: 0, range_max: 9, ranges: [1] };
-const grid = (value) => ({ info: { width: 1, height: 1, resolution: 1 }, data: [value] });
+const AHEAD = { x: 0, y: 0, z: 0, w: 1 };
+const at = (x, y) => ({ position: { x, y, z: 0 }, orientation: AHEAD });
+const grid = (value) => ({ info: { width: 1, height: 1, resolution: 1, origin: at(0, 0) }, data: [value] });
 
 const LEFT = { x: 0, y: 0, z: Math.SQRT1_2, w: Math.SQRT1_2 };
 const link = (parent, child, x, rotation = LEFT) => ({
@@ -87,7 +89,9 @@ test("a scan that is old is shown no more", () => {
 });
 
 test("the robot is where its odometry says, and old when that is silent", () => {
-  assert.deepEqual(world.robot, { x: 0, y: 0, theta: 0, old: true });
+  assert.deepEqual(world.robot, { x: 0, y: 0, theta: 0, old: true, unknown: true });
+  world.receivePose(null);
+  assert.equal(world.robot.unknown, true);
   world.receivePose({ x: 1, y: 2, theta: 0 });
   assert.deepEqual(world.robot, { x: 1, y: 2, theta: 0, old: false });
   clock = 1001;
@@ -98,7 +102,7 @@ test("the localization moves the odometry's frame, and the way with it", () => {
   world.follow({ map: MAP, located: PLACE });
   world.show({ map: true });
   world.receivePose({ x: 1, y: 0, theta: 0 });
-  handlers.get("/amcl_pose")({ pose: { pose: { position: { x: 5, y: 5, z: 0 } } } });
+  handlers.get("/amcl_pose")({ pose: { pose: at(5, 5) } });
   world.receivePose({ x: 2, y: 0, theta: 0 });
   assert.deepEqual([world.robot.x, world.robot.y], [6, 5]);
 });
@@ -149,7 +153,7 @@ test("the frames say where the odometry began, in whatever frame the map is, and
   await handlers.get("/map")({ header: { frame_id: "/site" }, ...grid(0) });
   world.receivePose({ x: 1, y: 0, theta: 0, frame: "odom", base: "base_link" });
   handlers.get("/tf")(tf(link("site", "odom", 3)));
-  handlers.get("/amcl_pose")({ pose: { pose: { position: { x: 9, y: 9, z: 0 } } } });
+  handlers.get("/amcl_pose")({ pose: { pose: at(9, 9) } });
   const { x, y, theta, old } = world.robot;
   assert.deepEqual([rounded([x, y]), old], [[3, 1], false]);
   assert.ok(Math.abs(theta - Math.PI / 2) < 1e-9);
