@@ -45,10 +45,6 @@ class Admin:
         assert status < HTTPStatus.BAD_REQUEST, f"{method} {path} got {status}: {answer}"
         return answer
 
-    def token(self, name: str, user: str = "admin") -> str:
-        """Return a new API token of a user."""
-        return str(self.ask("POST", "/tokens", {"name": name, "user": user})["token"])
-
     def users(self) -> set[str]:
         """Return the names of all users."""
         return {one["name"] for one in self.ask("GET", "/users")["users"]}
