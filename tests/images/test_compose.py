@@ -174,6 +174,8 @@ def test_ports_are_published_over_ipv4_only(stack: Stack, name: str) -> None:
         ("web", "mysql", 3306, True),
         ("relay", "sshd", 2222, True),
         ("nginx", "mysql", 3306, False),
+        ("sshd", "mysql", 3306, True),
+        ("sshd", "web", 8000, False),
         ("nginx", "web", 8000, True),
         ("nginx", "relay", 8080, True),
     ],
