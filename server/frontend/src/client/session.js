@@ -160,6 +160,7 @@ export class ClockSync {
     this.now = now;
     this.samples = /** @type {{at: number, ahead: number}[]} */ ([]);
     this.roundTrips = /** @type {number[]} */ ([]);
+    this.heardAt = now();
     this.forget();
   }
 
@@ -182,6 +183,12 @@ export class ClockSync {
     this.key = undefined;
     this.samples = [];
     this.roundTrips = [];
+    this.heardAt = this.now();
+  }
+
+  // How long the relay has said nothing, which answers each beat; of no use while there is no link.
+  get silenceMs() {
+    return this.now() - this.heardAt;
   }
 
   sendSync() {
@@ -197,6 +204,7 @@ export class ClockSync {
   receive({ t_ms, relay_ms }) {
     if (!Number.isFinite(relay_ms)) return;
     const at = this.now();
+    this.heardAt = at;
     if (Number.isFinite(t_ms)) this.roundTrips = [...this.roundTrips, at - t_ms].slice(-SAMPLES);
     this.samples = [...this.fresh(at), { at, ahead: relay_ms - at }];
   }

@@ -203,7 +203,7 @@ export class Banner {
     this.element.dataset.shown = this.shown;
     this.pill.dataset.shown = this.shown;
     setText(part(this.pill, "pill-state"), text.title);
-    setText(part(this.element, "state-title"), text.title);
+    setText(part(this.element, "state-title"), text.headline?.(facts) ?? text.title);
     setText(part(this.element, "state-detail"), text.detail({ ...facts, reason: state.reason }));
     this.offer(state.login ? logIn : text.action);
   }
@@ -235,10 +235,20 @@ export class Banner {
 const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
 
 // `state` is the connection's (connection.js); `control` as in docs/reference/protocols.md, `video` the kind of the
-// VideoInterlock; `disabled` by an administrator; `slow` when commands come too late to count.
-export function selectStatus({ name }, { control, driving, video, disabled = false, slow }) {
+// VideoInterlock; `disabled` by an administrator; `slow` when commands come too late to count; `silentS` as of `silenceOf`.
+export function selectStatus({ name }, { disabled = false, ...facts }) {
   if (name !== "live") return disabled ? asDisabled(name) : name;
-  return robotStatus(control ?? {}) ?? (driving ? drivingStatus(video, slow) : null) ?? "live";
+  return robotStatus(facts.control ?? {}) ?? linkStatus(facts) ?? "live";
+}
+
+function linkStatus(/** @type {any} */ { driving, video, slow, silentS }) {
+  if (silentS) return "silent";
+  return driving ? drivingStatus(video, slow) : null;
+}
+
+// For how many whole seconds neither the server nor the video has come; 0 for less than one. `frameMs` null for no frame.
+export function silenceOf(serverMs, frameMs) {
+  return Math.floor(Math.min(serverMs, frameMs ?? Infinity) / 1000);
 }
 
 // Whether commands come too late to count: `server` and `robot` as of latencyBreakdown, the ways there and back; `maxAgeMs`

@@ -6,7 +6,7 @@ import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
 import { Session } from "../client/session.js";
 import { Arming, NO_CONTROLS, VideoInterlock } from "../control/arming.js";
-import { Banner, ControlPanel, isSlow } from "../control/controlPanel.js";
+import { Banner, ControlPanel, isSlow, silenceOf } from "../control/controlPanel.js";
 import { DriveMode, ReloadStore } from "../control/driveMode.js";
 import { Summary } from "../control/driveSummary.js";
 import { Buttons } from "../control/robotButtons.js";
@@ -24,6 +24,7 @@ import { Presses } from "./presses.js";
 import { driveSettings } from "./settings.js";
 
 const CHECK_MS = 50;
+const SILENCE_CHECK_MS = 250;
 
 const root = document.body; // the header has a part in it, too
 const main = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
@@ -31,7 +32,7 @@ const { robot = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, maxAgeMs } = driveSettings(settings);
-const facts = { since: "", observers: 0 };
+const facts = { since: "", observers: 0, silentS: 0 };
 
 const loginUse = new LoginUse();
 const reloadStore = new ReloadStore(robot);
@@ -200,6 +201,13 @@ function receiveRobot(update) {
   if (!wasOnline && online && ros !== "down") retryNow();
 }
 
+function checkSilence() {
+  const silentS = connection.live ? silenceOf(session.clockSync.silenceMs, interlock.ageMs) : 0;
+  if (silentS === facts.silentS) return;
+  facts.silentS = silentS;
+  showBanner();
+}
+
 // All but this page's own connections, which the server counts as well.
 function showWatchers() {
   const own = [connection.live && !driveMode.driving, topics.observerConnection.live].filter(Boolean).length;
@@ -243,6 +251,7 @@ window.addEventListener("pagehide", () => {
 });
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
 setInterval(() => interlock.check(), CHECK_MS);
+setInterval(checkSilence, SILENCE_CHECK_MS);
 connection.start();
 view.start();
 feed.start();

@@ -89,7 +89,7 @@ export const stop = {
   none: () => "",
   asked: () => "Stopping.",
   heard: () => "Stopping: not confirmed by the robot yet.",
-  unheard: () => "Not stopped: no answer from the server. Trying again.",
+  unheard: () => "No answer yet, trying again. Without commands the robot halts by itself.",
   failed: () => "Stop not confirmed. Press Stop again.",
   refused: ({ detail }) => `Not stopped: ${detail || "the server refused it"}.`,
   stopping: ({ by, at }) => `Stopping (${by}, ${at}), not confirmed yet.`,
@@ -157,6 +157,11 @@ export const states = {
     title: "Guard not answering",
     detail: () => "No command reaches the wheels. If this persists, restart the agent on the robot.",
   },
+  silent: {
+    title: "No connection",
+    headline: ({ silentS }) => `No connection for ${silentS} s.`,
+    detail: ({ control }) => halts(control?.guard),
+  },
   held: {
     title: "Paused",
     detail: ({ video }) => (video === "old" ? "The video is frozen." : "There is no video to drive by."),
@@ -171,6 +176,14 @@ export const states = {
     detail: () => "You cannot see what is in front of the robot.",
   },
 };
+
+// What a robot does without commands.
+function halts(guard) {
+  if (guard === "ready") return "The robot halts by itself.";
+  return guard === "off"
+    ? "Its guard is switched off: the robot does not stop by itself."
+    : "Whether the robot halts by itself is not known.";
+}
 
 function afterStop(mayDrive, again) {
   if (!mayDrive) return "Somebody who may drive has to release it.";

@@ -93,9 +93,7 @@ export function frameTopics(topics) {
 }
 
 // The names of the topics that are cameras; a compressed twin is no camera of its own.
-export function cameraTopics(topics) {
-  return [...new Set(topics.flatMap(cameraName))].sort();
-}
+export const cameraTopics = (topics) => [...new Set(topics.flatMap(cameraName))];
 
 function cameraName({ name, type }) {
   const plain = plainType(type);
@@ -106,11 +104,13 @@ function cameraName({ name, type }) {
 
 /** @typedef {{topic: string, name: string, turned_deg: number}} Camera */
 
-// The cameras to offer: the configured ones, else the `known` topics, else the usual one.
-/** @type {(cameras: {configured?: Camera[], known?: string[]}) => Camera[]} */
-export function offeredCameras({ configured = [], known = [] }) {
+// The cameras to offer: the configured ones, else the `known` topics, the usual one first and the others by name. While none
+// is known it is `guess`, the one that the person saw last, or else the usual one.
+/** @type {(cameras: {configured?: Camera[], known?: string[], guess?: string | null}) => Camera[]} */
+export function offeredCameras({ configured = [], known = [], guess = null }) {
   if (configured.length) return configured;
-  const topics = known.length ? known : [USUAL_CAMERA];
+  const first = (topic) => Number(topic !== USUAL_CAMERA);
+  const topics = known.length ? [...known].sort((a, b) => first(a) - first(b) || a.localeCompare(b)) : [guess ?? USUAL_CAMERA];
   return topics.map((topic) => ({ topic, name: nameOf(topic, topics), turned_deg: 0 }));
 }
 

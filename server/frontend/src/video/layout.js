@@ -16,6 +16,7 @@ export class Layout {
     this.kind = KINDS.includes(kind) ? kind : "one";
     this.wanted = typeof main === "string" ? main : null;
     this.wantedSecond = typeof second === "string" ? second : null;
+    this.seen = null;
     this.turns = {};
     for (const [id, turn] of Object.entries(turns ?? {})) {
       if ([90, 180, 270].includes(turn)) this.turns[id] = turn;
@@ -27,9 +28,15 @@ export class Layout {
     this.ids = [...ids];
   }
 
-  // The choice of a source that is not there yet, or no longer, is kept.
+  // The choice of a source that is not there yet, or no longer, is kept. What a person has seen a frame of stays until they
+  // choose another.
   get main() {
-    return this.ids.includes(this.wanted) ? this.wanted : (this.ids[0] ?? null);
+    return [this.seen, this.wanted].find((id) => this.ids.includes(id)) ?? this.ids[0] ?? null;
+  }
+
+  // A frame of this source has been shown.
+  keep(id) {
+    if (id === this.main) this.seen = id;
   }
 
   get second() {
@@ -57,6 +64,7 @@ export class Layout {
     if (!this.ids.includes(id) || id === this.main) return;
     this.wantedSecond = this.main;
     this.wanted = id;
+    this.seen = null;
   }
 
   nth(place) {

@@ -113,6 +113,7 @@ export class View {
   // A robot that reports no camera may have the usual one all the same.
   seen(topic) {
     this.known.add(topic);
+    this.layout.keep(topic);
     this.reportMain();
   }
 
@@ -129,7 +130,9 @@ export class View {
 
   offer() {
     const { page, known, hasMap, hasCamera, usualIsDown } = this;
-    this.cameras = usualIsDown && hasMap && !hasCamera ? [] : offeredCameras({ configured: page.cameras, known: [...known] });
+    const { wanted } = this.layout;
+    const guess = wanted === MAP ? null : wanted;
+    this.cameras = usualIsDown && hasMap && !hasCamera ? [] : offeredCameras({ configured: page.cameras, known: [...known], guess });
     const ids = this.cameras.map(({ topic }) => topic);
     this.layout.offer(hasMap ? [...ids, MAP] : ids);
     this.offerSources();

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { isSlow, selectStatus } from "../../src/control/controlPanel.js";
+import { isSlow, selectStatus, silenceOf } from "../../src/control/controlPanel.js";
 import { connection, states } from "../../src/texts/common.js";
 
 const texts = { ...connection, ...states };
@@ -67,4 +67,22 @@ test("each state has its own title and says what it means", () => {
   assert.equal(new Set(all.map((name) => texts[name].title)).size, all.length);
   const facts = { since: "12:03", video: "old", stopped: { by: "ben", at: "12:03" }, mayDrive: true };
   for (const name of all) assert.notEqual(texts[name].detail(facts), "", name);
+});
+
+test("silence of server and video together is no frozen video, and offers no driving without it", () => {
+  assert.equal(shown(LIVE, { ...FINE, video: "old", silentS: 1 }), "silent");
+  assert.equal(shown(LIVE, { ...FINE, driving: false, silentS: 1 }), "silent");
+  assert.equal(shown(LIVE, { ...FINE, control: { stopped: { confirmed: true } }, silentS: 1 }), "stopped");
+  const { headline, detail, action } = states.silent;
+  assert.equal(`${headline({ silentS: 3 })} ${detail(FINE)}`, "No connection for 3 s. The robot halts by itself.");
+  assert.equal(action, undefined);
+  assert.match(detail({ control: { guard: "off" } }), /does not stop by itself/);
+  assert.match(detail({ control: { guard: "unknown" } }), /not known/);
+});
+
+test("silence counts from when the later of both came, in whole seconds", () => {
+  assert.equal(silenceOf(999, 5000), 0);
+  assert.equal(silenceOf(5000, 400), 0);
+  assert.equal(silenceOf(1000, 5000), 1);
+  assert.equal(silenceOf(3999, null), 3);
 });

@@ -73,8 +73,8 @@ async function pressed(...answers) {
 
 test("a stop of all that the server does not hear is said again, and the person reads that nothing is stopped", async () => {
   const { said, times } = await pressed(0, 503, 200);
-  assert.match(said[0], /Trying again/);
-  assert.match(said[1], /Trying again/);
+  assert.match(said[0], /trying again/);
+  assert.match(said[1], /trying again/);
   assert.match(said[2], /No robot to stop/);
   assert.equal(times, 3);
 });

@@ -108,7 +108,7 @@ test("a camera and its compressed twin are one, and depth is no picture", () => 
     topic("/only", "sensor_msgs/CompressedImage"),
     topic("/scan", "sensor_msgs/LaserScan"),
   ];
-  assert.deepEqual(cameraTopics(topics), ["/front/image_raw", "/only", "/rear/image_raw"]);
+  assert.deepEqual(cameraTopics(topics).sort(), ["/front/image_raw", "/only", "/rear/image_raw"]);
 });
 
 test("the settings' topic comes first, then the usual name, then any of the type", () => {
@@ -138,10 +138,18 @@ test("configured cameras are all that are offered, and before anything is known 
   assert.equal(offeredCameras({ configured, known: ["/y"] }), configured);
   assert.deepEqual(offeredCameras({ known: ["/y"] }), [{ topic: "/y", name: "y", turned_deg: 0 }]);
   assert.equal(offeredCameras({})[0].topic, "/camera/image_raw");
+  assert.equal(offeredCameras({ guess: "/rear" })[0].topic, "/rear");
+});
+
+test("cameras are in one order, however the robot lists them: the usual one, then by name", () => {
+  const topics = (...known) => offeredCameras({ known, guess: "/z" }).map(({ topic }) => topic);
+  const order = ["/camera/image_raw", "/bayer", "/thermal"];
+  assert.deepEqual(topics("/thermal", "/camera/image_raw", "/bayer"), order);
+  assert.deepEqual(topics("/bayer", "/thermal", "/camera/image_raw"), order);
 });
 
 test("a camera is named by what tells it from the others", () => {
   const names = (...known) => offeredCameras({ known }).map(({ name }) => name);
-  assert.deepEqual(names("/front/image_raw", "/arm/rear/image_rect_color", "/image_raw"), ["front", "arm/rear", "/image_raw"]);
-  assert.deepEqual(names("/front/image_raw", "/front/image_mono"), ["/front/image_raw", "/front/image_mono"]);
+  assert.deepEqual(names("/front/image_raw", "/arm/rear/image_rect_color", "/image_raw"), ["arm/rear", "front", "/image_raw"]);
+  assert.deepEqual(names("/front/image_raw", "/front/image_mono"), ["/front/image_mono", "/front/image_raw"]);
 });

@@ -70,6 +70,18 @@ test("a camera that is wanted comes back into its place", () => {
   assert.equal(layout.main, "/c");
 });
 
+test("what has shown a frame stays the main one until another is chosen, whatever comes later", () => {
+  const later = new Layout({ main: "/c" });
+  later.offer(["/b"]);
+  later.keep("/b");
+  later.offer(["/a", "/b", "/c"]);
+  assert.equal(later.main, "/b");
+  later.keep("/a");
+  assert.equal(later.main, "/b");
+  later.choose("/c");
+  assert.equal(later.main, "/c");
+});
+
 test("no source shows nothing", () => {
   layout.offer([]);
   layout.next();
