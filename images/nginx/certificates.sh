@@ -1,13 +1,18 @@
 # Which certificate serves; sourced by entrypoint.sh. nginx reads one pair in /run/nginx/tls, which is put there from the
-# first of these that holds: the admin's own (a folder that compose's service secrets fills), the one from the ACME authority (the service
-# acme), the self-signed one. A pair that does not hold, such as one of which only half has been copied, changes nothing.
+# first of these that can serve: the admin's own (a folder that compose's service certificate fills), the one from the ACME
+# authority (the service acme), the self-signed one. Each is tried before it serves (try-certificate). One that fails, such
+# as one of which only half has been copied, changes nothing: what served before stays in force, also after a restart.
 # shellcheck shell=sh
 
 readonly SELF_SIGNED=/etc/nginx/tls
 readonly OWN=/etc/nginx/own
 readonly ACME=/etc/nginx/acme/current
 readonly SERVED=/run/nginx/tls
+# Where SERVED leads, in a volume.
+readonly KEPT=$SELF_SIGNED/served
 readonly LOOK_EVERY_S=2
+# A refused pair is tried again after this many minutes: the clock may have been wrong.
+readonly RETRY_MIN=1
 
 subject_alternative_names() { # host
   case "$1" in
@@ -36,23 +41,39 @@ ensure_self_signed() { # host
   mv "$SELF_SIGNED/cert.pem.new" "$SELF_SIGNED/cert.pem"
 }
 
-public_key_of_certificate() { openssl x509 -in "$1" -noout -pubkey 2>/dev/null; }
-public_key_of_key() { openssl pkey -in "$1" -pubout 2>/dev/null; }
+serves_still() { # a pair that could serve when it began, and has not ended
+  [ -s "$SERVED/cert.pem" ] && [ -s "$SERVED/key.pem" ] && openssl x509 -in "$SERVED/cert.pem" -noout -checkend 0 >/dev/null 2>&1
+}
 
-holds() { # folder: a certificate that has not ended, and its key
-  [ -s "$1/cert.pem" ] && [ -s "$1/key.pem" ] &&
-    openssl x509 -in "$1/cert.pem" -noout -checkend 0 >/dev/null 2>&1 &&
-    [ "$(public_key_of_certificate "$1/cert.pem")" = "$(public_key_of_key "$1/key.pem")" ]
+pair_hash() { cat "$1/cert.pem" "$1/key.pem" | sha256sum; }
+
+# Tries a pair once, and says once why it cannot serve.
+can_serve() { # folder
+  [ -s "$1/cert.pem" ] && [ -s "$1/key.pem" ] || return 1
+  if is_served "$1"; then
+    serves_still
+    return
+  fi
+  refused=/run/nginx/refused$(echo "$1" | tr / -)
+  hash=$(pair_hash "$1")
+  before=$(cat "$refused" 2>/dev/null || true)
+  if [ "$hash" = "$before" ] && [ -z "$(find "$refused" -mmin "+$RETRY_MIN")" ]; then return 1; fi
+  if reason=$(/usr/lib/robotether/try-certificate "$1/cert.pem" "$1/key.pem" "${PUBLIC_HOST:-}"); then return; fi
+  echo "$hash" > "$refused"
+  if [ "$hash" != "$before" ]; then
+    echo "nginx: cannot use the certificate in $1: $reason. What served before stays in force." >&2
+  fi
+  return 1
 }
 
 # While a better pair is being replaced, what serves goes on.
 chosen() { # prints the folder of the pair that is to serve
   for folder in "$OWN" "$ACME"; do
-    if holds "$folder"; then
+    if can_serve "$folder"; then
       printf '%s\n' "$folder"
       return
     fi
-    if [ -e "$folder/cert.pem" ] && holds "$SERVED"; then
+    if [ -e "$folder/cert.pem" ] && serves_still; then
       printf '%s\n' "$SERVED"
       return
     fi
@@ -61,8 +82,8 @@ chosen() { # prints the folder of the pair that is to serve
 }
 
 # Browsers remember for months that this host has a real certificate, so only a real one says it.
-strict_transport() { # folder
-  if [ "$1" = "$SELF_SIGNED" ]; then echo /etc/nginx/hsts-off.conf; else echo /etc/nginx/hsts-on.conf; fi
+strict_transport() {
+  if cmp -s "$SERVED/cert.pem" "$SELF_SIGNED/cert.pem"; then echo /etc/nginx/hsts-off.conf; else echo /etc/nginx/hsts-on.conf; fi
 }
 
 is_served() { # folder
@@ -70,11 +91,12 @@ is_served() { # folder
 }
 
 serve() { # folder
-  (umask 077 && mkdir -p "$SERVED")
-  (umask 077 && cp "$1/key.pem" "$SERVED/key.new" && cp "$1/cert.pem" "$SERVED/cert.new")
-  mv "$SERVED/key.new" "$SERVED/key.pem"
-  mv "$SERVED/cert.new" "$SERVED/cert.pem"
-  ln -sfn "$(strict_transport "$1")" /run/nginx/hsts.conf
+  if ! is_served "$1"; then
+    (umask 077 && cp "$1/key.pem" "$SERVED/key.new" && cp "$1/cert.pem" "$SERVED/cert.new")
+    mv "$SERVED/key.new" "$SERVED/key.pem"
+    mv "$SERVED/cert.new" "$SERVED/cert.pem"
+  fi
+  ln -sfn "$(strict_transport)" /run/nginx/hsts.conf
   echo "nginx: serving the certificate in $1, $(openssl x509 -in "$SERVED/cert.pem" -noout -fingerprint -sha256)"
 }
 

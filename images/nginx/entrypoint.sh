@@ -40,6 +40,8 @@ main() {
   esac
   write_https_port
   ensure_self_signed "$HOST"
+  (umask 077 && mkdir -p "$KEPT")
+  ln -sfn "$KEPT" "$SERVED"
   serve_peers
   serve "$(chosen)"
   nginx -t

@@ -14,7 +14,7 @@ from local_network import free_port
 from plain_compose import PASSWORD, PlainCompose
 
 SERVICES = dict.fromkeys(("nginx", "web", "relay", "sshd", "mysql"), "healthy")
-ONE_SHOTS = dict.fromkeys(("secrets", "migrate"), "exited 0")
+ONE_SHOTS = dict.fromkeys(("certificate", "secrets", "migrate"), "exited 0")
 OWNERS = r"""
 from pathlib import Path
 agents = [one for one in Path("/proc").glob("[0-9]*") if b"robotether_agent\0run" in (one / "cmdline").read_bytes()]
@@ -102,7 +102,7 @@ def served(site: PlainCompose) -> str:
 
 
 def test_own_certificate_serves_and_a_wrong_one_changes_nothing(site: PlainCompose) -> None:
-    """Files beside compose.yaml; the log of `secrets` says what is wrong with them."""
+    """Files beside compose.yaml. `up` says that one is wrong, and all others run on, also when they are new."""
     now = datetime.now(UTC)
     both = make_certificate(site.compose_folder, now - timedelta(days=1), now + timedelta(days=9))
     site.settings |= {"TLS_CERT_FILE": both.name, "TLS_KEY_FILE": both.name}
@@ -110,10 +110,23 @@ def test_own_certificate_serves_and_a_wrong_one_changes_nothing(site: PlainCompo
     site.wait("served", lambda: served(site).strip() in both.read_text(), "nginx")
     good = both.read_text()
     both.write_text(good[: len(good) // 2])
+    site.settings["LOG_LEVEL"] = "debug"
+    said = site.run("up", "--detach")
+    assert said.returncode == 0
+    running = SERVICES | ONE_SHOTS | {"certificate": "exited 1"}
+    site.wait("all others", lambda: site.states() == running, *SERVICES)
+    assert '"certificate" didn\'t complete successfully' in said.stderr
+    assert "cannot use your own certificate: " in site.log("certificate")
+    site.settings["LOG_LEVEL"] = "info"
     assert site.run("up", "--detach", "--wait").returncode != 0
-    assert "cannot use your own certificate: the file of TLS_" in site.log("secrets")
+    assert site.states() == running
+    site.settings |= {"TLS_KEY_FILE": "missing.key", "LOG_LEVEL": "debug"}
+    missing = site.run("up", "--detach")
+    assert missing.returncode != 0
+    assert "missing.key" in missing.stderr
+    assert {name: site.states()[name] for name in SERVICES} == SERVICES
     assert served(site).strip() in good
-    site.settings |= {"TLS_CERT_FILE": "", "TLS_KEY_FILE": ""}
+    site.settings |= {"TLS_CERT_FILE": "", "TLS_KEY_FILE": "", "LOG_LEVEL": "info"}
     site.compose("up", "--detach", "--wait")
     site.wait("taken back", lambda: served(site).strip() not in good, "nginx")
 

@@ -22,6 +22,7 @@ from cryptography import x509
 from cryptography.x509.verification import PolicyBuilder, Store
 from dated_certificate import make_certificate
 from image_names import ensure_built, image
+from tls_front import openssl
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS: dict[str, set[str]] = {
@@ -82,22 +83,19 @@ class Site:
     volume: str
     own: Path
 
-    def make(self, cert: object = "", key: object = "", database: str = "mysql") -> tuple[int, str]:
+    def make(self, database: str = "mysql") -> tuple[int, str]:
         """Run the service as compose does, with the host of the database; status and what it printed."""
         done = self._run(
             ["make-secrets"],
             f"{self.own}:/own/secrets:ro",
-            f"{cert or '/dev/null'}:/own/cert.pem:ro",
-            f"{key or '/dev/null'}:/own/key.pem:ro",
             environment={"DB_HOST": database},
         )
         return done.returncode, done.stdout + done.stderr
 
     def export(self) -> dict[str, str]:
         """The secrets that the next machine gets: name -> text."""
-        mounts = [f"{self.own}:/own/secrets:ro"]
-        mounts += [f"/dev/null:/own/{name}.pem:ro" for name in ("cert", "key")]
-        done = self._run(["sh", "-c", "make-secrets export | base64"], *mounts)
+        command = ["sh", "-c", "make-secrets export | base64"]
+        done = self._run(command, f"{self.own}:/own/secrets:ro")
         assert done.returncode == 0, done.stderr
         with tarfile.open(fileobj=io.BytesIO(base64.b64decode(done.stdout))) as archive:
             return {
@@ -297,68 +295,55 @@ def test_half_a_pair_stops_the_start(site: Site, given: str, missing: str) -> No
     assert f"cannot use your own {given}: {missing} is missing" in said
 
 
-def make_pair(folder: Path, name: str, *, days: int = 2) -> tuple[Path, Path]:
-    """A self-signed certificate that began nine days ago and ends in so many, and its key."""
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[str, str]:
+    """A certificate for localhost that is good for a day, and its key."""
     now = datetime.now(UTC)
-    both = make_certificate(folder, now - timedelta(days=9), now + timedelta(days=days))
-    cert, key = folder / f"{name}.crt", folder / f"{name}.key"
-    begin_of_key = "-----BEGIN PRIVATE KEY-----"
-    certificate, _, private = both.read_text().partition(begin_of_key)
-    cert.write_text(certificate)
-    key.write_text(begin_of_key + private)
-    key.chmod(0o600)
-    return cert, key
+    both = make_certificate(tmp_path, now - timedelta(days=1), now + timedelta(days=1)).read_text()
+    certificate, begin, key = both.partition("-----BEGIN PRIVATE KEY-----")
+    return certificate, begin + key
 
 
-def test_own_certificate_is_handed_to_nginx_and_taken_back(site: Site, tmp_path: Path) -> None:
-    """It is copied when both settings name a pair, and removed when they are empty again."""
-    cert, key = make_pair(tmp_path, "robots.example.org")
-    assert site.make(cert, key)[0] == 0
-    files = site.files()["nginx"]
-    served = {name: found[2] for name, found in files.items() if name in ("cert.pem", "key.pem")}
-    assert served == {"cert.pem": cert.read_text(), "key.pem": key.read_text()}
-    assert files["key.pem"][1] == 0o440
-    assert site.make() == (0, "")
-    assert set(site.texts()["nginx"]) == FOLDERS["nginx"]
-
-
-@pytest.fixture(scope="module")
-def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two pairs, one that has ended, and a folder."""
-    folder = tmp_path_factory.mktemp("certificates")
-    (folder / "own").mkdir()
-    make_pair(folder, "one")
-    make_pair(folder, "two")
-    make_pair(folder, "ended", days=-1)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def serving(certificates: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """A site with a certificate of its own, which no test changes."""
-    with site_in(tmp_path_factory.mktemp("serving")) as made:
-        assert made.make(certificates / "one.crt", certificates / "one.key")[0] == 0
-        yield made
+def test_pair_for_another_name_stops_the_start(site: Site, pair: tuple[str, str]) -> None:
+    """The cells of the site would not accept it, nor would programs that ask the database."""
+    certificate, key = pair
+    for name in ("peer", "database"):
+        (site.own / f"{name}_cert.pem").write_text(certificate)
+        (site.own / f"{name}_key.pem").write_text(key)
+        (site.own / "database_ca.pem").write_text(certificate)
+        status, said = site.make()
+        assert (status, site.texts()) == (1, {})
+        assert f"cannot use your own {name}_cert.pem: hostname mismatch" in said
+        (site.own / f"{name}_cert.pem").unlink()
+        (site.own / f"{name}_key.pem").unlink()
 
 
 @pytest.mark.parametrize(
-    ("pair", "why"),
+    ("wrong", "why"),
     [
-        (("one.crt", ""), "set both"),
-        (("", "one.key"), "set both"),
-        (("one.crt", "two.key"), "is not the key of"),
-        (("one.crt", "own"), "is not the key of"),
-        (("one.key", "one.key"), "is no certificate"),
-        (("ended.crt", "ended.key"), "has ended"),
+        ("cert", "database_cert.pem: it is no certificate in PEM"),
+        ("key", "database_key.pem: it is no private key in PEM"),
+        ("other", "database_key.pem: it is not the key of database_cert.pem"),
+        ("ca", "database_cert.pem: self-signed certificate"),
+        ("", "secrets: made"),
     ],
 )
-def test_own_certificate_that_cannot_serve_stops_the_start(
-    serving: Site, certificates: Path, pair: tuple[str, str], why: str
+def test_own_pair_is_tried_before_anything_is_made(
+    site: Site, pair: tuple[str, str], wrong: str, why: str
 ) -> None:
-    """With a sentence; what serves goes on."""
-    status, said = serving.make(*(name and certificates / name for name in pair))
-    assert status == 1
-    assert "cannot use your own certificate: " in said
+    """MariaDB would not start with a wrong one, for ever."""
+    certificate, key = pair
+    [other, authority] = [
+        openssl("genpkey", "-algorithm", "ed25519"),
+        openssl("req", "-x509", "-newkey", "ed25519", "-noenc", "-subj", "/CN=ca", "-keyout", "/dev/null"),
+    ]  # fmt: skip
+    files = {"cert": certificate, "key": key, "ca": certificate}
+    replaced = {"cert": key, "key": certificate, "ca": authority.decode()}
+    files |= {"key": other.decode()} if wrong == "other" else {}
+    files |= {wrong: replaced[wrong]} if wrong in replaced else {}
+    for name, text in files.items():
+        (site.own / f"database_{name}.pem").write_text(text)
+    status, said = site.make(database="localhost")
+    assert status == (1 if wrong else 0)
     assert why in said
-    good = (certificates / "one.crt").read_text()
-    assert serving.texts()["nginx"]["cert.pem"] == good
+    assert (site.texts() == {}) == bool(wrong)

@@ -1,0 +1,186 @@
+"""A certificate of one's own is tried before it serves: by nginx, and by a client that knows what browsers know."""
+
+from __future__ import annotations
+
+import subprocess
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from dated_certificate import make_certificate
+from image_names import ensure_built, image
+from tls_front import openssl
+
+HOST = "robots.example.org"
+EC = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256")
+RSA = ("-newkey", "rsa:2048")
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Certificates and keys as people have them, each made when it is asked for."""
+
+    folder: Path
+
+    def __getitem__(self, name: str) -> Path:
+        return self.folder / name
+
+    def self_signed(self, name: str, *options: str, key: tuple[str, ...] = EC) -> None:
+        """Write NAME.pem and NAME.key."""
+        openssl(
+            *("req", "-x509", *key, "-noenc", "-subj", f"/CN={HOST}", *options),
+            *("-keyout", str(self[f"{name}.key"]), "-out", str(self[f"{name}.pem"])),
+        )
+
+    def sign(self, name: str, by: str, *options: str) -> None:
+        """Write NAME.pem and NAME.key, signed by another pair here."""
+        self.self_signed(
+            name, *options, "-CA", str(self[f"{by}.pem"]), "-CAkey", str(self[f"{by}.key"])
+        )
+
+    def join(self, name: str, *parts: str) -> None:
+        """Write NAME.pem of certificates in this order."""
+        self[f"{name}.pem"].write_bytes(b"".join(self[f"{one}.pem"].read_bytes() for one in parts))
+
+
+def names(*given: str) -> tuple[str, ...]:
+    """Options for a certificate with these names."""
+    return ("-addext", "subjectAltName=" + ",".join(given))
+
+
+NAMED = names(f"DNS:{HOST}")
+AUTHORITY = ("-addext", "keyUsage=critical,keyCertSign")
+MIDDLE = ("-addext", "basicConstraints=critical,CA:TRUE", *AUTHORITY)
+
+
+@pytest.fixture(scope="module")
+def pairs(tmp_path_factory: pytest.TempPathFactory) -> Pairs:
+    """A site's authority with an intermediate one, a good certificate, and those that failed."""
+    made = Pairs(tmp_path_factory.mktemp("pairs"))
+    made.self_signed("root", "-subj", "/CN=root", *AUTHORITY)
+    made.sign("middle", "root", "-subj", "/CN=middle", *MIDDLE)
+    made.sign("good", "middle", *NAMED)
+    made.join("chain", "good", "middle", "root")
+    made.join("reversed", "root", "middle", "good")
+    made.join("shuffled", "good", "root", "middle")
+    made.self_signed("rsa", *NAMED, key=RSA)
+    made.self_signed("wildcard", *names("DNS:*.example.org"))
+    made.self_signed("address", *names("IP:192.0.2.7"))
+    made.self_signed("other", *names("DNS:other.example"))
+    made.self_signed("nameless")
+    made.self_signed("ed25519", *NAMED, key=("-newkey", "ed25519"))
+    made.self_signed("p521", *NAMED, key=("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-521"))
+    made.self_signed("small", *NAMED, key=("-newkey", "rsa:1024"))
+    made.self_signed("client", *NAMED, "-addext", "extendedKeyUsage=clientAuth")
+    for name, year in (("ended", 2020), ("later", 2090)):
+        begin = datetime(year, 1, 1, tzinfo=UTC)
+        both = make_certificate(made.folder, begin, begin + timedelta(days=365))
+        both.rename(made[f"{name}.pem"])
+    for kind, name in (("x509", "good.pem"), ("pkey", "good.key")):
+        openssl(kind, "-in", str(made[name]), "-outform", "der", "-out", str(made[f"{name}.der"]))
+    lock = ("-aes128", "-passout", "pass:secret", "-out", str(made["locked.key"]))
+    openssl("pkey", "-in", str(made["good.key"]), *lock)
+    made["half.pem"].write_bytes(made["good.pem"].read_bytes()[:300])
+    made["folder"].mkdir()
+    return made
+
+
+@dataclass(frozen=True)
+class Site:
+    """A volume of secrets, as compose's service `certificate` has it."""
+
+    pairs: Pairs
+    volume: str
+
+    def take(self, certificate: str, key: str, host: str = HOST) -> tuple[int, str]:
+        """Run the service with two files of `pairs`; empty: not set. Status, and what it printed."""
+        done = self._run(
+            "/usr/lib/robotether/take-certificate",
+            *("--env", f"PUBLIC_HOST={host}", "--tmpfs", "/run/nginx"),
+            *("--volume", f"{self.pairs[certificate] if certificate else '/dev/null'}:/own/cert.pem:ro"),
+            *("--volume", f"{self.pairs[key] if key else '/dev/null'}:/own/key.pem:ro"),
+        )  # fmt: skip
+        return done.returncode, done.stdout + done.stderr
+
+    def handed_over(self) -> str:
+        """The certificate that nginx finds; empty: none."""
+        show = "cat /secrets/nginx/cert.pem 2>/dev/null || true"
+        return self._run("/bin/sh", "--interactive", stdin=show).stdout
+
+    def _run(
+        self, entrypoint: str, *options: str, stdin: str = ""
+    ) -> subprocess.CompletedProcess[str]:
+        command = ["docker", "run", "--rm", "--read-only", "--network", "none", "--user", "0:0"]
+        command += ["--cap-drop", "ALL", "--cap-add", "CHOWN", "--cap-add", "DAC_OVERRIDE"]
+        command += ["--volume", f"{self.volume}:/secrets", "--entrypoint", entrypoint, *options]
+        return subprocess.run(
+            [*command, image("nginx")],
+            input=stdin, check=False, capture_output=True, text=True, timeout=60,
+        )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def site(pairs: Pairs) -> Iterator[Site]:
+    """A site whose own certificate serves."""
+    ensure_built("nginx")
+    made = Site(pairs, f"robotether-test-certificate-{uuid.uuid4().hex[:8]}")
+    assert made.take("chain.pem", "good.key") == (0, "")
+    yield made
+    subprocess.run(["docker", "volume", "rm", made.volume], check=True, capture_output=True)
+
+
+REFUSED = [
+    ("good.pem", "", HOST, "set both TLS_CERT_FILE and TLS_KEY_FILE"),
+    ("", "good.key", HOST, "set both TLS_CERT_FILE and TLS_KEY_FILE"),
+    ("good.pem.der", "good.key", HOST, "is in DER; nginx reads PEM"),
+    ("good.pem", "good.key.der", HOST, "the key is in DER"),
+    ("good.key", "good.key", HOST, "is no certificate in PEM"),
+    ("good.pem", "good.pem", HOST, "is no private key in PEM"),
+    ("folder", "good.key", HOST, "is a folder"),
+    ("half.pem", "good.key", HOST, "certificate 1 of the file is damaged"),
+    ("good.pem", "locked.key", HOST, "has a password"),
+    ("good.pem", "other.key", HOST, "the key is not the key of the certificate"),
+    ("reversed.pem", "good.key", HOST, "own certificate is number 3 in the file, and must be the first"),
+    ("shuffled.pem", "good.key", HOST, "certificate 2 of the file did not sign certificate 1"),
+    ("other.pem", "other.key", HOST, f"another name than PUBLIC_HOST, {HOST}: it is for DNS:other.example"),
+    ("good.pem", "good.key", "192.0.2.7", "another name than PUBLIC_HOST, 192.0.2.7"),
+    ("nameless.pem", "nameless.key", HOST, "has no subjectAltName"),
+    ("ed25519.pem", "ed25519.key", HOST, "no browser opens a site with this kind of key: ED25519"),
+    ("p521.pem", "p521.key", HOST, "no browser opens a site with this kind of key"),
+    ("small.pem", "small.key", HOST, "nginx cannot load it: ee key too small"),
+    ("client.pem", "client.key", HOST, "is not for servers"),
+    ("ended.pem", "ended.pem", "localhost", "has ended"),
+    ("later.pem", "later.pem", "localhost", "is not valid yet"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("certificate", "key", "host", "why"), REFUSED)
+def test_what_cannot_serve_is_refused_and_changes_nothing(
+    site: Site, certificate: str, key: str, host: str, why: str
+) -> None:
+    status, said = site.take(certificate, key, host)
+    assert status == 1
+    assert said.startswith("cannot use your own certificate: ")
+    assert why in said
+    assert site.handed_over() == site.pairs["chain.pem"].read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "host"),
+    [("rsa", HOST), ("wildcard", HOST), ("address", "192.0.2.7"), ("other", ""), ("good", HOST)],
+)
+def test_what_browsers_accept_is_handed_to_nginx(site: Site, name: str, host: str) -> None:
+    assert site.take(f"{name}.pem", f"{name}.key", host) == (0, "")
+    assert site.handed_over() == site.pairs[f"{name}.pem"].read_text()
+    assert site.take("chain.pem", "good.key") == (0, "")
+
+
+def test_certificate_is_taken_back(site: Site) -> None:
+    """Empty settings remove it, also where none is."""
+    for _ in range(2):
+        assert site.take("", "") == (0, "")
+        assert site.handed_over() == ""
+    assert site.take("chain.pem", "good.key") == (0, "")
