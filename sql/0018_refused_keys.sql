@@ -14,14 +14,15 @@ BEGIN
     RESIGNAL;
   END;
   IF held = 1 THEN
-    SELECT MAX(IF(is_key, id, NULL)), MAX(IF(is_network, id, NULL)), MAX(id), IFNULL(SUM(is_network), 0), COUNT(*)
+    -- Without a derived table: MariaDB refuses such a SELECT when a connection calls the procedure again.
+    SELECT MAX(IF(JSON_VALUE(e.details, '$.fingerprint') <=> fingerprint, e.id, NULL)),
+        MAX(IF(IF(e.address LIKE '%:%', LEFT(INET6_ATON(e.address), 8), INET6_ATON(e.address)) <=> network, e.id, NULL)),
+        MAX(e.id),
+        SUM(IF(e.address LIKE '%:%', LEFT(INET6_ATON(e.address), 8), INET6_ATON(e.address)) <=> network),
+        COUNT(*)
       INTO of_key, of_network, newest, network_lines, all_lines
-      FROM (
-        SELECT e.id, JSON_VALUE(e.details, '$.fingerprint') <=> fingerprint AS is_key,
-          IF(e.address LIKE '%:%', LEFT(INET6_ATON(e.address), 8), INET6_ATON(e.address)) <=> network AS is_network
-        FROM audit_events e WHERE e.kind = 'key_refused' AND e.at > CURRENT_TIMESTAMP(6) - INTERVAL 1 HOUR
-      ) AS recent;
-    IF of_key IS NULL AND network_lines < 10 AND all_lines < 60 THEN
+      FROM audit_events e WHERE e.kind = 'key_refused' AND e.at > CURRENT_TIMESTAMP(6) - INTERVAL 1 HOUR;
+    IF of_key IS NULL AND IFNULL(network_lines, 0) < 10 AND all_lines < 60 THEN
       INSERT INTO audit_events (actor, kind, address, details)
         VALUES ('sshd', 'key_refused', NULLIF(address, ''), JSON_OBJECT('fingerprint', fingerprint));
     ELSEIF COALESCE(of_key, of_network) IS NOT NULL THEN

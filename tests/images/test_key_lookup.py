@@ -109,6 +109,8 @@ def test_refused_key_is_recorded_with_an_address_or_none(
     unknown = "SHA256:" + b64encode(sha256(connection.encode()).digest()).decode().rstrip("=")
     done = look_up(stack, "tunnel", unknown, connection)
     assert (done.returncode, done.stdout) == (0, "")
+    # Whoever logs in does not wait for the line.
+    stack.wait("the line of the key", lambda: refused(stack, unknown))
     assert refused(stack, unknown) == [[address]]
 
 

@@ -189,6 +189,14 @@ def test_a_network_with_many_keys_hides_no_others(
     assert [line.get("more") for line in lines] == [None] * 9 + [5, None]
 
 
+def test_one_connection_records_key_after_key(database: Database, keylookup: Database) -> None:
+    """As sshd's look-ups keep theirs."""
+    with keylookup.transaction() as tx:
+        for number in range(5):
+            tx.change("CALL record_refused_key(%s, %s)", (f"SHA256:{number}", ADDRESS))
+    assert len(refused_lines(database)) == 5
+
+
 def test_many_networks_leave_sixty_lines_an_hour(database: Database, keylookup: Database) -> None:
     """Somebody with many addresses cannot fill the disk, and the last line counts what has none."""
     for number in range(65):
