@@ -37,7 +37,7 @@ from robotether_server.relay.auth.credentials import Credentials, credential_of
 from robotether_server.relay.robots.demand import Demand
 from robotether_server.relay.robots.sessions import SessionRegistry
 from robotether_server.schemas import Level
-from robotether_server.tickets import MAX_AHEAD_S, CredentialKind, Ticket, TicketSigner
+from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
 
 LOGIN_COOKIE = "__Host-robotether_login"
 ROBOT_NAME = re.compile(r"[a-z0-9-]{1,63}")
@@ -251,10 +251,9 @@ class Access:
     def _use(self, ticket: Ticket, issued_at: datetime, robot: RelayRobot) -> None:
         online_s = self._online_s(robot.id)
         if online_s is not None:
-            # Counted back from now, as the clock may have been set since. A signature's timestamp has whole seconds, of
-            # a machine whose clock may be ahead.
+            # Counted back from now, as the clock may have been set since. A signature's timestamp has whole seconds.
             connected_at = self._clock() - timedelta(seconds=online_s)
-            if issued_at < connected_at.replace(microsecond=0) + timedelta(seconds=MAX_AHEAD_S):
+            if issued_at < connected_at.replace(microsecond=0):
                 raise TicketExpired(
                     "cannot accept the ticket: the robot has connected elsewhere since; get a new one"
                 )
