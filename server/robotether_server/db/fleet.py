@@ -15,6 +15,7 @@ from functools import cached_property
 
 from robotether_server import robot_settings
 from robotether_server.db import control
+from robotether_server.db.cells import LOST_CODE
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, StopEntry
 from robotether_server.db.database import Row, Transaction
 from robotether_server.problems import FieldInvalid
@@ -53,6 +54,8 @@ class RelayRobot:
     rotate_key: bool = False
     settings: RobotSettings = robot_settings.DEFAULTS
     site: str | None = None
+    # Of a machine with this robot's MAC and a key that is not the robot's: waiting, rejected, or None.
+    other_key: str | None = None
 
 
 @dataclass(frozen=True)
@@ -160,7 +163,7 @@ def load(tx: Transaction) -> Snapshot:
     rights = changes(tx).rights
     robots = tx.rows(
         "SELECT id, name, state, ros_port, video_port, agent_version, shell_port,"
-        " fingerprint, previous_fingerprint, rotate_key, settings, site FROM relay_robots"
+        " fingerprint, previous_fingerprint, rotate_key, settings, site, other_key FROM relay_robots"
     )
     grants = tx.rows("SELECT user_id, robot_id, level FROM relay_grants")
     return Snapshot(
@@ -185,15 +188,16 @@ def _settings_of(row: Row) -> RobotSettings:
         return LOCKED
 
 
-def last_seen(tx: Transaction) -> list[tuple[int, datetime]]:
-    """Read since when each robot that has ever connected is offline; a dead cell's, since the cell is."""
+def last_seen(tx: Transaction) -> list[tuple[int, datetime, str | None]]:
+    """Read since when and why each robot that has ever connected is offline; a dead cell's, since the cell is."""
     # Of each robot its newest session, by the index: a relay begins with this, and there may be millions.
     rows = tx.rows(
-        "SELECT s.robot_id, COALESCE(s.ended_at, c.heartbeat_at, CURRENT_TIMESTAMP(6)) AS since"
+        "SELECT s.robot_id, COALESCE(s.ended_at, c.heartbeat_at, CURRENT_TIMESTAMP(6)) AS since,"  # noqa: S608
+        f" {LOST_CODE} AS end_code"
         " FROM (SELECT MAX(id) AS id FROM robot_sessions GROUP BY robot_id) newest"
         " JOIN robot_sessions s ON s.id = newest.id LEFT JOIN cells c ON c.name = s.cell"
     )
-    return [(row["robot_id"], row["since"]) for row in rows]
+    return [(row["robot_id"], row["since"], row["end_code"]) for row in rows]
 
 
 def users_of(tx: Transaction, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:

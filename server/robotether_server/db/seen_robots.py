@@ -11,6 +11,7 @@ from robotether_server.db import cells, robots
 from robotether_server.db.database import Row, Transaction
 from robotether_server.db.robots import Robot
 from robotether_server.db.users import User
+from robotether_server.offline import offline_reason
 from robotether_server.schemas import Level, Timestamp
 
 
@@ -26,12 +27,14 @@ def _select(of_robot: str = "") -> str:
         "COALESCE(s.ended_at, IF(present.id IS NULL, lost.heartbeat_at, NULL), s.started_at) AS since, "
         "COALESCE(s.address, r.join_address) AS seen_address, "
         "COALESCE(s.agent_version, r.agent_version) AS seen_version, "
+        f"o.state AS other_key, s.id IS NOT NULL AS ever_online, {cells.LOST_CODE} AS end_code, "
         "present.id IS NOT NULL AND COALESCE(s.ros_exposed, FALSE) AS ros_exposed, "
         "IF(%(admin)s, 'manage', g.level) AS level "
         "FROM robots r "
         f"LEFT JOIN ({sessions}) present ON present.robot_id = r.id "
         "LEFT JOIN robot_sessions s ON s.id = COALESCE("
         "present.id, (SELECT MAX(newest.id) FROM robot_sessions newest WHERE newest.robot_id = r.id)) "
+        "LEFT JOIN other_keys o ON o.robot_id = r.id "
         "LEFT JOIN cells lost ON lost.name = s.cell "
         "LEFT JOIN (SELECT robot_id, level FROM relay_grants WHERE user_id = %(user_id)s) g "
         "ON g.robot_id = r.id "
@@ -65,6 +68,8 @@ class SeenRobot:
     address: str | None = None
     agent_version: str | None = None
     ros_exposed: bool = False
+    # Why it is offline; None: it is online.
+    offline_reason: str | None = None
 
 
 @dataclass(frozen=True)
@@ -114,6 +119,16 @@ def _seen(row: Row) -> SeenRobot:
         address=row["seen_address"],
         agent_version=row["seen_version"],
         ros_exposed=bool(row["ros_exposed"]),
+        offline_reason=None if row["online"] else _offline_reason(row),
+    )
+
+
+def _offline_reason(row: Row) -> str:
+    return offline_reason(
+        row["state"],
+        row["end_code"],
+        ever_online=bool(row["ever_online"]),
+        other_key=row["other_key"],
     )
 
 

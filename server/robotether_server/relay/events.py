@@ -17,6 +17,7 @@ from typing import Any, Protocol
 from aiohttp import web
 
 from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.offline import offline_reason
 from robotether_server.problems import TooManyConnections
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.auth.connections import Connections
@@ -175,7 +176,9 @@ class FleetEvents:
         part = self._elsewhere(robot.id) or self.describe_here(robot.id)
         version = part["agent_version"] or robot.agent_version
         row = {"name": robot.name, "state": robot.state, "site": robot.site}
-        return row | part | {"agent_version": version}
+        return (
+            row | part | {"agent_version": version, "offline_reason": _offline_reason(robot, part)}
+        )
 
     def describe_here(self, robot_id: int) -> RobotObject:
         """Build what of a robot object this cell knows, and no row."""
@@ -183,6 +186,7 @@ class FleetEvents:
         return {
             "online": presence.online,
             "since": rfc3339(presence.since),
+            "end_code": presence.end_code,
             "address": presence.address,
             "rtt_ms": presence.rtt_ms,
             "ros": presence.ros,
@@ -199,6 +203,17 @@ class FleetEvents:
         if now - self._rtt_notified_at.get(robot_id, 0.0) >= RTT_NOTIFY_EVERY_S:
             self._rtt_notified_at[robot_id] = now
             self.changed(robot_id)
+
+
+def _offline_reason(robot: RelayRobot, part: RobotObject) -> str | None:
+    if part["online"]:
+        return None
+    return offline_reason(
+        robot.state,
+        part["end_code"],
+        ever_online=part["since"] is not None,
+        other_key=robot.other_key,
+    )
 
 
 class Subscriber(ChangedRobots):

@@ -38,6 +38,7 @@ EXPECTED = {
         "user_groups": EDIT,
         "user_group_members": EDIT,
         "relay_grants": "SELECT",
+        "other_keys": "SELECT",
         "robot_sessions": "SELECT",
         "control_leases": "SELECT",
         "drives": "SELECT",

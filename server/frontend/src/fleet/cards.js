@@ -18,17 +18,18 @@ export function presenceText({ state, online, since }, written = localTime) {
 }
 
 // Its times in UTC, as lists have them on hover.
+// Why it is offline, too, which may be too long for its place.
 export function utcText(robot) {
   const { by, at } = robot.control?.stopped ?? {};
   const stopped = at && stopTexts.stopped({ by, at: utcTimestamp(at) });
-  return [robot.since && presenceText(robot, utcTimestamp), stopped].filter(Boolean).join("\n");
+  return [robot.since && presenceText(robot, utcTimestamp), stopped, !robot.online && robot.offline_reason].filter(Boolean).join("\n");
 }
 
 const isLow = (battery) => Boolean(battery) && !battery.charging && battery.percent < LOW_PERCENT;
 
-// What keeps an online robot from being used, or soon will.
-export function attention({ online, ros, video, battery, control }) {
-  if (!online) return [];
+// What keeps a robot from being used, or soon will.
+export function attention({ online, offline_reason: reason, ros, video, battery, control }) {
+  if (!online) return [reason || texts.offlineUnknown];
   const found = [
     ros === "down" && texts.ros,
     video === "down" && texts.video,

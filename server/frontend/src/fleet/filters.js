@@ -8,7 +8,7 @@ const IN_STATE = {
   online: ({ online }) => online,
   driven: ({ control }) => Boolean(control?.driver),
   stopped: ({ control }) => Boolean(control?.stopped),
-  attention: (robot) => robot.state === "pending" || attention(robot).length > 0,
+  attention: (robot) => attention(robot).length > 0,
 };
 const STATES = Object.keys(IN_STATE);
 

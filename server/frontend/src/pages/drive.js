@@ -32,7 +32,7 @@ const { robot = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, maxAgeMs } = driveSettings(settings);
-const facts = { since: "", observers: 0, silentS: 0 };
+const facts = { since: "", why: "", observers: 0, silentS: 0 };
 
 const loginUse = new LoginUse();
 const reloadStore = new ReloadStore(robot);
@@ -192,8 +192,8 @@ function useTopics({ twistType, speed, topics: all }) {
 
 function receiveRobot(update) {
   const wasOnline = facts.online && facts.ros !== "down";
-  const { state, online, ros, since, control, rtt_ms: rttMs, observers } = update;
-  Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since), disabled: state === "disabled" });
+  const { state, online, offline_reason: why, ros, since, control, rtt_ms: rttMs, observers } = update;
+  Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since), why: why ?? "", disabled: state === "disabled" });
   facts.observers = observers;
   showWatchers();
   if (control) session.controlState.fromFeed(control);

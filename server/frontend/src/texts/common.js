@@ -14,7 +14,7 @@ export const connection = {
   },
   offline: {
     title: "Robot offline",
-    detail: ({ since, reason }) => `${offlineSince(since, reason)}This page connects by itself when the robot is back.`,
+    detail: ({ since, why, reason }) => `${offlineSince(since, reason)}${why ? `${why} ` : ""}This page connects by itself when the robot is back.`,
     action: "Try now",
   },
   rosbridge_down: {

@@ -5,6 +5,7 @@ import { noFrames } from "./video.js";
 export const fleet = {
   online: (since) => (since ? `Online since ${since}` : "Online"),
   offline: (since) => (since ? `Offline since ${since}` : "Never seen"),
+  offlineUnknown: "It is not known why.",
   pending: "Awaiting approval",
   disabled: "Disabled",
   rtt: (ms) => `${ms} ms`,

@@ -46,6 +46,8 @@ test("an offline robot keeps the reason that the server gave", () => {
   const state = afterClose({ code: 4503, reason: "robot sim1 has been offline since 12:03 UTC" });
   const detail = texts.offline.detail({ since: "", reason: state.reason });
   assert.match(detail, /offline since 12:03 UTC/);
+  const why = "The robot went silent.";
+  assert.match(texts.offline.detail({ since: "12:03", why, reason: "" }), /^Since 12:03\. The robot went silent\. This page/);
 });
 
 test("a refused ticket ends the attempts only where another attempt cannot help", () => {

@@ -22,8 +22,14 @@ test("the times of a card are in UTC on hover", () => {
   assert.equal(utcText({ state: "active", online: false, since: null }), "");
 });
 
-test("only an online robot's health calls for attention", () => {
-  assert.equal(healthText({ online: false, ros: "down", video: "down" }), "");
+test("an offline robot calls for attention, and says why it is offline if that is known", () => {
+  const away = { online: false, since: null, ros: "down", video: "down" };
+  assert.equal(healthText({ ...away, offline_reason: "The robot went silent." }), "The robot went silent.");
+  assert.equal(utcText({ ...away, offline_reason: "The robot went silent." }), "The robot went silent.");
+  assert.equal(healthText(away), "It is not known why.");
+});
+
+test("an online robot's health calls for attention", () => {
   assert.equal(healthText({ online: true, ros: "ok", video: "unknown" }), "");
   assert.equal(healthText({ online: true, ros: "down", video: "down" }), "rosbridge does not answer, video does not answer");
 });

@@ -36,7 +36,7 @@ test("each choice narrows what is shown", () => {
   assert.deepEqual(names({ states: ["online"] }), ["sim10", "sim30"]);
   assert.deepEqual(names({ states: ["online", "driven"] }), ["sim10"]);
   assert.deepEqual(names({ states: ["stopped"] }), ["sim30"]);
-  assert.deepEqual(names({ states: ["attention"] }), ["sim30"]);
+  assert.deepEqual(names({ states: ["attention"] }), ["sim2", "sim30"]);
   assert.deepEqual(names({ words: "ann", site: "lab" }), []);
 });
 

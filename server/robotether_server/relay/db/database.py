@@ -49,8 +49,8 @@ class RelayDatabase:
         """Read robots and rights."""
         return await self._ask(fleet.load)
 
-    async def last_seen(self) -> list[tuple[int, datetime]]:
-        """Read since when robots are offline."""
+    async def last_seen(self) -> list[tuple[int, datetime, str | None]]:
+        """Read since when and why robots are offline."""
         return await self._ask(fleet.last_seen)
 
     async def users_of(

@@ -33,7 +33,7 @@ class Fleet:
         rights_changed: Callable[[Snapshot], None],
         credentials_changed: Callable[[], Awaitable[None]],
         check_new_credentials: Callable[[], Awaitable[None]],
-        last_seen: Callable[[list[tuple[int, datetime]]], None],
+        last_seen: Callable[[list[tuple[int, datetime, str | None]]], None],
         on_stored_control: Callable[[StoredControl], None],
         poll_every_s: float = POLL_EVERY_S,
     ) -> None:

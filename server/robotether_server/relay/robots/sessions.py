@@ -90,6 +90,8 @@ class Presence:
 
     online: bool = False
     since: datetime | None = None
+    # Why the last session of a robot that is offline ended; None: unknown, or it never had one.
+    end_code: str | None = None
     # Of the monotonic clock, for durations; None while the robot is offline.
     connected_at: float | None = None
     address: str | None = None
@@ -178,7 +180,7 @@ class SessionRegistry:
         """Another cell had the robot until now."""
         presence = self.presence(robot_id)
         if not presence.online:
-            self._presences[robot_id] = replace(presence, since=self._clock())
+            self._presences[robot_id] = replace(presence, since=self._clock(), end_code=None)
 
     def has(self, robot_id: int, kind: Kind) -> bool:
         """Return whether a robot has a link of a kind."""
@@ -205,11 +207,11 @@ class SessionRegistry:
         """Count the robots that are online."""
         return self._online
 
-    def remember(self, last_seen: Iterable[tuple[int, datetime]]) -> None:
-        """Take over from the records since when robots are offline."""
-        for robot_id, since in last_seen:
+    def remember(self, last_seen: Iterable[tuple[int, datetime, str | None]]) -> None:
+        """Take over from the records since when and why robots are offline."""
+        for robot_id, since, end_code in last_seen:
             if robot_id not in self._presences:
-                self._presences[robot_id] = Presence(since=since)
+                self._presences[robot_id] = Presence(since=since, end_code=end_code)
 
     def forget_all_but(self, robot_ids: Iterable[int]) -> None:
         """Drop what is known of robots that are gone and not connected."""
@@ -299,7 +301,7 @@ class SessionRegistry:
         before = self.presence(link.robot_id)
         if link.kind == "session" and before.online:
             version, epoch = before.agent_version, before.epoch
-            after = Presence(since=self._clock(), agent_version=version, epoch=epoch)
+            after = Presence(since=self._clock(), end_code=code, agent_version=version, epoch=epoch)
             self._notify(Change("disconnected", link.robot_id, after, code))
 
     def _notify(self, change: Change) -> None:

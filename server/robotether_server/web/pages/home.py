@@ -132,6 +132,7 @@ def _card(seen: SeenRobot) -> dict[str, object]:
         "state": seen.robot.state,
         "online": seen.online,
         "since": rfc3339(seen.since),
+        "offline_reason": seen.offline_reason or "",
         "level": seen.level,
         "site": seen.robot.site,
         "camera": _first_camera(seen),

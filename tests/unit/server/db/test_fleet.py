@@ -179,7 +179,7 @@ def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1)
     with relay_database.transaction() as tx:
         assert fleet.write(tx, [entry], "a") == {}
         (row,) = tx.rows("SELECT * FROM robot_sessions")
-        assert fleet.last_seen(tx) == [(sim1, NOON + HOUR)]
+        assert fleet.last_seen(tx) == [(sim1, NOON + HOUR, "timeout")]
     assert (row["started_at"], row["ended_at"]) == (NOON, NOON + HOUR)
     assert (row["address"], row["end_code"]) == ("198.51.100.7", "timeout")
     assert len(row["agent_version"]) == fleet.MAX_VERSION
@@ -193,7 +193,7 @@ def test_a_robots_newest_session_says_when_it_was_last_seen(relay_database, sim1
     newest.ended_at = NOON + 2 * HOUR
     with relay_database.transaction() as tx:
         fleet.write(tx, [former, newest])
-        assert fleet.last_seen(tx) == [(sim1, NOON + 2 * HOUR)]
+        assert fleet.last_seen(tx) == [(sim1, NOON + 2 * HOUR, None)]
 
 
 def test_a_robot_of_a_dead_cell_was_last_seen_when_that_died(relay_database, admin_database, sim1):
@@ -204,7 +204,7 @@ def test_a_robot_of_a_dead_cell_was_last_seen_when_that_died(relay_database, adm
     with admin_database.transaction() as tx:
         tx.change("UPDATE cells SET heartbeat_at = %s", (NOON + HOUR,))
     with relay_database.transaction() as tx:
-        assert fleet.last_seen(tx) == [(sim1, NOON + HOUR)]
+        assert fleet.last_seen(tx) == [(sim1, NOON + HOUR, "cell_removed")]
 
 
 def test_new_rows_are_told_by_the_entrys_place(relay_database, sim1):

@@ -61,6 +61,11 @@ def test_presence_is_the_newest_session(database: Database, admin_database: Data
         seen += seen_robots.list_all(tx)
     never, online, offline = seen
     assert [one.online for one in seen] == [False, True, False]
+    assert [one.offline_reason for one in seen] == [
+        "This robot awaits approval.",
+        None,
+        "This robot awaits approval.",
+    ]
     assert never.since is None
     assert online.since is not None
     assert offline.since is not None
@@ -189,3 +194,22 @@ def test_driver_and_stop_are_shown(database: Database, admin_database: Database)
         assert seen_robots.control_of(tx, two) == stopped
         assert seen_robots.control_of(tx, three) == FREE
         assert seen_robots.control_of_all(tx) == {one: driven, two: stopped}
+
+
+def test_another_key_shows_on_web_and_at_the_relay(
+    database: Database, relay_database: Database, sim1: Robot
+) -> None:
+    """While it waits, and when it was rejected; both notice the change."""
+    said = []
+    for act in (
+        lambda _tx: None,
+        lambda tx: robots.add_claim(tx, sim1, KEY, REPORT),
+        lambda tx: robots.reject_claim(tx, robots.list_claims(tx)[0].id, sim1.name, "root"),
+    ):
+        with database.transaction() as tx:
+            act(tx)
+        with relay_database.transaction() as tx:
+            snapshot = fleet.load(tx)
+        said.append((snapshot.robots[sim1.id].other_key, snapshot.rights))
+    assert [key for key, _ in said] == [None, "waiting", "rejected"]
+    assert len({version for _, version in said}) == 3

@@ -195,6 +195,8 @@ async def test_the_fleet_comes_first(relay, robot, sim1, follow):
         "name": "sim1",
         "state": "active",
         "online": True,
+        "end_code": None,
+        "offline_reason": None,
         "address": "198.51.100.7",
         "ros": "ok",
         "video": "ok",
@@ -228,6 +230,7 @@ async def test_a_robot_never_seen_has_no_since(relay, sim1, follow):
     async with follow(ANN) as events:
         _, (shown,) = await events.next()
     assert (shown["online"], shown["since"], shown["ros"]) == (False, None, "unknown")
+    assert shown["offline_reason"] == "This robot has not connected yet."
 
 
 async def test_coming_and_going_are_told(relay, sim1, follow):
@@ -241,6 +244,8 @@ async def test_coming_and_going_are_told(relay, sim1, follow):
         await robot.stop()
         gone = await events.robot_with(online=False)
         assert (gone["address"], gone["rtt_ms"], gone["ros"]) == (None, None, "unknown")
+        assert gone["end_code"] == "link_lost"
+        assert gone["offline_reason"].startswith("The tunnel was closed")
 
 
 async def test_drivers_and_observers_are_told(relay, robot, sim1, http, follow):

@@ -425,7 +425,7 @@ async def test_a_release_without_a_guard_is_written(world):
 
 async def test_an_offline_robot_stays_stopped(world):
     """The problem says since when it is offline."""
-    world.registry.remember([(SIM1.id, NOON)])
+    world.registry.remember([(SIM1.id, NOON, None)])
     world.stops.learn(Stop(SIM1.id, NOON, "ben"), is_written=True)
     with pytest.raises(RobotOffline, match="sim1 has been offline since 2026-01-01 12:00 UTC"):
         await world.stops.release(SIM1, "ann")

@@ -58,11 +58,11 @@ async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_dat
 
 async def test_the_past_is_read_once(fleet, memory_database, heard):
     """Since when robots are offline is asked at the first contact."""
-    memory_database.seen = [(7, utc(2026, 1, 1))]
+    memory_database.seen = [(7, utc(2026, 1, 1), None)]
     await fleet.poll()
     memory_database.add_robot(8, "sim2")
     await fleet.poll()
-    assert heard.last_seen == [[(7, utc(2026, 1, 1))]]
+    assert heard.last_seen == [[(7, utc(2026, 1, 1), None)]]
 
 
 async def test_a_new_login_is_no_new_snapshot(fleet, memory_database, heard):

@@ -78,7 +78,7 @@ def test_a_newer_link_makes_the_older_leave_first(registry, changes):
 
 def test_robots_that_are_online_are_counted(registry):
     """Whatever they report, and however often they come back."""
-    registry.remember([(8, NOW)])
+    registry.remember([(8, NOW, "timeout")])
     counts = [registry.online_count()]
     for link in (online(registry), online(registry)):
         registry.on_hello(link, "0.1.0", "on")
@@ -137,7 +137,9 @@ def test_leaving_forgets_what_holds_only_while_online(registry):
     registry.on_heartbeat(link, 12.345)
     assert registry.presence(7).rtt_ms == 12.3
     registry.disconnected(link, "timeout")
-    assert registry.presence(7) == Presence(since=NOW, agent_version="0.1.0", epoch=8)
+    assert registry.presence(7) == Presence(
+        since=NOW, end_code="timeout", agent_version="0.1.0", epoch=8
+    )
     assert registry.count("session") == 0
     assert registry.online() == []
 
@@ -146,15 +148,17 @@ def test_the_database_tell_since_when_but_never_overrule(registry):
     """What the records remember counts for robots of which nothing newer is known."""
     online(registry)
     before = utc(2025, 12, 31)
-    registry.remember([(7, before), (8, before)])
+    registry.remember([(7, before, None), (8, before, "timeout")])
     assert registry.presence(7).online
-    assert registry.presence(8) == Presence(since=before)
+    assert registry.presence(8) == Presence(since=before, end_code="timeout")
+    registry.seen_elsewhere(8)
+    assert registry.presence(8).end_code is None
 
 
 def test_robots_that_are_gone_are_forgotten_unless_connected(registry):
     """What is known is never more than the fleet and its links."""
     online(registry)
-    registry.remember([(8, NOW), (9, NOW)])
+    registry.remember([(8, NOW, None), (9, NOW, None)])
     registry.forget_all_but([9])
     assert registry.presence(7).online
     assert registry.presence(8) is NEVER_SEEN

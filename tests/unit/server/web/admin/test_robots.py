@@ -204,6 +204,22 @@ def test_page_warns_of_a_rosbridge_that_its_network_reaches(
         assert ("<code>address:=127.0.0.1</code>" in page) == warns
 
 
+def test_page_says_why_the_robot_is_offline(admin: Browser, admin_database: Database) -> None:
+    """And nothing of it while it is online."""
+    pages = []
+    for change in (
+        "UPDATE robots SET state = 'active' WHERE name = 'sim1'",
+        "INSERT INTO robot_sessions (robot_id, address) SELECT id, '' FROM robots WHERE name = 'sim1'",
+        "UPDATE robot_sessions SET ended_at = started_at, end_code = 'timeout'",
+    ):
+        with admin_database.transaction() as tx:
+            tx.change(change)
+        pages.append(admin.ask("GET", "/admin/robots/sim1").text)
+    assert "has not connected yet" in pages[0]
+    assert 'data-testid="offline-reason"' not in pages[1]
+    assert "The robot went silent" in pages[2]
+
+
 def test_page_says_what_to_do_next(admin: Browser, program: Browser) -> None:
     """A robot that has not joined needs its agent, one that waits needs an admin."""
     assert "has not joined yet" in admin.ask("GET", "/admin/robots/sim1").text

@@ -1,0 +1,38 @@
+"""Why a robot is offline, as pages say it."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import pytest
+from robotether_common.session import ByeCode
+from robotether_server.offline import offline_reason
+
+UNKNOWN = "It is not known why."
+
+
+@pytest.mark.parametrize(
+    "code",
+    sorted({*get_args(ByeCode), "relay_restarted", "cell_removed"} - {"shell_off", "unwatched"}),
+)
+def test_each_end_of_a_session_has_its_sentence(code: str) -> None:
+    assert offline_reason("active", code, ever_online=True) != UNKNOWN
+
+
+@pytest.mark.parametrize("code", [None, "", "of_a_newer_server"])
+def test_what_is_unknown_is_said_to_be_unknown(code: str | None) -> None:
+    assert offline_reason("active", code, ever_online=True) == UNKNOWN
+
+
+def test_the_robots_state_counts_before_its_last_session() -> None:
+    assert "disabled" in offline_reason("disabled", "timeout", ever_online=True)
+    assert "approval" in offline_reason("pending", None, ever_online=False)
+    assert "not connected yet" in offline_reason("active", None, ever_online=False)
+
+
+def test_another_key_is_said_beside_the_end_and_not_instead() -> None:
+    """It may be the reason, or another machine's."""
+    text = offline_reason("active", "timeout", ever_online=True, other_key="waiting")
+    assert "awaits approval" in text
+    assert "went silent" in text
+    assert "rejected" in offline_reason("active", None, ever_online=True, other_key="rejected")
