@@ -202,15 +202,6 @@ const SPEED_READERS = {
 // The function that reads {forward, left, turn} out of a message of this type, each null where it is not known; or undefined.
 export const speedReader = (type) => SPEED_READERS[plainType(type)];
 
-const SPEED_TYPES = Object.keys(SPEED_READERS);
-const SPEED_TOPICS = ["/odom", "/pose"];
-
-// The topic with the robot's speed: odometry before pose, the usual name before others.
-export function speedTopic(topics) {
-  const rank = ({ name, type }) => SPEED_TYPES.indexOf(plainType(type)) * 2 + (SPEED_TOPICS.includes(name) ? 0 : 1);
-  return topics.filter(({ type }) => speedReader(type)).sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name))[0];
-}
-
 // Poses in the plane are {x, y, theta} in m and rad (REP-103); odometry names the frame that it is in, and the robot's own.
 const POSE_READERS = {
   "nav_msgs/Odometry": ({ header, child_frame_id, pose }) => {

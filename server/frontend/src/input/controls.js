@@ -56,6 +56,7 @@ function setUpKeyboard(root, teleop, kind, onStep) {
   const fields = new FieldFocus({ onChange: () => showTaken(root, teleop.accepts && fields.taken) });
   const keyboard = new Keyboard({ teleop, kind, fields, onStep, onKeys: (codes) => lightCaps(root, codes) });
   for (const key of ["KeyQ", "KeyE"]) root.querySelector(`[data-key=${key}]`).hidden = kind !== "holonomic";
+  part(root, "sideways-keys").hidden = kind !== "holonomic";
   keyboard.listen(window);
   fields.listen(window);
   return keyboard;

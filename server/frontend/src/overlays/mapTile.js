@@ -9,19 +9,19 @@ const USUAL = 3;
 
 export class MapTile {
   // `world` as of world.js; `memory()` gives {zoom, scan, path, map} as the person left it, or undefined; `onMemory` gets it
-  // when that changes. `small`: without tools, and of what comes anyway: the robot and the way that it came.
+  // when that changes. `small`: without tools.
   /** @param {any} element @param {{world: any, memory?: () => any, onMemory?: (map: object) => void, small?: boolean}} options */
   constructor(element, { world, memory = () => ({}), onMemory = () => {}, small = false }) {
     this.element = element;
     this.world = world;
+    this.memory = memory;
     this.onMemory = onMemory;
-    const left = memory() ?? {};
     this.canvas = part(element, "picture");
     this.canvas.setAttribute("aria-label", texts.label);
-    this.zoom = left.zoom in ZOOMS ? left.zoom : USUAL;
-    this.parts = { scan: left.scan !== false, path: left.path !== false, map: left.map !== false };
-    if (small) this.parts = { scan: false, path: true, map: false };
-    else this.listen();
+    const { zoom } = memory() ?? {};
+    this.zoom = zoom in ZOOMS ? zoom : USUAL;
+    this.parts = partsOf(memory());
+    if (!small) this.listen();
   }
 
   listen() {
@@ -47,6 +47,7 @@ export class MapTile {
 
   start() {
     this.running = true;
+    this.parts = partsOf(this.memory()); // the person may have chosen others on the other map
     this.world.show(this.parts);
     this.draw();
   }
@@ -104,8 +105,9 @@ export class MapTile {
     const ratio = window.devicePixelRatio || 1;
     const { clientWidth, clientHeight } = this.element;
     this.fit(Math.round(clientWidth * ratio), Math.round(clientHeight * ratio));
-    drawWorld(this.canvas, this.world, { zoom: ZOOMS[this.zoom] * ratio, parts: this.parts });
-    const empty = !this.world.odometry && !this.world.map && !this.world.points;
+    const { world, parts } = this;
+    const empty = isEmpty(world, parts);
+    drawWorld(this.canvas, world, { zoom: ZOOMS[this.zoom] * ratio, parts, empty });
     setText(part(this.element, "words"), empty ? texts.nothing : "");
   }
 
@@ -115,6 +117,8 @@ export class MapTile {
   }
 }
 
+const partsOf = (/** @type {any} */ { scan, path, map } = {}) => ({ scan: scan !== false, path: path !== false, map: map !== false });
+
 // Draws the robot from above: map, path, scan and itself, in the middle of a canvas. Draws only; world.js knows.
 const COLOURS = { grid: "#232b36", path: "#5aa9ff", scan: "#ff6b6b", robot: "#ffb000", old: "#8a94a3" };
 const ROBOT_M = 0.3;
@@ -122,12 +126,16 @@ const ROBOT_LEAST_PX = 9;
 const GRID_LEAST_PX = 14;
 const SCALE_LEAST_PX = 30;
 
+// Whether neither the robot's place nor a wanted part is known.
+export const isEmpty = ({ robot, map, points }, parts) => Boolean(robot.unknown) && !(parts.map && map) && !(parts.scan && points);
+
 // `zoom` in device pixels a metre. `parts` {scan, path, map}: what is wanted to be seen.
-function drawWorld(canvas, world, { zoom, parts }) {
+function drawWorld(canvas, world, { zoom, parts, empty }) {
   const context = canvas.getContext("2d");
   const { robot } = world;
   context.setTransform(1, 0, 0, 1, 0, 0);
   context.clearRect(0, 0, canvas.width, canvas.height);
+  if (empty) return; // an arrow would be a place
   // From here on in metres, y up, the robot in the middle.
   context.setTransform(zoom, 0, 0, -zoom, canvas.width / 2 - robot.x * zoom, canvas.height / 2 + robot.y * zoom);
   drawGrid(context, canvas, robot, zoom);

@@ -66,6 +66,7 @@ const readings = new Readings(root, { frameAge: () => interlock.ageMs, limits, h
 const view = new View(root, {
   robot,
   settings,
+  driveTopic,
   holdAfterMs,
   openFrames: (topic, options) => new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
   subscribe,
@@ -182,11 +183,11 @@ function showRoundTrip(reading) {
   showBanner();
 }
 
-function useTopics({ twistType, speed, topics: all }) {
+function useTopics({ twistType, speed, topics: all, own }) {
   session.useType(twistType);
   controls.useType(session.type);
   if (speed) readback.follow(speed);
-  view.found(all);
+  view.found(own);
   topics.receive(all);
 }
 

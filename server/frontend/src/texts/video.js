@@ -29,9 +29,13 @@ export const frame = {
   },
 };
 
+const TOPIC_KINDS = { scan: "laser scan", located: "localization", tfStatic: "static frames", tf: "frames" };
+
 export const video = {
   map: "Map",
   mapTooBig: "This robot's map is too large for the server, so it is not shown.",
+  topicInDoubt: (kind, candidates) =>
+    `Which ${TOPIC_KINDS[kind] ?? kind} topic is this robot's: ${candidates.join(" or ")}? A manager chooses it in the robot's settings.`,
   snapshotSaved: "Picture saved.",
   snapshotFailed: (status) => (status ? `Picture not saved: the server answered ${status}.` : "Picture not saved: no answer."),
   snapshotNoFrames: (topic) => `Picture not saved. ${noFrames(topic)}`,

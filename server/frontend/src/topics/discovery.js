@@ -2,14 +2,16 @@
 // are cameras, and which ones map and readouts are made of.
 
 import { DriveTypeQuery, ask } from "../client/driveType.js";
-import { plainType, speedReader, speedTopic } from "../client/rosbridge.js";
+import { plainType, speedReader } from "../client/rosbridge.js";
+import { chooseTopic, ownTopics } from "./ownTopics.js";
 
 const AGAIN_MS = 5000;
 
 export class Discovery {
-  // `onFound` gets {twistType, speed, cameras, topics}, all topics as {name, type}. `driveType` and `odometryTopic` are
-  // the settings', or null.
+  // `onFound` gets {twistType, speed, cameras, topics, own}: all topics as {name, type}, and those of this robot.
+  // `driveType` and `odometryTopic` are the settings', or null.
   constructor({ driveTopic, driveType = null, odometryTopic = null, onFound }) {
+    this.driveTopic = driveTopic;
     this.driveType = new DriveTypeQuery({ topic: driveTopic, set: driveType });
     this.odometryTopic = odometryTopic;
     this.onFound = onFound;
@@ -23,12 +25,8 @@ export class Discovery {
     const round = this.round;
     const [topics, twistType] = await Promise.all([allTopics(call), this.driveType.find(call)]);
     if (round !== this.round) return;
-    const found = {
-      twistType,
-      speed: this.speed(topics),
-      cameras: cameraTopics(topics),
-      topics,
-    };
+    const own = ownTopics(topics, this.driveTopic);
+    const found = { twistType, speed: this.speed(own), cameras: cameraTopics(own), topics, own };
     this.onFound(found);
     if (!found.speed || found.cameras.length === 0 || !this.driveType.reported) {
       this.timer = setTimeout(() => this.run(call), AGAIN_MS);
@@ -46,10 +44,12 @@ export class Discovery {
     this.round += 1;
   }
 
+  // Where there is no odometry, a turtle's pose.
   speed(topics) {
-    if (!this.odometryTopic) return speedTopic(topics);
-    const named = topicOf("odometry", topics, this.odometryTopic);
-    return speedReader(named.type) ? named : undefined;
+    const { driveTopic, odometryTopic: named } = this;
+    const { topic, candidates } = chooseTopic("odometry", topics, { named, driveTopic });
+    if (topic || candidates.length) return topic && speedReader(topic.type) ? topic : undefined;
+    return chooseTopic("turtle", topics, { driveTopic }).topic;
   }
 }
 
@@ -61,36 +61,6 @@ async function allTopics(call) {
 // What the drive page can show, from the robot's settings or else from its topics. Pure.
 const USUAL_CAMERA = "/camera/image_raw";
 const COMPRESSED = "/compressed";
-
-// Of each kind: the type, and the usual names, the best first.
-const KINDS = {
-  odometry: { type: "nav_msgs/Odometry", usual: ["/odom"] },
-  scan: { type: "sensor_msgs/LaserScan", usual: ["/scan"] },
-  map: { type: "nav_msgs/OccupancyGrid", usual: ["/map"] },
-  located: { type: "geometry_msgs/PoseWithCovarianceStamped", usual: ["/amcl_pose", "/pose"] },
-  battery: { type: "sensor_msgs/BatteryState", usual: ["/battery_state", "/battery"] },
-  // The aggregator's topic has all in one message, each of the other's only a part.
-  diagnostics: { type: "diagnostic_msgs/DiagnosticArray", usual: ["/diagnostics_agg", "/diagnostics"] },
-};
-
-// The topic {name, type} of a kind: the one that the settings name, else the usual, else any of the type, else undefined.
-export function topicOf(kind, topics, named = null) {
-  const { type, usual } = KINDS[kind];
-  if (named) return topics.find(({ name }) => name === named) ?? { name: named, type };
-  const rank = ({ name }) => (usual.includes(name) ? usual.indexOf(name) : usual.length);
-  const fit = topics.filter((topic) => plainType(topic.type) === type);
-  return fit.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name))[0];
-}
-
-const FRAME_TYPES = ["tf2_msgs/TFMessage", "tf/tfMessage"];
-
-// The topics of the robot's frames, each {name, type} or undefined; a robot in a namespace may have them there.
-export function frameTopics(topics) {
-  const known = topics.filter(({ type }) => FRAME_TYPES.includes(plainType(type)));
-  const named = (last) =>
-    known.filter(({ name }) => name.endsWith(last)).sort((a, b) => a.name.length - b.name.length || a.name.localeCompare(b.name))[0];
-  return { tf: named("/tf"), tfStatic: named("/tf_static") };
-}
 
 // The names of the topics that are cameras; a compressed twin is no camera of its own.
 export const cameraTopics = (topics) => [...new Set(topics.flatMap(cameraName))];

@@ -9,7 +9,8 @@ import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
 import { Choices, TEXT, byTestId, download, matches, onPress, part, setText } from "../pages/page.js";
 import { video as texts } from "../texts/video.js";
-import { cameraTopics, frameTopics, offeredCameras, topicOf } from "../topics/discovery.js";
+import { cameraTopics, offeredCameras } from "../topics/discovery.js";
+import { chooseTopic } from "../topics/ownTopics.js";
 import { requestedQuality } from "./cameraTile.js";
 import { Layout, MAP } from "./layout.js";
 import { NUMBER_KEYS, SourceButtons } from "./sourceButtons.js";
@@ -23,14 +24,15 @@ const SETTLE_MS = 300;
 const ROOM_FOR_MAP = "(min-width: 600px) and (min-height: 700px), (max-width: 599px) and (min-height: 800px)"; // as of drive-deck.css
 
 export class View {
-  // `holdAfterMs` as of settings.js; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of
+  // `driveTopic` and `holdAfterMs` as of settings.js; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of
   // client/frames.js; `subscribe` as of connection.js; `onMain({offered, at})` reports the main frame as of VideoInterlock,
   // ten times a second and at each frame.
-  constructor(root, { robot, settings, holdAfterMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
+  constructor(root, { robot, settings, driveTopic, holdAfterMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
     this.root = root;
     this.robot = robot;
     this.now = now;
     this.page = settings.page ?? {};
+    this.driveTopic = driveTopic;
     this.element = byTestId(root, "view");
     this.choices = new Choices(`sight.${robot}`);
     this.layout = new Layout(this.choices.all.layout);
@@ -47,7 +49,7 @@ export class View {
     this.tools = this.findTools();
     this.sourceButtons = new SourceButtons(part(root, "sources"), { onChoose: (id) => this.choose(id) });
     this.world = new World({ subscribe, onChange: () => this.drawMaps(), now });
-    this.smallMap = new MapTile(part(root, "small-map"), { world: this.world, small: true });
+    this.smallMap = new MapTile(part(root, "small-map"), { world: this.world, memory: () => this.choices.all.map, small: true });
     this.roomForMap = matchMedia(ROOM_FOR_MAP);
     this.overlays = new Overlays(root, { subscribe, now });
     const ring = part(root, "laser-ring"); // drivers have one
@@ -78,16 +80,30 @@ export class View {
     setInterval(() => this.tick(), CHECK_MS);
   }
 
-  // `topics` are all that the robot has, {name, type}.
+  // `topics` are all of this robot's, {name, type}.
   found(topics) {
-    const { page } = this;
+    const { page, driveTopic } = this;
     cameraTopics(topics).forEach((topic) => this.known.add(topic));
-    const of = (kind) => topicOf(kind, topics, page[`${kind}_topic`]);
+    const questions = [];
+    const of = (kind) => {
+      const { topic, candidates } = chooseTopic(kind, topics, { named: page[`${kind}_topic`], driveTopic });
+      if (candidates.length) questions.push(texts.topicInDoubt(kind, candidates));
+      return topic;
+    };
     this.followed = { scan: of("scan"), map: of("map"), located: of("located") };
-    this.world.follow({ ...this.followed, ...frameTopics(topics) });
+    this.world.follow({ ...this.followed, tf: of("tf"), tfStatic: of("tfStatic") });
     this.overlays.follow({ battery: of("battery"), diagnostics: of("diagnostics") });
     this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || of("odometry"));
+    this.askAbout(questions);
     this.offer();
+  }
+
+  // Of topics that fit equally well none is shown: whoever manages the robot chooses.
+  askAbout(questions) {
+    const words = questions.join(" ");
+    const element = part(this.root, "topic-questions");
+    if (words && words !== element.textContent) this.note(words);
+    setText(element, words);
   }
 
   // No frame comes to this page any more; `why` as of texts/video.js.

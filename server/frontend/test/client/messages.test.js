@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { driveMessage, isSteered, parse, speedReader, speedTopic } from "../../src/client/rosbridge.js";
+import { driveMessage, isSteered, parse, speedReader } from "../../src/client/rosbridge.js";
 
 test("a stamped type gets the same twist in an envelope", () => {
   const speed = { forward: 1, left: 0.5, turn: 2 };
@@ -23,20 +23,6 @@ test("a car steers so that it follows the twist's curve, forwards and backwards"
 test("a car that stands points its wheels ahead, and one of unknown size steers all the same", () => {
   assert.deepEqual(car({ forward: 0, left: 0, turn: 1 }, 0.5), { steering_angle: 0, speed: 0 });
   assert.ok(car({ forward: 1, turn: 1 }, null).steering_angle > 0);
-});
-
-test("odometry comes before pose, and the usual name before others, in either ROS", () => {
-  const topics = [
-    { name: "/turtle1/pose", type: "turtlesim/Pose" },
-    { name: "/pose", type: "turtlesim/msg/Pose" },
-    { name: "/base/odom", type: "nav_msgs/msg/Odometry" },
-    { name: "/odom", type: "nav_msgs/msg/Odometry" },
-    { name: "/cmd_vel", type: "geometry_msgs/Twist" },
-  ];
-  assert.equal(speedTopic(topics).name, "/odom");
-  assert.equal(speedTopic(topics.slice(0, 3)).name, "/base/odom");
-  assert.equal(speedTopic(topics.slice(0, 2)).name, "/pose");
-  assert.equal(speedTopic(topics.slice(4)), undefined);
 });
 
 test("speed is read from odometry and from turtlesim's pose", () => {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { MapTile } from "../../src/overlays/mapTile.js";
+import { isEmpty, MapTile } from "../../src/overlays/mapTile.js";
 
 let shown, tile;
 
@@ -25,5 +25,23 @@ test("a map that stops shows nothing any more", () => {
   const small = tile({ small: true });
   small.start();
   small.stop();
-  assert.deepEqual(shown, [{ scan: false, path: true, map: false }, null]);
+  assert.deepEqual(shown, [{ scan: true, path: true, map: true }, null]);
+});
+
+test("a small map draws laser and map, but for what the person left out on the large one", () => {
+  const chosen = {};
+  const small = tile({ small: true, memory: () => chosen });
+  chosen.map = false;
+  small.start();
+  assert.deepEqual(shown, [{ scan: true, path: true, map: false }]);
+});
+
+test("nothing is to draw while neither the robot's place nor a wanted part is known", () => {
+  const all = { scan: true, path: true, map: true };
+  const nowhere = { robot: { unknown: true }, map: null, points: null };
+  assert.equal(isEmpty(nowhere, all), true);
+  assert.equal(isEmpty({ ...nowhere, robot: { x: 0, y: 0 } }, all), false);
+  assert.equal(isEmpty({ ...nowhere, map: {} }, all), false);
+  assert.equal(isEmpty({ ...nowhere, points: [1, 1] }, all), false);
+  assert.equal(isEmpty({ ...nowhere, points: [1, 1] }, { ...all, scan: false }), true);
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { cameraTopics, Discovery, frameTopics, offeredCameras, topicOf } from "../../src/topics/discovery.js";
+import { cameraTopics, Discovery, offeredCameras } from "../../src/topics/discovery.js";
 
 let found, discovery;
 
@@ -30,23 +30,18 @@ test("a whole robot is found in one round", async () => {
   );
   await discovery.run(call);
   mock.timers.tick(60_000);
-  assert.deepEqual(found, [
-    {
-      twistType: "geometry_msgs/msg/Twist",
-      speed: { name: "/odom", type: "nav_msgs/msg/Odometry" },
-      cameras: ["/camera/image_raw"],
-      topics: [
-        { name: "/odom", type: "nav_msgs/msg/Odometry" },
-        { name: "/camera/image_raw", type: "sensor_msgs/msg/Image" },
-      ],
-    },
-  ]);
+  const topics = [
+    { name: "/odom", type: "nav_msgs/msg/Odometry" },
+    { name: "/camera/image_raw", type: "sensor_msgs/msg/Image" },
+  ];
+  const own = topics;
+  assert.deepEqual(found, [{ twistType: "geometry_msgs/msg/Twist", speed: topics[0], cameras: ["/camera/image_raw"], topics, own }]);
   assert.deepEqual(asked.map(({ service }) => service).sort(), ["/rosapi/get_ros_version", "/rosapi/topic_type", "/rosapi/topics"]);
 });
 
 test("a robot without rosapi gets the usual names", async () => {
   await discovery.run(async () => ({ ok: false, values: "no such service" }));
-  assert.deepEqual(found, [{ twistType: "geometry_msgs/Twist", speed: undefined, cameras: [], topics: [] }]);
+  assert.deepEqual(found, [{ twistType: "geometry_msgs/Twist", speed: undefined, cameras: [], topics: [], own: [] }]);
   discovery.stop();
 });
 
@@ -86,6 +81,33 @@ test("the odometry that the settings name comes before any other, if it is one",
   assert.deepEqual(found, [{ name: "/wheels", type: "nav_msgs/msg/Odometry" }, undefined]);
 });
 
+test("of two robots on one graph the drive topic's is shown", async () => {
+  const topics = {};
+  for (const robot of ["/robot1", "/robot2"]) {
+    topics[`${robot}/cmd_vel`] = "geometry_msgs/msg/Twist";
+    topics[`${robot}/odom`] = "nav_msgs/msg/Odometry";
+    topics[`${robot}/image_raw`] = "sensor_msgs/msg/Image";
+  }
+  discovery = new Discovery({ driveTopic: "/robot2/cmd_vel", onFound: ({ speed, cameras }) => found.push([speed.name, cameras]) });
+  await discovery.run(robot(topics).call);
+  discovery.stop();
+  assert.deepEqual(found, [["/robot2/odom", ["/robot2/image_raw"]]]);
+});
+
+test("a turtle's speed comes from its pose, and of two odometries none is guessed", async () => {
+  const speeds = [];
+  for (const topics of [
+    { "/turtle1/pose": "turtlesim/Pose" },
+    { "/turtle1/pose": "turtlesim/Pose", "/turtle1/odom": "nav_msgs/msg/Odometry" },
+    { "/turtle1/pose": "turtlesim/Pose", "/turtle1/wheels": "nav_msgs/Odometry", "/turtle1/visual": "nav_msgs/Odometry" },
+  ]) {
+    discovery = new Discovery({ driveTopic: "/turtle1/cmd_vel", onFound: ({ speed }) => speeds.push(speed?.name) });
+    await discovery.run(robot(topics).call);
+    discovery.stop();
+  }
+  assert.deepEqual(speeds, ["/turtle1/pose", "/turtle1/odom", undefined]);
+});
+
 test("who wants to know now is answered on the link that stands, and not without one", async () => {
   const { call, asked } = robot({ "/odom": "nav_msgs/Odometry", "/c": "sensor_msgs/Image" }, "geometry_msgs/Twist");
   const times = () => asked.filter(({ service }) => service === "/rosapi/topics").length;
@@ -109,28 +131,6 @@ test("a camera and its compressed twin are one, and depth is no picture", () => 
     topic("/scan", "sensor_msgs/LaserScan"),
   ];
   assert.deepEqual(cameraTopics(topics).sort(), ["/front/image_raw", "/only", "/rear/image_raw"]);
-});
-
-test("the settings' topic comes first, then the usual name, then any of the type", () => {
-  const topics = [topic("/a/scan", "sensor_msgs/msg/LaserScan"), topic("/scan", "sensor_msgs/msg/LaserScan")];
-  assert.equal(topicOf("scan", topics).name, "/scan");
-  assert.equal(topicOf("scan", topics, "/a/scan").type, "sensor_msgs/msg/LaserScan");
-  assert.equal(topicOf("scan", topics.slice(0, 1)).name, "/a/scan");
-  assert.deepEqual(topicOf("scan", topics, "/hidden"), topic("/hidden", "sensor_msgs/LaserScan"));
-  assert.equal(topicOf("map", topics), undefined);
-});
-
-test("frames come on the usual topics, or on those of the robot's namespace", () => {
-  const usual = [topic("/tf", "tf2_msgs/msg/TFMessage"), topic("/tf_static", "tf2_msgs/msg/TFMessage")];
-  const own = [topic("/a1/tf", "tf/tfMessage"), topic("/a1/tf_static", "tf2_msgs/TFMessage"), topic("/x/tf", "std_msgs/String")];
-  assert.deepEqual(frameTopics([...own, ...usual]), { tf: usual[0], tfStatic: usual[1] });
-  assert.deepEqual(frameTopics(own), { tf: own[0], tfStatic: own[1] });
-  assert.deepEqual(frameTopics([]), { tf: undefined, tfStatic: undefined });
-});
-
-test("the aggregated diagnostics come before the raw ones", () => {
-  const type = "diagnostic_msgs/DiagnosticArray";
-  assert.equal(topicOf("diagnostics", [topic("/diagnostics", type), topic("/diagnostics_agg", type)]).name, "/diagnostics_agg");
 });
 
 test("configured cameras are all that are offered, and before anything is known the usual one", () => {
