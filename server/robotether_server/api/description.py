@@ -58,7 +58,10 @@ PROBLEMS = {
     413: ("TooLarge", "request_entity_too_large: over 64 KB; with the tag control over 4 KiB"),
     415: ("NotJson", "unsupported_media_type: the body was not sent as application/json"),
     422: ("Invalid", "field_invalid or record_refused: `detail` names the field"),
-    429: ("TooMany", "A limit is reached: see `code` and `detail`"),
+    429: (
+        "TooMany",
+        "A limit is reached: see `code` and `detail`; too_many_requests: that of the caller's address",
+    ),
     503: (
         "Unavailable",
         "store_unavailable, front_unavailable or service_away: try again shortly; robot_offline",
@@ -222,8 +225,8 @@ def _responses(one: ApiOperation, schemas: dict[int, Object]) -> Iterator[tuple[
 def _problems(one: ApiOperation) -> set[int]:
     """Return the statuses of its problems."""
     if one.who == "anybody" and one.body is None:
-        return set(one.problems)
-    found = {*one.problems, 401, 503}
+        return {*one.problems, 429}
+    found = {*one.problems, 401, 429, 503}
     if one.who == "admin" or one.method != "GET":
         found.add(403)
     if one.names:

@@ -110,7 +110,7 @@ class WaitingRobot(Struct):
     detail: str
 
 
-@operation("POST", "/join", "anybody", any_type=True, problems=(409, 429))
+@operation("POST", "/join", "anybody", any_type=True, problems=(409,))
 def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRobot, Literal[202]]:
     """Ask for admission as a robot."""
     asked = _asked(body)

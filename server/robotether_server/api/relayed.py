@@ -106,7 +106,6 @@ RELAYED = (
         who="user",
         answers={200: None},
         texts=("text/event-stream",),
-        problems=(429,),
     ),
     ApiOperation(
         method="GET",
@@ -128,7 +127,7 @@ RELAYED = (
         tag="control",
         body=LeaseAction,
         answers=CONTROL,
-        problems=(400, 409, 429),
+        problems=(400, 409),
     ),
     ApiOperation(
         method="POST",
