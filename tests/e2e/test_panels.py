@@ -371,6 +371,7 @@ def test_a_drive_that_ends_is_told_and_saved(
     )
     expect(dora.get_by_test_id("summary-stops")).to_have_text("None")
     assert _is_on_top(dora, "stop")
+    headline.click()
     with dora.expect_download() as download:
         dora.get_by_test_id("summary-save").click()
     file = tmp_path / "drive.json"
@@ -389,7 +390,7 @@ def test_a_drive_that_ends_is_told_and_saved(
 
 
 def test_a_stopped_drive_tells_of_the_stop(dora: Page, stack: Stack) -> None:
-    """The summary comes by itself, of a drive that moved the robot."""
+    """The summary of a drive that moved the robot comes by itself, folded: the picture counts now."""
     with SimWatch(stack, ROBOT) as watch:
         expect_armed(dora)
         dora.keyboard.down("w")
@@ -398,6 +399,8 @@ def test_a_stopped_drive_tells_of_the_stop(dora: Page, stack: Stack) -> None:
     dora.keyboard.press("Space")
     expect(dora.get_by_test_id("summary-ended")).to_have_text("Stop pressed", timeout=15_000)
     expect(dora.get_by_test_id("summary-stops")).to_have_text("1")
+    expect(dora.get_by_test_id("summary-headline")).to_be_visible()
+    expect(dora.get_by_test_id("summary-rows")).to_be_hidden()
 
 
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])

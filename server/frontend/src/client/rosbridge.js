@@ -102,13 +102,14 @@ export class Link {
 
   // Sends an operation of our own now or not at all, and says which.
   send(operation) {
-    const open = this.socket.readyState === WebSocket.OPEN;
-    if (open) this.write(operation);
-    return open;
+    return this.write(operation);
   }
 
+  // A browser complains of what is said on a socket that closes.
   write(message) {
-    this.socket.send(JSON.stringify(message));
+    const open = this.socket.readyState === WebSocket.OPEN;
+    if (open) this.socket.send(JSON.stringify(message));
+    return open;
   }
 
   // Bytes that the browser has taken and the network has not.

@@ -5,7 +5,6 @@ import { download, make, part, setText, shortNumber, sizeText } from "../pages/p
 import { summary as texts, endReasons, refusals } from "../texts/panels.js";
 
 const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });
-const ROOM = "(min-width: 860px) and (min-height: 621px)";
 const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 export class Summary {
@@ -45,14 +44,13 @@ export class Summary {
   async driveEnded(fence) {
     const round = ++this.round;
     this.drive = null;
-    this.root.open = false;
+    this.root.open = false; // what has just happened is to be seen in the picture
     this.show(texts.asking, []);
     const found = await recordOf({ robot: this.robot, fence, fetchDrives, wait });
     if (round !== this.round) return;
     if (typeof found === "string") return this.show(texts[found], []);
     this.drive = found;
     if (!moved(found)) return void (this.root.hidden = true);
-    this.root.open = matchMedia(ROOM).matches; // elsewhere it would hide the picture
     this.show(headline(found), driveRows(found));
   }
 

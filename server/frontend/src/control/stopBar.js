@@ -14,6 +14,7 @@ export class StopBar {
     this.halt = halt;
     this.onReleased = onReleased;
     this.element = byTestId(root, "stop-bar");
+    this.status = byTestId(root, "control");
     this.release = byTestId(root, "release"); // drivers have one
     this.failure = "";
     this.offered = "idle";
@@ -55,7 +56,16 @@ export class StopBar {
     const words = texts[kind]({ by, at: localTime(at), detail });
     setText(part(this.element, "stop-text"), [words, this.failure].join(" ").trim());
     this.showDeeds();
-    if (this.release) this.release.hidden = !this.stopping.stopped;
+    if (this.release) this.showRelease();
+  }
+
+  // A button that goes while it has the focus hands it to what came in its place.
+  showRelease() {
+    const focused = this.release === document.activeElement;
+    this.release.hidden = !this.stopping.stopped;
+    if (!focused || !this.release.hidden) return;
+    const deeds = [...part(this.element, "deeds").querySelectorAll("[data-deed]")];
+    (deeds.find(({ hidden }) => !hidden) ?? this.status).focus({ preventScroll: true });
   }
 
   // What comes where the button to hold was acts on no press that was meant for that.

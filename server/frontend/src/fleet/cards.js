@@ -82,9 +82,7 @@ export function offerDrive(card, name) {
 }
 
 export function fillCard(card, robot) {
-  setData(card, "online", String(robot.online));
-  setData(card, "state", robot.state);
-  setData(card, "driven", String(isDriven(robot)));
+  fillData(card, robot);
   setText(part(card, "presence"), presenceText(robot));
   for (const name of HOVERED[card.dataset.kind]) setTitle(part(card, name), utcText(robot));
   const rtt = robot.online && Number.isFinite(robot.rtt_ms) ? texts.rtt(Math.round(robot.rtt_ms)) : "";
@@ -95,6 +93,12 @@ export function fillCard(card, robot) {
   fillRow(card, "observers", robot.observers ? texts.watching(robot.observers) : "");
   fillRow(card, "site", robot.site ?? "");
   fillRow(card, "health", healthText(robot));
+}
+
+function fillData(card, robot) {
+  const { state, online, video = "" } = robot;
+  const data = { state, video, online: String(online), driven: String(isDriven(robot)) };
+  for (const [name, value] of Object.entries(data)) setData(card, name, value);
 }
 
 // Writes only what changed: what does not is 500 robots' worth of work for the browser.

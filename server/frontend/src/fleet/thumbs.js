@@ -59,10 +59,11 @@ class Thumb {
   begin() {
     clearTimeout(this.timer);
     if (this.cancel) return;
-    // Looked at again: the robot may come online.
-    if (this.card.dataset.online !== "true") {
+    // Looked at again: the robot may come online, or its video.
+    const lack = lackOf(this.card.dataset);
+    if (lack) {
       this.drop();
-      this.showState("empty");
+      this.showState(lack);
       return this.later(EVERY_MS);
     }
     if (this.image.hidden) this.showState("waiting");
@@ -112,6 +113,12 @@ class Thumb {
     this.drop();
     this.showState("empty");
   }
+}
+
+// Why a robot is not asked for a picture; empty for one that is. `video` as of the fleet's events.
+export function lackOf({ online, video }) {
+  if (online !== "true") return "empty";
+  return video === "down" ? "video_down" : "";
 }
 
 // Gets single pictures of robots' cameras, few at once: each costs its robot's uplink.

@@ -24,7 +24,7 @@ export function setUpControls(root, { kind, limits: highest, choices, output, on
   const teleop = new Teleop({ output, onTake, onWanted: show, limits, kind, onDrop });
   const sticks = new Sticks(root, { kind, teleop, choices });
   const gamepad = new GamepadPanel(root, { kind, teleop, limits, onStop });
-  const keyboard = setUpKeyboard(root, teleop, kind, (by) => limits.step(by));
+  const keyboard = setUpKeyboard(root, { teleop, kind, onStep: (by) => limits.step(by), mayMove: () => teleop.armed || gamepad.free });
   inputs.push(keyboard, sticks, gamepad);
   releaseOnFocusLoss(() => teleop.letGo());
   const showArmed = (armed, free = false) => {
@@ -52,9 +52,15 @@ export function setUpControls(root, { kind, limits: highest, choices, output, on
   };
 }
 
-function setUpKeyboard(root, teleop, kind, onStep) {
-  const fields = new FieldFocus({ onChange: () => showTaken(root, teleop.accepts && fields.taken) });
-  const keyboard = new Keyboard({ teleop, kind, fields, onStep, onKeys: (codes) => lightCaps(root, codes) });
+// `mayMove()` says whether a new press of a key would move the robot.
+function setUpKeyboard(root, { teleop, kind, onStep, mayMove }) {
+  let stale = false;
+  const fields = new FieldFocus({ onChange: () => showTaken(root, teleop.accepts && (fields.taken || (stale && mayMove() && "held"))) });
+  const onStale = (any) => {
+    stale = any;
+    fields.onChange();
+  };
+  const keyboard = new Keyboard({ teleop, kind, fields, onStep, onStale, onKeys: (codes) => lightCaps(root, codes) });
   for (const key of ["KeyQ", "KeyE"]) root.querySelector(`[data-key=${key}]`).hidden = kind !== "holonomic";
   part(root, "sideways-keys").hidden = kind !== "holonomic";
   keyboard.listen(window);

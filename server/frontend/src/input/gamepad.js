@@ -157,14 +157,25 @@ const PRESSED = 0.5; // for triggers, which some browsers never call pressed
 export class GamepadLoop {
   // `onFound({id, mapping, axes, buttons})` comes with the device that is polled from now on (axes, buttons: how
   // many), `onSeen({axes, buttons}, at)` with each look, `onLost()` when that device is gone, `onAll([{index, id, chosen}])`
-  // with all that there are.
-  constructor({ pads = browserPads, frame = (act) => requestAnimationFrame(act), now = () => performance.now(), ...handlers }) {
+  // with all that there are. `rank(device)`: of several devices the one with the highest is polled, unless a person chose;
+  // one with a higher rank that comes later takes over while `mayChange()`.
+  constructor({
+    pads = browserPads,
+    frame = (act) => requestAnimationFrame(act),
+    now = () => performance.now(),
+    rank = unranked,
+    mayChange = () => true,
+    ...handlers
+  }) {
     this.pads = pads;
+    this.rank = (pad) => rank(described(pad));
+    this.mayChange = mayChange;
     this.frame = frame;
     this.now = now;
     this.handlers = handlers;
     /** @type {{index: number, id: string} | null} */
     this.chosen = null;
+    this.byHand = false; // whether a person chose it
     this.waiting = false;
   }
 
@@ -180,14 +191,34 @@ export class GamepadLoop {
     this.lose();
     const pad = this.connected().find((one) => one.index === index);
     if (pad) this.find(pad);
+    this.byHand = Boolean(pad);
     this.recount();
   }
 
   recount() {
     const all = this.connected();
+    const better = this.better(all);
+    if (better) return this.change(better);
     this.handlers.onAll(all.map(({ index, id }) => ({ index, id, chosen: index === this.chosen?.index })));
     if (all.length > 0) this.wait();
     else this.lose(); // also while no frame is drawn
+  }
+
+  // The one that takes over from the chosen one, if any. The order in which devices came says nothing of which is in a hand.
+  better(all) {
+    const pad = this.ofChosen(all);
+    if (!pad || this.byHand || !this.mayChange()) return null;
+    const best = this.best(all);
+    return this.rank(best) > this.rank(pad) ? best : null;
+  }
+
+  best(all) {
+    return all.reduce((best, pad) => (this.rank(pad) > this.rank(best) ? pad : best));
+  }
+
+  ofChosen(all) {
+    const { chosen } = this;
+    return all.find(({ index, id }) => index === chosen?.index && id === chosen?.id);
   }
 
   wait() {
@@ -200,9 +231,9 @@ export class GamepadLoop {
     this.waiting = false;
     const at = this.now();
     const all = this.connected();
-    const pad = all.find(({ index, id }) => index === this.chosen?.index && id === this.chosen.id);
+    const pad = this.ofChosen(all);
     if (pad) this.handlers.onSeen(sampled(pad), at);
-    else this.change(all[0]);
+    else this.change(all.length ? this.best(all) : null);
     if (all.length > 0) this.wait();
   }
 
@@ -212,14 +243,15 @@ export class GamepadLoop {
     this.recount();
   }
 
-  find({ index, id, mapping, axes, buttons }) {
-    this.chosen = { index, id };
-    this.handlers.onFound({ id, mapping, axes: axes.length, buttons: buttons.length });
+  find(pad) {
+    this.chosen = { index: pad.index, id: pad.id };
+    this.handlers.onFound(described(pad));
   }
 
   lose() {
     if (!this.chosen) return;
     this.chosen = null;
+    this.byHand = false;
     this.handlers.onLost();
   }
 
@@ -227,6 +259,11 @@ export class GamepadLoop {
     return [...this.pads()].flatMap((pad) => (pad?.connected ? [pad] : []));
   }
 }
+
+/** @type {(device: object) => number} */
+const unranked = () => 0;
+
+const described = ({ id, mapping, axes, buttons }) => ({ id, mapping, axes: axes.length, buttons: buttons.length });
 
 const sampled = ({ axes, buttons }) => ({
   axes: [...axes],

@@ -7,6 +7,7 @@ import { Learner, stepsOf } from "./gamepadLearn.js";
 
 const INPUT = "gamepad";
 const TROUBLE = ["lost", "stuck"]; // said over the picture, too
+const CHOICE = "gamepad"; // the name under which the id of the chosen device is kept
 const storedAs = ({ id }) => `gamepad ${id}`;
 
 export class GamepadPanel {
@@ -33,6 +34,8 @@ export class GamepadPanel {
       onSeen: (sample, at) => (this.learner ?? this.gamepad).see(sample, at),
       onLost: () => this.lost(),
       onAll: (all) => this.offer(all),
+      rank: (device) => this.rank(device),
+      mayChange: () => !this.learner && !this.gamepad.held,
     });
     this.listen();
     this.show();
@@ -59,6 +62,7 @@ export class GamepadPanel {
     on("pad-choice", "change", ({ target }) => {
       target.blur(); // else the drive keys would go on changing it
       this.loop.choose(Number(target.value));
+      if (this.device) this.store.write(CHOICE, this.device.id);
     });
   }
 
@@ -68,8 +72,18 @@ export class GamepadPanel {
 
   found(device) {
     this.device = device;
+    this.use(this.profileOf(device));
+  }
+
+  profileOf(device) {
     const stored = this.store.read(storedAs(device));
-    this.use(fits(stored, device) ? stored : usualProfile(device, this.kind));
+    return fits(stored, device) ? stored : usualProfile(device, this.kind);
+  }
+
+  // A device that can drive comes before one that cannot, as a keyboard that calls itself a gamepad; then the one that a
+  // person chose at an earlier visit.
+  rank(device) {
+    return 2 * Number(this.profileOf(device) !== null) + Number(device.id === this.store.read(CHOICE));
   }
 
   lost() {

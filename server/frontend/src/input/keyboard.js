@@ -33,13 +33,16 @@ const FOCUS_MS = 300;
 
 export class Keyboard {
   // `teleop` and `kind` as of teleop.js, `fields` is a FieldFocus. `onKeys(codes)` tells which keys count now, `onStep(by)`
-  // whether to go faster (1), slower (-1) or as chosen (0).
-  constructor({ teleop, kind, fields = new FieldFocus(), onKeys = NOTHING, onStep = NOTHING }) {
+  // whether to go faster (1), slower (-1) or as chosen (0), `onStale(any)` whether a key is held that does not count, as through
+  // a reload.
+  constructor({ teleop, kind, fields = new FieldFocus(), onKeys = NOTHING, onStep = NOTHING, onStale = NOTHING }) {
     this.teleop = teleop;
     this.fields = fields;
     this.directions = kind === "holonomic" ? ALL : DIRECTIONS;
     this.onKeys = onKeys;
     this.onStep = onStep;
+    this.onStale = onStale;
+    this.stale = new Set();
     this.pressed = new Set();
     this.steps = new Set();
     this.focusedAt = -Infinity;
@@ -67,10 +70,17 @@ export class Keyboard {
 
   direction(event) {
     event.preventDefault();
-    if (!this.isNewPress(event) || !this.teleop.accepts) return;
+    if (!this.isNewPress(event)) return this.noteStale(event);
+    if (!this.teleop.accepts) return;
     if (event.code in STEPS) return this.step(event.code);
     this.pressed.add(event.code);
     this.notify(event);
+  }
+
+  noteStale({ code, repeat }) {
+    if (!repeat || this.pressed.has(code) || this.steps.has(code)) return;
+    this.stale.add(code);
+    this.onStale(true);
   }
 
   step(code) {
@@ -85,12 +95,15 @@ export class Keyboard {
   up(event) {
     if (this.steps.delete(event.code)) this.notifyStep();
     this.dropLostShift(event);
+    if (this.stale.delete(event.code)) this.onStale(this.stale.size > 0);
     if (this.pressed.delete(event.code)) this.notify(event);
   }
 
   drop() {
     this.pressed.clear();
     this.steps.clear();
+    this.stale.clear(); // its release may come to nobody; while it is held, it repeats
+    this.onStale(false);
     this.notifyStep();
   }
 

@@ -25,11 +25,12 @@ export const button = (index, standard) => (standard && NAMES[index] ? `button $
 
 export const hints = {
   also: (kind) => ` With a keyboard, hold W A S D or the arrow keys${kind === "holonomic" ? ", Q and E to go sideways" : ""}.`,
-  // Which keys do not drive, by what has them.
+  // Why keys do not drive, by what has them.
   taken: {
     text: "Keys go to the text field. Press Esc to drive with them.",
     menu: "Arrow keys go to the menu. Press Esc to drive with them.",
     slider: "Arrow keys move the slider. Press Esc to drive with them.",
+    held: "Let go of the key and press it again to drive.", // as through a reload
   },
   sticks: {
     one: () => "Joystick: drag to drive, let go to halt.",

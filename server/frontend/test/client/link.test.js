@@ -173,3 +173,18 @@ test("each subscriber of a topic gets its messages until it ends", () => {
   say("/odom", 4);
   assert.deepEqual(got, [1, 1, 3]);
 });
+
+test("nothing is sent on a socket that closes or is closed, whatever still ends then", () => {
+  socket.readyState = FakeSocket.OPEN;
+  const subscription = link.subscribe({ name: "/odom" }, () => {});
+  const channel = link.advertise({ name: "/cmd_vel" });
+  const { length } = socket.sent;
+  for (const state of [FakeSocket.CLOSING, FakeSocket.CLOSED]) {
+    socket.readyState = state;
+    channel.publish({});
+    subscription.end();
+    channel.end();
+    assert.equal(link.send({ op: "robotether.stop" }), false);
+  }
+  assert.equal(socket.sent.length, length);
+});

@@ -65,7 +65,7 @@ const STOPPED = { by: "ben", at: "2026-01-01T12:03:00Z", confirmed: true };
 
 // The bar of a robot that is stopped, whose release has been asked for; `answer` is the server's.
 function releaseAsked() {
-  globalThis.window = window;
+  Object.assign(globalThis, { window, document: { activeElement: null } });
   const root = new FakeElement();
   const bar = new StopBar(root, { robot: "sim1", halt() {}, send() {}, onReleased() {} });
   let answer;
@@ -78,7 +78,24 @@ function releaseAsked() {
 
 afterEach(() => {
   delete globalThis.window;
+  delete globalThis.document;
   mock.restoreAll();
+});
+
+test("the focus goes from the release button, which goes, to what came in its place", () => {
+  const { bar } = releaseAsked();
+  const [gone, drive] = [new FakeElement(), new FakeElement()];
+  drive.hidden = false;
+  bar.element.querySelector('[data-part="deeds"]').querySelectorAll = () => [gone, drive];
+  const focused = [];
+  for (const [name, element] of Object.entries({ gone, drive, status: bar.status })) element.focus = () => focused.push(name);
+  globalThis.document.activeElement = bar.release;
+  bar.receive(null);
+  assert.deepEqual(focused, ["drive"]);
+  bar.receive(STOPPED);
+  drive.hidden = true;
+  bar.receive(null);
+  assert.deepEqual(focused, ["drive", "status"]);
 });
 
 test("a release that failed is said beside the stop that still holds", async () => {

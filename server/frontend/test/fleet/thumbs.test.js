@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Snapshots, Queue, firstTopic } from "../../src/fleet/thumbs.js";
+import { Snapshots, Queue, firstTopic, lackOf } from "../../src/fleet/thumbs.js";
 
 const settle = () => new Promise((resolve) => setImmediate(resolve));
 
@@ -42,6 +42,12 @@ test("a job that fails holds up nobody", async () => {
   queue.add(async () => (begun += 1));
   await settle();
   assert.equal(begun, 1);
+});
+
+test("a robot without video is asked for no picture, and one whose video is not known is", () => {
+  assert.equal(lackOf({ online: "true", video: "down" }), "video_down");
+  assert.equal(lackOf({ online: "false", video: "up" }), "empty");
+  for (const video of ["up", "", undefined]) assert.equal(lackOf({ online: "true", video }), "");
 });
 
 test("the first camera is what web_video_server names first", () => {

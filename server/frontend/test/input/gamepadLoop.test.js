@@ -110,6 +110,49 @@ test("a second gamepad changes nothing until it is chosen", () => {
   );
 });
 
+// The loop with a rank of each device by its id.
+function ranked(ranks, mayChange = () => true) {
+  loop.rank = ({ id }) => ranks[id];
+  loop.mayChange = mayChange;
+}
+
+const found = () => told.filter(([what]) => what === "found").map(([, { id }]) => id);
+
+test("what can drive is found beside what cannot, whichever came first", () => {
+  ranked({ ghost: 0, stick: 2 });
+  pads[0] = pad(0, "ghost");
+  connect(1, "stick");
+  draw();
+  draw();
+  assert.deepEqual(found(), ["stick"]);
+});
+
+test("what can drive takes over from what cannot, but not from the hand", () => {
+  let held = true;
+  ranked({ ghost: 0, stick: 2 }, () => !held);
+  connect(0, "ghost");
+  draw();
+  connect(1, "stick");
+  draw();
+  assert.deepEqual(found(), ["ghost"]);
+  held = false;
+  window.dispatchEvent(new Event("gamepadconnected"));
+  draw();
+  assert.deepEqual(found(), ["ghost", "stick"]);
+  assert.equal(last(), "seen");
+});
+
+test("what a person chose stays, whatever else comes", () => {
+  ranked({ ghost: 0, stick: 2 });
+  connect(1, "stick");
+  connect(0, "ghost");
+  draw();
+  loop.choose(0);
+  window.dispatchEvent(new Event("gamepadconnected"));
+  draw();
+  assert.deepEqual(found(), ["stick", "ghost"]);
+});
+
 test("however many come and go, one look is made in a frame", () => {
   connect(0, "first");
   connect(1, "second");

@@ -45,3 +45,18 @@ test("the limit of turbo that a person set holds when the page is opened again",
   panel.forget();
   assert.deepEqual([limits.share, turbo().value], [1, 100]);
 });
+
+test("a device that can drive comes first, and of those the one that a person chose at an earlier visit", () => {
+  const panel = openPanel();
+  const ghost = { id: "Virtual RGB Keyboard", mapping: "", axes: 6, buttons: 12 };
+  const other = { ...DEVICE, id: "other" };
+  assert.ok(panel.rank(DEVICE) > panel.rank(ghost));
+  assert.equal(panel.rank(DEVICE), panel.rank(other));
+  panel.loop.choose = () => panel.found(other);
+  const choice = root.querySelector('[data-testid="gamepad"]').querySelector('[data-part="pad-choice"]');
+  Object.assign(choice, { value: "1", blur() {} });
+  choice.dispatchEvent(new Event("change"));
+  const later = openPanel();
+  assert.ok(later.rank(other) > later.rank(DEVICE));
+  assert.ok(later.rank(DEVICE) > later.rank(ghost));
+});

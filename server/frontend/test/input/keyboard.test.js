@@ -57,6 +57,22 @@ test("a key that a halt dropped does not drive on by its repeats", () => {
   assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
 });
 
+test("a key that was held through a reload or a halt is reported, until it is let go or dropped", () => {
+  const stale = [];
+  keyboard.onStale = (any) => stale.push(any);
+  keyboard.down(key("KeyW", { repeat: true }));
+  keyboard.up(key("KeyW"));
+  assert.deepEqual([stale, told], [[true, false], []]);
+  keyboard.down(key("KeyW"));
+  keyboard.down(key("KeyW", { repeat: true }));
+  assert.deepEqual(stale, [true, false]);
+  keyboard.drop();
+  keyboard.down(key("KeyW", { repeat: true }));
+  assert.equal(stale.at(-1), true);
+  keyboard.drop();
+  assert.equal(stale.at(-1), false);
+});
+
 test("keys typed into a field do nothing, not even the space bar", () => {
   keyboard.down(key("KeyW", { target: TEXT_FIELD }));
   keyboard.down(key("Space", { target: TEXT_FIELD }));
