@@ -35,7 +35,7 @@ from openssh_server import OpenSshServer
 HEARTBEAT_S = 0.2
 TIMEOUT_S = 1.5
 GUARD_KEY = "the-key-of-this-session"
-WAIT_S = 10.0
+WAIT_S = 30.0
 
 
 @lru_cache(maxsize=1)

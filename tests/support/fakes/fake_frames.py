@@ -23,7 +23,7 @@ from aiohttp import WSMsgType, web
 FramesMode = Literal["behaves", "no_clock_sync", "no_service", "any_page", "full"]
 STATUSES = {"no_service": 404, "any_page": 200, "full": 503}
 HEADER = struct.Struct("!BBHId")
-WAIT_S = 8.0
+WAIT_S = 30.0
 
 
 class FakeFrames:

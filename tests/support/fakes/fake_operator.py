@@ -18,7 +18,7 @@ from typing import Any
 import aiohttp
 from aiohttp import WSMsgType
 
-WAIT_S = 8.0
+WAIT_S = 30.0
 
 
 class FakeOperator:

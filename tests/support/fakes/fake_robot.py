@@ -61,7 +61,7 @@ AHEAD_MS = 1e6
 HOST = "127.0.0.1"
 # Of the one key that all robots of the tests have; `openssh_server` names it too.
 FINGERPRINT = "SHA256:of the tests"
-WAIT_S = 8.0
+WAIT_S = 30.0
 FLOOD_MESSAGE = b"x" * 65536
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
 

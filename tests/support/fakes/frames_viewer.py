@@ -13,7 +13,7 @@ import aiohttp
 from aiohttp import WSMsgType
 
 HEADER = struct.Struct("!BBHId")
-WAIT_S = 8.0
+WAIT_S = 30.0
 
 
 @dataclass(frozen=True)

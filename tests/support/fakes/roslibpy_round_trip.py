@@ -11,7 +11,7 @@ import threading
 
 import roslibpy
 
-WAIT_S = 5.0
+WAIT_S = 30.0
 
 
 class Collector:

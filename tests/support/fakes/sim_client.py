@@ -12,7 +12,7 @@ from typing import Any, Self
 import aiohttp
 from sim_robot.settings import SimSettings
 
-WAIT_S = 5.0
+WAIT_S = 30.0
 SETTINGS = SimSettings(name="test", bind_address="127.0.0.1", rosbridge_port=0, video_port=0)
 
 

@@ -31,7 +31,7 @@ __all__ = ["Counts", "Link", "Namespace", "Shape", "why_not_here"]
 WORKER = Path(__file__).with_name("link_worker.py")
 DEVICE = "link0"
 ROBOT_ADDRESS, SERVER_ADDRESS, PREFIX_LENGTH = "10.77.0.1", "10.77.0.2", 30
-WAIT_S = 10.0
+WAIT_S = 30.0
 _numbers = itertools.count(1)
 
 

@@ -23,7 +23,7 @@ from local_network import free_port
 from proc_stat import words_of, words_of_all
 
 SSHD = Path("/usr/sbin/sshd")
-WAIT_S = 10.0
+WAIT_S = 30.0
 
 # Runs once for each session; told by its arguments where the fake relay is.
 SESSION_COMMAND = """

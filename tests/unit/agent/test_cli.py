@@ -25,7 +25,7 @@ from pathlib import Path
 
 import pytest
 from aiohttp import web
-from fake_cloud import FakeCloud, agent_environ, eventually
+from fake_cloud import WAIT_S, FakeCloud, agent_environ, eventually
 from fake_root import FakeRoot
 from openssh_server import command_line, descendants, is_alive
 from robotether_agent import __version__, cli
@@ -85,7 +85,7 @@ async def test_runs_tells_its_status_and_ends_on_sigterm(make_cloud, start, plac
     agent = await start(cloud, "run")
     await eventually(state_is(place, "connected"), lambda: "connected")
     asked = await start(cloud, "status")
-    out, _ = await asyncio.wait_for(asked.communicate(), 10)
+    out, _ = await asyncio.wait_for(asked.communicate(), WAIT_S)
     assert asked.returncode == 0
     assert out.decode().startswith("state         connected since")
     assert "rosbridge     down" in out.decode() or "rosbridge     unknown" in out.decode()
@@ -93,14 +93,14 @@ async def test_runs_tells_its_status_and_ends_on_sigterm(make_cloud, start, plac
     for pid in (*clients, agent.pid):
         # Systemd sends it to all of them.
         os.kill(pid, signal.SIGTERM)
-    _, log = await asyncio.wait_for(agent.communicate(), 6)
+    _, log = await asyncio.wait_for(agent.communicate(), WAIT_S)
     assert agent.returncode == 0, log.decode()
     assert clients
     assert "another one follows" not in log.decode()
     assert not set(clients) & set(descendants(os.getpid()))
     assert "robot sim1: connected to 127.0.0.1 port" in log.decode()
     asked = await start(cloud, "status")
-    out, _ = await asyncio.wait_for(asked.communicate(), 10)
+    out, _ = await asyncio.wait_for(asked.communicate(), WAIT_S)
     assert asked.returncode == 1
     assert out.decode().startswith("state         stopped since")
 
@@ -111,7 +111,7 @@ async def test_sigterm_while_it_waits(make_cloud, start, place):
     agent = await start(cloud, "run")
     await eventually(state_is(place, "pending"), lambda: "pending")
     agent.send_signal(signal.SIGTERM)
-    _, log = await asyncio.wait_for(agent.communicate(), 3)
+    _, log = await asyncio.wait_for(agent.communicate(), WAIT_S)
     assert agent.returncode == 0
     assert "robotether robot approve robot-00000a" in log.decode()
 
@@ -164,7 +164,7 @@ async def test_changed_host_key_has_its_exit_code(make_cloud, start, place):
     cloud.ssh.stop()
     cloud.ssh.new_host_key()
     cloud.ssh.start()
-    _, log = await asyncio.wait_for(agent.communicate(), 20)
+    _, log = await asyncio.wait_for(agent.communicate(), WAIT_S)
     assert agent.returncode == 76
     assert "STOPPED: cannot trust 127.0.0.1 port" in log.decode()
 

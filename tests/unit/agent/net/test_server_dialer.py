@@ -106,11 +106,12 @@ async def test_a_shy_port_is_remembered_and_gets_a_fresh_connection(monkeypatch)
         assert door.port in dialer._banner._silent_ports
 
 
-async def test_the_sites_port_is_spoken_to_at_once():
+async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
     """Nginx is there, and waits for the client's first words."""
+    monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", WAIT_S * 2)
     async with SshPort("shy") as door:
         dialer = ServerDialer(https_port=door.port)
-        found = await asyncio.wait_for(dialer.find([at(door.port)]), server_dialer.SPEAK_AFTER_S)
+        found = await asyncio.wait_for(dialer.find([at(door.port)]), WAIT_S)
         assert found == at(door.port)
 
 

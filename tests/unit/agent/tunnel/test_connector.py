@@ -31,9 +31,6 @@ from robotether_agent.tunnel.openssh import SshFiles
 
 Site = Callable[..., Awaitable[list[FakeCloud]]]
 NOBODY = {"host": "127.0.0.1", "ports": [1]}
-# Longer than it takes: two log-ins and a few pauses, on a busy machine.
-SOON_S = 10.0
-
 
 MAC = "00:1b:44:11:3a:b7"
 A, B = ListedCell("a.example", (2222, 443)), ListedCell("b.example", (2222,))
@@ -190,9 +187,7 @@ def kept(place: Path) -> Any:
 
 async def at(cloud: FakeCloud, kind: str = "session") -> None:
     """Wait until a connection of a kind is there."""
-    await eventually(
-        lambda: bool(cloud.of_kind(kind)), lambda: f"{kind} at {cloud.cell}", within_s=SOON_S
-    )
+    await eventually(lambda: bool(cloud.of_kind(kind)), lambda: f"{kind} at {cloud.cell}")
 
 
 async def test_a_robot_whose_machine_dies_goes_to_the_next_one(site, start_agent, place):
@@ -309,7 +304,7 @@ async def test_a_machine_whose_relay_hangs_is_left(site, start_agent):
 
 
 async def test_a_relay_that_never_answers_is_left(site, start_agent, monkeypatch):
-    monkeypatch.setattr("robotether_agent.tunnel.connection.RELAY_ANSWERS_WITHIN_S", 0.2)
+    monkeypatch.setattr("robotether_agent.tunnel.connection.RELAY_ANSWERS_WITHIN_S", 2.0)
     first, second = await site()
     second.cells = first.cells
     first.mode = "hangs"

@@ -216,9 +216,10 @@ async def test_its_silence_is_known(ends):
     """How long the server has said nothing is there for who looks for another way to it."""
     session, peer = ends
     running = asyncio.ensure_future(session.run())
+    began = time.monotonic()
     peer.send(CONFIG)
     await session.new_config(None)
-    assert session.silent_s < 0.3
+    assert session.silent_s <= time.monotonic() - began
     await eventually(lambda: session.silent_s > 0.1, lambda: f"{session.silent_s}")
     peer.send({"type": "ping", "seq": 1})
     await eventually(lambda: session.silent_s < 0.1, lambda: f"{session.silent_s}")

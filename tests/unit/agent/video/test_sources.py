@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import aiohttp
 import pytest
 from fake_cameras import FakeVideoServer, TopicRosbridge, fake_jpeg, number_of
-from fake_cloud import eventually
+from fake_cloud import WAIT_S, eventually
 from local_network import free_port
 from PIL import Image
 from robotether_agent.clock import robot_time
@@ -219,7 +219,8 @@ async def test_frames_of_the_simulated_robots_rosbridge(run):
         await eventually(taken.some(), taken.told)
         newest = taken.pictures[-1]
         assert newest.is_stamped
-        assert 0 <= newest.arrived_s - newest.timestamp_s < 1
+        # Both are of one clock; how busy the machine is adds seconds.
+        assert 0 <= newest.arrived_s - newest.timestamp_s < WAIT_S
 
 
 @pytest.mark.parametrize(

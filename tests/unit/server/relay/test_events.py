@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 
 import pytest
-from fake_robot import FakeRobot
+from fake_robot import WAIT_S, FakeRobot
 from relay_server import SESSION_KEY, MemoryDatabase, until, utc
 from robotether_server.db.fleet import RelayUser, Snapshot
 from robotether_server.relay import events as module
@@ -116,11 +116,11 @@ async def test_a_change_wakes_who_waits(fleet_events, sim1):
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         for happens in (lambda: fleet_events.changed(7), fleet_events.end_subscriptions):
-            waiting = asyncio.create_task(subscriber.wait(30))
+            waiting = asyncio.create_task(subscriber.wait(3600))
             await asyncio.sleep(0)
             assert not waiting.done()
             happens()
-            await asyncio.wait_for(waiting, 1)
+            await asyncio.wait_for(waiting, WAIT_S)
         assert subscriber.ended
 
 

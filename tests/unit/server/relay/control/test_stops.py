@@ -17,7 +17,7 @@ from typing import Any
 from unittest.mock import ANY
 
 import pytest
-from fake_robot import FakeRobot
+from fake_robot import WAIT_S, FakeRobot
 from relay_clients import audit_lines, closing, misbehaving
 from relay_server import SESSION_KEY, running_relay, until, utc
 from robotether_server.db.control import Stop, StopEntry
@@ -515,7 +515,7 @@ async def test_nobody_waits_for_a_guard_that_cannot_answer(world, monkeypatch, g
     if guard is not None:
         world.online(guard)
     world.stops.stop(SIM1, "ben")
-    async with asyncio.timeout(1):
+    async with asyncio.timeout(WAIT_S):
         assert not await world.stops.confirmation(SIM1.id)
     assert world.stops._confirmations == {}
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import pytest_asyncio
+from fake_robot import WAIT_S
 from relay_server import MemoryDatabase, until, utc
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, Stop, StopEntry
 from robotether_server.db.fleet import AuditEntry, Entry, FormerSessions, SessionEntry
@@ -160,7 +161,7 @@ async def test_a_flush_ends_without_a_database(event_writer, memory_database, ca
     """Stopping does not wait for ever, and says what was lost."""
     memory_database.down = True
     event_writer.add(session())
-    async with asyncio.timeout(1):
+    async with asyncio.timeout(WAIT_S):
         await event_writer.flush(0.1)
     assert "1 entries were not written to the database" in caplog.text
 

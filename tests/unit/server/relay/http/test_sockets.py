@@ -237,7 +237,7 @@ async def test_a_broken_socket_gives_its_connection_back():
     """With room for one connection, the next robot is reached after a drop."""
     async with serving(unresponsive) as url, robot_session(limit=1) as session:
         for _ in range(2):
-            async with asyncio.timeout(2):
+            async with asyncio.timeout(WAIT_S):
                 socket = cast(RobotSocket, await session.ws_connect(url))
             socket.drop()
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from unittest.mock import ANY
 
 import pytest
-from fake_robot import HOST
+from fake_robot import HOST, WAIT_S
 from local_network import free_port
 from relay_clients import configured, ended
 from relay_server import FAST, MemoryDatabase, RelayServer, until
@@ -416,7 +416,7 @@ async def test_a_cut_session_is_offline_at_once(relay, sim1, memory_database, co
     """A session that just ends makes the robot offline, and its row gets an end."""
     session = await configured(await connect())
     await session.close()
-    await until(lambda: not presence(relay, sim1).online, "it is offline", within_s=0.5)
+    await until(lambda: not presence(relay, sim1).online, "it is offline")
     await until(lambda: memory_database.sessions()[0].ended_at is not None, "the row has an end")
     assert memory_database.sessions()[0].end_code == "link_lost"
     assert memory_database.sessions()[0].address == "198.51.100.7"
@@ -429,12 +429,12 @@ async def test_a_robot_that_reads_nothing_is_bounded_and_ends(relay, sim1, conne
     session._writer.transport.pause_reading()
     # The relay answers with the agent's own number, so a long one makes a long answer.
     line = b'{"type": "ping", "seq": ' + b"9" * 4000 + b', "t_ms": 5.0}\n'
-    async with asyncio.timeout(8):
+    async with asyncio.timeout(WAIT_S):
         while presence(relay, sim1).online:
             session.send_raw(line * 100)
             await asyncio.sleep(0)
     assert b'session_endings_total{code="timeout"} 1.0' in relay.relay.metrics.render()
-    await until(lambda: not relay.relay._sessions._live, "the link is cut", within_s=2)
+    await until(lambda: not relay.relay._sessions._live, "the link is cut")
 
 
 async def test_each_session_has_its_own_guard_key(relay, connect):

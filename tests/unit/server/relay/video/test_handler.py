@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 
 import aiohttp
 import pytest
-from fake_robot import HOST, JPEG, FakeRobot
+from fake_robot import HOST, JPEG, WAIT_S, FakeRobot
 from relay_server import SESSION_KEY, RelayServer, until
 from robotether_common.frames import QOS
 from robotether_server.db.fleet import RelayRobot, RelayUser
@@ -363,6 +363,6 @@ async def test_a_robot_that_never_came_keeps_no_viewer(relay, sim1, http):
     """A ticket for a robot that is offline is answered at once."""
     robot = FakeRobot(sim1.id, SESSION_KEY)
     url = video_url(relay, sim1, f"stream?ticket={relay.ticket(sim1)}")
-    async with asyncio.timeout(1), http.get(url) as answer:
+    async with asyncio.timeout(WAIT_S), http.get(url) as answer:
         assert answer.status == 503
     await robot.stop()
