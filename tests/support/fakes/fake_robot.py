@@ -118,6 +118,16 @@ class RobotSession:
         )
         self._task = asyncio.create_task(self._read())
 
+    async def wait_configured(self) -> None:
+        """Wait for the configuration, which the relay holds back while the robot's port is taken."""
+        try:
+            await asyncio.wait_for(self.configured.wait(), WAIT_S)
+        except TimeoutError as error:
+            raise AssertionError(
+                f"no configuration of the {self.kind} in {WAIT_S:g} s: it got {self.lines}; see with "
+                "'ss -tlnp' whether another program listens on the robot's ports"
+            ) from error
+
     def send(self, **fields: object) -> None:
         """Write one line."""
         self.send_raw(json.dumps(fields).encode() + b"\n")
@@ -230,10 +240,10 @@ class FakeRobot:
     async def start(self, session_port: int) -> None:
         """Connect, and open the ports that the relay gives, as the agent does."""
         await self.session.connect(session_port)
-        await asyncio.wait_for(self.session.configured.wait(), WAIT_S)
+        await self.session.wait_configured()
         await self._open_rosbridge(self.session.configs[0]["ros_port"])
         await self.media.connect(session_port)
-        await asyncio.wait_for(self.media.configured.wait(), WAIT_S)
+        await self.media.wait_configured()
         await self._listen(self._video_app(), self.media.configs[0]["video_port"])
         self._say_hello()
         self.session.send(type="health", ros="ok", video="ok", detail="", ros_exposed=False)

@@ -12,7 +12,8 @@ import ssl
 # workers has its own share, for the same reason.
 _WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
 _WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-PORTS = range(20_100 + _WORKER, 32_000, _WORKERS)
+_SHARE = (32_000 - 20_100) // _WORKERS
+PORTS = range(20_100 + _WORKER * _SHARE, 20_100 + (_WORKER + 1) * _SHARE)
 _rng = random.SystemRandom()
 _given: set[int] = set()
 
@@ -24,6 +25,16 @@ def free_port() -> int:
         if port not in _given and _is_free(port):
             _given.add(port)
             return port
+
+
+def free_ports(count: int) -> range:
+    """As many of them in a row."""
+    while True:
+        first = _rng.choice(PORTS[: 1 - count])
+        ports = range(first, first + count)
+        if _given.isdisjoint(ports) and all(map(_is_free, ports)):
+            _given.update(ports)
+            return ports
 
 
 def _is_free(port: int) -> bool:

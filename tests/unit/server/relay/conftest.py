@@ -14,8 +14,11 @@ import uvloop
 from fake_frames import FakeFrames
 from fake_robot import FakeRobot, RobotSession
 from frames_viewer import FramesViewer
+from local_network import free_ports
 from relay_server import FAST, SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
+from robotether_server.db import Database
 from robotether_server.db.fleet import RelayRobot, RelayUser
+from robotether_server.db.migrate import set_port_range
 from robotether_server.relay.main import Timing
 from robotether_server.relay.robots import port_checks, robot_dialer
 
@@ -51,6 +54,15 @@ async def _no_task_left() -> AsyncIterator[None]:
             return
         await asyncio.sleep(0.01)
     pytest.fail(f"tasks left behind: {left}")
+
+
+@pytest.fixture
+def admin_database(admin_database: Database) -> Database:
+    """The emptied database; its robots' ports are free here, as something listens on them."""
+    ports = free_ports(8)
+    with admin_database.transaction() as tx:
+        set_port_range(tx, ports[0], ports[-1])
+    return admin_database
 
 
 @pytest.fixture
