@@ -6,6 +6,7 @@ that, as the certificate's file is nginx's own and may be replaced at any time; 
 
 import base64
 import hashlib
+import ipaddress
 import re
 import shlex
 import socket
@@ -92,6 +93,8 @@ class EnrolmentLines:
     package: str
     containers: str
     playbook: str
+    # Why no robot can use them; empty: nothing is known against the address.
+    warning: str = ""
 
 
 def enrolment_lines(
@@ -120,19 +123,35 @@ def enrolment_lines(
         package=f"{package} && sudo apt install ./agent.deb",
         containers=f"{_assignments(variables | {'TOKEN': token})} docker compose up -d",
         playbook=f"{_assignments({'ROBOTETHER_TOKEN': token})} ansible-playbook enroll.yml",
+        warning=unreachable_warning(site),
     )
+
+
+def unreachable_warning(site: SiteAddress) -> str:
+    """Say that no robot can reach this site by its address, if that is certain; else return nothing."""
+    if not _is_this_machine(site.host.lower()):
+        return ""
+    return (
+        f"No robot can use this line: {site.host} is the robot itself there. Set PUBLIC_HOST to a name or address of "
+        "this server that robots reach, or open this page under one, and make a new line."
+    )
+
+
+def _is_this_machine(host: str) -> bool:
+    if host == "localhost" or host.endswith((".localhost", ".localdomain")):
+        return True
+    try:
+        # Short forms such as 127.1 are addresses for curl, too.
+        address = ipaddress.ip_address(host if ":" in host else socket.inet_aton(host))
+    except (OSError, ValueError):
+        return False
+    address = getattr(address, "ipv4_mapped", None) or address
+    return address.is_loopback or address.is_unspecified
 
 
 def _assignments(variables: dict[str, str]) -> str:
     # Quoted as a whole it would be the name of a command.
     return " ".join(f"{name}={shlex.quote(value)}" for name, value in variables.items())
-
-
-def install_line(
-    certificates: SiteCertificates, asked: str, token: str, name: str | None = None
-) -> str:
-    """Return the line for the robot alone; raise as `enrolment_lines` does."""
-    return enrolment_lines(certificates, asked, token, name).install
 
 
 def parse_site_address(text: str) -> SiteAddress:

@@ -107,8 +107,9 @@ def hash_password(password: str) -> str:
     """Return the text for users.password_hash; raise FieldInvalid when it is too short or long, or Throttled."""
     if not MIN_LENGTH <= len(password) <= MAX_LENGTH:
         raise FieldInvalid(
-            f"cannot use this password: it has {len(password)} characters; "
-            f"allowed are {MIN_LENGTH} to {MAX_LENGTH}",
+            f"cannot use this password: use at least {MIN_LENGTH} characters"
+            if len(password) < MIN_LENGTH
+            else f"cannot use this password: use at most {MAX_LENGTH} characters",
             "password",
         )
     if is_common(password):

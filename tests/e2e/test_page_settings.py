@@ -173,7 +173,7 @@ def test_the_page_of_a_robot_is_set_while_somebody_drives_it(
         drive_live(dan, stack, ROBOT)
         mia.goto(f"{stack.url}{SETTINGS}")
         mia.get_by_label("Topic of camera 1").fill("/rear/image_raw")
-        mia.get_by_label("Its name").first.fill("Rear")
+        mia.get_by_label("Name", exact=True).first.fill("Rear")
         mia.get_by_label("Turned by").first.select_option("180")
         mia.get_by_label("Highest quality").fill("10")
         mia.get_by_test_id("page-save").click()

@@ -79,7 +79,10 @@ def test_safety_and_permissions_are_set(page: Page, stack: Stack) -> None:
     robot = f"{stack.url}/admin/robots/sim3"
     page.goto(f"{robot}/settings")
     page.wait_for_url("**/robots/sim3/settings")
-    speed, steering = page.get_by_label("Top speed (m/s)"), page.get_by_label("Maximum steering")
+    speed, steering = (
+        page.get_by_label("Driver's limit (m/s)"),
+        page.get_by_label("Maximum steering"),
+    )
     page.get_by_test_id("more").locator("summary").click()
     steering.fill("far")
     page.get_by_test_id("settings-save").click()

@@ -15,7 +15,7 @@ from robotether_server.db import credentials, join_tokens, users
 from robotether_server.db.credentials import Token
 from robotether_server.db.join_tokens import JoinToken, Place
 from robotether_server.db.users import User
-from robotether_server.install_line import install_line
+from robotether_server.install_line import enrolment_lines
 from robotether_server.problems import RecordMissing, StoreUnavailable
 from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label, UserName
@@ -61,10 +61,14 @@ class NewJoinToken(Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class CreatedJoinToken(JoinToken):
-    """A join token with its text and the install line, which are shown once."""
+    """A join token with its text and the install line, which are shown once.
+
+    `warning`: why no robot can use the line, or empty.
+    """
 
     token: str
     command: str
+    warning: str
 
 
 class JoinTokenList(Struct):
@@ -125,8 +129,10 @@ def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoin
     if made is None:
         raise StoreUnavailable("cannot make the join token: it is gone already; try again")
     # This may raise: without an install line there is no token.
-    command = install_line(context().site_certificates, request.host, text)
-    return CreatedJoinToken(**vars(made), token=text, command=command), 201
+    lines = enrolment_lines(context().site_certificates, request.host, text)
+    return CreatedJoinToken(
+        **vars(made), token=text, command=lines.install, warning=lines.warning
+    ), 201
 
 
 @operation("DELETE", "/join-tokens/<int:token_id>", "admin")

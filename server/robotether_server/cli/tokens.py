@@ -21,7 +21,7 @@ from robotether_server.install_line import (
     HTTPS_PORT,
     SiteAddress,
     SiteCertificates,
-    install_line,
+    enrolment_lines,
     parse_site_address,
 )
 from robotether_server.services import tokens
@@ -130,12 +130,14 @@ def invite(
             tx, SOURCE, name, uses, ends, place=Place(**place), label=label
         )
         # Before the end of the transaction: a token that nobody has seen would stay behind otherwise.
-        line = install_line(certificates, asked, token, name)
+        lines = enrolment_lines(certificates, asked, token, name)
     robots = "1 robot" if uses == 1 else f"{uses} robots"
     click.echo(
         f"join token {label}, for {name or robots} until {timestamp(ends, '')} UTC; run on the robot:"
     )
-    click.echo(line)
+    if lines.warning:
+        click.echo(f"warning: {lines.warning}", err=True)
+    click.echo(lines.install)
 
 
 @click.group("join-token")

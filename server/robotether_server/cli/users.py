@@ -37,7 +37,7 @@ web: created the first admin. This is shown only once:
 def ensure_first_admin(loaded: WebSettings) -> None:
     """Make the user admin on a server that has no user, and print the password if it was made here."""
     password = loaded.admin_password or passwords.new_password()
-    shown = "the one in the file admin_password" if loaded.admin_password else password
+    shown = "in compose/secrets/admin_password" if loaded.admin_password else password
     site = SiteAddress(
         loaded.site_address.public_host or "localhost", loaded.site_address.public_port
     )

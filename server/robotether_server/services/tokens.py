@@ -94,7 +94,7 @@ def _check_requested_name(tx: Transaction, robot: str, uses: int) -> None:
     """Raise FieldInvalid for a name that the server would ignore when the robot asks for it."""
     if not ROBOT_NAME.fullmatch(robot):
         raise FieldInvalid(
-            "cannot use this name: it must be of a-z, 0-9 and -, neither first nor last a -", "name"
+            "cannot use this name: use a-z, 0-9 and -; begin and end with a letter or digit", "name"
         )
     if uses > 1:
         raise FieldInvalid(

@@ -37,7 +37,7 @@ def require_admin() -> AnyResponse | None:
     """Identify the user as `require_user` does; raise GrantMissing unless it is an admin."""
     answer = require_user()
     if answer is None and not get().is_admin:
-        raise GrantMissing("cannot show this page: it is for admins; ask one of them")
+        raise GrantMissing("This page is for administrators.")
     return answer
 
 

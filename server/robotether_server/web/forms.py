@@ -118,7 +118,7 @@ def robot_name(name: str, label: str) -> str:
     value = text(name, label, MAX_NAME_LENGTH)
     if not re.fullmatch(ROBOT_NAME_PATTERN, value):
         raise FieldInvalid(
-            f"cannot use {label}: a name has a-z, 0-9 and -, neither first nor last a -", name
+            f"cannot use {label}: use a-z, 0-9 and -; begin and end with a letter or digit", name
         )
     return value
 

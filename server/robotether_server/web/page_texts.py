@@ -44,7 +44,7 @@ DRIVES: Mapping[str, str] = {
     "client_floods": "driver's connection sent too much",
     "superseded": "continued in another window",
     "rights_ended": "permissions or settings changed",
-    "robot_stopped": "Stop pressed",
+    "robot_stopped": "robot stopped",
     "lease_held": "somebody else was driving",
     "lease_lost": "somebody else got control",
     "lease_unavailable": "database unavailable",

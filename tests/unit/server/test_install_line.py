@@ -17,7 +17,6 @@ from robotether_server.install_line import (
     Certificate,
     SiteCertificates,
     enrolment_lines,
-    install_line,
     parse_site_address,
     site_of,
 )
@@ -44,7 +43,7 @@ class KnownCertificate(SiteCertificates):
 def test_self_signed_certificate_is_pinned_twice() -> None:
     """By curl for the script, and by the script for all that follows."""
     certificates = KnownCertificate(None, 443, is_known=False)
-    assert install_line(certificates, "robots.example:8443", "rj_abc") == (
+    assert enrolment_lines(certificates, "robots.example:8443", "rj_abc").install == (
         f"curl -fsSk --pinnedpubkey sha256//{PIN} https://robots.example:8443/join.sh | "
         f"sudo sh -s -- --server robots.example:8443 --tls-fingerprint {FINGERPRINT} --token rj_abc"
     )
@@ -53,15 +52,52 @@ def test_self_signed_certificate_is_pinned_twice() -> None:
 def test_known_certificate_is_left_to_the_authorities() -> None:
     """So that it may be renewed."""
     certificates = KnownCertificate("robots.example", 443, is_known=True)
-    assert install_line(certificates, "10.0.0.1", "rj_abc") == (
+    assert enrolment_lines(certificates, "10.0.0.1", "rj_abc").install == (
         "curl -fsS https://robots.example/join.sh | sudo sh -s -- --server robots.example --token rj_abc"
     )
 
 
 def test_token_is_one_word_whatever_it_is() -> None:
     """The shell sees it as one argument."""
-    line = install_line(KnownCertificate("a", 443, is_known=True), "", "rj_$(reboot) '; x")
+    certificates = KnownCertificate("a", 443, is_known=True)
+    line = enrolment_lines(certificates, "", "rj_$(reboot) '; x").install
     assert shlex.split(line)[-1] == "rj_$(reboot) '; x"
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        "localhost",
+        "LOCALHOST:8443",
+        "web.localhost",
+        "127.0.0.1",
+        "127.1",
+        "127.9.9.9:443",
+        "0.0.0.0",
+        "[::1]",
+        "[::ffff:127.0.0.1]:8443",
+        "[::]",
+    ],
+)
+def test_an_address_that_is_the_robot_itself_is_warned_of(asked: str) -> None:
+    """Whether the page was opened under it, or PUBLIC_HOST is it."""
+    here = KnownCertificate(None, 443, is_known=False)
+    assert "No robot can use this line" in enrolment_lines(here, asked, "rj_abc").warning
+    public = KnownCertificate(asked.strip("[]"), 443, is_known=False)
+    if "]" not in asked and ":" not in asked:
+        assert "PUBLIC_HOST" in enrolment_lines(public, "robots.example", "rj_abc").warning
+    named = KnownCertificate("robots.example", 443, is_known=True)
+    assert enrolment_lines(named, asked, "rj_abc").warning == ""
+
+
+@pytest.mark.parametrize(
+    "asked", ["robots.example", "10.0.0.1:8443", "[2001:db8::1]", "localhost.example"]
+)
+def test_other_addresses_are_not_warned_of(asked: str) -> None:
+    """Nobody knows here what a robot's network reaches."""
+    assert (
+        enrolment_lines(KnownCertificate(None, 443, is_known=False), asked, "rj_abc").warning == ""
+    )
 
 
 def test_each_way_has_its_line() -> None:

@@ -31,9 +31,9 @@ export const topics = {
   tooBig: "One message is larger than the server passes on, so this view has ended.",
   refused: (why) => `Not shown: ${why}`,
   rate: (rate) => `${rate} messages/s`,
-  rateAtLeast: (rate) => `${rate} messages/s or more: this page requests no more`,
+  rateAtLeast: (rate) => `At least ${rate}/s (this page asks for ${rate})`,
   rateSlow: (seconds) => `one message in ${seconds} s`,
-  size: (size) => `about ${size} each`,
+  size: (size) => `${size} each`,
   measure: "Measure rate",
   measureHelp: (seconds) => `Receives every message for ${seconds} s`,
   measuring: "Measuring",
@@ -50,9 +50,9 @@ export const topics = {
 };
 
 export const summary = {
-  asking: "Your drive has ended. Its record is being written.",
-  missing: "Your drive has ended. The server has no record of it yet. It will be in the list of drives.",
-  failed: "Your drive has ended. The server cannot show its record now. It will be in the list of drives.",
+  asking: "Drive ended. Summary follows.",
+  missing: "Drive ended. The server has no record of it yet. It will be in the list of drives.",
+  failed: "Drive ended. The server cannot show its record now. It will be in the list of drives.",
   headline: (duration, distance) => `Your drive: ${duration}, ${distance}`,
   labels: {
     duration: "Duration",
@@ -83,7 +83,7 @@ export const endReasons = {
   client_floods: "this page's connection sent too much",
   superseded: "continued in another window",
   rights_ended: "permissions or settings changed",
-  robot_stopped: "Stop pressed",
+  robot_stopped: "robot stopped",
   lease_held: "somebody else was driving",
   lease_lost: "somebody else got control",
   lease_unavailable: "database unavailable",

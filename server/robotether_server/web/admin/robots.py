@@ -340,7 +340,12 @@ confirmation.register(
         do=_rename,
         onward="/admin/robots/{result.name}",
         fields=(
-            Field("new_name", "New name", "{name}", "a-z, 0-9 and -, neither first nor last a -"),
+            Field(
+                "new_name",
+                "New name",
+                "{name}",
+                "Use a-z, 0-9 and -; begin and end with a letter or digit.",
+            ),
         ),
         is_harmless=True,
     ),

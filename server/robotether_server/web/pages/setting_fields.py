@@ -117,10 +117,14 @@ SAFETY = Tab(
             "",
             (
                 _limit(
-                    "guard.max_speed_m_s", "Top speed (m/s)", "Faster commands are reduced to it."
+                    "guard.max_speed_m_s",
+                    "Robot's limit (m/s)",
+                    "Faster commands are reduced to it.",
                 ),
                 _limit(
-                    "guard.max_turn_rad_s", "Top turn (rad/s)", "Faster turns are reduced to it."
+                    "guard.max_turn_rad_s",
+                    "Robot's turn limit (rad/s)",
+                    "Faster turns are reduced to it.",
                 ),
                 _whole(
                     "guard.deadman_ms",
@@ -258,8 +262,15 @@ DRIVING = Tab(
             "Speed of the controls",
             "The most that the drive page offers. The guard's own limits always hold.",
             (
-                SettingField("page.max_speed_m_s", "Top speed (m/s)", "", empty="the guard's"),
-                SettingField("page.max_turn_rad_s", "Top turn (rad/s)", "", empty="the guard's"),
+                SettingField(
+                    "page.max_speed_m_s", "Driver's limit (m/s)", "", empty="the robot's limit"
+                ),
+                SettingField(
+                    "page.max_turn_rad_s",
+                    "Driver's turn limit (rad/s)",
+                    "",
+                    empty="the robot's limit",
+                ),
             ),
         ),
         Section(

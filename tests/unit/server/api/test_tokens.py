@@ -127,6 +127,7 @@ def test_join_token_is_told_once_with_its_line(
     made = answer.json
     command = made.pop("command")
     token = made.pop("token")
+    assert made.pop("warning") == ""
     assert token.startswith("rj_")
     assert shlex.split(command)[-1] == token
     assert "https://robots.example/join.sh | sudo sh -s -- --server robots.example " in command

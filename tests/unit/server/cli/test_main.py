@@ -129,7 +129,7 @@ def test_password_of_ones_own_is_not_printed(
     assert "cannot use the secret in ADMIN_PASSWORD: allowed is" in refused.err
     file.write_text("a-password-of-ones-own\n")
     done = run("web")
-    assert "password  the one in the file admin_password\n" in done.out
+    assert "password  in compose/secrets/admin_password\n" in done.out
     assert "a-password" not in done.out + done.err
     with database.transaction() as tx:
         assert passwords.matches("a-password-of-ones-own", users.get(tx, "admin").password_hash)

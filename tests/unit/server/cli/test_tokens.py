@@ -117,6 +117,14 @@ def test_other_host_may_be_named(
     assert f"https://{server}/join.sh" in line
 
 
+def test_invite_warns_of_an_address_that_no_robot_reaches(run: Run) -> None:
+    """Beside the line, which scripts read."""
+    done = run("robot", "invite", "--host", "localhost")
+    assert done.err.startswith("warning: No robot can use this line: localhost")
+    assert "https://localhost/join.sh" in done.out.splitlines()[-1]
+    assert run("robot", "invite", "--host", "192.0.2.7").err == ""
+
+
 def test_invite_without_a_host_says_what_to_set(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """Or to say."""
     monkeypatch.delenv("PUBLIC_HOST")
@@ -134,7 +142,7 @@ def test_no_token_stays_behind_when_there_is_no_line(
     def fail(*_: object) -> str:
         raise SiteCertificateUnavailable("cannot determine this site's certificate: nginx is away")
 
-    monkeypatch.setattr(tokens, "install_line", fail)
+    monkeypatch.setattr(tokens, "enrolment_lines", fail)
     assert "nginx is away" in run("robot", "invite").err
     with database.transaction() as tx:
         assert join_tokens.list_all(tx) == []

@@ -25,7 +25,7 @@ def test_a_user_who_is_no_admin_may_not(app: Flask, browser: Browser) -> None:
     for path in paths(app, "/admin", "GET"):
         answer = browser.ask("GET", path)
         assert answer.status_code == 403, path
-        assert "it is for admins" in answer.text
+        assert "This page is for administrators." in answer.text
     assert 'href="/profile"' in answer.text
     assert 'href="/admin/robots"' not in answer.text
 

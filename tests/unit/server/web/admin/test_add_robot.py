@@ -191,7 +191,7 @@ def test_a_robot_is_announced(admin: Browser, database: Database) -> None:
     [
         ("", "00:1b:44:11:3a:b7", "Fill in Name of the robot."),
         ("lift", "rubbish", "no MAC address"),
-        ("-x-", "00:1b:44:11:3a:b7", "A name has a-z"),
+        ("-x-", "00:1b:44:11:3a:b7", "Use a-z, 0-9 and -; begin"),
         ("sim1", "00:1b:44:11:3a:b7", "name sim1"),
         ("lift", "06:00:00:00:00:01", "locally administered"),
     ],

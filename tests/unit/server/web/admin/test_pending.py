@@ -91,7 +91,7 @@ def test_a_second_machine_with_one_mac_takes_over_only_after_a_page_that_asks(
     approve(admin, "sim1", 1)
     join(program, MAC, 2, "copy")
     page = admin.ask("GET", "/admin/pending").text
-    assert "MAC in use by robot sim1, which is offline" in page
+    assert "sim1 is offline, and a machine with its MAC shows a new key" in page
     question = admin.ask("GET", asked("replace", "sim1", 2)).text
     assert "is disconnected within 2 seconds" in question
     assert "copy" in question

@@ -49,7 +49,7 @@ def test_a_password_that_was_typed_is_not_shown(admin: Browser, database: Databa
         ({"name": "ann", "role": "user"}, "The name is taken."),
         ({"name": "zoe", "role": "king"}, "Choose one of admin, user."),
         ({"name": "Zoe!", "role": "user"}, "Enter 1 to 63 characters a-z"),
-        ({"name": "zoe", "role": "user", "password": "short"}, "It has 5 characters"),
+        ({"name": "zoe", "role": "user", "password": "short"}, "Use at least 12 characters"),
     ],
 )
 def test_a_wrong_form_comes_back(admin: Browser, form: dict[str, str], sentence: str) -> None:

@@ -63,7 +63,7 @@ def test_drive_that_a_stop_ended_says_so_once(admin: Browser, admin_database: Da
     """The API and the files have the code."""
     add_drive(admin_database, "sim1", "ann", end_code="robot_stopped", stops=1)
     page = admin.ask("GET", "/drives").text
-    assert "Stop pressed" in page
+    assert "robot stopped" in page
     assert "1 stop" not in page
     assert '"robot_stopped"' in admin.ask("GET", "/drives/download?format=jsonl").text
 

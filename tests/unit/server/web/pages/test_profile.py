@@ -52,7 +52,11 @@ def test_password_is_changed_and_this_browser_stays(app: Flask, ann: Browser) ->
     [
         ({"present": "wrong", "new": NEW, "again": NEW}, 401, "The current password is wrong."),
         ({"present": PASSWORD, "new": NEW, "again": "other"}, 422, "The two new ones differ."),
-        ({"present": PASSWORD, "new": "short", "again": "short"}, 422, "It has 5 characters"),
+        (
+            {"present": PASSWORD, "new": "short", "again": "short"},
+            422,
+            "Use at least 12 characters",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_and_changes_nothing(

@@ -177,7 +177,7 @@ def test_admin_sets_safety_and_permissions(admin: Browser, database: Database) -
     policy = {"drive": {"call": ["/arm/*", "/lamp"]}, "observe": {"subscribe": []}}
     assert all_kept(database) == {"shell_user": "pi", "guard": guard, "policy": policy}
     page = admin.ask("GET", "/admin/robots/sim1").text
-    for text in ("Top speed (m/s)", "0.5", "/arm/*, /lamp", "Observers: Subscribe to"):
+    for text in ("Robot&#39;s limit (m/s)", "0.5", "/arm/*, /lamp", "Observers: Subscribe to"):
         assert text in page
     assert filled(admin, SETTINGS)["guard.max_speed_m_s"] == "0.5"
     newest, first, _ = audited(database, "robot_settings_set")
