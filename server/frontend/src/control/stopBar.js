@@ -37,17 +37,28 @@ export class StopBar {
   }
 
   press() {
-    this.failure = "";
+    if (!this.ended) this.failure = "";
     this.stopping.press(); // first of all: halting may wait for nothing, but might fail
     this.halt();
     this.hold?.cancel();
   }
 
+  get ended() {
+    return this.element.dataset.ended === "true";
+  }
+
   receive(stopped) {
-    if (!stopped) this.failure = "";
+    if (!stopped && !this.ended) this.failure = "";
     // Who holds the button has yet to see the other stop.
     if (!sameStop(this.stopping.stopped, stopped)) this.hold?.cancel();
     this.stopping.receive(stopped);
+  }
+
+  // This page may no longer ask the server for anything, so a stop can only be refused. It is sent all the same.
+  end() {
+    this.element.dataset.ended = "true";
+    this.failure = texts.ended;
+    this.show();
   }
 
   show() {

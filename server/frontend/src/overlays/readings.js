@@ -7,6 +7,7 @@ import { Subscriptions } from "./subscriptions.js";
 
 const OLD_MS = 2500;
 const TICK_MS = 250;
+const MIN_MS_IN_SECONDS = 10_000;
 // The greatest values, in ms, that are good and that are fair.
 const LINK_MS = [100, 300];
 const GOOD_FRAME_MS = 250;
@@ -50,7 +51,7 @@ export class Readings {
   rtt(reading, parts) {
     const old = reading && reading.ageMs > OLD_MS;
     const ms = reading ? Math.round(reading.medianMs) : null;
-    this.value("rtt", ms === null ? texts.none : String(ms), old ? "poor" : health(ms, LINK_MS));
+    this.time("rtt", ms, old ? "poor" : health(ms, LINK_MS));
     const breakdown = reading && !old ? latency.words(rounded(latencyBreakdown({ total: reading.medianMs, ...parts }))) : "";
     const words = old ? texts.old(Math.round(reading.ageMs / 1000)) : breakdown;
     setText(byTestId(this.root, "rtt-parts"), words);
@@ -60,7 +61,14 @@ export class Readings {
   tick() {
     const age = this.frameAge();
     const ms = age === null ? null : Math.round(age);
-    this.value("picture-age", ms === null ? texts.none : String(ms), health(ms, this.frameMs));
+    this.time("picture-age", ms, health(ms, this.frameMs));
+  }
+
+  // In milliseconds, or in seconds where those would be cut.
+  time(testId, ms, health) {
+    const inSeconds = ms !== null && ms >= MIN_MS_IN_SECONDS;
+    setText(byTestId(this.root, testId).querySelector("small"), inSeconds ? "s" : "ms");
+    this.value(testId, ms === null ? texts.none : String(inSeconds ? Math.floor(ms / 1000) : ms), health);
   }
 
   // The unit beside the value stands in the template.

@@ -154,6 +154,7 @@ function useLink(live) {
 function endAll({ login }) {
   driveMode.end();
   byTestId(root, "control").hidden = true;
+  stopBar.end();
   view.refuse(login ? "login_missing" : "rights_ended");
 }
 

@@ -14,7 +14,8 @@ export const connection = {
   },
   offline: {
     title: "Robot offline",
-    detail: ({ since, why, reason }) => `${offlineSince(since, reason)}${why ? `${why} ` : ""}This page connects by itself when the robot is back.`,
+    detail: ({ since, why, reason }) =>
+      `${offlineSince(since, reason)}${why ? `${why} ` : ""}This page connects by itself when the robot is back.`,
     action: "Try now",
   },
   rosbridge_down: {
@@ -87,6 +88,7 @@ export const driveMode = {
 
 export const stop = {
   none: () => "",
+  ended: "Stop does not work on this page any more.",
   asked: () => "Stopping.",
   heard: () => "Stopping: not confirmed by the robot yet.",
   unheard: () => "No answer yet, trying again. Without commands the robot halts by itself.",
@@ -106,7 +108,7 @@ export const release = {
 
 export const reasons = {
   login: "Your login has ended. Log in again.",
-  robot: "There is no such robot, or you have no access to it.",
+  robot: "No robot has this name any more, or you have no access to it. It may have been renamed: look for it among your robots.",
   grant: "Your rights have changed. Reload the page to see what you may still do.",
   stale: "This page is too old. Reload it.",
   restarting: "The server is restarting; this page keeps trying.",

@@ -110,3 +110,14 @@ test("a robot that is released, though the answer was lost, is not said to be no
   await fails();
   assert.equal(text(), "");
 });
+
+test("a page whose rights have ended says that its Stop does not work, and sends it all the same", () => {
+  const { bar, text } = releaseAsked();
+  bar.receive(null);
+  let sent = 0;
+  bar.stopping.press = () => (sent += 1);
+  bar.end();
+  bar.press();
+  assert.match(text(), /Stop does not work/);
+  assert.deepEqual([sent, bar.element.dataset.ended], [1, "true"]);
+});
