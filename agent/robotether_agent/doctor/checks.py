@@ -21,7 +21,7 @@ from robotether_agent.enrolment.identity import IdentityStore, interface_with
 from robotether_agent.exposure import ADDRESS_ADVICE, PAST_GUARD, exposed_at, rosbridge_advice
 from robotether_agent.fields import printable
 from robotether_agent.problems import AgentProblem
-from robotether_agent.rosbridge import ask_rosapi, rosapi_topics
+from robotether_agent.rosbridge import ask_rosapi
 from robotether_agent.settings import Settings
 from robotether_agent.status import is_alive, read_status
 from robotether_agent.tasks import within
@@ -135,7 +135,7 @@ async def check_rosapi(settings: Settings) -> Finding:
     """Whether rosapi answers, and whether rosbridge for ROS 2 lets a slow service block its connection."""
     url = settings.rosbridge_url
     try:
-        await rosapi_topics(url)
+        topics = await ask_rosapi(url, "topics", {})
     except asyncio.TimeoutError:
         return warning(
             "rosapi",
@@ -144,6 +144,12 @@ async def check_rosapi(settings: Settings) -> Finding:
         )
     except (aiohttp.ClientError, OSError):
         return skipped("rosapi", "rosbridge, which leads to it, does not answer")
+    if "topics" not in topics:
+        return warning(
+            "rosapi",
+            f"is not known to rosbridge at {url}: rosapi has ended, or roscore has restarted and knows neither",
+            "restart rosbridge and rosapi; else pages find no topics, and on ROS 1 commands may reach nobody",
+        )
     blocking = [name for name in IN_NEW_THREAD if await _is_off(url, name)]
     if blocking:
         return warning(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 
-from robotether_agent.doctor import Finding, fail, ok, skipped
+from robotether_agent.doctor import Finding, fail, ok, skipped, warning
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
 from robotether_agent.enrolment.join import SshAccess
@@ -94,6 +94,12 @@ def check_guard(settings: Settings, status: Status | None) -> Finding:
         return fail(step, f"{status.guard}: {detail}", "journalctl -u robotether-agent says why")
     if status.stopped_by:
         return skipped(step, f"stopped by {status.stopped_by}; a driver releases it on its page")
+    if status.guard_detail:
+        advice = (
+            "start the base's driver, or correct the drive topic on the robot's page; after a restart of roscore, "
+            "restart rosbridge and the driver"
+        )
+        return warning(step, f"ready, but {status.guard_detail}", advice)
     return ok(step, "ready; it stops the robot when commands stop")
 
 

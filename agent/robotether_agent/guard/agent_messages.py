@@ -178,6 +178,8 @@ class State:
     moving: bool
     # The newest number of a lease, 0: none.
     fence: int
+    # Drive topics to which nothing on the robot listens.
+    unheard: tuple[str, ...] = ()
 
 
 class GuardReporter:

@@ -59,6 +59,12 @@ from robotether_agent.guard.topics import (
 # A timestamp may lie ahead by the drift of two clocks; more is a mistake, which would hide an age.
 AHEAD_MS = 100.0
 AGENT_SILENT_S = 1.0
+# Time after its last use for which a topic counts as driven.
+DRIVEN_FOR_S = 10.0
+# Time within which rosbridge and ROS register a topic that was advertised.
+REGISTERED_WITHIN_S = 2.0
+# rosbridge keeps a topic for 10 s after it was unadvertised (unregister_timeout), and only then registers it anew.
+UNREGISTERED_AFTER_S = 12.0
 
 log = logging.getLogger(__name__)
 
@@ -212,6 +218,8 @@ class DriveController:
         self._wake = asyncio.Event()
         self._stepped = asyncio.Event()
         self._fence = 0
+        # Drive topics to which nothing on the robot listens.
+        self.unheard: frozenset[str] = frozenset()
 
     # What changes from outside.
 
@@ -304,6 +312,29 @@ class DriveController:
         if self._driver is not None:
             self._driver.notify(data)
 
+    def driven_now(self) -> list[str]:
+        """Name the topics that somebody drives, and that rosbridge has had time to register."""
+        now = self._clock()
+        registered = (
+            t for t in self._topics if t.announced and now >= t.announced_at + REGISTERED_WITHIN_S
+        )
+        return [t.name for t in registered if now < t.used_at + DRIVEN_FOR_S]
+
+    def on_unheard(self, names: frozenset[str]) -> None:
+        """Refuse to move what nothing listens to; zeros always go."""
+        for name in sorted(names - self.unheard):
+            log.warning("nothing on the robot listens to %s", name)
+        self.unheard = names
+        self._changed()
+
+    def on_unregistered(self, name: str) -> None:
+        """Advertise a topic at rest anew, once rosbridge has forgotten it."""
+        topic = self._topics.find(name)
+        if topic is not None and topic.waiting is None and self._deadman.is_at_rest(name):
+            log.warning("ROS has forgotten that rosbridge publishes %s; advertising it anew", name)
+            self._topics.withhold(topic, self._clock() + UNREGISTERED_AFTER_S)
+            self._wake.set()
+
     # Messages.
 
     async def handle(self, source: CommandSource, message: DriveMessage) -> None:
@@ -382,6 +413,8 @@ class DriveController:
             raise
         topic = self._topic_for(source, message.topic)
         self._check_shape(topic, wanted.shape)
+        if now < topic.withheld_until or (wanted.moves and topic.name in self.unheard):
+            raise Refused("held", f"nothing on the robot listens to {topic.name}")
         before = topic.sent if self._deadman.is_moving(topic.name) else None
         command = limited(wanted, before, now - topic.sent_at, self._config.limits)
         if topic.waiting is not None:
@@ -446,10 +479,11 @@ class DriveController:
         self._changed()
 
     async def _announce(self, topic: Topic) -> None:
-        if topic.type and not topic.announced and self.publisher.can_send:
+        is_due = topic.type and not topic.announced and self._clock() >= topic.withheld_until
+        if is_due and self.publisher.can_send:
             advertise = {"op": "advertise", "topic": topic.name, "type": topic.type}
             # Meanwhile it may be forgotten, and then rosbridge must be notified.
-            topic.announced = True
+            topic.announced, topic.announced_at = True, self._clock()
             if not await self.publisher.send(_json(advertise)):
                 topic.announced = False
 
@@ -461,6 +495,7 @@ class DriveController:
     async def _zero(self, topic: Topic, now: float) -> None:
         topic.waiting = None
         if topic.sent is not None and self.publisher.can_send:
+            topic.withheld_until = 0.0
             await self._announce(topic)
             command = zero(topic.sent.shape, topic.sent.frame_id)
             if await self.publisher.send(_publish(topic, command, None)):
@@ -527,6 +562,8 @@ class DriveController:
             times.append(due)
         if self._deadman.moving():
             times.append(self._authorizer.silent_at)
+        now = self._clock()
+        times += [t.withheld_until for t in self._topics if t.withheld_until > now]
         if self._motion.ends_at is not None and not self.moving:
             times.append(self._motion.ends_at)
         return min(times, default=None)

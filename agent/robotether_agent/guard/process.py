@@ -32,7 +32,7 @@ from robotether_agent.guard.agent_messages import (
 from robotether_agent.guard.drive_controller import Authorizer, DriveController
 from robotether_agent.guard.fences import FenceFile, FenceStore
 from robotether_agent.guard.latch import Latch, StopFile
-from robotether_agent.guard.rosbridge import CmdVelPublisher, new_http
+from robotether_agent.guard.rosbridge import CmdVelPublisher, SubscriberWatch, new_http
 from robotether_agent.guard.server import Server
 from robotether_agent.guard.topics import MotionFile
 from robotether_agent.tasks import first_of, within
@@ -64,6 +64,9 @@ class Guard:
         self._controller.publisher = self._publisher = CmdVelPublisher(
             http, self._controller, self._clock
         )
+        self._watch = SubscriberWatch(
+            self._controller, lambda: self._config.rosbridge_url if self._config else ""
+        )
         self._server = Server(
             http,
             self._authorizer,
@@ -86,6 +89,7 @@ class Guard:
                 self._tick(),
                 self._controller.run(),
                 self._publisher.run(),
+                self._watch.run(),
                 self._latch.run(),
             )
         finally:
@@ -172,7 +176,9 @@ class Guard:
 
     def _report_state(self, *, answers: str | None = None) -> None:
         by = self._latch.reported_by
-        state = State(by is not None, by or "", self._controller.moving, self._authorizer.fence)
+        unheard = tuple(sorted(self._controller.unheard))
+        fence = self._authorizer.fence
+        state = State(by is not None, by or "", self._controller.moving, fence, unheard)
         self._reporter.state(state, self._controller.refusals, answers=answers)
 
     async def _tick(self) -> None:

@@ -7,6 +7,9 @@ The guard's process runs `CmdVelPublisher` for its whole life; it connects again
 it: `can_send` says whether what is sent now is read soon. TCP alone does not show it, for the kernel buffers minutes of
 commands for a rosbridge that reads nothing, and delivers them when it reads again. So a ping follows each command, and
 while its pong is late nothing is sent.
+
+`SubscriberWatch` asks rosapi who listens to what is driven, on a connection of its own: a rosapi that hangs must delay
+neither a command nor a zero.
 """
 
 from __future__ import annotations
@@ -23,6 +26,8 @@ from aiohttp import ClientResponse, ClientSession, ClientWebSocketResponse, TCPC
 from aiohttp import ClientWSTimeout as Timeouts
 
 from robotether_agent.describe_error import describe_error
+from robotether_agent.fields import JsonObject
+from robotether_agent.rosbridge import Rosbridge, connected
 from robotether_agent.tasks import within
 
 CONNECT_WITHIN_S = 3.0
@@ -39,6 +44,12 @@ FULL_AFTER_S = 0.1
 STALLED_AFTER_S = 0.5
 GIVEN_UP_AFTER_S = 10.0
 IDLE_PING_EVERY_S = 1.0
+WATCH_EVERY_S = 1.0
+# Interval before the next question to a rosapi that did not answer.
+SILENT_ROSAPI_S = 10.0
+ROSAPI_WITHIN_S = 3.0
+# Maximum size of an answer: the nodes of one topic.
+MAX_NODES_BYTES = 64 * 1024
 
 log = logging.getLogger(__name__)
 
@@ -243,6 +254,73 @@ class CmdVelPublisher:
         if not self._logged_down:
             log.warning("the publisher to rosbridge at %s is down: %s", self._url, reason)
         self._logged_down = True
+
+
+class WatchListener(Protocol):
+    """Who drives topics, and is notified of who listens to them. Must not wait."""
+
+    def driven_now(self) -> list[str]:
+        """Name the topics that somebody drives, and that rosbridge has had time to register."""
+
+    def on_unheard(self, names: frozenset[str]) -> None:
+        """Nothing listens to these topics, as far as is known."""
+
+    def on_unregistered(self, name: str) -> None:
+        """ROS does not know any more that rosbridge publishes this topic."""
+
+
+class SubscriberWatch:
+    """Asks who listens to the driven topics, while there are any.
+
+    ROS 1's rosbridge registers a topic once: the next master does not know of it, and no command reaches anybody.
+    """
+
+    def __init__(self, listener: WatchListener, url: Callable[[], str]) -> None:
+        self._listener = listener
+        self._url = url
+        # Topics of which rosapi has known a publisher.
+        self._published: set[str] = set()
+
+    async def run(self) -> None:
+        """Watch, without end."""
+        while True:
+            await asyncio.sleep(WATCH_EVERY_S)
+            try:
+                await self._watch()
+            except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+                log.debug("cannot ask who listens: %r", error)
+                self._listener.on_unheard(frozenset())
+                await asyncio.sleep(SILENT_ROSAPI_S)
+
+    async def _watch(self) -> None:
+        if not self._listener.driven_now():
+            return
+        async with connected(self._url(), max_message_bytes=MAX_NODES_BYTES) as rosbridge:
+            while names := self._listener.driven_now():
+                unheard = [name for name in names if await self._is_unheard(rosbridge, name)]
+                self._listener.on_unheard(frozenset(unheard))
+                await asyncio.sleep(WATCH_EVERY_S)
+        self._listener.on_unheard(frozenset())
+
+    async def _is_unheard(self, rosbridge: Rosbridge, name: str) -> bool:
+        """Whether rosapi knows of a publisher and of no subscriber, or of no publisher any more."""
+        publishers = await self._nodes(rosbridge, "publishers", name)
+        subscribers = await self._nodes(rosbridge, "subscribers", name)
+        if publishers:
+            self._published.add(name)
+            return subscribers == []
+        # A rosapi that hides this topic has never listed a publisher.
+        if publishers is None or name not in self._published:
+            return False
+        self._listener.on_unregistered(name)
+        return True
+
+    async def _nodes(self, rosbridge: Rosbridge, kind: str, topic: str) -> list[object] | None:
+        """Return the publishers or subscribers of a topic; None: rosapi does not say."""
+        call = rosbridge.call(f"/rosapi/{kind}", {"topic": topic})
+        answer: JsonObject = await within(ROSAPI_WITHIN_S, call)
+        nodes = answer.get(kind)
+        return nodes if isinstance(nodes, list) else None
 
 
 def _keep_small(connection: RosbridgeSocket) -> None:

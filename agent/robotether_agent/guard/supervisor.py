@@ -34,6 +34,8 @@ MAX_PAUSE_S = 0.4
 FORK_SERVER_CHECK_S = 1.0
 # Lines that a session has not sent yet; the guard says few.
 MAX_UNSENT_LINES = 64
+# Of the names of drive topics in the status.
+MAX_NAMES_LENGTH = 500
 # The message that gives a guard a stop that the one before it had confirmed.
 KEPT = "kept"
 STATE = re.compile("ready|down")
@@ -238,7 +240,8 @@ class GuardSupervisor:
         if stop is not None and message.get("answers") == stop["id"]:
             self._unanswered_stop = None
         self._last_status = message
-        self._set(replace(self.view, state=state, stopped=stopped, by=by))
+        detail = _unheard(message) if state == "ready" else self.view.detail
+        self._set(replace(self.view, state=state, stopped=stopped, by=by, detail=detail))
         self._notify(message)
 
     def _is_down(self, detail: str) -> None:
@@ -262,3 +265,10 @@ class GuardSupervisor:
         self.view = view
         if changed:
             self._on_change(view)
+
+
+def _unheard(message: JsonObject) -> str:
+    """Say to which drive topics nothing listens; empty: none is known."""
+    topics = message.get("unheard")
+    names = ", ".join(str(name) for name in topics) if isinstance(topics, list) else ""
+    return f"nothing on the robot listens to {names[:MAX_NAMES_LENGTH]}" if names else ""

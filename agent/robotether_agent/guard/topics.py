@@ -104,6 +104,9 @@ class Topic:
     # Whether it ever got a command that moves.
     moved: bool = False
     used_at: float = 0.0
+    announced_at: float = 0.0
+    # Until when it is not advertised, so that rosbridge forgets it.
+    withheld_until: float = 0.0
 
     @property
     def declared(self) -> Shape | None:
@@ -197,6 +200,11 @@ class Topics:
                 del self._types[next(iter(self._types))]
         # Whoever still has it in hand must not advertise it again.
         topic.type = ""
+
+    def withhold(self, topic: Topic, until: float) -> None:
+        """Have rosbridge forget a topic, and advertise it again then."""
+        topic.announced, topic.withheld_until = False, until
+        self._parting[topic.name] = None
 
     def of(self, concerned: Callable[[CommandSource], bool]) -> list[str]:
         """Name the topics that such a source moved last."""

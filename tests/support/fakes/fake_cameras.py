@@ -141,6 +141,9 @@ class TopicRosbridge:
     def __init__(self, topics: dict[str, str] | None = None, **parameters: bool) -> None:
         self.topics = topics
         self.parameters = parameters
+        # What rosapi says of who publishes and who subscribes; None: rosbridge finds no such service.
+        self.publishers: list[str] | None = None
+        self.subscribers: list[str] | None = None
         self.port = 0
         self.got: list[dict[str, Any]] = []
         self._sockets: set[web.WebSocketResponse] = set()
@@ -215,6 +218,9 @@ class TopicRosbridge:
         if operation["service"] == TOPICS_SERVICE:
             assert self.topics is not None
             return {"topics": list(self.topics), "types": list(self.topics.values())}
+        kind = operation["service"].rpartition("/")[2]
+        if kind in {"publishers", "subscribers"}:
+            return {kind: getattr(self, kind)}
         assert operation["service"] == "/rosapi/get_param"
         name = operation["args"]["name"].partition(":")[2]
         return {"value": json.dumps(self.parameters.get(name, ""))}

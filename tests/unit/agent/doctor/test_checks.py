@@ -164,3 +164,14 @@ async def test_the_robots_own_ssh_server(settings):
         assert "no SSH server" in (await checks.check_shell(there)).detail
     for none in ("", address):
         assert (await checks.check_shell(replace(settings, shell_address=none))).state == SKIPPED
+
+
+async def test_a_rosapi_that_rosbridge_does_not_find_is_no_rosapi(settings, monkeypatch) -> None:
+    """As after a restart of roscore, when rosbridge's answer is a text."""
+    async with TopicRosbridge({}) as rosbridge:
+        monkeypatch.setattr(
+            rosbridge, "_look_up", lambda _: "Service /rosapi/topics does not exist"
+        )
+        checked = await checks.check_rosapi(replace(settings, rosbridge_url=rosbridge.url))
+    assert checked.state == WARNING
+    assert "roscore has restarted" in checked.detail

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 from fake_cloud import agent_environ
-from robotether_agent.doctor import FAIL, OK, SKIPPED, tunnel
+from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, tunnel
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import Status
@@ -128,7 +128,7 @@ def test_the_connection(status, expected, told):
     found = tunnel.check_session(status)
     assert found.state == expected
     assert told in found.detail
-    assert bool(found.advice) == (expected == FAIL)
+    assert bool(found.advice) == (expected in {FAIL, WARNING})
 
 
 READY = replace(UP, guard="ready")
@@ -142,6 +142,7 @@ READY = replace(UP, guard="ready")
         ("on", None, SKIPPED, "no agent runs"),
         ("on", UP, FAIL, "it does not run"),
         ("on", replace(UP, guard="down", guard_detail="the guard hangs"), FAIL, "guard hangs"),
+        ("on", replace(READY, guard_detail="nothing listens to /a"), WARNING, "nothing listens"),
         ("on", replace(READY, stopped_by="ben"), SKIPPED, "stopped by ben"),
     ],
 )
@@ -150,7 +151,7 @@ def test_the_guard(guard, status, expected, told):
     found = tunnel.check_guard(Settings(server="a", guard=guard), status)
     assert found.state == expected
     assert told in found.detail
-    assert bool(found.advice) == (expected == FAIL)
+    assert bool(found.advice) == (expected in {FAIL, WARNING})
 
 
 @pytest.mark.parametrize(

@@ -143,6 +143,7 @@ def test_the_state_is_told_when_it_changes_and_as_an_answer() -> None:
         "by": "ben",
         "moving": True,
         "fence": 13,
+        "unheard": [],
         "answers": None,
         "refused": COUNTS,
     }

@@ -11,7 +11,11 @@ from controller_world import FakeSource, MemoryMotionFile, World
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.agent_messages import GuardConfig
-from robotether_agent.guard.drive_controller import AHEAD_MS
+from robotether_agent.guard.drive_controller import (
+    AHEAD_MS,
+    REGISTERED_WITHIN_S,
+    UNREGISTERED_AFTER_S,
+)
 from robotether_agent.guard.drive_messages import DriveLimits
 from robotether_agent.guard.topics import (
     ZEROS,
@@ -454,3 +458,67 @@ def test_no_old_command_and_no_old_fence_passes(
                 assert speed == 0.0 or world.now - given_at[speed] <= 0.5 + pause_s + 0.05 + 1e-6
 
     asyncio.run(scenario())
+
+
+async def test_a_command_that_reaches_nobody_is_refused_and_a_zero_is_not(world: World) -> None:
+    await world.send(op="advertise", type="geometry_msgs/Twist")
+    await world.drive(0.5)
+    world.controller.on_unheard(frozenset({"/cmd_vel"}))
+    await world.drive(0.6)
+    assert world.publisher.speeds == [0.5]
+    assert world.source.refused == [
+        ("held", "cannot publish to /cmd_vel: nothing on the robot listens to /cmd_vel")
+    ]
+    await world.drive(0.0)
+    assert world.publisher.speeds == [0.5, 0.0]
+    world.controller.on_unheard(frozenset())
+    await world.drive(0.7)
+    assert world.publisher.speeds == [0.5, 0.0, 0.7]
+
+
+async def test_a_moving_robot_that_nothing_listens_for_any_more_gets_its_zeros(
+    world: World,
+) -> None:
+    await world.drive(0.5)
+    world.controller.on_unheard(frozenset({"/cmd_vel"}))
+    for _ in range(10):
+        await world.drive(0.5)
+        await world.pass_time(0.1)
+    assert world.publisher.speeds == [0.5] + [0.0] * ZEROS
+
+
+async def test_a_topic_that_ros_has_forgotten_is_advertised_anew(world: World) -> None:
+    """Once rosbridge has forgotten it too, which a command meanwhile would prevent."""
+    advertise = {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
+    await world.send(op="advertise", type="geometry_msgs/Twist")
+    assert world.controller.driven_now() == []
+    await world.pass_time(REGISTERED_WITHIN_S + 0.1)
+    assert world.controller.driven_now() == ["/cmd_vel"]
+    world.controller.on_unregistered("/cmd_vel")
+    await world.pass_time(UNREGISTERED_AFTER_S - 0.1)
+    await world.drive(0.5)
+    assert world.publisher.sent == [advertise, {"op": "unadvertise", "topic": "/cmd_vel"}]
+    assert world.source.kinds == ["held"]
+    await world.pass_time(0.2)
+    assert world.publisher.sent[-1] == advertise
+    await world.drive(0.5)
+    assert world.publisher.speeds == [0.5]
+
+
+async def test_a_stop_reaches_a_topic_that_is_to_be_forgotten(world: World) -> None:
+    await world.send(op="advertise", type="geometry_msgs/Twist")
+    await world.drive(0.5)
+    await world.drive(0.0)
+    world.controller.on_unregistered("/cmd_vel")
+    await world.pass_time(0.1)
+    world.controller.stop()
+    await world.pass_time(1)
+    assert world.publisher.speeds == [0.5, 0.0] + [0.0] * ZEROS
+
+
+async def test_a_topic_in_motion_is_not_withdrawn(world: World) -> None:
+    await world.send(op="advertise", type="geometry_msgs/Twist")
+    await world.drive(0.5)
+    world.controller.on_unregistered("/cmd_vel")
+    await world.pass_time(0.1)
+    assert [m["op"] for m in world.publisher.sent] == ["advertise", "publish"]

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 import aiohttp
 import pytest
 from aiohttp import WSMsgType
+from fake_cameras import TopicRosbridge
 from fake_rosbridge import FakeRosbridge
 from robotether_agent.guard.rosbridge import (
     FAREWELL_S,
@@ -17,6 +18,7 @@ from robotether_agent.guard.rosbridge import (
     SEND_BUFFER_BYTES,
     CmdVelPublisher,
     RosbridgeSocket,
+    SubscriberWatch,
     new_http,
     open_rosbridge,
 )
@@ -138,3 +140,50 @@ async def test_another_address_is_used_at_once() -> None:
         line.use(f"ws://127.0.0.1:{new.port}/")
         await until("it is up there", lambda: heard.events.count("up") == 2)
         assert (old.connections, new.connections) == (1, 1)
+
+
+class FakeDriver:
+    """Drives /cmd_vel, and keeps what it is notified of."""
+
+    def __init__(self) -> None:
+        self.unheard: list[frozenset[str]] = []
+        self.unregistered: list[str] = []
+
+    def driven_now(self) -> list[str]:
+        """Name what is driven."""
+        return ["/cmd_vel"]
+
+    def on_unheard(self, names: frozenset[str]) -> None:
+        """Keep the names."""
+        self.unheard.append(names)
+
+    def on_unregistered(self, name: str) -> None:
+        """Keep the name."""
+        self.unregistered.append(name)
+
+
+async def test_the_watch_says_what_nothing_listens_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rosapi that does not say, or hides the topic, is no reason to refuse a command."""
+    monkeypatch.setattr("robotether_agent.guard.rosbridge.WATCH_EVERY_S", 0.01)
+    driver = FakeDriver()
+    async with TopicRosbridge({}) as rosbridge:
+        watch = asyncio.ensure_future(SubscriberWatch(driver, lambda: rosbridge.url).run())
+
+        async def answers(publishers: list[str] | None, subscribers: list[str] | None) -> bool:
+            rosbridge.publishers, rosbridge.subscribers = publishers, subscribers
+            count = len(driver.unheard)
+            # The answer after the next one was asked for with these lists.
+            await until("two answers", lambda: len(driver.unheard) >= count + 2)
+            return bool(driver.unheard[-1])
+
+        assert not await answers(None, None)
+        assert not await answers([], [])
+        assert not await answers(["/rosbridge"], ["/base"])
+        assert await answers(["/rosbridge"], [])
+        assert driver.unregistered == []
+        # A new master knows the base, which began with it, and not rosbridge.
+        assert await answers([], ["/base"])
+        assert "/cmd_vel" in driver.unregistered
+        assert not await answers(["/rosbridge"], ["/base"])
+        watch.cancel()
+        await asyncio.gather(watch, return_exceptions=True)
