@@ -31,7 +31,7 @@ async def ended(session: RobotSession) -> str | None:
 
 async def configured(session: RobotSession) -> RobotSession:
     """Wait until the relay has told the session its configuration."""
-    await asyncio.wait_for(session.configured.wait(), WAIT_S)
+    await session.wait_configured()
     return session
 
 

@@ -66,7 +66,7 @@ class MemoryDatabase(RelayDatabase):
         self.robots: dict[int, RelayRobot] = {}
         self.grants: dict[tuple[int, int], Level] = {}
         self.credentials: dict[Credential, RelayUser] = {}
-        self.seen: list[tuple[int, datetime]] = []
+        self.seen: list[tuple[int, datetime, str | None]] = []
         self.written: list[Entry] = []
         self.down = False
         self.lookups = 0
@@ -101,7 +101,7 @@ class MemoryDatabase(RelayDatabase):
         self._check_up()
         return Snapshot(dict(self.robots), dict(self.grants), self._rights())
 
-    async def last_seen(self) -> list[tuple[int, datetime]]:
+    async def last_seen(self) -> list[tuple[int, datetime, str | None]]:
         self._check_up()
         return self.seen
 

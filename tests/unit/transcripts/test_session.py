@@ -226,7 +226,7 @@ async def test_byes(patient: Timing, recorded: SnapshotAssertion) -> None:
         # No byte more than the relay has to read: it would be gone before its bye arrives.
         await add("a line over 64 KiB", b"x" * (64 * 1024 + 1))
         older = await connected(relay)
-        await asyncio.wait_for(older.configured.wait(), WAIT_S)
+        await older.wait_configured()
         newer = await connected(relay)
         transcript.add("a newer session:", await ended(older))
         await newer.close()
@@ -239,7 +239,7 @@ async def test_byes(patient: Timing, recorded: SnapshotAssertion) -> None:
         database.robots = {7: robot}
         await relay.relay.fleet.poll()
         last = await connected(relay, kind="media")
-        await asyncio.wait_for(last.configured.wait(), WAIT_S)
+        await last.wait_configured()
     transcript.add("a relay that stops:", await ended(last))
     async with running_relay(database, replace(patient, timeout_s=0.5)) as relay:
         silent = await connected(relay, silent=True)
