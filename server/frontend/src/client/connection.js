@@ -2,7 +2,7 @@
 // gives every new link the subscriptions and publishers of the page.
 // It must never send on a new link what was meant for an old one.
 
-import { reasons } from "../texts/common.js";
+import { explained, reasons } from "../texts/common.js";
 import { TicketRefused, backoff } from "./api.js";
 
 /** @typedef {import("./rosbridge.js").Link} Link */
@@ -270,21 +270,21 @@ export const TOO_BIG = 1009; // a message, for the server
 export const RIGHTS_ENDED = 4001; // or other settings: the next ticket shows what is left
 
 const BY_CLOSE_CODE = {
-  1001: () => retrying("server_unreachable", reasons.restarting),
-  1008: () => retrying("link_lost"),
-  [TOO_BIG]: () => retrying("link_lost"),
+  1001: (reason) => retrying("server_unreachable", explained(reason, reasons.restarting)),
+  1008: (reason) => retrying("link_lost", reason),
+  [TOO_BIG]: (reason) => retrying("link_lost", reason),
   [RIGHTS_ENDED]: () => retrying("connecting"),
   4002: lostControl("superseded"),
   4003: lostControl("robot_stopped"),
   4009: lostControl("lease_held"),
   4010: lostControl("lease_lost"),
-  4408: () => retrying("link_lost"),
-  4413: () => retrying("link_lost"),
-  4429: () => retrying("server_unreachable", reasons.crowded),
+  4408: (reason) => retrying("link_lost", reason),
+  4413: (reason) => retrying("link_lost", reason),
+  4429: (reason) => retrying("server_unreachable", explained(reason, reasons.crowded)),
   4503: (reason) => retrying("offline", reason),
-  4504: () => retrying("rosbridge_down"),
-  4505: () => retrying("link_lost"),
-  4510: () => retrying("lease_unavailable"),
+  4504: (reason) => retrying("rosbridge_down", reason),
+  4505: (reason) => retrying("link_lost", reason),
+  4510: (reason) => retrying("lease_unavailable", reason),
 };
 
 export const CONNECTING = retrying("connecting");

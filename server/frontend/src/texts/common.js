@@ -1,5 +1,12 @@
 // Sentences of the pages: connection, control, stop and release. No logic beyond filling in.
 
+// What robot and server say in the middle of a sentence of theirs; the name of a program keeps its small letter.
+export const sentence = (words) =>
+  `${/^[a-z]+_/.test(words) ? words : words.charAt(0).toUpperCase() + words.slice(1)}${/[.!?]$/.test(words) ? "" : "."}`;
+
+// The reason as it was written where it is known best, then what to do.
+export const explained = (reason, advice) => (reason ? `${sentence(reason)} ${advice}` : advice);
+
 export const connection = {
   connecting: {
     title: "Connecting",
@@ -20,12 +27,15 @@ export const connection = {
   },
   rosbridge_down: {
     title: "ROS not answering",
-    detail: () => "The robot is online, but its rosbridge is not. Start rosbridge there; this page keeps trying.",
+    detail: ({ reason }) =>
+      reason
+        ? explained(reason, "Start rosbridge there if it does not run; this page keeps trying.")
+        : "The robot is online, but its rosbridge is not. Start rosbridge there; this page keeps trying.",
     action: "Try now",
   },
   link_lost: {
     title: "Link lost",
-    detail: () => "No command reaches the robot. This page reconnects by itself.",
+    detail: ({ reason }) => explained(reason, "No command reaches the robot. This page reconnects by itself."),
     action: "Try now",
   },
   server_unreachable: {
@@ -40,7 +50,8 @@ export const connection = {
   },
   lease_unavailable: {
     title: "Control unavailable",
-    detail: () => "The server cannot give control to anybody now; this page keeps trying.",
+    detail: ({ reason }) =>
+      reason ? explained(reason, "This page keeps trying.") : "The server cannot give control to anybody now; this page keeps trying.",
     action: "Try now",
   },
 };
@@ -114,7 +125,7 @@ export const reasons = {
   restarting: "The server is restarting; this page keeps trying.",
   trouble: "The server cannot answer now; this page keeps trying.",
   busy: "The server gets too many requests; this page keeps trying.",
-  crowded: "This robot or your account has too many open connections. Close other windows; this page keeps trying.",
+  crowded: "Close other windows; this page keeps trying.",
 };
 
 export const logIn = "Log in";

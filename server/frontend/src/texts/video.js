@@ -1,5 +1,7 @@
 // Sentences of the pages: video, overlays, battery and diagnostics. No logic beyond filling in.
 
+import { sentence } from "./common.js";
+
 export const frame = {
   of: (name) => `Live video of ${name}`,
   old: "This video is old.",
@@ -15,11 +17,11 @@ export const frame = {
     down: (detail) => (detail ? sentence(detail) : "The camera does not answer."),
     paused: () => "Paused while this page is in the background.",
     old: () => "",
-    robot_offline: () => "The robot is offline.",
-    video_down: () => "The robot's video server does not answer.",
+    robot_offline: (detail) => (detail ? sentence(detail) : "The robot is offline."),
+    video_down: (detail) => (detail ? sentence(detail) : "The robot's video server does not answer."),
     login_missing: () => "Your login has ended.",
     rights_ended: () => "Your rights have changed.",
-    crowded: () => "Too many windows show this camera.",
+    crowded: (detail) => (detail ? sentence(detail) : "Too many windows show this camera."),
     slow: () => "This device receives the video too slowly. Starting it again.",
     restarting: () => "The server is restarting.",
     link_lost: () => "The link to the robot was lost. Reconnecting.",
@@ -42,9 +44,6 @@ export const video = {
 };
 
 export const noFrames = (topic) => `No frames from ${topic}: the topic does not exist or nothing publishes it.`;
-
-// Of what agent and relay say in the middle of theirs; the name of a program keeps its small letter.
-const sentence = (words) => `${/^[a-z]+_/.test(words) ? words : words.charAt(0).toUpperCase() + words.slice(1)}.`;
 
 export const map = {
   label: "The robot from above",

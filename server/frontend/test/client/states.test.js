@@ -42,6 +42,15 @@ test("a cut without a code is a lost link when it was live, else an unreachable 
   assert.equal(shown(1006, false), "server_unreachable retry");
 });
 
+test("the reason that the server wrote is shown, and what to do beside it", () => {
+  for (const code of [1001, 1008, 1009, 4408, 4413, 4429, 4504, 4505, 4510]) {
+    const { name, reason } = afterClose({ code, reason: "rosbridge on robot sim1 does not answer: its port 9091 is taken" });
+    assert.match(texts[name].detail({ reason }), /^Rosbridge on robot sim1 does not answer: its port 9091 is taken\. \S/, code);
+    const unsaid = texts[name].detail({ reason: afterClose({ code }).reason });
+    assert.ok(unsaid && !unsaid.startsWith("."), code);
+  }
+});
+
 test("an offline robot keeps the reason that the server gave", () => {
   const state = afterClose({ code: 4503, reason: "robot sim1 has been offline since 12:03 UTC" });
   const detail = texts.offline.detail({ since: "", reason: state.reason });
