@@ -12,7 +12,8 @@ Imports go one way: what needs nothing here <- net <- enrolment <- tunnel <- dae
     tunnel           one SSH connection and its session
     guard            what stops the robot, a process of its own, and what keeps it running
     video            frames to the server
-    health           whether rosbridge and web_video_server answer, and the battery
+    health           whether rosbridge and web_video_server answer
+    battery          how full the robot's battery is
     install          makes a version's folder; the installer runs it from the wheel
     upgrade          puts another version in use and goes back if it fails
     status           how the agent is, for people and programs; `systemd` gets it, too, and the log

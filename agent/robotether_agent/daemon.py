@@ -17,12 +17,13 @@ from typing import Any, Literal
 
 from robotether_agent import __version__
 from robotether_agent.backoff import Backoff, Uptime, keep_going
+from robotether_agent.battery import Vitals
 from robotether_agent.clock import EpochClock
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.guard.fork_server import ForkServer, fork_server_command
 from robotether_agent.guard.supervisor import GuardSupervisor, GuardView
-from robotether_agent.health import Health, Vitals
+from robotether_agent.health import Health
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
     AgentProblem,
@@ -75,7 +76,7 @@ class Agent:
         self._enroller = Enroller(settings)
         self._epochs = EpochClock()
         self._connector = Connector(settings, self._enroller)
-        self._vitals = Vitals(settings.rosbridge_url)
+        self._vitals = Vitals(settings.rosbridge_url, settings.state_dir)
         self._source_settings = SourceSettings(
             settings.video_url,
             settings.rosbridge_url,
@@ -429,8 +430,8 @@ async def report_health(
 
 async def report_vitals(vitals: Vitals, session: Session) -> None:
     """Pass on how the robot itself is."""
-    await session.new_config(None)
-    await vitals.report(session.send)
+    first = await session.new_config(None)
+    await vitals.report(session.send, lambda: (session.config or first).battery)
 
 
 async def report_guard(guard: GuardSupervisor, session: Session) -> None:

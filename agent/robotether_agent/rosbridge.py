@@ -6,7 +6,7 @@ Never publishes, and never calls anything but rosapi's look-ups. Messages of a c
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from typing import Any, cast
 
@@ -23,6 +23,12 @@ CALL_ID = "robotether_agent:call"
 LOOK_UP_ID = "robotether_agent:topics"
 LOOK_UP = {"op": "call_service", "id": LOOK_UP_ID, "service": "/rosapi/topics", "args": {}}
 IMAGE_TYPE = "sensor_msgs/CompressedImage"
+# Whatever takes one of these may be another robot.
+DRIVE_TYPES = (
+    "geometry_msgs/Twist",
+    "geometry_msgs/TwistStamped",
+    "ackermann_msgs/AckermannDriveStamped",
+)
 # Maximum size of an answer: the list of all topics of a large robot.
 MAX_ANSWER_BYTES = 1024 * 1024
 
@@ -109,6 +115,61 @@ def topics_in(answer: Mapping[str, object]) -> dict[str, str]:
         return {}
     pairs = zip(names, types, strict=False)
     return {n: same_type(t) for n, t in pairs if isinstance(n, str) and isinstance(t, str)}
+
+
+def own_topic(
+    topics: Mapping[str, str], kind: str, usual: Sequence[str], drive_topic: str
+) -> str | None:
+    """Return this robot's topic of a type, or nothing where it has none or several fit equally well.
+
+    Several robots may share a ROS graph: the drive topic's namespace decides, as on the drive page (ownTopics.js).
+    """
+    home = _segments(drive_topic)[:-1] if drive_topic else None
+    own = [name for name in _without_others(topics, home, drive_topic) if topics[name] == kind]
+    ranked = sorted((_rank(name, home or [], usual), name) for name in own)
+    is_tie = len(ranked) > 1 and ranked[0][0] == ranked[1][0]
+    return ranked[0][1] if ranked and not is_tie else None
+
+
+def _segments(name: str) -> list[str]:
+    return [segment for segment in name.split("/") if segment]
+
+
+def _shared(path: Sequence[str], home: Sequence[str]) -> int:
+    """Return how many leading segments both have."""
+    both = zip(path, home, strict=False)
+    return next((at for at, (a, b) in enumerate(both) if a != b), min(len(path), len(home)))
+
+
+def _branch(name: str, home: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the namespace in which a topic leaves this robot's; None: it lies in it, or beside the way to it."""
+    path = _segments(name)[:-1]
+    shared = _shared(path, home)
+    leaves = len(path) > shared and (shared < len(home) or not home)
+    return tuple(path[: shared + 1]) if leaves else None
+
+
+def _without_others(
+    topics: Mapping[str, str], home: Sequence[str] | None, drive_topic: str
+) -> list[str]:
+    """Return the topics that lie in no branch with a drive topic of its own: such a branch is another robot."""
+    if home is None:
+        return list(topics)
+    last = _segments(drive_topic)[-1]
+    driving = [
+        n for n, kind in topics.items() if kind in DRIVE_TYPES or _segments(n)[-1:] == [last]
+    ]
+    others = {_branch(name, home) for name in driving} - {None}
+    return [name for name in topics if _branch(name, home) not in others]
+
+
+def _rank(name: str, home: Sequence[str], usual: Sequence[str]) -> tuple[int, int, int]:
+    """Return what sorts the nearest namespace first, then the usual names, then what lies less deep."""
+    path = _segments(name)
+    shared = _shared(path[:-1], home)
+    within_it = "/".join(path[shared:])
+    place = usual.index(within_it) if within_it in usual else len(usual)
+    return -shared, place, len(path)
 
 
 def same_type(kind: str) -> str:

@@ -40,7 +40,7 @@ ByeCode = Literal[
 
 @dataclass(frozen=True)
 class Battery:
-    """How full a robot's battery is, in percent, and whether it is being charged."""
+    """How full a robot's battery is, in percent (None: unknown), and whether it is being charged."""
 
-    percent: int
+    percent: int | None
     charging: bool

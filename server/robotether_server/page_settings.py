@@ -1,7 +1,8 @@
 """Settings of a robot's drive page: how it moves, its cameras, and the requested video.
 
 Part of a robot's settings (robot_settings.py), as `page`; docs/reference/robot-settings.md describes every member.
-Relay and robot do not read it; the page asks them within the robot's policy. Pure.
+The relay reads none of it and passes what concerns the battery to the agent; the page asks relay and robot within the
+robot's policy. Pure.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ Kind = Literal["differential", "holonomic", "ackermann"]
 DriveType = Literal[
     "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "ackermann_msgs/AckermannDriveStamped"
 ]
+# What 1 means in the `percentage` of a sensor_msgs/BatteryState: all, or a hundredth.
+BatteryUnit = Literal["fraction", "percent"]
 Turn = Literal[0, 90, 180, 270]
 
 TURNS: tuple[Turn, ...] = get_args(Turn)
@@ -78,6 +81,7 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
     scan_topic: RosName | None = None
     map_topic: RosName | None = None
     battery_topic: RosName | None = None
+    battery_unit: BatteryUnit | None = None
     diagnostics_topic: RosName | None = None
 
     def as_dict(self) -> dict[str, object]:

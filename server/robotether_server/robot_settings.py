@@ -195,6 +195,24 @@ class RobotSettings(Struct, frozen=True):
             "buttons": [button.as_dict() for button in self.buttons],
         }
 
+    @property
+    def drive_topic(self) -> str:
+        """Where the page drives; empty: the guard has only patterns."""
+        allowed = self.guard.drive_topics
+        usual = DEFAULT_TOPICS[0] if allowed.match(DEFAULT_TOPICS[0]) else ""
+        named = (topic for topic in allowed if "*" not in topic)
+        return self.page.drive_topic or next(named, usual)
+
+    @property
+    def battery(self) -> dict[str, object]:
+        """What the agent needs to find and read the battery, as JSON members."""
+        page = self.page
+        return {
+            "topic": page.battery_topic,
+            "unit": page.battery_unit,
+            "drive_topic": self.drive_topic,
+        }
+
     def as_given(self) -> dict[str, object]:
         """Return what differs from the defaults: what is kept in the database."""
         return _difference(self.as_dict(), DEFAULTS.as_dict())

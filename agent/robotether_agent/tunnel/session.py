@@ -12,10 +12,11 @@ import re
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NoReturn, Protocol, get_args
+from typing import NoReturn, Protocol, cast, get_args
 
 from robotether_common.session import MAX_FENCE, ServiceState
 
+from robotether_agent.battery import BatterySettings, Unit
 from robotether_agent.clock import robot_time
 from robotether_agent.fields import (
     ROBOT_NAME,
@@ -168,6 +169,7 @@ class SessionConfig:
     rotate_key: bool = False
     media: bool = True
     direct: bool = False
+    battery: BatterySettings = field(default_factory=BatterySettings)
     # While nobody uses the robot; nothing else follows from it.
     idle_heartbeat_s: float | None = field(default=None, compare=False)
 
@@ -175,6 +177,23 @@ class SessionConfig:
     def heartbeat_every_s(self) -> float:
         """The time between two heartbeats of a side now."""
         return self.idle_heartbeat_s or self.heartbeat_s
+
+
+UNIT = re.compile("fraction|percent")
+TOPIC = re.compile(r"(/[A-Za-z0-9_]+)+")
+
+
+def _battery_settings(message: JsonObject) -> BatterySettings:
+    """Return what the server's settings say of the battery; a server before them says nothing."""
+    battery = get_object(message, "battery") if "battery" in message else {}
+    topic, unit = battery.get("topic"), battery.get("unit")
+    return BatterySettings(
+        None if topic is None else get_match(battery, "topic", TOPIC, "a topic's full name"),
+        None
+        if unit is None
+        else cast("Unit", get_match(battery, "unit", UNIT, "fraction or percent")),
+        get_text(battery, "drive_topic", default=""),
+    )
 
 
 @dataclass(frozen=True)
@@ -314,6 +333,7 @@ class Session:
             media=get_flag(message, "media", default=True),
             guard=get_object(message, "guard"),
             direct=get_flag(message, "direct", default=False),
+            battery=_battery_settings(message),
             idle_heartbeat_s=get_optional_number(message, "idle_heartbeat_s", 0.05, 60),
         )
         if cells and self._on_cells is not None:

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
 from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
 from fake_rosbridge import FakeRosbridge
-from robotether_agent import health
-from robotether_agent.health import Vitals, battery_in, battery_topic
+from robotether_agent import battery
+from robotether_agent.battery import (
+    BatterySettings,
+    UnitMemory,
+    Vitals,
+    battery_in,
+    battery_topic,
+    unit_shown,
+)
 from robotether_common.session import Battery
 from stopwatch import Stopwatch
 
@@ -23,17 +31,19 @@ Told = list[Mapping[str, Any]]
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     """A test waits for no half minute."""
-    monkeypatch.setattr(health, "RETRY_S", 0.05)
+    monkeypatch.setattr(battery, "RETRY_S", 0.05)
 
 
 @pytest.fixture
-async def report() -> AsyncIterator[Callable[[str], Told]]:
+async def report(tmp_path: Path) -> AsyncIterator[Callable[[str], Told]]:
     """Starts to tell, and ends it."""
     tasks = []
+    settings = [BatterySettings(drive_topic="/cmd_vel")]
 
     def start(url: str) -> Told:
         reported: Told = []
-        tasks.append(asyncio.ensure_future(Vitals(url, every_s=EVERY_S).report(reported.append)))
+        vitals = Vitals(url, tmp_path, every_s=EVERY_S)
+        tasks.append(asyncio.ensure_future(vitals.report(reported.append, lambda: settings[0])))
         return reported
 
     yield start
@@ -92,7 +102,7 @@ async def test_a_rosbridge_that_restarts_is_found_again(report):
 
 async def test_a_battery_that_falls_silent_is_unknown(report, monkeypatch):
     """An old charge is not told as today's."""
-    monkeypatch.setattr(health, "SILENT_S", 0.3)
+    monkeypatch.setattr(battery, "SILENT_S", 0.3)
     async with TopicRosbridge(TOPICS) as robot:
         reported = report(robot.url)
         await until_subscribed(robot)
@@ -111,11 +121,11 @@ async def test_a_robot_without_a_battery_tells_nothing(report):
         await until_subscribed(robot)
 
 
-async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end():
+async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end(tmp_path):
     """The guard is told of a lost session after this has ended."""
     async with FakeRosbridge("slow_reader") as robot:
-        vitals = Vitals(f"ws://127.0.0.1:{robot.port}")
-        task = asyncio.ensure_future(vitals.report(lambda _: None))
+        vitals = Vitals(f"ws://127.0.0.1:{robot.port}", tmp_path)
+        task = asyncio.ensure_future(vitals.report(lambda _: None, BatterySettings))
         await eventually(lambda: len(robot.got) == 1, lambda: str(robot.got))
         with Stopwatch() as stopwatch:
             task.cancel()
@@ -123,30 +133,130 @@ async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end():
         assert stopwatch.s < 0.05
 
 
+@pytest.mark.parametrize("percentage", [1.0, 0.6])
+async def test_a_driver_that_counts_to_a_hundred_is_known_after_a_restart(
+    report, tmp_path, percentage
+):
+    """What falls to 1 is nearly empty, and not full."""
+    UnitMemory(tmp_path).keep("/battery_state", "percent")
+    async with TopicRosbridge(TOPICS) as robot:
+        reported = report(robot.url)
+        await until_subscribed(robot)
+        await robot.publish("/battery_state", {"percentage": percentage, "voltage": 9.1})
+        await eventually(lambda: reported == [line(1)], lambda: str(reported))
+
+
+async def test_what_the_robot_shows_is_kept(report, tmp_path):
+    async with TopicRosbridge(TOPICS) as robot:
+        reported = report(robot.url)
+        await until_subscribed(robot)
+        await robot.publish("/battery_state", state(3.0))
+        await eventually(lambda: reported == [line(3)], lambda: str(reported))
+    assert UnitMemory(tmp_path).of("/battery_state") == "percent"
+
+
 @pytest.mark.parametrize(
-    ("message", "battery"),
+    ("message", "unit", "percent"),
     [
-        (state(0.0), Battery(0, charging=False)),
-        (state(1), Battery(100, charging=False)),
-        (state(57.4, status=1), Battery(57, charging=True)),
-        ({"percentage": None, "charge": 2.0, "capacity": 8.0}, Battery(25, charging=False)),
-        ({"percentage": float("nan"), "charge": 1.0, "capacity": 0.0}, None),
-        (state(None), None),
-        (state(-1), None),
-        (state(101), None),
-        ({"percentage": True}, None),
-        ({"percentage": "full"}, None),
-        ({"percentage": 10**400, "charge": 1.0, "capacity": -(10**400)}, None),
-        ({}, None),
+        (state(0.0), None, 0),
+        (state(0.5), None, 50),
+        (state(1), "fraction", 100),
+        (state(1.05), "fraction", 100),
+        (state(1), "percent", 1),
+        (state(0.6), "percent", 1),
+        (state(57.4), "percent", 57),
+        # Of a unit that is not known, 1 is full or nearly empty, and a voltage may speak against the level.
+        (state(1), None, None),
+        (state(1.1), None, None),
+        ({"percentage": 0.6, "voltage": 9.1}, None, None),
+        ({"percentage": 0.57, "voltage": 12.1}, None, 57),
+        ({"percentage": 0.57, "voltage": None}, None, 57),
+        ({"percentage": None, "charge": 2.0, "capacity": 8.0}, "percent", 25),
+        ({"percentage": float("nan"), "charge": 1.0, "capacity": 0.0}, None, None),
+        (state(None), None, None),
+        (state(-1), None, None),
+        (state(101), "percent", None),
+        (state(57), "fraction", None),
+        ({"percentage": True}, None, None),
+        ({"percentage": "full"}, None, None),
+        ({"percentage": 10**400, "charge": 1.0, "capacity": -(10**400)}, None, None),
     ],
 )
-def test_what_a_battery_says(message, battery):
-    assert battery_in(message) == battery
+def test_a_level_in_doubt_is_unknown(message, unit, percent):
+    assert battery_in(message, unit) == Battery(percent, charging=False)
 
 
-def test_the_usual_topic_is_the_robots_own():
-    """Of several; else the first by name, and none of another type."""
+def test_a_charger_is_seen_also_where_the_level_is_not():
+    assert battery_in({"percentage": None, "power_supply_status": 1}, None) == Battery(
+        None, charging=True
+    )
+
+
+def test_no_battery_is_none():
+    assert battery_in({}, None) is None
+    assert battery_in({"percentage": 0.5, "present": False}, None) is None
+
+
+@pytest.mark.parametrize(
+    ("message", "unit"),
+    [
+        (state(3), "percent"),
+        (state(1.1), None),
+        (state(1), None),
+        (state(1, status=4), "fraction"),
+        # Four cells that are empty, or three that are half full.
+        ({"percentage": 0.5, "voltage": 12.1}, None),
+        ({"percentage": 0.8, "voltage": 4.0}, "fraction"),
+        ({"percentage": 0.6, "voltage": 9.1}, None),
+        ({"percentage": 0.5, "charge": 4.0, "capacity": 8.0}, "fraction"),
+        ({"percentage": 0.5, "charge": 7.0, "capacity": 8.0}, None),
+        (state(0.0), None),
+        (state(None), None),
+    ],
+)
+def test_only_what_is_beyond_doubt_shows_the_unit(message, unit):
+    assert unit_shown(message) == unit
+
+
+def test_a_unit_is_kept_for_its_topic_and_percent_for_good(tmp_path):
+    UnitMemory(tmp_path).keep("/a", "fraction")
+    assert UnitMemory(tmp_path).of("/a") == "fraction"
+    UnitMemory(tmp_path).keep("/a", "percent")
+    UnitMemory(tmp_path).keep("/a", "fraction")
+    assert UnitMemory(tmp_path).of("/a") == "percent"
+    assert UnitMemory(tmp_path).of("/b") is None
+    (tmp_path / "battery.json").write_text('{"topic": "/a", "unit": "volts"}')
+    assert UnitMemory(tmp_path).of("/a") is None
+
+
+def test_the_battery_is_that_of_the_drive_topics_robot():
     kind = "sensor_msgs/BatteryState"
-    assert battery_topic({"/arm/battery": kind, "/battery_state": kind}) == "/battery_state"
-    assert battery_topic({"/b": kind, "/a": kind, "/battery": "std_msgs/Float32"}) == "/a"
-    assert battery_topic({}) is None
+    graph = {
+        f"/{robot}/{name}": of
+        for robot in ("robot1", "robot2", "robot10")
+        for name, of in (("cmd_vel", "geometry_msgs/Twist"), ("battery_state", kind))
+    }
+    assert battery_topic(graph, "/robot2/cmd_vel") == "/robot2/battery_state"
+    assert battery_topic(graph, "/robot10/cmd_vel") == "/robot10/battery_state"
+    assert battery_topic(graph, "/cmd_vel") is None
+    del graph["/robot2/battery_state"]
+    assert battery_topic(graph, "/robot2/cmd_vel") is None
+    assert (
+        battery_topic(
+            {"/fleet/a/base/cmd_vel": "", "/fleet/a/battery": kind, "/battery": kind},
+            "/fleet/a/base/cmd_vel",
+        )
+        == "/fleet/a/battery"
+    )
+
+
+def test_of_several_batteries_the_usual_one_counts_and_of_equal_ones_none():
+    kind = "sensor_msgs/BatteryState"
+    assert (
+        battery_topic({"/arm/battery": kind, "/battery_state": kind}, "/cmd_vel")
+        == "/battery_state"
+    )
+    assert battery_topic({"/b": kind, "/battery": "std_msgs/Float32"}, "/cmd_vel") == "/b"
+    assert battery_topic({"/b": kind, "/a": kind}, "/cmd_vel") is None
+    assert battery_topic({"/x/battery": kind}, "") == "/x/battery"
+    assert battery_topic({}, "/cmd_vel") is None

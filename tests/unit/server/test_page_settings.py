@@ -13,7 +13,7 @@ DOCUMENTED = """
 {"kind": "differential", "drive_topic": null, "drive_type": null, "max_speed_m_s": null, "max_turn_rad_s": null,
  "wheelbase_m": null, "cameras": [], "quality_min": 20, "quality_max": 80, "fps": 15, "latency_ms": 300, "width": null,
  "height": null, "hold_after_ms": 1000, "odometry_topic": null, "scan_topic": null, "map_topic": null,
- "battery_topic": null, "diagnostics_topic": null}
+ "battery_topic": null, "battery_unit": null, "diagnostics_topic": null}
 """
 FRONT = {"topic": "/camera/image_raw", "name": "Front", "turned_deg": 180}
 
@@ -45,6 +45,7 @@ def test_everything_comes_back_as_it_was_given():
         "scan_topic": "/scan",
         "map_topic": "/map",
         "battery_topic": "/battery_state",
+        "battery_unit": "percent",
         "diagnostics_topic": "/diagnostics",
     }
     assert parse(given).as_dict() == given

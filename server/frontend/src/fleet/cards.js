@@ -25,7 +25,8 @@ export function utcText(robot) {
   return [robot.since && presenceText(robot, utcTimestamp), stopped, !robot.online && robot.offline_reason].filter(Boolean).join("\n");
 }
 
-const isLow = (battery) => Boolean(battery) && !battery.charging && battery.percent < LOW_PERCENT;
+// Not of one whose level is unknown.
+export const isLow = (battery) => Boolean(battery) && battery.percent !== null && !battery.charging && battery.percent < LOW_PERCENT;
 
 // What keeps a robot from being used, or soon will.
 export function attention({ online, offline_reason: reason, ros, video, battery, control }) {
@@ -43,7 +44,7 @@ export const healthText = (robot) => attention(robot).join(", ");
 
 export function batteryText({ online, battery }) {
   if (!online || !battery) return "";
-  const text = texts.battery(Math.round(battery.percent));
+  const text = texts.battery(battery.percent);
   if (battery.charging) return texts.charging(text);
   return isLow(battery) ? texts.low(text) : text;
 }

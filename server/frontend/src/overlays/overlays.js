@@ -1,11 +1,10 @@
-// Battery and diagnostics of the robot, beside the video.
+// Battery and diagnostics of the robot, beside the video. The battery is what the server says, as on the fleet page.
 
+import { batteryText, isLow } from "../fleet/cards.js";
 import { make, part, setText } from "../pages/page.js";
 import { battery as batteryTexts, diagnostics as texts } from "../texts/video.js";
 import { Subscriptions } from "./subscriptions.js";
 
-const BATTERY = { throttleMs: 2000 };
-const BATTERY_OLD_MS = 60_000;
 const MOST_ROWS = 60;
 // Each node sends its own part: what is held back must wait and not be lost.
 const DIAGNOSTICS = { throttleMs: 100, queueLength: 50 };
@@ -18,34 +17,23 @@ export class Overlays {
     this.battery = part(root, "battery");
     this.details = part(root, "diagnostics");
     this.diagnostics = new Diagnostics();
-    this.reader = new BatteryReader();
-    this.received = /** @type {{battery: any, at: number} | null} */ (null);
     this.details.addEventListener("toggle", () => this.show());
   }
 
-  // {battery, diagnostics}, each {name, type} or undefined.
-  follow({ battery, diagnostics }) {
-    const { subscriptions } = this;
-    subscriptions.follow("battery", battery, BATTERY, (message) => this.receiveBattery(message));
-    subscriptions.follow("diagnostics", diagnostics, DIAGNOSTICS, (message) => this.diagnostics.receive(message, this.now()));
+  // {diagnostics}, {name, type} or undefined.
+  follow({ diagnostics }) {
+    this.subscriptions.follow("diagnostics", diagnostics, DIAGNOSTICS, (message) => this.diagnostics.receive(message, this.now()));
   }
 
-  receiveBattery(message) {
-    this.received = { battery: this.reader.read(message), at: this.now() };
-    this.show();
+  // A robot of the feed's.
+  showBattery(robot) {
+    this.battery.dataset.health = chargeHealth(robot);
+    setText(this.battery, batteryText(robot) || batteryTexts.none);
   }
 
   // Called now and then, as what is silent grows old.
   show() {
-    this.showBattery();
     this.showDiagnostics();
-  }
-
-  showBattery() {
-    const { received } = this;
-    const battery = received && this.now() - received.at < BATTERY_OLD_MS ? received.battery : null;
-    this.battery.dataset.health = battery ? chargeHealth(battery) : "";
-    setText(this.battery, battery ? batteryTexts.level(battery) : batteryTexts.none);
   }
 
   showDiagnostics() {
@@ -72,37 +60,10 @@ function row({ name, level, message }) {
 
 const FAIR_PERCENT = 40;
 
-function chargeHealth({ percent, low, charging }) {
-  if (low && !charging) return "poor";
-  return percent === null || percent >= FAIR_PERCENT || charging ? "good" : "fair";
-}
-
-// What a robot's sensor_msgs/BatteryState says to a person. Pure.
-const LOW_PERCENT = 20;
-const CHARGING = 1;
-const FULL = 4;
-
-export class BatteryReader {
-  constructor() {
-    this.hundredths = false;
-  }
-
-  // Gives {percent, volts, charging, low}, percent and volts null where the message has none, or null for no battery at all.
-  read({ percentage, voltage, power_supply_status: status, present }) {
-    if (present === false) return null;
-    const percent = this.percent(percentage);
-    const volts = Number.isFinite(voltage) && voltage > 0 ? Math.round(voltage * 10) / 10 : null;
-    if (percent === null && volts === null) return null;
-    const charging = status === CHARGING || status === FULL;
-    return { percent, volts, charging, low: percent !== null && percent < LOW_PERCENT };
-  }
-
-  // 0 to 1 by its definition. Drivers that count to 100 are many: one that was over 1 once means hundredths from then on.
-  percent(percentage) {
-    if (!Number.isFinite(percentage) || percentage < 0 || percentage > 100) return null;
-    this.hundredths ||= percentage > 1;
-    return Math.round(this.hundredths ? percentage : percentage * 100);
-  }
+function chargeHealth({ online, battery }) {
+  if (!online || !battery || battery.percent === null) return "";
+  if (isLow(battery)) return "poor";
+  return battery.percent >= FAIR_PERCENT || battery.charging ? "good" : "fair";
 }
 
 // The robot's diagnostics (REP-107): the newest of each name, and the worst of all. Pure.

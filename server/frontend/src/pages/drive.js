@@ -197,6 +197,7 @@ function receiveRobot(update) {
   const { state, online, offline_reason: why, ros, since, control, rtt_ms: rttMs, observers } = update;
   Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since), why: why ?? "", disabled: state === "disabled" });
   facts.observers = observers;
+  view.overlays.showBattery(update);
   showWatchers();
   if (control) session.controlState.fromFeed(control);
   showBanner();

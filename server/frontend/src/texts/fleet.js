@@ -9,7 +9,7 @@ export const fleet = {
   pending: "Awaiting approval",
   disabled: "Disabled",
   rtt: (ms) => `${ms} ms`,
-  battery: (percent) => `${percent} %`,
+  battery: (percent) => (percent === null ? "?" : `${Math.round(percent)} %`),
   charging: (text) => `${text}, charging`,
   low: (text) => `${text}, low`,
   ros: "rosbridge does not answer",

@@ -52,14 +52,7 @@ export const map = {
   scale: (metres) => `${metres} m`,
 };
 
-export const battery = {
-  none: "-",
-  level: ({ percent, volts, charging, low }) => {
-    const amount = percent === null ? `${volts} V` : `${percent} %`;
-    if (charging) return `${amount}, charging`;
-    return low ? `${amount}, low` : amount;
-  },
-};
+export const battery = { none: "-" };
 
 export const diagnostics = {
   ok: () => "Diagnostics OK",

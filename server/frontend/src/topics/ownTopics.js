@@ -10,7 +10,6 @@ const KINDS = {
   scan: { types: ["sensor_msgs/LaserScan"], usual: ["scan"] },
   map: { types: ["nav_msgs/OccupancyGrid"], usual: ["map"] },
   located: { types: ["geometry_msgs/PoseWithCovarianceStamped"], usual: ["amcl_pose", "pose"] },
-  battery: { types: ["sensor_msgs/BatteryState"], usual: ["battery_state", "battery", "battery_status"] },
   // The aggregator's topic has all in one message, each of the other's only a part.
   diagnostics: { types: ["diagnostic_msgs/DiagnosticArray"], usual: ["diagnostics_agg", "diagnostics"] },
   tf: { types: ["tf2_msgs/TFMessage", "tf/tfMessage"], usual: ["tf"], last: "tf" },

@@ -92,7 +92,7 @@ export class View {
     };
     this.followed = { scan: of("scan"), map: of("map"), located: of("located") };
     this.world.follow({ ...this.followed, tf: of("tf"), tfStatic: of("tfStatic") });
-    this.overlays.follow({ battery: of("battery"), diagnostics: of("diagnostics") });
+    this.overlays.follow({ diagnostics: of("diagnostics") });
     this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || of("odometry"));
     this.askAbout(questions);
     this.offer();

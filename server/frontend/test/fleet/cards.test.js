@@ -46,6 +46,8 @@ test("a card tells who drives, who gets the control and who asks for it", () => 
 test("a card tells the battery, and one that is low calls for attention unless it is charged", () => {
   const robot = (percent, charging) => ({ online: true, battery: { percent, charging } });
   assert.equal(batteryText(robot(81.4, false)), "81 %");
+  assert.equal(batteryText(robot(null, false)), "?");
+  assert.equal(healthText(robot(null, false)), "");
   assert.equal(batteryText(robot(12, true)), "12 %, charging");
   assert.equal(batteryText(robot(12, false)), "12 %, low");
   assert.equal(batteryText({ online: true, battery: null }), "");

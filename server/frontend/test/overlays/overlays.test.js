@@ -3,7 +3,6 @@ import { beforeEach, test } from "node:test";
 
 import { Overlays } from "../../src/overlays/overlays.js";
 
-const BATTERY = { name: "/battery_state", type: "sensor_msgs/BatteryState" };
 const DIAGNOSTICS = { name: "/diagnostics", type: "diagnostic_msgs/DiagnosticArray" };
 
 let clock, parts, specs, handlers, overlays;
@@ -26,15 +25,17 @@ beforeEach(() => {
   overlays = new Overlays(query, { subscribe, now: () => clock });
 });
 
-test("a battery is shown, low in words, and forgotten when it is silent", () => {
-  overlays.follow({ battery: BATTERY });
-  handlers["/battery_state"]({ percentage: 0.12 });
-  assert.equal(parts.battery.textContent, "12 %, low");
-  assert.equal(parts.battery.dataset.health, "poor");
-  clock = 60_000;
-  overlays.show();
-  assert.equal(parts.battery.textContent, "-");
-  assert.equal(parts.battery.dataset.health, "");
+test("the battery is what the server says of it, with no level where that is unknown", () => {
+  const shown = (robot) => {
+    overlays.showBattery(robot);
+    return [parts.battery.textContent, parts.battery.dataset.health];
+  };
+  assert.deepEqual(shown({ online: true, battery: { percent: 12, charging: false } }), ["12 %, low", "poor"]);
+  assert.deepEqual(shown({ online: true, battery: { percent: 12, charging: true } }), ["12 %, charging", "good"]);
+  assert.deepEqual(shown({ online: true, battery: { percent: 30, charging: false } }), ["30 %", "fair"]);
+  assert.deepEqual(shown({ online: true, battery: { percent: null, charging: false } }), ["?", ""]);
+  assert.deepEqual(shown({ online: true, battery: null }), ["-", ""]);
+  assert.deepEqual(shown({ online: false, battery: { percent: 80, charging: false } }), ["-", ""]);
 });
 
 test("the worst of the diagnostics is shown", () => {
@@ -47,11 +48,11 @@ test("the worst of the diagnostics is shown", () => {
   assert.equal(parts["diagnostics-worst"].textContent, "1 error");
 });
 
-test("the same topics are subscribed to once, and each node's part waits instead of being lost", () => {
-  overlays.follow({ battery: BATTERY, diagnostics: DIAGNOSTICS });
-  overlays.follow({ battery: BATTERY, diagnostics: DIAGNOSTICS });
-  assert.equal(specs.length, 2);
-  assert.ok(specs[1].queueLength > 1);
-  overlays.follow({ battery: BATTERY });
-  assert.deepEqual(Object.keys(handlers), ["/battery_state"]);
+test("the same topic is subscribed to once, and each node's part waits instead of being lost", () => {
+  overlays.follow({ diagnostics: DIAGNOSTICS });
+  overlays.follow({ diagnostics: DIAGNOSTICS });
+  assert.equal(specs.length, 1);
+  assert.ok(specs[0].queueLength > 1);
+  overlays.follow({});
+  assert.deepEqual(Object.keys(handlers), []);
 });

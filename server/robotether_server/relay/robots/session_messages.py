@@ -118,9 +118,9 @@ class HealthLine(Struct, tag="health"):
 
 
 class BatteryState(Struct):
-    """How full a robot's battery is, and whether it is being charged."""
+    """How full a robot's battery is (None: unknown), and whether it is being charged."""
 
-    percent: Annotated[float, Meta(ge=0, le=100)]
+    percent: Annotated[float, Meta(ge=0, le=100)] | None
     charging: bool
 
 
@@ -133,7 +133,10 @@ class VitalsLine(Struct, tag="vitals"):
     def rounded(self) -> Battery | None:
         """The battery in whole percent."""
         battery = self.battery
-        return None if battery is None else Battery(round(battery.percent), battery.charging)
+        if battery is None:
+            return None
+        percent = None if battery.percent is None else round(battery.percent)
+        return Battery(percent, battery.charging)
 
 
 class CheckLine(Struct, tag="check"):
@@ -219,6 +222,7 @@ def config_line(
         guard={"key": guard_key, **robot.settings.guard.as_dict()},
         direct=direct,
         media=media,
+        battery=robot.settings.battery,
         **({"cells": listed} if listed else {}),
     )
 

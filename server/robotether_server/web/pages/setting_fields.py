@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robotether_server import robot_settings
-from robotether_server.page_settings import DriveType, Kind
+from robotether_server.page_settings import BatteryUnit, DriveType, Kind
 from robotether_server.problems import FieldInvalid
 from robotether_server.robot_settings import get_path, is_in
 from robotether_server.web import forms
@@ -23,6 +23,11 @@ TYPE_WORDS: tuple[tuple[DriveType | Literal[""], str], ...] = (
     ("geometry_msgs/Twist", "Twist"),
     ("geometry_msgs/TwistStamped", "TwistStamped"),
     ("ackermann_msgs/AckermannDriveStamped", "AckermannDriveStamped"),
+)
+BATTERY_WORDS: tuple[tuple[BatteryUnit | Literal[""], str], ...] = (
+    ("", "Automatic: by what the robot has shown"),
+    ("fraction", "From 0 to 1"),
+    ("percent", "From 0 to 100"),
 )
 CAMERAS_PATH = "page.cameras"
 
@@ -220,6 +225,14 @@ CAMERAS = Tab(
                 _topic("page.scan_topic", "Laser scan", "Drawn around the robot."),
                 _topic("page.map_topic", "Map", "Drawn under the robot."),
                 _topic("page.battery_topic", "Battery", "How full it is."),
+                SettingField(
+                    "page.battery_unit",
+                    "Battery counts",
+                    "Set this if the battery shows ? or a wrong level.",
+                    "choice",
+                    "automatic",
+                    options=BATTERY_WORDS,
+                ),
                 _topic("page.diagnostics_topic", "Diagnostics", "What its parts say."),
             ),
         ),

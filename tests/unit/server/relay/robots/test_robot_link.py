@@ -49,6 +49,7 @@ async def test_a_session_gets_its_configuration(relay, sim1, connect):
             "idle_heartbeat_s": FAST.idle_heartbeat_s,
             "timeout_s": FAST.timeout_s,
             "guard": {"key": ANY, **DEFAULTS.guard.as_dict()},
+            "battery": {"topic": None, "unit": None, "drive_topic": "/cmd_vel"},
             "direct": False,
             "media": False,
         }

@@ -115,6 +115,7 @@ def test_an_agent_may_give_no_epoch():
         (None, None),
         ({"percent": 80.6, "charging": True}, Battery(81, charging=True)),
         ({"percent": 0, "charging": False}, Battery(0, charging=False)),
+        ({"percent": None, "charging": True}, Battery(None, charging=True)),
     ],
 )
 def test_a_battery_is_known_in_whole_percent(battery, known):

@@ -1,0 +1,249 @@
+"""Reads how full the robot's battery is, and reports changes.
+
+`Vitals` is a task of the session, so that nobody asks the robot while there is no session. It holds one subscription,
+of one message in 5 s at most, and none on a robot without a battery's topic. What it reports is what every page shows:
+the unit of a driver's `percentage` is decided here alone.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import math
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import aiohttp
+from robotether_common.session import Battery
+
+from robotether_agent.fields import FieldError, JsonObject, get_text, parse_object
+from robotether_agent.files import read_text, write_atomic
+from robotether_agent.problems import StateUnusable
+from robotether_agent.rosbridge import Rosbridge, connected, own_topic, rosapi_topics
+from robotether_agent.tasks import first_of, within
+
+# The list of all topics of a large robot.
+MAX_MESSAGE_BYTES = 1024 * 1024
+BATTERY_TYPE = "sensor_msgs/BatteryState"
+# In the robot's namespace, the best first.
+USUAL_TOPICS = ("battery_state", "battery", "battery_status")
+BATTERY_EVERY_S = 5.0
+SILENT_S = 60.0
+RETRY_S = 30.0
+# sensor_msgs/BatteryState's POWER_SUPPLY_STATUS_CHARGING and POWER_SUPPLY_STATUS_FULL.
+CHARGING, FULL = 1, 4
+MEMORY_FILE = "battery.json"
+
+# What a driver's `percentage` of 1 means: all (as the message defines it), or a hundredth.
+Unit = Literal["fraction", "percent"]
+# A fraction may come out a little over 1; what is greater is percent.
+MAX_FRACTION = 1.2
+# From here on a fraction is full, and percent next to empty.
+NEARLY_ONE = 0.99
+# The largest difference at which a charge measured in Ah and a percentage say the same.
+SAME_LEVEL = 0.1
+# Lowest and highest voltage, empty and full, of a cell of lithium ion, a cell of LFP, and a block of lead of 6 V.
+CELLS = (
+    ((2.9, 3.4), (4.0, 4.25)),
+    ((2.8, 3.1), (3.3, 3.65)),
+    ((5.25, 5.95), (6.25, 7.2)),
+)
+
+Send = Callable[[Mapping[str, object]], None]
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class BatterySettings:
+    """What the server's settings say of the battery, and the robot's drive topic."""
+
+    topic: str | None = None
+    unit: Unit | None = None
+    drive_topic: str = ""
+
+
+class UnitMemory:
+    """The unit that a topic has shown since the robot was enrolled, in a file that outlasts restarts."""
+
+    def __init__(self, state_dir: Path) -> None:
+        self._path = state_dir / MEMORY_FILE
+        self._units: dict[str, Unit] = {}
+
+    def of(self, topic: str) -> Unit | None:
+        """Return the unit that this topic has shown, if it has."""
+        if topic not in self._units:
+            unit = self._read(topic)
+            return unit and self._units.setdefault(topic, unit)
+        return self._units[topic]
+
+    def keep(self, topic: str, unit: Unit) -> None:
+        """Remember what the topic has shown; a value over 1 ends every doubt."""
+        if self.of(topic) in {unit, "percent"}:
+            return
+        self._units[topic] = unit
+        try:
+            write_atomic(self._path, json.dumps({"topic": topic, "unit": unit}) + "\n", 0o600)
+        except StateUnusable as error:
+            log.warning("cannot keep how the battery counts: %s", error)
+
+    def _read(self, topic: str) -> Unit | None:
+        try:
+            text = read_text(self._path)
+            kept = None if text is None else parse_object(text, MEMORY_FILE)
+            if kept is None or get_text(kept, "topic") != topic:
+                return None
+            unit = get_text(kept, "unit")
+        except (StateUnusable, FieldError) as error:
+            log.warning("cannot read how the battery counts: %s", error)
+            return None
+        return unit if unit in {"fraction", "percent"} else None  # type: ignore[return-value]
+
+
+class Vitals:
+    """What is known of the robot's battery: nothing, once it was silent for SILENT_S."""
+
+    def __init__(
+        self, rosbridge_url: str, state_dir: Path, *, every_s: float = BATTERY_EVERY_S
+    ) -> None:
+        self._rosbridge_url = rosbridge_url
+        self._memory = UnitMemory(state_dir)
+        self._every_s = every_s
+        self._battery: Battery | None = None
+        self._changed = asyncio.Event()
+
+    async def report(self, send: Send, settings: Callable[[], BatterySettings]) -> None:
+        """Report each change, the newest once in 5 s at most; runs until it is cancelled."""
+        self._battery = None
+        await first_of(self._keep_listening(settings), self._keep_reporting(send))
+
+    async def _keep_reporting(self, send: Send) -> None:
+        # A new session knows of none.
+        reported: Battery | None = None
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            if self._battery != reported:
+                reported = self._battery
+                send({"type": "vitals", "battery": None if reported is None else asdict(reported)})
+                await asyncio.sleep(self._every_s)
+
+    async def _keep_listening(self, settings: Callable[[], BatterySettings]) -> None:
+        while True:
+            try:
+                await self._listen(settings)
+            except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+                # rosbridge is down, or has no rosapi: health reports the former.
+                log.debug("no battery: %r", error)
+            self._set(None)
+            await asyncio.sleep(RETRY_S)
+
+    async def _listen(self, settings: Callable[[], BatterySettings]) -> None:
+        """Follow the battery's topic until it falls silent or is another one; return at once when there is none."""
+        url, current = self._rosbridge_url, settings()
+        topic = current.topic or battery_topic(await rosapi_topics(url), current.drive_topic)
+        if topic is None:
+            return
+        async with connected(url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
+            throttle_ms = int(self._every_s * 1000)
+            await rosbridge.subscribe(topic, BATTERY_TYPE, throttle_ms=throttle_ms)
+            while settings() == current:
+                self._read(await self._message(rosbridge), topic, current.unit)
+
+    async def _message(self, rosbridge: Rosbridge) -> JsonObject:
+        return await within(SILENT_S, rosbridge.message())
+
+    def _read(self, message: JsonObject, topic: str, unit: Unit | None) -> None:
+        shown = unit_shown(message)
+        if shown is not None:
+            self._memory.keep(topic, shown)
+        self._set(battery_in(message, unit or self._memory.of(topic)))
+
+    def _set(self, battery: Battery | None) -> None:
+        if battery != self._battery:
+            self._battery = battery
+            self._changed.set()
+
+
+def battery_topic(topics: Mapping[str, str], drive_topic: str) -> str | None:
+    """Return the topic of the robot's battery, if it has one and it is not in doubt which."""
+    return own_topic(topics, BATTERY_TYPE, USUAL_TOPICS, drive_topic)
+
+
+def battery_in(message: JsonObject, unit: Unit | None) -> Battery | None:
+    """Return what a BatteryState says, with no level where that is unknown or in doubt; nothing for no battery.
+
+    `unit` is that of the settings, or the one that the topic has shown.
+    """
+    if message.get("present") is False or not message:
+        return None
+    return Battery(_percent(message, unit), message.get("power_supply_status") == CHARGING)
+
+
+def _percent(message: JsonObject, unit: Unit | None) -> int | None:
+    level = _number(message, "percentage")
+    if level is None:
+        level, unit = _charged(message), "fraction"
+    if level is None or not 0 <= level <= 100:  # noqa: PLR2004
+        return None
+    if level == 0 or unit == "percent":
+        return round(level)
+    if unit is None and _is_doubtful(level, message):
+        return None
+    return round(min(level, 1) * 100) if level <= MAX_FRACTION else None
+
+
+def _is_doubtful(level: float, message: JsonObject) -> bool:
+    """Whether a level of which the unit is unknown may as well be percent: 1 is full, or nearly empty."""
+    if level >= NEARLY_ONE:
+        return True
+    as_fraction, as_percent = _fits_voltage(level, message), _fits_voltage(level / 100, message)
+    return as_percent and not as_fraction
+
+
+def unit_shown(message: JsonObject) -> Unit | None:
+    """Return the unit of `percentage` that this message shows beyond doubt."""
+    level = _number(message, "percentage")
+    if level is None or not 0 < level <= 100:  # noqa: PLR2004
+        return None
+    if level > MAX_FRACTION:
+        return "percent"
+    charged = _charged(message)
+    if charged is not None and charged > SAME_LEVEL:
+        return "fraction" if abs(charged - level) < SAME_LEVEL else None
+    if level >= NEARLY_ONE and message.get("power_supply_status") == FULL:
+        return "fraction"
+    fits, fits_empty = _fits_voltage(level, message), _fits_voltage(level / 100, message)
+    return "fraction" if fits and not fits_empty else None
+
+
+def _charged(message: JsonObject) -> float | None:
+    charge, capacity = _number(message, "charge"), _number(message, "capacity")
+    return charge / capacity if charge is not None and capacity else None
+
+
+def _fits_voltage(level: float, message: JsonObject) -> bool:
+    """Whether some pack of cells has this voltage at this level, from 0 to 1."""
+    volts = _number(message, "voltage")
+    if volts is None or volts <= 0:
+        return False
+    for (empty_low, empty_high), (full_low, full_high) in CELLS:
+        low = empty_low + (full_low - empty_low) * level
+        high = empty_high + (full_high - empty_high) * level
+        if math.floor(volts / low) >= max(1, math.ceil(volts / high)):
+            return True
+    return False
+
+
+def _number(message: JsonObject, name: str) -> float | None:
+    value = message.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    # A whole number may be larger than any float, and must not end the session that reports it.
+    with suppress(OverflowError):
+        return float(value) if math.isfinite(value) else None
+    return None
