@@ -2,10 +2,12 @@
 # Starts the proxy for robots' published ports. Without a list of sources, or with one that nginx does not understand, it
 # does not start, and then nothing is published.
 set -eu
+. /usr/lib/robotether/open-files.sh
 
+# Unhealthy, and not started again and again: nothing changes until somebody changes the setting.
 fail() {
   echo "cannot publish robots' ports: $*" >&2
-  exit 1
+  exec sleep infinity
 }
 
 is_port() {
@@ -39,7 +41,9 @@ write_sources() {
 main() {
   write_listen
   write_sources
-  nginx -t -c /etc/nginx/direct.conf
+  raise_open_files
+  nginx -t -q -c /etc/nginx/direct.conf ||
+    fail "DIRECT_SOURCES is '$DIRECT_SOURCES'; allowed are networks such as 192.0.2.0/24, with commas between"
   echo "direct: ports $DIRECT_PORT_FIRST to $DIRECT_PORT_LAST are open to $DIRECT_SOURCES"
   exec nginx -c /etc/nginx/direct.conf
 }

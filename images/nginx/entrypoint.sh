@@ -3,6 +3,7 @@
 # self-signed certificate, which a volume keeps.
 set -eu
 . /usr/lib/robotether/certificates.sh
+. /usr/lib/robotether/open-files.sh
 
 readonly HOST="${PUBLIC_HOST:-localhost}"
 readonly PORT="${PUBLIC_PORT:-443}"
@@ -44,7 +45,8 @@ main() {
   ln -sfn "$KEPT" "$SERVED"
   serve_peers
   serve "$(chosen)"
-  nginx -t
+  raise_open_files
+  nginx -t -q
   # A socket of a former nginx that was killed would keep this one from listening.
   rm -f /run/nginx/tls.sock
   watch_certificates &

@@ -7,6 +7,7 @@ set -eu
 readonly KEY=/etc/ssh/keys/ssh_host_ed25519_key
 readonly OWN_KEY=/run/secrets/ssh_host_ed25519_key
 readonly PUBLIC=/etc/ssh/public
+readonly LOG=/run/sshd/log
 readonly PROXY_PROTOCOL=/etc/nginx/proxy-protocol.conf
 
 ensure_host_key() {
@@ -62,6 +63,13 @@ ensure_database_options() {
 as_jump_watch() { setpriv --reuid jump --regid jumpwatch --clear-groups "$@"; }
 as_tunnel_watch() { setpriv --reuid tunnel --regid tunnel --clear-groups "$@"; }
 as_keylookup() { setpriv --reuid keylookup --regid keylookup --clear-groups "$@"; }
+# Number of files that nginx's connections need (proxy-protocol.conf); Docker 29 lets a container begin with 1024.
+readonly OPEN_FILES=32768
+raise_open_files() {
+  highest=$(ulimit -H -n)
+  if [ "$highest" = unlimited ] || [ "$highest" -ge "$OPEN_FILES" ]; then highest=$OPEN_FILES; fi
+  ulimit -S -n "$highest"
+}
 as_nginx() { setpriv --reuid www-data --regid www-data --clear-groups "$@"; }
 
 # Root has no right here to give a folder away, so the accounts make their own. The register of connections is written
@@ -85,9 +93,16 @@ start_beside_sshd() {
   as_keylookup env RES_OPTIONS='timeout:1 attempts:1' sh -c "$keep_running" loop /usr/lib/robotether/key-lookups &
   as_jump_watch sh -c "$keep_running" loop /usr/lib/robotether/jump-watch &
   as_tunnel_watch sh -c "$keep_running" loop /usr/lib/robotether/tunnel-watch &
-  as_nginx sh -c "$keep_running" loop nginx -c "$PROXY_PROTOCOL" &
+  (raise_open_files && as_nginx sh -c "$keep_running" loop nginx -c "$PROXY_PROTOCOL") &
   # Fails while the database is away, and leaves the cache as it is then.
   as_keylookup sh -c 'while :; do /usr/lib/robotether/authorized-keys cache; sleep 60; done' &
+}
+
+# Passes sshd's log on, but for what is no event.
+start_log() {
+  rm -f "$LOG"
+  mkfifo "$LOG"
+  (while :; do sed -u -E -f /usr/lib/robotether/quiet.sed < "$LOG" >&2; done) &
 }
 
 main() {
@@ -101,7 +116,10 @@ main() {
   as_nginx nginx -t -q -c "$PROXY_PROTOCOL"
   start_beside_sshd
   echo "sshd: host key $(ssh-keygen -lf "$KEY.pub")"
-  exec /usr/sbin/sshd -D -e
+  if [ "${LOG_LEVEL:-info}" = debug ]; then exec /usr/sbin/sshd -D -e; fi
+  start_log
+  # Open for both ways: sshd goes on while nobody reads.
+  exec /usr/sbin/sshd -D -e 2<> "$LOG"
 }
 
 main

@@ -8,7 +8,7 @@ and none is ever printed.
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from ipaddress import IPv6Address
+from ipaddress import IPv6Address, ip_network
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_origin, get_type_hints
 
@@ -129,6 +129,13 @@ def _parse_origins(text: str) -> tuple[str, ...]:
     return tuple(origin.parse(part.strip()) for part in text.split(",") if part.strip())
 
 
+def _parse_networks(text: str) -> tuple[str, ...]:
+    networks = [ip_network(part, strict=False) for part in text.split(",") if text]
+    if not all(network.prefixlen for network in networks):
+        raise ValueError(text)
+    return tuple(map(str, networks))
+
+
 HOST = Kind("a host name or address, without a port", _parse_host)
 PORT = whole(1, HIGHEST_PORT)
 FREE_PORT = whole(LOWEST_FREE_PORT, HIGHEST_PORT)
@@ -151,6 +158,10 @@ ORIGINS = Kind(
 HOST_OR_EMPTY = Kind(
     "a host name or address without a port, or empty: the one that each request went to",
     lambda text: _parse_host(text) if text else None,
+)
+NETWORKS = Kind(
+    "networks such as 192.0.2.0/24 with commas between, none of which is everybody, or empty: nobody",
+    _parse_networks,
 )
 PASSWORD_OR_EMPTY = matching(
     r"(\S{12,})?",
@@ -241,6 +252,9 @@ _TABLE = (
         "whether robots accept connections to their published ports, past the relay",
         YES_OR_NO,
         "no",
+    ),
+    Variable(
+        "DIRECT_SOURCES", "networks whose machines may reach the published ports", NETWORKS, ""
     ),
     Variable("MAX_PENDING", "how many unknown robots may wait for approval", whole(0, 10000), "50"),
     Variable(

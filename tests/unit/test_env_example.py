@@ -124,6 +124,18 @@ def test_server_reads_what_compose_sets(service: str, variable: str) -> None:
     assert setting_of(variable) in VARIABLES
 
 
+def test_a_wrong_value_ends_the_start_before_anything_runs() -> None:
+    """The one-shot service `secrets` reads all that the others read, but secrets and what is fixed inside."""
+    ours = services()["secrets"]["environment"]
+    site = {
+        name: text
+        for one in ("web", "relay", "migrate")
+        for name, text in services()[one]["environment"].items()
+        if text.startswith("${") and name != "DIRECT_PORTS"
+    }
+    assert ours == site | {"DIRECT_SOURCES": "${DIRECT_SOURCES:-}"}
+
+
 def test_every_setting_can_be_set() -> None:
     """Whatever the server's settings know is set in compose.yaml, or is a fixed place inside the image."""
     inside = {"AGENT_FILES_DIR", "SSH_HOST_KEYS_DIR", "MIGRATIONS_DIR"}

@@ -13,12 +13,18 @@ TLS_CONNECTION_KIB = 46
 
 
 @pytest.mark.parametrize(
-    "name", ["nginx/nginx.conf", "nginx/direct.conf", "sshd/proxy-protocol.conf"]
+    ("configuration", "script"),
+    [
+        ("nginx/nginx.conf", "nginx/open-files.sh"),
+        ("nginx/direct.conf", "nginx/open-files.sh"),
+        ("sshd/proxy-protocol.conf", "sshd/entrypoint.sh"),
+    ],
 )
-def test_worker_may_open_what_its_connections_need(name: str) -> None:
+def test_worker_may_open_what_its_connections_need(configuration: str, script: str) -> None:
     """A container begins with 1024 open files where Docker is 29 or newer."""
-    said = dict(re.findall(r"(worker_\w+) +(\d+);", (IMAGES / name).read_text()))
-    assert int(said["worker_rlimit_nofile"]) >= 2 * int(said["worker_connections"])
+    connections = re.findall(r"worker_connections (\d+);", (IMAGES / configuration).read_text())
+    files = re.findall(r"OPEN_FILES=(\d+)\n", (IMAGES / script).read_text())
+    assert int(*files) >= 2 * int(*connections)
 
 
 def test_a_stop_begins_here_when_the_robots_cell_cannot_answer() -> None:
