@@ -19,7 +19,7 @@ import { Topics } from "../topics/topicList.js";
 import { ObserverConnection } from "../topics/topicProbe.js";
 import { View } from "../video/view.js";
 import { LoginUse, api } from "./calls.js";
-import { Choices, FIELDS, byTestId, localTime, matches, part, setText } from "./page.js";
+import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, part, setText } from "./page.js";
 import { Presses } from "./presses.js";
 import { driveSettings } from "./settings.js";
 
@@ -237,9 +237,20 @@ function setUpDrawer() {
     (opened ? drawer : opener).focus({ preventScroll: true });
   };
   opener.addEventListener("click", () => open(drawer.hidden));
-  window.addEventListener("keydown", ({ code, target }) => {
+  window.addEventListener("keydown", (event) => {
+    const { code, target } = event;
     if (code === "Escape" && !drawer.hidden && !matches(target, FIELDS)) open(false);
+    if (asksForKeys(event)) showKeys(open);
   });
+}
+
+// Who only watches has none.
+function showKeys(open) {
+  const keys = part(root, "keys");
+  if (!keys) return;
+  open(true);
+  keys.open = true;
+  keys.scrollIntoView();
 }
 
 setUpDrawer();

@@ -14,6 +14,10 @@ export const FIELDS = `${TYPING}, input`;
 
 export const matches = (target, selector) => Boolean(target?.closest?.(selector));
 
+// Whether a press asks for the list of keys, and is no character of a text.
+export const asksForKeys = ({ key, ctrlKey, metaKey, altKey, target }) =>
+  key === "?" && !(ctrlKey || metaKey || altKey) && !matches(target, TEXT);
+
 // Writes only what changed, so that live regions and layout stay quiet.
 export function setText(element, text) {
   if (element && element.textContent !== text) element.textContent = text;

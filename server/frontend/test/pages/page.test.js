@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Choices, LocalStore, shortNumber, sizeText } from "../../src/pages/page.js";
+import { Choices, LocalStore, asksForKeys, shortNumber, sizeText } from "../../src/pages/page.js";
 
 // As the browser's, in memory.
 function storage() {
@@ -13,6 +13,16 @@ function storage() {
     removeItem: (name) => values.delete(name),
   };
 }
+
+test("a question mark asks for the keys, but not with a modifier and not in a text", () => {
+  const inText = { closest: (selector) => (selector.includes("textarea") ? {} : null) };
+  const onPage = { closest: () => null };
+  assert.ok(asksForKeys({ key: "?", target: onPage }));
+  assert.ok(asksForKeys({ key: "?", shiftKey: true, target: onPage }));
+  assert.ok(!asksForKeys({ key: "?", target: inText }));
+  assert.ok(!asksForKeys({ key: "?", ctrlKey: true, target: onPage }));
+  assert.ok(!asksForKeys({ key: "/", target: onPage }));
+});
 
 test("what is written is read again, and forgotten when asked", () => {
   const store = storage();
