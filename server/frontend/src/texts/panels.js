@@ -41,6 +41,7 @@ export const topics = {
   field: "Plot",
   noField: "Nothing",
   plot: (name) => `Plot of ${name} over the last minute`,
+  unknownNow: "unknown",
   plotted: ({ now, min, max }) => `Now ${now}; in the last minute ${min} to ${max}.`,
   notPlotted: "No value in the last minute.",
   large:

@@ -109,7 +109,7 @@ export class Inspector {
     if (!probe.field) return setText(this.words, "");
     const extent = probe.samples.extent(probe.now());
     const { now, min, max } = extent ?? {};
-    const words = { now: shortNumber(now), min: shortNumber(min), max: shortNumber(max) };
+    const words = { now: now === null ? texts.unknownNow : shortNumber(now), min: shortNumber(min), max: shortNumber(max) };
     setText(this.words, extent ? texts.plotted(words) : texts.notPlotted);
     drawPlot(this.canvas, probe.samples.points, extent, probe.now());
   }
@@ -143,13 +143,13 @@ function noticeText({ state, refusal, message, large, ends }) {
 const MINUTE_MS = 60_000;
 const PADDING = 4;
 
-// The points as places on a canvas of this size; what does not change lies in the middle. Pure.
+// The points as places on a canvas of this size; what does not change lies in the middle, and a gap has no `y`. Pure.
 export function places(points, { now, min, max }, { width, height }) {
   const span = max - min;
   const room = height - 2 * PADDING;
   return points.map(({ value, at }) => ({
     x: width * (1 - (now - at) / MINUTE_MS),
-    y: PADDING + room * (span > 0 ? 1 - (value - min) / span : 0.5),
+    y: value === null ? null : PADDING + room * (span > 0 ? 1 - (value - min) / span : 0.5),
   }));
 }
 
@@ -166,8 +166,17 @@ function drawPlot(canvas, points, extent, now) {
   context.strokeStyle = getComputedStyle(canvas).color;
   context.lineWidth = 2;
   context.beginPath();
-  for (const { x, y } of places(points, { now, ...extentOf(extent) }, size)) context.lineTo(x, y);
+  drawLine(context, places(points, { now, ...extentOf(extent) }, size));
   context.stroke();
+}
+
+// With gaps, which no line crosses.
+function drawLine(context, line) {
+  line.forEach(({ x, y }, i) => {
+    if (y === null) return;
+    if ((line[i - 1]?.y ?? null) === null) context.moveTo(x, y);
+    context.lineTo(x, y);
+  });
 }
 
 const extentOf = ({ min, max }) => ({ min, max });

@@ -156,9 +156,9 @@ export class LastMinute {
     this.points = [];
   }
 
+  // What is no finite number is a gap, {value: null}.
   push(value, at) {
-    if (!Number.isFinite(value)) return;
-    this.points.push({ value, at });
+    this.points.push({ value: Number.isFinite(value) ? value : null, at });
     if (this.points.length > MOST) this.points.shift();
     this.prune(at);
   }
@@ -167,12 +167,12 @@ export class LastMinute {
     while (this.points.length && now - this.points[0].at > MINUTE_MS) this.points.shift();
   }
 
-  // {now, min, max}, or null without a value.
+  // {now, min, max}, or null without a value; `now` is null while the newest is a gap.
   extent(now) {
     this.prune(now);
-    if (this.points.length === 0) return null;
-    const values = this.points.map(({ value }) => value);
-    return { now: values.at(-1), min: Math.min(...values), max: Math.max(...values) };
+    const values = this.points.map(({ value }) => value).filter((value) => value !== null);
+    if (values.length === 0) return null;
+    return { now: this.points.at(-1).value, min: Math.min(...values), max: Math.max(...values) };
   }
 }
 

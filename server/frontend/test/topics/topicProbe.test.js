@@ -135,6 +135,12 @@ test("what is no number is no point", () => {
   assert.equal(samples.extent(0), null);
 });
 
+test("a number that is not known any more is a gap, and not the last one that was", () => {
+  const samples = new LastMinute();
+  for (const [at, value] of [1, NaN, 3, NaN].entries()) samples.push(value, at);
+  assert.deepEqual(samples.extent(4), { now: null, min: 1, max: 3 });
+});
+
 test("however fast they come, so many points are kept", () => {
   const samples = new LastMinute();
   for (let i = 0; i < 5000; i++) samples.push(i, i);
