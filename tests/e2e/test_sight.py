@@ -309,10 +309,12 @@ def _drive_ahead(page: Page, stack: Stack, metres: float) -> None:
 
 
 def test_what_is_not_seen_is_not_subscribed_to(robot: Page) -> None:
-    """Scan and map come through the connection only while the map is shown."""
+    """Scan and map come through the connection only while a map is shown, the large or the small one."""
     sent = _sent_to_ros(robot)
+    robot.set_viewport_size({"width": 1280, "height": 650})  # no room for the small map
     robot.reload()
     _expect_picture(_tile(robot, FRONT), "live")
+    expect(robot.get_by_test_id("small-map")).to_be_hidden()
     expect(robot.get_by_test_id("camera").get_by_role("button")).to_have_count(3)
     assert not any('"/scan"' in text for text in sent)
 
