@@ -80,7 +80,7 @@ export class MapTile {
   showState() {
     this.draw();
     const { robot } = this.world;
-    setText(part(this.element, "pose"), robot.old ? "" : texts.pose(robot));
+    setText(part(this.element, "pose"), robot.old || isLost(this.world, this.parts) ? "" : texts.pose(robot));
     this.showScale();
   }
 
@@ -108,7 +108,7 @@ export class MapTile {
     const { world, parts } = this;
     const empty = isEmpty(world, parts);
     drawWorld(this.canvas, world, { zoom: ZOOMS[this.zoom] * ratio, parts, empty });
-    setText(part(this.element, "words"), empty ? texts.nothing : "");
+    setText(part(this.element, "words"), empty ? texts.nothing : isLost(world, parts) ? texts.lost : "");
   }
 
   fit(width, height) {
@@ -129,6 +129,9 @@ const SCALE_LEAST_PX = 30;
 // Whether neither the robot's place nor a wanted part is known.
 export const isEmpty = ({ robot, map, points }, parts) => Boolean(robot.unknown) && !(parts.map && map) && !(parts.scan && points);
 
+// Whether a map is drawn, and nobody knows where in it the robot is.
+export const isLost = ({ robot, map }, parts) => Boolean(parts.map && map && (robot.unknown || robot.unplaced));
+
 // `zoom` in device pixels a metre. `parts` {scan, path, map}: what is wanted to be seen.
 function drawWorld(canvas, world, { zoom, parts, empty }) {
   const context = canvas.getContext("2d");
@@ -140,9 +143,9 @@ function drawWorld(canvas, world, { zoom, parts, empty }) {
   context.setTransform(zoom, 0, 0, -zoom, canvas.width / 2 - robot.x * zoom, canvas.height / 2 + robot.y * zoom);
   drawGrid(context, canvas, robot, zoom);
   if (parts.map && world.map) drawMap(context, world.map);
+  if (isLost(world, parts)) return;
   if (parts.path) within(context, world.offset, () => drawPath(context, world.path.points, zoom));
   within(context, robot, () => {
-    if (robot.unknown && parts.map && world.map) return; // where in the map it is
     if (parts.scan && world.points) drawScan(context, world.points, zoom);
     drawRobot(context, robot.old, zoom);
   });

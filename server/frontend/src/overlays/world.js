@@ -33,6 +33,7 @@ export class World {
     this.mapRefused = false;
     this.odometry = this.scan = this.map = this.located = null;
     this.offset = ORIGIN; // of the odometry's frame in the map's
+    this.placed = false; // whether that is known
     this.transforms = new Transforms();
     this.laserFixed = false; // whether /tf_static alone says where the laser is
   }
@@ -119,8 +120,14 @@ export class World {
   locate() {
     const frame = this.odometry?.pose.frame;
     const begun = frame && this.transforms.find(this.mapFrame, frame);
-    if (begun) this.offset = planarOf(begun) ?? this.offset;
-    return Boolean(begun);
+    const offset = begun && planarOf(begun);
+    if (offset) this.place(offset);
+    return Boolean(offset);
+  }
+
+  place(offset) {
+    this.offset = offset;
+    this.placed = true;
   }
 
   get mapFrame() {
@@ -144,14 +151,16 @@ export class World {
     const pose = poseReader(this.topics.located.type)?.(message);
     if (!pose) return;
     this.located = pose;
-    if (this.odometry && !this.locate()) this.offset = compose(pose, inverse(this.odometry.pose));
+    if (this.odometry && !this.locate()) this.place(compose(pose, inverse(this.odometry.pose)));
     this.onChange();
   }
 
-  // The robot in the map's frame, {x, y, theta, old, unknown}; `unknown` while nothing is known of where it is.
+  // The robot in the map's frame, {x, y, theta, old, unknown, unplaced}; `unknown` while nothing is known of where it is, and
+  // `unplaced` while that is not where in the map.
   get robot() {
     if (this.odometry) {
-      return { ...compose(this.offset, this.odometry.pose), old: this.isOld(this.odometry) };
+      const robot = { ...compose(this.offset, this.odometry.pose), old: this.isOld(this.odometry) };
+      return this.map && !this.placed ? { ...robot, unplaced: true } : robot;
     }
     const place = this.inMap();
     if (place) return { ...planarOf(place), old: this.isOld(place) };

@@ -48,6 +48,7 @@ export const noFrames = (topic) => `No frames from ${topic}: the topic does not 
 export const map = {
   label: "The robot from above",
   nothing: "Nothing to draw yet.",
+  lost: "Where the robot is in the map is unknown.",
   pose: ({ x, y, theta }) => `x ${x.toFixed(1)} y ${y.toFixed(1)} ${Math.round((theta * 180) / Math.PI)}°`,
   scale: (metres) => `${metres} m`,
 };

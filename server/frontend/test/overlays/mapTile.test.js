@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { isEmpty, MapTile } from "../../src/overlays/mapTile.js";
+import { isEmpty, isLost, MapTile } from "../../src/overlays/mapTile.js";
 
 let shown, tile;
 
@@ -44,4 +44,11 @@ test("nothing is to draw while neither the robot's place nor a wanted part is kn
   assert.equal(isEmpty({ ...nowhere, map: {} }, all), false);
   assert.equal(isEmpty({ ...nowhere, points: [1, 1] }, all), false);
   assert.equal(isEmpty({ ...nowhere, points: [1, 1] }, { ...all, scan: false }), true);
+});
+
+test("a robot is not drawn in a map in which its place is unknown", () => {
+  assert.equal(isLost({ robot: { unplaced: true }, map: {} }, { map: true }), true);
+  assert.equal(isLost({ robot: { unknown: true }, map: {} }, { map: true }), true);
+  assert.equal(isLost({ robot: { unplaced: true }, map: {} }, { map: false }), false);
+  assert.equal(isLost({ robot: { x: 1, y: 0 }, map: {} }, { map: true }), false);
 });

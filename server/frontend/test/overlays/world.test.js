@@ -98,6 +98,17 @@ test("the robot is where its odometry says, and old when that is silent", () => 
   assert.equal(world.robot.old, true);
 });
 
+test("odometry alone is no place in a map", async () => {
+  world.follow({ map: MAP, tf: TF });
+  world.show({ map: true });
+  world.receivePose({ x: 1, y: 0, theta: 0, frame: "odom" });
+  assert.equal(world.robot.unplaced, undefined);
+  await handlers.get("/map")({ header: { frame_id: "map" }, ...grid(0) });
+  assert.equal(world.robot.unplaced, true);
+  handlers.get("/tf")(tf(link("map", "odom", 3)));
+  assert.equal(world.robot.unplaced, undefined);
+});
+
 test("the localization moves the odometry's frame, and the way with it", () => {
   world.follow({ map: MAP, located: PLACE });
   world.show({ map: true });
