@@ -11,3 +11,5 @@
 /^User child is on pid /d
 /^(Starting session|Close session): /d
 /^(Transferred: sent|Closing connection to) /d
+# sshd itself ends the child of a client that is gone.
+/^mm_reap: preauth child terminated by signal 15/d
