@@ -66,8 +66,11 @@ as_keylookup() { setpriv --reuid keylookup --regid keylookup --clear-groups "$@"
 # Number of files that nginx's connections need (proxy-protocol.conf); Docker 29 lets a container begin with 1024.
 readonly OPEN_FILES=32768
 raise_open_files() {
+  # Debian's sh, dash, has both limits.
+  # shellcheck disable=SC3045
   highest=$(ulimit -H -n)
   if [ "$highest" = unlimited ] || [ "$highest" -ge "$OPEN_FILES" ]; then highest=$OPEN_FILES; fi
+  # shellcheck disable=SC3045
   ulimit -S -n "$highest"
 }
 as_nginx() { setpriv --reuid www-data --regid www-data --clear-groups "$@"; }
