@@ -2,29 +2,29 @@
 
 from collections.abc import Mapping
 
-_SERVER_STOPPED = "The server stopped while the robot was connected; the robot connects by itself."
+_SERVER_STOPPED = "The server stopped; the robot connects by itself."
 _MOVING = "The robot is connecting again."
-# By why its last session ended: a code of docs/reference/protocols.md.
+# A card has room for some 58 characters. By why its last session ended: a code of docs/reference/protocols.md.
 _BY_END: Mapping[str, str] = {
-    "link_lost": "The tunnel was closed: the robot shut down, its agent stopped, or its network changed.",
-    "timeout": "The robot went silent: it has no power or no network, or its network is too slow.",
-    "protocol_error": "The robot's agent speaks another version than this server: upgrade the agent.",
-    "key_changed": "The robot used a key that is no longer its own. Compare the keys on its admin page.",
-    "robot_disabled": "The robot was disabled; it connects again by itself within minutes.",
-    "robot_unknown": "The robot had been removed from this server. It has to join again.",
+    "link_lost": "The tunnel was closed: power, agent or network.",
+    "timeout": "The robot went silent: no power or network.",
+    "protocol_error": "Its agent has another version: upgrade it.",
+    "key_changed": "It used a key that is no longer its own.",
+    "robot_disabled": "It was disabled; it connects by itself within minutes.",
+    "robot_unknown": "It had been removed from this server; it must join again.",
     "relay_stopping": _SERVER_STOPPED,
     "relay_restarted": _SERVER_STOPPED,
-    "cell_removed": "The server's machine that had the robot was lost; the robot connects to another.",
-    "not_ready": "The server was not ready; the robot connects again by itself.",
-    "port_taken": "An older connection held the robot's port; the robot connects again by itself.",
+    "cell_removed": "Its server's machine was lost; it moves to another.",
+    "not_ready": "The server was not ready; it connects by itself.",
+    "port_taken": "An older connection had its port; it connects by itself.",
     "superseded": _MOVING,
     "ports_changed": _MOVING,
     "cell_draining": _MOVING,
     "rebalanced": _MOVING,
 }
 _BY_KEY: Mapping[str, str] = {
-    "waiting": "A machine with its MAC shows another key, which awaits approval.",
-    "rejected": "A machine with its MAC shows another key, which was rejected.",
+    "waiting": "Another key with its MAC awaits approval.",
+    "rejected": "Another key with its MAC was rejected.",
 }
 
 

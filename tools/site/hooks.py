@@ -59,6 +59,20 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return OUTWARD.sub(keep, markdown)
 
 
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Name the search, which the theme leaves without a name for a screen reader."""
+    return _with_named_search(output)
+
+
+def on_post_template(output: str, template_name: str, config: MkDocsConfig) -> str:
+    """Name it on the page for wrong addresses, too."""
+    return _with_named_search(output)
+
+
+def _with_named_search(output: str) -> str:
+    return output.replace('role="dialog">', 'role="dialog" aria-label="Search">')
+
+
 def on_post_build(config: MkDocsConfig) -> None:
     """Write the Content-Security-Policy that lets the pages' own scripts run and no others."""
     site = Path(config.site_dir)

@@ -16,7 +16,9 @@ UNKNOWN = "It is not known why."
     sorted({*get_args(ByeCode), "relay_restarted", "cell_removed"} - {"shell_off", "unwatched"}),
 )
 def test_each_end_of_a_session_has_its_sentence(code: str) -> None:
-    assert offline_reason("active", code, ever_online=True) != UNKNOWN
+    said = offline_reason("active", code, ever_online=True)
+    assert said != UNKNOWN
+    assert len(said) <= 58, "a card has no room for it"
 
 
 @pytest.mark.parametrize("code", [None, "", "of_a_newer_server"])
