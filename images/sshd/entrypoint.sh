@@ -96,7 +96,11 @@ start_beside_sshd() {
   as_keylookup env RES_OPTIONS='timeout:1 attempts:1' sh -c "$keep_running" loop /usr/lib/robotether/key-lookups &
   as_jump_watch sh -c "$keep_running" loop /usr/lib/robotether/jump-watch &
   as_tunnel_watch sh -c "$keep_running" loop /usr/lib/robotether/tunnel-watch &
-  (raise_open_files && as_nginx sh -c "$keep_running" loop nginx -c "$PROXY_PROTOCOL") &
+  # A worker outlives a master that was killed, and keeps its port. Nothing else runs as this user but this loop, which
+  # kills all but itself.
+  # shellcheck disable=SC2016 # $? is the inner shell's
+  (raise_open_files && as_nginx sh -c 'while :; do kill -s KILL -- -1; nginx -c "$1"; echo "nginx ended with $?; starting it again" >&2; sleep 1; done 2>&1' \
+    loop "$PROXY_PROTOCOL") &
   # Fails while the database is away, and leaves the cache as it is then.
   as_keylookup sh -c 'while :; do /usr/lib/robotether/authorized-keys cache; sleep 60; done' &
 }

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from http.client import HTTPException
 
 import pytest
+from docker.models.containers import Container
 from inside import run_inside
 from programs import Program, drive_on, echo, open_echo
 from stack import Stack, wait_until_back
@@ -18,6 +19,16 @@ def program(stack: Stack) -> Iterator[Program]:
     """A program with an API token of the admin; afterwards all robots are back for the tests that follow."""
     yield Program(stack, stack.token("recovery"))
     wait_until_back(stack, "sim1", "sim2", "sim3")
+
+
+def _wait_restarted(stack: Stack, service: str, before: Container, seconds: float = 30) -> None:
+    count = before.attrs["RestartCount"]
+    stack.wait(
+        f"{service} restarted",
+        lambda: stack.container(service).attrs["RestartCount"] > count,
+        service,
+        seconds=seconds,
+    )
 
 
 async def _drivable(program: Program, robot: str) -> bool:
@@ -75,12 +86,33 @@ async def test_service_killed_comes_back(program: Program, stack: Stack, service
     # A kill by the engine counts as a stop that was wanted; the process must die by itself to be restarted.
     # Not by the engine's SDK, which then asks how the command ended: the engine forgets that with the container's end.
     await asyncio.to_thread(run_inside, container, "bash", "-c", "kill -9 -1")
-    await asyncio.to_thread(
-        stack.wait, f"{service} restarted",
-        lambda: stack.container(service).attrs["RestartCount"] > container.attrs["RestartCount"], service,
-    )  # fmt: skip
+    await asyncio.to_thread(_wait_restarted, stack, service, container)
     await asyncio.to_thread(stack.wait_healthy, service)
     await _wait_drivable(program, "sim1")
+
+
+async def test_services_that_hang_come_back(program: Program, stack: Stack) -> None:
+    """Services that are stopped begin anew, the site's health says so, and sshd's nginx leaves no orphan."""
+    hung = ("relay", "web", "nginx", "mysql")
+    before = {service: stack.container(service) for service in hung}
+    assert await asyncio.to_thread(stack.request, "GET", "/healthz") == (200, "ok\n")
+    sshd = await asyncio.to_thread(stack.container, "sshd")
+    kill_master = "kill -KILL $(cat /run/robotether/proxy-protocol/nginx.pid)"
+    await asyncio.to_thread(run_inside, sshd, "bash", "-c", kill_master)
+    for service in ("relay", "mysql"):
+        await asyncio.to_thread(run_inside, before[service], "bash", "-c", "kill -STOP -1")
+        status, _ = await asyncio.to_thread(stack.request, "GET", "/healthz")
+        assert status == 503, service
+    for service in ("web", "nginx"):
+        await asyncio.to_thread(run_inside, before[service], "bash", "-c", "kill -STOP -1")
+    for service, container in before.items():
+        await asyncio.to_thread(_wait_restarted, stack, service, container, 120)
+        await asyncio.to_thread(stack.wait_healthy, service)
+    for robot in ("sim1", "sim2", "sim3"):
+        await _wait_drivable(program, robot)
+    assert (await asyncio.to_thread(stack.request, "GET", "/healthz"))[0] == 200
+    printed = await asyncio.to_thread(stack.logs, "sshd")
+    assert "Address already in use" not in printed
 
 
 async def test_whole_server_restarted_comes_back(program: Program, stack: Stack) -> None:

@@ -45,7 +45,7 @@ from robotether_server.relay.db.journal import Journal
 from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.events import EventsHandler, FleetEvents
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.event_loop import EventLoop
+from robotether_server.relay.http.event_loop import EventLoop, watched
 from robotether_server.relay.http.sockets import RobotSocket, refuse_redirects
 from robotether_server.relay.http.timing import DRIVER_LIMITS, LivenessLimits
 from robotether_server.relay.metrics import Metrics
@@ -502,7 +502,7 @@ def main() -> None:
         sys.exit(problem.detail)
     logging.basicConfig(level=settings.log_level.upper(), format=LOG_FORMAT)
     raise_open_files()
-    uvloop.run(run(settings, Listen(), JOURNAL), loop_factory=EventLoop)
+    uvloop.run(watched(run(settings, Listen(), JOURNAL)), loop_factory=EventLoop)
     logging.shutdown()
     # Threads that wait for a database that hangs would hold the interpreter's exit.
     os._exit(0)

@@ -1,11 +1,14 @@
-"""The relay's event loop: uvloop's, which must never close a connection that it does not own.
+"""The relay's event loop: uvloop's, which must never close a connection that it does not own, and never hang.
 
 `main` runs everything in it.
 """
 
 from __future__ import annotations
 
+import asyncio
+import faulthandler
 import socket
+from collections.abc import Awaitable
 from typing import Any
 
 import uvloop
@@ -29,3 +32,28 @@ class EventLoop(uvloop.Loop):
             if sock is not None:
                 sock.detach()
             raise
+
+
+# Time limit for a turn of the loop. A busy machine makes it late by a second or two; every driver's connection has
+# ended long before this.
+MAX_LATENESS_S = 10.0
+REARM_EVERY_S = 1.0
+
+
+async def watched(work: Awaitable[None], max_lateness_s: float = MAX_LATENESS_S) -> None:
+    """Do the work; once the loop is too late, end the process, for Docker to start it again.
+
+    What each thread was at goes to stderr. The timer needs no Python, so that nothing that hangs holds it up.
+    """
+    rearming = asyncio.create_task(_rearm(max_lateness_s))
+    try:
+        await work
+    finally:
+        rearming.cancel()
+        faulthandler.cancel_dump_traceback_later()
+
+
+async def _rearm(max_lateness_s: float) -> None:
+    while True:
+        faulthandler.dump_traceback_later(max_lateness_s, exit=True)
+        await asyncio.sleep(REARM_EVERY_S)

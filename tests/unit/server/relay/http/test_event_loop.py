@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import struct
+import subprocess
+import sys
 
 import pytest
 import uvloop
@@ -41,3 +44,19 @@ def test_a_connection_that_failed_leaves_no_file_descriptor_to_close_again():
 def test_uvloop_still_needs_it():
     """Else the class can go."""
     assert uvloop.run(_file_descriptor_after_reset()) != -1
+
+
+def test_a_loop_that_hangs_ends_the_process():
+    """It says what it was at, so that Docker starts it again and somebody can mend it."""
+    script = (
+        "import asyncio, time; from robotether_server.relay.http.event_loop import watched\n"
+        "async def hang():\n  await asyncio.sleep(0)\n  time.sleep(60)\n"
+        "asyncio.run(watched(hang(), 0.5))"
+    )
+    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=environment, capture_output=True, text=True, timeout=50, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "in hang" in done.stderr

@@ -261,7 +261,8 @@ def test_robot_that_may_not_be_seen_is_not_there(browser: Browser, name: str) ->
 
 def test_health_and_icon_need_no_login(browser: Browser) -> None:
     """The engine asks the one, browsers the other."""
-    assert browser.ask("GET", "/healthz").status_code == 200
+    for path in ("/healthz", "/healthz/database"):
+        assert browser.ask("GET", path).status_code == 200
     icon = browser.ask("GET", "/favicon.ico")
     assert (icon.status_code, icon.mimetype) == (200, "image/svg+xml")
     icon.close()

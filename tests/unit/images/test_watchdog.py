@@ -1,0 +1,52 @@
+"""The watchdog around the health checks of compose's services, with a first process and a service of its own."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+WATCHDOG = Path(__file__).resolve().parents[3] / "compose" / "watchdog"
+# The first process is a shell, the service a program that is stopped: who waits for it sees its end.
+SERVICE = """
+sleep 1000 &
+kill -STOP $!
+for check in "$@"; do sh "$0" "$check"; done
+if grep -q '^State:.T' /proc/$!/status 2>/dev/null; then echo "there to the end"; fi
+kill -KILL $! 2>/dev/null
+wait $!
+"""
+
+
+def service_after(folder: Path, *checks: str) -> str:
+    """Run the watchdog with these commands, one after the other, beside a service; return what was printed."""
+    watchdog = folder / "watchdog"
+    watchdog.write_text(WATCHDOG.read_text().replace("/dev/shm", str(folder)))
+    command = ["unshare", "--pid", "--fork", "--mount-proc", "sh", "-c", SERVICE]
+    done = subprocess.run(
+        [*command, watchdog, *checks], capture_output=True, text=True, timeout=60, check=False
+    )
+    return done.stdout
+
+
+@pytest.mark.daemon
+def test_a_service_that_hangs_is_killed_by_the_third_failure(tmp_path: Path) -> None:
+    """Though it is stopped, and takes no other signal."""
+    printed = service_after(tmp_path, "true", "false", "false", "false")
+    assert "killing the service" in printed
+    assert "there to the end" not in printed
+
+
+@pytest.mark.daemon
+@pytest.mark.parametrize(
+    "checks",
+    [
+        ("false", "false", "false", "false"),
+        ("true", "false", "false", "true", "false", "false"),
+    ],
+    ids=["never-healthy-yet", "not-in-a-row"],
+)
+def test_a_service_is_left_alone(tmp_path: Path, checks: tuple[str, ...]) -> None:
+    """The first start may take long, and a busy machine fails a check now and then."""
+    assert service_after(tmp_path, *checks) == "there to the end\n"
