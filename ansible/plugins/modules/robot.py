@@ -9,6 +9,7 @@ from urllib.parse import quote
 from ansible.module_utils.basic import AnsibleModule
 from ansible_collections.robotether.robotether.plugins.module_utils.rows import (
     ForeignRowError,
+    fingerprint_of,
     own_row,
 )
 from ansible_collections.robotether.robotether.plugins.module_utils.server import (
@@ -26,7 +27,8 @@ description:
   - C(present) registers MAC and public key under a name and makes the robot active; asking again changes nothing.
   - C(absent) removes the row of that MAC, or of that name when no MAC is given, which ends the robot's tunnel. A row
     of that MAC with another name must have that key. It needs an API token of an admin.
-  - C(known) only asks, so that a wrong token is found before anything is changed. A join token may not ask.
+  - C(known) only asks, so that a wrong token is found before anything is changed, and finds the row of that key,
+    else of that name. A join token may not ask.
 options:
   server: {description: HOST or HOST:PORT of the server's https, type: str, required: true}
   tls_fingerprint: {description: SHA-256 of the server's certificate; empty asks authorities, type: str, default: ""}
@@ -130,7 +132,8 @@ def _known(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[
     status, answer = server.ask("GET", "/api/v1/join-tokens")
     if status != OK:
         raise refusal(f"ask {server.address} as an admin", status, answer)
-    return {"changed": False, "robot": _row(server, params["name"]) or {}}
+    row = _row_of_key(server, params["public_key"]) or _row(server, params["name"])
+    return {"changed": False, "robot": row or {}}
 
 
 def _row(server: Server, name: str) -> dict[str, Any] | None:
@@ -143,13 +146,24 @@ def _row(server: Server, name: str) -> dict[str, Any] | None:
     return answer if status == OK else None
 
 
-def _name_now(server: Server, params: dict[str, Any]) -> str | None:
-    """Return the name of the robot that this machine is: an admin may have renamed it since."""
+def _row_of_key(server: Server, public_key: str | None) -> dict[str, Any] | None:
+    fingerprint = fingerprint_of(public_key or "")
+    rows = _rows(server) if fingerprint else []
+    return next((row for row in rows if row.get("fingerprint") == fingerprint), None)
+
+
+def _rows(server: Server) -> list[dict[str, Any]]:
     status, answer = server.ask("GET", "/api/v1/robots")
     if status != OK:
         raise refusal("list the robots", status, answer)
+    rows: list[dict[str, Any]] = answer["robots"]
+    return rows
+
+
+def _name_now(server: Server, params: dict[str, Any]) -> str | None:
+    """Return the name of the robot that this machine is: an admin may have renamed it since."""
     try:
-        row = own_row(answer["robots"], params["name"], params["mac"], params["public_key"])
+        row = own_row(_rows(server), params["name"], params["mac"], params["public_key"])
     except ForeignRowError as problem:
         raise ServerError(str(problem), "record_foreign") from problem
     return str(row["name"]) if row else None

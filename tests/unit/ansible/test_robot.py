@@ -1,0 +1,31 @@
+"""What the playbooks ask a server about a robot, as Ansible runs it against the real application."""
+
+from __future__ import annotations
+
+from ansible_module import run_module
+from api_visitor import new_public_key
+from tls_web import TlsWeb
+
+
+async def test_a_renamed_robot_is_known_by_its_key(web: TlsWeb) -> None:
+    """The inventory has its old name, which may be another robot's by now."""
+    root, key = web.program("root"), new_public_key()
+    report = {"hostname": "pc", "agent_version": "0.1.0"}
+    for name, mac, its_key in (
+        ("turtle", "00:1b:44:00:00:01", key),
+        ("other", "00:1b:44:00:00:02", new_public_key()),
+    ):
+        body = {"mac": mac, "public_key": its_key, **report}
+        assert root.ask("PUT", f"/robots/{name}", body).status_code == 201
+    for name, new in (("turtle", "renamed"), ("other", "turtle")):
+        assert root.ask("PATCH", f"/robots/{name}", {"name": new}).status_code == 200
+    arguments = {
+        "server": web.address,
+        "ca_file": str(web.certificate),
+        "token": web.token("root"),
+        "name": "turtle",
+        "state": "known",
+    }
+    assert (await run_module("robot", arguments))["robot"]["name"] == "turtle"
+    with_key = await run_module("robot", {**arguments, "public_key": key})
+    assert with_key["robot"]["name"] == "renamed"
