@@ -4,6 +4,7 @@ Who has no login is redirected to the log-in page and back.
 """
 
 from http import HTTPStatus
+from urllib.parse import urlsplit
 
 from flask import (
     Blueprint,
@@ -23,7 +24,13 @@ from robotether_server.api.context import context
 from robotether_server.db import seen_robots
 from robotether_server.db.audit import MAX_ACTOR_LENGTH, Source
 from robotether_server.db.seen_robots import SeenRobot
-from robotether_server.problems import FieldInvalid, LoginFailed, RobotUnknown, Throttled
+from robotether_server.problems import (
+    FieldInvalid,
+    LoginFailed,
+    OriginRefused,
+    RobotUnknown,
+    Throttled,
+)
 from robotether_server.services import logging_in
 from robotether_server.times import rfc3339
 from robotether_server.web import current_user
@@ -68,9 +75,10 @@ def log_in() -> AnyResponse:
     source = Source(name, request.remote_addr)
     password = request.form.get("password", "")
     try:
+        _check_host()
         unused = context().login_lifetime.unused
         text = logging_in.log_in(context().database, source, password, unused)
-    except (LoginFailed, Throttled) as problem:
+    except (LoginFailed, OriginRefused, Throttled) as problem:
         problem.field = "password"
         response = make_response(render_template("login.html", error=problem))
         response.status_code = problem.status
@@ -82,6 +90,17 @@ def log_in() -> AnyResponse:
     onward = redirect(_next_page(), HTTPStatus.SEE_OTHER)
     auth.set_login(onward, text)
     return onward
+
+
+def _check_host() -> None:
+    """Raise OriginRefused where the browser sees another host than this server: driving and Stop would fail there."""
+    seen = urlsplit(request.headers.get("Origin", "")).netloc.lower()
+    ours = request.host.lower().removesuffix(":443")
+    if seen and seen.removesuffix(":443") != ours:
+        raise OriginRefused(
+            f"cannot serve {seen[:100]!r}: a proxy in front changes the header Host to {ours[:100]!r}, and "
+            "nobody could drive or stop a robot; let it pass Host on unchanged"
+        )
 
 
 @blueprint.post("/logout")

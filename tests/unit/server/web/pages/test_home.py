@@ -14,7 +14,7 @@ import pytest
 from flask import Flask
 from robotether_server.db import Database, robots
 from robotether_server.robot_settings import parse
-from web_visitor import Browser, audit_kinds
+from web_visitor import PASSWORD, Browser, audit_kinds
 
 
 @pytest.mark.parametrize("path", ["/", "/robots/sim1"])
@@ -266,3 +266,23 @@ def test_health_and_icon_need_no_login(browser: Browser) -> None:
     icon = browser.ask("GET", "/favicon.ico")
     assert (icon.status_code, icon.mimetype) == (200, "image/svg+xml")
     icon.close()
+
+
+@pytest.mark.parametrize(
+    ("origin", "status"),
+    [
+        ("https://robots.example", 303),
+        ("https://Robots.example:443", 303),
+        ("null", 303),
+        ("https://front.example", 403),
+        ("https://robots.example:9443", 403),
+    ],
+)
+def test_a_proxy_that_rewrites_host_is_named_at_log_in(
+    browser: Browser, origin: str, status: int
+) -> None:
+    """Behind it the pages would work, and driving and Stop would not."""
+    form = {"csrf_token": browser.csrf(), "name": "ann", "password": PASSWORD, "next": ""}
+    answer = browser.ask("POST", "/login", data=form, headers={"Origin": origin})
+    assert answer.status_code == status, answer.text
+    assert ("let it pass Host on unchanged" in answer.text) == (status == 403)
