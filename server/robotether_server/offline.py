@@ -6,9 +6,9 @@ _SERVER_STOPPED = "The server stopped; the robot connects by itself."
 _MOVING = "The robot is connecting again."
 # A card has room for some 58 characters. By why its last session ended: a code of docs/reference/protocols.md.
 _BY_END: Mapping[str, str] = {
-    "link_lost": "The tunnel was closed: power, agent or network.",
-    "timeout": "The robot went silent: no power or network.",
-    "protocol_error": "Its agent has another version: upgrade it.",
+    "link_lost": "The tunnel was closed, perhaps by power, agent or network.",
+    "timeout": "The robot went silent: perhaps no power or network.",
+    "protocol_error": "It sent what the server cannot read: agent too old?",
     "key_changed": "It used a key that is no longer its own.",
     "robot_disabled": "It was disabled; it connects by itself within minutes.",
     "robot_unknown": "It had been removed from this server; it must join again.",
