@@ -21,11 +21,17 @@ def describe_error(error: BaseException, timeout_s: float) -> str:
     if isinstance(error, aiohttp.ClientHttpProxyError):
         # Its own text has the proxy's password.
         return printable(f"the HTTP proxy answers {error.status} {error.message}", 200)
-    number = error.os_error.errno if isinstance(error, aiohttp.ClientConnectorError) else None
+    error = _cause(error)
     # In the errors of TLS and of names the number is another library's.
-    if isinstance(error, OSError) and not isinstance(error, ssl.SSLError | socket.gaierror):
-        number = number or error.errno
-    # asyncio's and aiohttp's own texts repeat the address.
-    if number is not None and number > 0:
-        return os.strerror(number)
+    is_systems = not isinstance(error, ssl.SSLError | socket.gaierror)
+    if isinstance(error, OSError) and is_systems and error.errno is not None and error.errno > 0:
+        # asyncio's own text repeats the address.
+        return os.strerror(error.errno)
     return printable(str(error) or type(error).__name__, 200)
+
+
+def _cause(error: BaseException) -> BaseException:
+    """Return what aiohttp's error wraps: its own text repeats the address, and shows Python's objects."""
+    if isinstance(error, aiohttp.ClientConnectorCertificateError):
+        return error.certificate_error
+    return error.os_error if isinstance(error, aiohttp.ClientConnectorError) else error

@@ -16,6 +16,7 @@ from http import HTTPStatus
 import aiohttp
 from robotether_common.join import PreviousKey
 
+from robotether_agent.describe_error import describe_error
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.keys import HostKey
 from robotether_agent.fields import (
@@ -173,9 +174,6 @@ async def join(settings: Settings, request: JoinRequest) -> Joined:
     """Return the answer for an active robot; any other answer is raised as its problem."""
     try:
         status, body = await within(TIMEOUT_S, _post(settings, request))
-    except asyncio.TimeoutError as error:
-        why = f"no answer in {TIMEOUT_S:g} s"
-        raise _unreachable(settings, why) from error
     except aiohttp.ServerFingerprintMismatch as error:
         raise TlsUntrusted(
             f"cannot trust {settings.server}: its certificate has the SHA-256 {error.got.hex(':')}, not the pinned one",
@@ -186,8 +184,8 @@ async def join(settings: Settings, request: JoinRequest) -> Joined:
         raise _proxy_problem(settings, error) from error
     except aiohttp.ClientConnectorCertificateError as error:
         raise _untrusted(settings, error.certificate_error) from error
-    except (aiohttp.ClientError, OSError, ValueError) as error:
-        raise _unreachable(settings, printable(str(error) or type(error).__name__)) from error
+    except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
+        raise _unreachable(settings, describe_error(error, TIMEOUT_S)) from error
     return read_answer(settings.server, status, body)
 
 
@@ -300,7 +298,7 @@ def _proxy_problem(
             f"cannot reach https://{settings.server}: {why}",
             advice=LOGIN_ADVICE if needs_password else ADVICE_ON_PROXY,
         )
-    why = f"{proxy} cannot be reached: {printable(str(error.os_error))}"
+    why = f"{proxy} cannot be reached: {describe_error(error, TIMEOUT_S)}"
     return ServerUnreachable(
         f"cannot reach https://{settings.server}: {why}", advice=ADVICE_ON_PROXY
     )

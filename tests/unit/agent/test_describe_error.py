@@ -9,6 +9,7 @@ import ssl
 
 import aiohttp
 import pytest
+from aiohttp.client_reqrep import ConnectionKey
 from fake_proxy import FakeProxy
 from robotether_agent.describe_error import describe_error
 
@@ -28,6 +29,33 @@ def test_each_reason_is_short_and_on_one_line(error, told):
     """The number of another library is not taken for the system's."""
     assert told in describe_error(error, 4)
     assert "\n" not in describe_error(error, 4)
+
+
+@pytest.mark.parametrize(
+    ("cause", "told"),
+    [
+        (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER]"), "WRONG_VERSION_NUMBER"),
+        (socket.gaierror(-2, "Name or service not known"), "Name or service not known"),
+        (OSError(errno.ENETUNREACH, "Connect call failed"), "Network is unreachable"),
+    ],
+)
+def test_no_object_of_python_stands_in_a_reason(cause, told):
+    """The text of aiohttp's error has the address of the pinned fingerprint's object."""
+    pinned = aiohttp.Fingerprint(bytes(32))
+    key = ConnectionKey("robots.example", 443, True, pinned, None, None, None)
+    reason = describe_error(aiohttp.ClientConnectorError(key, cause), 4)
+    assert told in reason
+    assert "Fingerprint" not in reason
+    assert "0x" not in reason
+
+
+def test_an_untrusted_certificate_is_named_by_its_cause():
+    """The error of aiohttp for it has no `os_error`."""
+    key = ConnectionKey("robots.example", 443, True, True, None, None, None)
+    error = aiohttp.ClientConnectorCertificateError(
+        key, ssl.SSLCertVerificationError(1, "self-signed")
+    )
+    assert describe_error(error, 4).endswith("self-signed")
 
 
 async def test_proxys_password_is_not_told():
