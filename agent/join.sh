@@ -522,6 +522,10 @@ tell_rosbridge() {
 
 uninstall() {
   [ "$(id -u)" = 0 ] || fail 'cannot uninstall as an ordinary user: run it with sudo'
+  # dpkg would go on to know files that are gone.
+  if dpkg-query --show --showformat '${db:Status-Status}\n' robotether-agent 2>/dev/null | grep -qx installed; then
+    fail 'cannot remove what a Debian package has installed: run apt purge robotether-agent, which removes the key too'
+  fi
   found=''
   # Left by an upgrade that a power cut ended.
   pending=robotether-agent-unfinished-switch.service

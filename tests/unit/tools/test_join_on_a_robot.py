@@ -180,3 +180,14 @@ def test_uninstall_removes_an_upgrade_that_was_cut_short(robot: Robot) -> None:
     }
     calls = (robot.place / "new/systemctl").read_text().splitlines()
     assert calls[0] == f"--quiet disable --now {PENDING_NAME}"
+
+
+def test_uninstall_leaves_a_package_to_apt(robot: Robot) -> None:
+    """Its files go with apt alone, and apt would install them anew with the next upgrade."""
+    query = robot.place / "bin/dpkg-query"
+    query.write_text("#!/bin/sh\necho installed\n")
+    query.chmod(0o755)
+    doubles = "id() { [ x$1 = x-u ] && echo 0; }; rm() { echo rm $*; }; fail() { echo $*; exit 0; }"
+    said = robot.run(f"{doubles}; yes=1; uninstall")
+    assert "apt purge robotether-agent" in said
+    assert "rm " not in said
