@@ -6,6 +6,12 @@ readonly PROGRAM=${0##*/}
 SCRIPT=$(realpath --canonicalize-missing -- "$0")
 readonly SCRIPT
 
+# What a script does stands at its head.
+if [ "${1:-}" = --help ]; then
+  sed -n '1d; /^# shellcheck/d; s/^# //p; t; q' "$SCRIPT"
+  exit
+fi
+
 say() { printf '%s: %s\n' "$PROGRAM" "$*"; }
 fail() { printf '%s: %s\n' "$PROGRAM" "$*" >&2; exit 1; }
 
