@@ -47,7 +47,8 @@ export class StopBar {
     return this.element.dataset.ended === "true";
   }
 
-  receive(stopped) {
+  receive({ stopped, guard }) {
+    this.guard = guard;
     if (!stopped && !this.ended) this.failure = "";
     // Who holds the button has yet to see the other stop.
     if (!sameStop(this.stopping.stopped, stopped)) this.hold?.cancel();
@@ -64,7 +65,7 @@ export class StopBar {
   show() {
     const { kind, by, at, detail } = this.stopping.shown;
     this.element.dataset.stop = kind;
-    const words = texts[kind]({ by, at: localTime(at), detail });
+    const words = texts[kind]({ by, at: localTime(at), detail, guard: this.guard });
     setText(part(this.element, "stop-text"), [words, this.failure].join(" ").trim());
     this.showDeeds();
     if (this.release) this.showRelease();

@@ -116,7 +116,7 @@ function useWanted(twist) {
 function useControl(control) {
   if (session.controlState.linked) summary?.receive(control, driveMode.driving);
   driveMode.receive(control);
-  stopBar.receive(control.stopped);
+  stopBar.receive(control);
 }
 
 function showState(state) {

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
+import { stop } from "../../src/texts/common.js";
 import { StopBar, stopOnSpace } from "../../src/control/stopBar.js";
 import { api } from "../../src/pages/calls.js";
 import { FakeElement } from "./fakes.js";
@@ -70,7 +71,7 @@ function releaseAsked() {
   const bar = new StopBar(root, { robot: "sim1", halt() {}, send() {}, onReleased() {} });
   let answer;
   mock.method(api, "release", () => new Promise((resolve) => (answer = resolve)));
-  bar.receive(STOPPED);
+  bar.receive({ stopped: STOPPED });
   const done = bar.letGo();
   const text = () => bar.element.querySelector('[data-part="stop-text"]').textContent;
   return { bar, text, fails: () => answer({ ok: false, detail: "" }) || done };
@@ -90,11 +91,11 @@ test("the focus goes from the release button, which goes, to what came in its pl
   const focused = [];
   for (const [name, element] of Object.entries({ gone, drive, status: bar.status })) element.focus = () => focused.push(name);
   globalThis.document.activeElement = bar.release;
-  bar.receive(null);
+  bar.receive({ stopped: null });
   assert.deepEqual(focused, ["drive"]);
-  bar.receive(STOPPED);
+  bar.receive({ stopped: STOPPED });
   drive.hidden = true;
-  bar.receive(null);
+  bar.receive({ stopped: null });
   assert.deepEqual(focused, ["drive", "status"]);
 });
 
@@ -106,18 +107,23 @@ test("a release that failed is said beside the stop that still holds", async () 
 
 test("a robot that is released, though the answer was lost, is not said to be not released", async () => {
   const { bar, text, fails } = releaseAsked();
-  bar.receive(null);
+  bar.receive({ stopped: null });
   await fails();
   assert.equal(text(), "");
 });
 
 test("a page whose rights have ended says that its Stop does not work, and sends it all the same", () => {
   const { bar, text } = releaseAsked();
-  bar.receive(null);
+  bar.receive({ stopped: null });
   let sent = 0;
   bar.stopping.press = () => (sent += 1);
   bar.end();
   bar.press();
   assert.match(text(), /Stop does not work/);
   assert.deepEqual([sent, bar.element.dataset.ended], [1, "true"]);
+});
+
+test("a stop without an answer says that a robot halts by itself only of one that does", () => {
+  assert.match(stop.unheard({ guard: "ready" }), /halts by itself/);
+  assert.match(stop.unheard({ guard: "off" }), /does not stop by itself/);
 });
