@@ -112,6 +112,7 @@ class Services:
             "by": self._by,
             "moving": self._moving,
             "fence": self._authorizer.fence,
+            "unheard": [],
             "refused": dict.fromkeys(REFUSED_KINDS, 0),
         }
 

@@ -8,7 +8,7 @@ from typing import Any
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from robotether_server.db import Database
-from web_visitor import Browser, bearer
+from web_visitor import SITE, Browser, bearer
 from werkzeug.test import TestResponse
 
 API = "/api/v1"
@@ -43,6 +43,13 @@ class Program:
 def program_of(visitor: Browser, database: Database, user: str) -> Program:
     """A program with a new API token of that user."""
     return Program(visitor, bearer(database, user))
+
+
+def in_person(visitor: Browser, name: str) -> Program:
+    """A user who has logged in, as a page asks for them."""
+    visitor.log_in(name)
+    csrf = visitor.csrf_of("/profile")
+    return Program(visitor, {"X-CSRFToken": csrf, "Referer": f"{SITE}/profile"})
 
 
 def new_public_key() -> str:

@@ -7,10 +7,10 @@ import shlex
 from typing import Any
 
 import pytest
-from api_visitor import API, Program, new_public_key
+from api_visitor import API, Program, in_person, new_public_key
 from robotether_server.db import Database, grants, join_tokens
 from robotether_server.db.join_tokens import Place
-from web_visitor import SITE, Browser, audit_kinds
+from web_visitor import Browser, audit_kinds
 
 
 def names(program: Program) -> list[tuple[str, str]]:
@@ -21,13 +21,6 @@ def names(program: Program) -> list[tuple[str, str]]:
 def ann_in_person(browser: Browser) -> Program:
     """Who has logged in, as a page asks for her."""
     return in_person(browser, "ann")
-
-
-def in_person(browser: Browser, name: str) -> Program:
-    browser.log_in(name)
-    return Program(
-        browser, {"X-CSRFToken": browser.csrf_of("/profile"), "Referer": f"{SITE}/profile"}
-    )
 
 
 def test_a_token_makes_no_other_token(ann: Program, root: Program) -> None:

@@ -47,8 +47,8 @@ async def test_robots_are_reported_as_they_are_and_as_they_change(follow, cell_a
     assert await connection.receive_json() == {"type": "hello", "cell": "a"}
     first = await read(connection, "robot")
     assert (first["robot_id"], first["epoch"], first["online"]) == (7, 1000, True)
-    row_members = {"name", "state", "site"}
-    assert first["object"].keys() == cell_a.shown(sim1).keys() - row_members
+    of_the_row = {"name", "state", "site", "offline_reason"}
+    assert first["object"].keys() == cell_a.shown(sim1).keys() - of_the_row
     robot.session.send(type="vitals", battery={"percent": 50, "charging": False})
     while (await read(connection, "robot"))["object"]["battery"] is None:
         pass
