@@ -103,9 +103,19 @@ def doctor(load: Callable[[], Settings]) -> int:
     except SettingsInvalid as problem:
         print(fail("settings", problem.message, problem.advice))
         return 1
+    if not _may_read(settings.state_dir):
+        print(fail("user", f"this user may not read {settings.state_dir}", "run this with sudo"))
+        return 1
     # What root may read and write says nothing about the agent.
     become_owner(settings.state_dir)
     return asyncio.run(_run_checks(settings))
+
+
+def _may_read(state_dir: Path) -> bool:
+    try:
+        return not state_dir.exists() or os.access(state_dir, os.R_OK | os.X_OK)
+    except PermissionError:
+        return False
 
 
 async def _run_checks(settings: Settings) -> int:

@@ -1,9 +1,10 @@
 """Watches the robot's rosbridge and its source of video, and reports changes.
 
 `Health` is run by the agent for its whole life. A service that is down never ends the tunnel: the server is notified,
-and the tunnel waits for it. Asks every 2 s: rosbridge by one WebSocket that is held open and pinged (a new
-one each time would fill rosbridge's log), web_video_server by GET /. Where there is none, or the settings want none,
-video is there when rosbridge has compressed frames or a camera of the settings answers, which is asked less often.
+and the tunnel waits for it. Asks every 2 s: rosbridge by one WebSocket that is held open and pinged (a new one each
+time would fill rosbridge's log), web_video_server by its port and, once in a while, by GET /. Where there is none, or
+the settings want none, video is there when rosbridge has compressed frames or a camera of the settings answers, which
+is asked less often.
 """
 
 from __future__ import annotations
@@ -79,6 +80,8 @@ class Health:
         # Whether there are frames elsewhere than at video_url; until when that counts, and with which rosbridge.
         self._elsewhere = self._elsewhere_was_up = False
         self._elsewhere_until_s = 0.0
+        # Until when an answer of web_video_server counts while its port stays open.
+        self._server_asked_until_s = 0.0
 
     async def run(self) -> None:
         """Probe both without end."""
@@ -200,14 +203,20 @@ class Health:
 
     async def _has_camera(self) -> bool:
         for url in self._source_settings.cameras.values():
-            with suppress(OSError, asyncio.TimeoutError):
-                opening = asyncio.open_connection(urlsplit(url).hostname, port_of(url))
-                _, writer = await within(TIMEOUT_S, opening)
-                writer.close()
+            if await _is_open(url):
                 return True
         return False
 
     async def _ask_server(self, http: aiohttp.ClientSession) -> None:
+        """Ask by HTTP once in a while, which is a line in ROS's log, and in between only whether the port is open."""
+        now_s = asyncio.get_running_loop().time()
+        if now_s < self._server_asked_until_s and await _is_open(self._video_url):
+            return
+        self._server_asked_until_s = 0.0
+        await self._request_page(http)
+        self._server_asked_until_s = now_s + SELDOM * self._every_s
+
+    async def _request_page(self, http: aiohttp.ClientSession) -> None:
         try:
             async with http.get(
                 self._video_url, timeout=aiohttp.ClientTimeout(total=TIMEOUT_S)
@@ -245,6 +254,16 @@ class Health:
         async with self._condition:
             self.report = report
             self._condition.notify_all()
+
+
+async def _is_open(url: str) -> bool:
+    """Return whether somebody accepts connections at the URL's port."""
+    with suppress(OSError, asyncio.TimeoutError):
+        opening = asyncio.open_connection(urlsplit(url).hostname, port_of(url))
+        _, writer = await within(TIMEOUT_S, opening)
+        writer.close()
+        return True
+    return False
 
 
 def _state_of(problem: AgentProblem | None) -> tuple[ServiceState, str]:

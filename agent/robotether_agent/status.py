@@ -245,9 +245,18 @@ def _mac(status: Status) -> str:
 
 
 def _end_to_end(status: Status) -> str:
-    shell = "" if status.shell_tunnel == "off" else f", shell {status.end_to_end_shell}"
-    video = "" if status.video_tunnel == "unwatched" else f", video {status.end_to_end_video}"
-    return f"rosbridge {status.end_to_end_ros}{video}{shell}"
+    return ", ".join(f"{name} {state}" for name, state in end_to_end(status).items())
+
+
+def end_to_end(status: Status) -> dict[str, str]:
+    """Return how the server reaches the robot's services: what is down on the robot is so for the server too."""
+    answers = {"rosbridge": "down" if status.ros == "down" else status.end_to_end_ros}
+    # Without viewers there is no tunnel for video.
+    if status.video_tunnel != "unwatched":
+        answers["video"] = "down" if status.video == "down" else status.end_to_end_video
+    if status.shell_tunnel != "off":
+        answers["shell"] = status.end_to_end_shell
+    return answers
 
 
 def _service(state: str, detail: str) -> str:

@@ -21,7 +21,7 @@ from robotether_agent.problems import (
     SshMissing,
 )
 from robotether_agent.settings import Settings
-from robotether_agent.status import CONNECTED, Status, has_problem, video_tunnel
+from robotether_agent.status import CONNECTED, Status, end_to_end, has_problem, video_tunnel
 from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import (
     SshFiles,
@@ -127,12 +127,10 @@ def check_end_to_end(status: Status | None) -> Finding:
     step = "end to end"
     if status is None or status.state != CONNECTED:
         return skipped(step, "not connected")
-    answers = {"rosbridge": status.end_to_end_ros}
-    # Without web_video_server there is nothing that the server could reach, and without viewers no tunnel to it.
-    if status.video != "down" and status.video_tunnel != "unwatched":
-        answers["video"] = status.end_to_end_video
-    if status.shell_tunnel != "off":
-        answers["shell"] = status.end_to_end_shell
+    answers = end_to_end(status)
+    if status.video == "down":
+        # A robot without a camera needs none.
+        answers.pop("video", None)
     states = ", ".join(f"{name} {state}" for name, state in answers.items())
     if "down" in answers.values():
         return fail(

@@ -103,6 +103,7 @@ class RobotServices:
     def __init__(self) -> None:
         self.handshakes = 0
         self.video_status = 200
+        self.pages = 0
         self.refuse_sockets = False
 
     async def start(self) -> None:
@@ -125,6 +126,7 @@ class RobotServices:
 
     async def _answer(self, request: web.Request) -> web.StreamResponse:
         if "Upgrade" not in request.headers or self.refuse_sockets:
+            self.pages += 1
             return web.Response(text="the list of topics", status=self.video_status)
         socket = web.WebSocketResponse()
         await socket.prepare(request)

@@ -456,6 +456,17 @@ def test_doctor_says_what_it_may_not_read(place, capsys):
     assert "run this with sudo" in capsys.readouterr().err
 
 
+def test_doctor_without_root_says_so_before_all_else(place, monkeypatch, capsys):
+    """What this user may not read would look like a damaged key."""
+    (place / "state").mkdir()
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    environ = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_STATE_DIR": str(place / "state")}
+    assert main(["doctor"], environ) == 1
+    [line, advice] = capsys.readouterr().out.splitlines()
+    assert line.startswith("FAIL     user ")
+    assert advice.endswith("what to do: run this with sudo")
+
+
 @pytest.fixture
 def robot_environ(place) -> dict[str, str]:
     """A robot with a key."""

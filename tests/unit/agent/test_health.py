@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Callable
 
 import pytest
 from fake_cameras import TopicRosbridge
+from fake_cloud import eventually
 from local_network import free_port
 from robotether_agent import health as health_module
 from robotether_agent.health import Health, HealthReport
@@ -66,6 +67,35 @@ async def test_goes_down_and_comes_back(watch, services):
     assert "web_video_server at http://" in report.detail
     await services.start_again()
     await until(health, lambda report: report.ros == report.video == "ok")
+
+
+async def test_video_server_is_asked_by_http_seldom_and_missed_at_once(
+    watch, services, monkeypatch
+):
+    """Each request is a line in ROS's log; that its port is closed shows without one."""
+    monkeypatch.setattr(health_module, "SELDOM", 10_000)
+    health = watch("ws://127.0.0.1:9", services.http_url)
+    await until(health, lambda report: report.video == "ok")
+    probes = count_probes(monkeypatch)
+    await eventually(lambda: len(probes) > 3, lambda: f"{len(probes)} probes")
+    assert services.pages == 1
+    await services.stop()
+    await until(health, lambda report: report.video == "down")
+    await services.start_again()
+    await until(health, lambda report: report.video == "ok")
+
+
+def count_probes(monkeypatch) -> list[str]:
+    """Return the URLs whose ports are looked at from now on."""
+    probes: list[str] = []
+    is_open = health_module._is_open
+
+    async def noting(url: str) -> bool:
+        probes.append(url)
+        return await is_open(url)
+
+    monkeypatch.setattr(health_module, "_is_open", noting)
+    return probes
 
 
 async def test_a_frozen_service_times_out(watch):

@@ -50,7 +50,7 @@ def test_a_connected_robot():
         "round trip    12.3 ms",
         "video tunnel  open",
         "shell tunnel  off",
-        "end to end    rosbridge unknown, video unknown",
+        "end to end    rosbridge unknown, video down",
         "guard         ready",
         "rosbridge     ok",
         "video         down: web_video_server at http://127.0.0.1:8080 does not answer: Connection refused",
@@ -64,7 +64,7 @@ def test_a_robot_with_something_to_say():
     )
     lines = render(more, NOW).splitlines()
     assert "mac           00:1b:44:11:3a:b7 (no interface of this machine has it now)" in lines
-    assert "end to end    rosbridge unknown, video unknown, shell ok" in lines
+    assert "end to end    rosbridge unknown, video down, shell ok" in lines
     assert "new key       it is disabled [x]" in lines
 
 
