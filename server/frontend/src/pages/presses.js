@@ -9,22 +9,30 @@ const ENTER = ["Enter", "NumpadEnter"];
 
 export class Presses {
   constructor() {
-    this.began = null; // the control under the newest press
+    this.began = new Map(); // by the pointer: the control on which its press began
+    this.newest = null;
   }
 
   // Before all other listeners of the page.
   watch(target) {
     const on = (name, act) => target.addEventListener(name, act, { capture: true });
-    on("pointerdown", (event) => (this.began = controlOf(event.target)));
+    on("pointerdown", (event) => this.begin(event));
     on("click", (event) => this.mayAct(event) || ignore(event));
     on("keydown", (event) => isHeld(event) && event.preventDefault());
   }
 
+  begin({ pointerId, isPrimary, target }) {
+    if (isPrimary) this.began.clear(); // the fingers of before have lifted
+    this.newest = controlOf(target);
+    this.began.set(pointerId, this.newest);
+  }
+
   // A click of a key, a script or assistive technology has no press of a pointer.
-  mayAct({ detail, isTrusted, target }) {
+  mayAct({ detail, isTrusted, pointerId, target }) {
     if (detail === 0 || !isTrusted || matches(target, STOP)) return true;
     const control = controlOf(target);
-    return control === null || control === this.began || isLabelOf(this.began, control);
+    const began = this.began.has(pointerId) ? this.began.get(pointerId) : this.newest; // older browsers do not say which
+    return control === null || control === began || isLabelOf(began, control);
   }
 }
 

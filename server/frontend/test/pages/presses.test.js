@@ -48,6 +48,15 @@ test("what is no control, and clicks of keys, scripts and assistive technology p
   assert.ok(click(button(), { isTrusted: false }));
 });
 
+test("a second finger elsewhere leaves the first one's press as it is", () => {
+  const { fire, click } = page();
+  const [drive, other] = [button(), button()];
+  fire("pointerdown", { target: drive, pointerId: 1, isPrimary: true });
+  fire("pointerdown", { target: other, pointerId: 2, isPrimary: false });
+  assert.ok(click(drive, { pointerId: 1 }));
+  assert.ok(!click(drive, { pointerId: 2 }));
+});
+
 test("a label's press counts on its field", () => {
   const { down, click } = page();
   const field = element(undefined, ["input"]);
