@@ -49,11 +49,12 @@ class PeerDialer:
 
     async def stop(self) -> None:
         """Leave all."""
+        # First, so that a change of the cells meanwhile begins nothing.
+        client, self._client = self._client, None
         tasks, self._tasks = [*self._tasks.values()], {}
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        client, self._client = self._client, None
         if client is not None:
             await client.close()
 
