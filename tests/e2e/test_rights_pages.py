@@ -80,7 +80,7 @@ def test_safety_and_permissions_are_set(page: Page, stack: Stack) -> None:
     page.goto(f"{robot}/settings")
     page.wait_for_url("**/robots/sim3/settings")
     speed, steering = (
-        page.get_by_label("Driver's limit (m/s)"),
+        page.get_by_label("Robot's limit (m/s)"),
         page.get_by_label("Maximum steering"),
     )
     page.get_by_test_id("more").locator("summary").click()
