@@ -23,10 +23,10 @@ from robotether_common.session import Battery
 from robotether_agent.fields import FieldError, JsonObject, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
 from robotether_agent.problems import StateUnusable
-from robotether_agent.rosbridge import Rosbridge, connected, own_topic, rosapi_topics
+from robotether_agent.rosbridge import connected, own_topic, rosapi_topics
 from robotether_agent.tasks import first_of, within
 
-# The list of all topics of a large robot.
+# A BatteryState lists the voltage and the temperature of each cell.
 MAX_MESSAGE_BYTES = 1024 * 1024
 BATTERY_TYPE = "sensor_msgs/BatteryState"
 # In the robot's namespace, the best first.
@@ -152,10 +152,8 @@ class Vitals:
             throttle_ms = int(self._every_s * 1000)
             await rosbridge.subscribe(topic, BATTERY_TYPE, throttle_ms=throttle_ms)
             while settings() == current:
-                self._read(await self._message(rosbridge), topic, current.unit)
-
-    async def _message(self, rosbridge: Rosbridge) -> JsonObject:
-        return await within(SILENT_S, rosbridge.message())
+                message = await within(SILENT_S, rosbridge.message())
+                self._read(message, topic, current.unit)
 
     def _read(self, message: JsonObject, topic: str, unit: Unit | None) -> None:
         shown = unit_shown(message)

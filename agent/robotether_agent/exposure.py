@@ -83,8 +83,10 @@ async def rosbridge_advice(url: str) -> str:
     """Return what confines the rosbridge at `url` to this machine, by which server it says to be."""
     key = base64.b64encode(os.urandom(16)).decode()
     headers = {
-        **{"Connection": "Upgrade", "Upgrade": "websocket"},
-        **{"Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": key},
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": key,
     }
     timeout = aiohttp.ClientTimeout(total=TIMEOUT_S)
     try:

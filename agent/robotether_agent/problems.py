@@ -19,8 +19,6 @@ from __future__ import annotations
 from enum import Enum
 from typing import ClassVar
 
-# Of a rosbridge that listens beyond loopback, for log, status and doctor.
-
 
 class Retry(Enum):
     """What to do after a problem; robotether_agent.backoff turns it into seconds."""
