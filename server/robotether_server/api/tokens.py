@@ -21,8 +21,6 @@ from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label, UserName
 from robotether_server.services import tokens as token_service
 
-MAX_HOURS = 8760
-
 
 class NewToken(Struct, forbid_unknown_fields=True):
     """A new API token; without `days` it ends after a year."""
@@ -53,7 +51,7 @@ class NewJoinToken(Struct, forbid_unknown_fields=True):
 
     name: Label
     uses: Annotated[int, Meta(ge=1, le=token_service.MAX_USES)]
-    hours: Annotated[int, Meta(ge=1, le=MAX_HOURS)]
+    hours: Annotated[int, Meta(ge=1, le=token_service.MAX_HOURS)]
     site: Label | UnsetType = UNSET
     group: Label | UnsetType = UNSET
     region: Region | UnsetType = UNSET

@@ -26,8 +26,6 @@ from robotether_server.install_line import (
 )
 from robotether_server.services import tokens
 
-MAX_HOURS = 8760
-
 USER = click.option("--user", "user_name", required=True, help="Whose rights the token has.")
 NAME = click.option("--name", required=True, help="What it is for; unique for this user.")
 
@@ -97,7 +95,7 @@ def delete(user_name: str, name: str) -> None:
 )
 @click.option(
     "--hours",
-    type=click.IntRange(1, MAX_HOURS),
+    type=click.IntRange(1, tokens.MAX_HOURS),
     default=24,
     show_default=True,
     help="How long it is valid.",

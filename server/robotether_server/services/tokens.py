@@ -22,6 +22,7 @@ DEFAULT_DAYS = 365
 MAX_DAYS = 3650
 # Of a join token.
 MAX_USES = 10000
+MAX_HOURS = 8760
 MAX_LIFETIME = dt.timedelta(hours=8760)
 # The random end of the label of an invitation: a robot may be invited again.
 SUFFIX_BYTES = 3

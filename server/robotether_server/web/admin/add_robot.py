@@ -28,7 +28,6 @@ blueprint = Blueprint("add_robot", __name__)
 
 PAGE = "/admin/add-robot"
 MAX_MAC_LENGTH = 17
-MAX_HOURS = 8760
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def show_arrivals(token_id: int) -> str:
 def create_line(tx: Transaction, source: Source) -> Saved:
     """Create a join token; the answer shows its lines once."""
     uses = forms.number("uses", "Robots", 1, tokens.MAX_USES)
-    hours = forms.number("hours", "Hours", 1, MAX_HOURS)
+    hours = forms.number("hours", "Hours", 1, tokens.MAX_HOURS)
     name = forms.optional_text("name", "Name", MAX_NAME_LENGTH)
     place = Place(
         forms.optional_text("site", "Site", MAX_NAME_LENGTH),

@@ -12,8 +12,6 @@ from robotether_server.web.confirmation import ConfirmedAction, Words
 
 blueprint = Blueprint("tokens", __name__)
 
-MAX_HOURS = 8760
-
 
 @blueprint.get("/tokens")
 def show() -> str:
