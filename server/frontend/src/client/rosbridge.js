@@ -49,12 +49,12 @@ export class Link {
     const id = this.newId("subscribe", topic, onRefused);
     const subscriber = (msg) => handler(msg); // the same handler may come twice
     this.subscribers.set(topic, (this.subscribers.get(topic) ?? new Set()).add(subscriber));
-    this.write({ op: "subscribe", id, type, topic, compression: "none", throttle_rate: throttleMs, queue_length: queueLength });
+    this.send({ op: "subscribe", id, type, topic, compression: "none", throttle_rate: throttleMs, queue_length: queueLength });
     return {
       end: () => {
         this.subscribers.get(topic)?.delete(subscriber);
         this.replies.delete(id);
-        this.write({ op: "unsubscribe", id, topic });
+        this.send({ op: "unsubscribe", id, topic });
       },
     };
   }
@@ -65,12 +65,12 @@ export class Link {
   advertise({ name: topic, type, onRefused }) {
     const id = this.newId("advertise", topic);
     const publishId = onRefused && this.newId("publish", topic, onRefused);
-    this.write({ op: "advertise", id, type, topic, latch: false, queue_size: 1 });
+    this.send({ op: "advertise", id, type, topic, latch: false, queue_size: 1 });
     return {
-      publish: (msg, robotether) => this.write({ op: "publish", id: publishId, topic, msg, robotether }),
+      publish: (msg, robotether) => this.send({ op: "publish", id: publishId, topic, msg, robotether }),
       end: () => {
         this.replies.delete(publishId);
-        this.write({ op: "unadvertise", id, topic });
+        this.send({ op: "unadvertise", id, topic });
       },
     };
   }
@@ -89,7 +89,7 @@ export class Link {
         if (reply.op === "service_response") settle({ ok: Boolean(reply.result), values: reply.values });
         else refused(reply);
       });
-      this.write({ op: "call_service", id, service, type, args });
+      this.send({ op: "call_service", id, service, type, args });
     });
   }
 
@@ -100,15 +100,10 @@ export class Link {
     return id;
   }
 
-  // Sends an operation of our own now or not at all, and says which.
+  // Sends an operation now or not at all, and says which: a browser complains of what is said on a socket that closes.
   send(operation) {
-    return this.write(operation);
-  }
-
-  // A browser complains of what is said on a socket that closes.
-  write(message) {
     const open = this.socket.readyState === WebSocket.OPEN;
-    if (open) this.socket.send(JSON.stringify(message));
+    if (open) this.socket.send(JSON.stringify(operation));
     return open;
   }
 
