@@ -2,29 +2,16 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
 
 import { SourceButtons } from "../../src/video/sourceButtons.js";
+import { FakeElement } from "../control/fakes.js";
 
-// As much of an element as the buttons need.
-class FakeElement {
-  constructor() {
-    this.children = [];
-    this.attributes = new Map();
-    this.dataset = {};
-    this.textContent = "";
-  }
+// What has an order of children.
+class FakeParent extends FakeElement {
+  children = [];
   get value() {
     return this.attributes.get("value");
   }
   addEventListener(name, act) {
     this[name] = act;
-  }
-  getAttribute(name) {
-    return this.attributes.get(name) ?? null;
-  }
-  setAttribute(name, value) {
-    this.attributes.set(name, value);
-  }
-  removeAttribute(name) {
-    this.attributes.delete(name);
   }
   append(...children) {
     for (const child of children) this.insertBefore(child, null);
@@ -53,8 +40,8 @@ beforeEach(() => {
   chosen = [];
   scrolled = [];
   before = globalThis.document;
-  globalThis.document = { createElement: () => new FakeElement() };
-  group = new FakeElement();
+  globalThis.document = { createElement: () => new FakeParent() };
+  group = new FakeParent();
   buttons = new SourceButtons(group, { onChoose: (id) => chosen.push(id) });
 });
 
