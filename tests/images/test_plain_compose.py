@@ -100,7 +100,7 @@ def test_log_has_what_happened_and_no_more(site: PlainCompose) -> None:
 
 
 def test_wrong_setting_ends_the_start_with_its_sentence(site: PlainCompose) -> None:
-    """And nothing is started again and again."""
+    """No service is started again."""
     site.settings["TICKET_TTL_S"] = "soon"
     assert site.run("up", "--detach").returncode != 0
     assert "cannot use TICKET_TTL_S='soon': allowed is 5 to 300" in site.log("secrets")

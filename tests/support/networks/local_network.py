@@ -28,7 +28,7 @@ def free_port() -> int:
 
 
 def free_ports(count: int) -> range:
-    """As many of them in a row."""
+    """Return `count` free ports with consecutive numbers."""
     while True:
         first = _rng.choice(PORTS[: 1 - count])
         ports = range(first, first + count)

@@ -51,7 +51,7 @@ def network() -> Iterator[None]:
     ],
 )
 def test_only_an_address_beyond_loopback_is_told(family, address, expected):
-    """As ROS's own rosbridge listens, and as it should."""
+    """ROS's own rosbridge listens on all addresses; it should listen on loopback alone."""
     is_ipv6 = family == socket.AF_INET6
     with socket.create_server((address, 0), family=family, dualstack_ipv6=is_ipv6) as listening:
         url = f"ws://127.0.0.1:{listening.getsockname()[1]}/"

@@ -167,7 +167,7 @@ async def test_the_robots_own_ssh_server(settings):
 
 
 async def test_a_rosapi_that_rosbridge_does_not_find_is_no_rosapi(settings, monkeypatch) -> None:
-    """As after a restart of roscore, when rosbridge's answer is a text."""
+    """After a restart of roscore the answer of rosbridge is a text."""
     async with TopicRosbridge({}) as rosbridge:
         monkeypatch.setattr(
             rosbridge, "_look_up", lambda _: "Service /rosapi/topics does not exist"

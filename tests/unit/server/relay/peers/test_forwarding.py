@@ -72,7 +72,7 @@ async def test_nothing_of_strangers_is_forwarded(*, at_b, cell_a, http, path, qu
 async def test_a_ticket_that_is_over_is_the_other_cells_to_refuse(
     *, at_b, cell_a, sim1, http, monkeypatch
 ):
-    """As the clocks of two machines differ; no stranger has one."""
+    """The clocks of two machines differ; no stranger has such a ticket."""
     url = cell_a.server.ros_url(sim1)
     now = time.time()
     monkeypatch.setattr(time, "time", lambda: now + 60)
