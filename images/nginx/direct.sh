@@ -2,6 +2,7 @@
 # Starts the proxy for robots' published ports. Without a list of sources, or with one that nginx does not understand, it
 # does not start, and then nothing is published.
 set -eu
+. /usr/lib/robotether/networks.sh
 . /usr/lib/robotether/open-files.sh
 
 # Unhealthy, and not started again and again: nothing changes until somebody changes the setting.
@@ -24,18 +25,10 @@ write_listen() {
   echo "listen $DIRECT_PORT_FIRST-$DIRECT_PORT_LAST so_keepalive=10:5:3;" > /run/nginx/direct-listen.conf
 }
 
-# Only what an address or a network in CIDR notation is made of gets into nginx's configuration.
 write_sources() {
-  case "${DIRECT_SOURCES:-}" in
-    '' | *[!0-9a-fA-F.:/,]*) fail "DIRECT_SOURCES is '${DIRECT_SOURCES:-}'; allowed are networks such as 192.0.2.0/24, with commas between" ;;
-  esac
-  for source in $(echo "$DIRECT_SOURCES" | tr , ' '); do
-    case "$source" in
-      */0 | 0.0.0.0* | ::/*) fail "DIRECT_SOURCES has '$source', which is everybody; name your own network" ;;
-    esac
-    echo "allow $source;"
-  done > /run/nginx/direct-sources.conf
-  echo 'deny all;' >> /run/nginx/direct-sources.conf
+  [ -n "${DIRECT_SOURCES:-}" ] || fail "DIRECT_SOURCES is ''; allowed are networks such as 192.0.2.0/24, with commas between"
+  list_networks DIRECT_SOURCES "$DIRECT_SOURCES" > /run/nginx/networks
+  { sed 's/.*/allow &;/' /run/nginx/networks; echo 'deny all;'; } > /run/nginx/direct-sources.conf
 }
 
 main() {

@@ -3,10 +3,16 @@
 # self-signed certificate, which a volume keeps.
 set -eu
 . /usr/lib/robotether/certificates.sh
+. /usr/lib/robotether/networks.sh
 . /usr/lib/robotether/open-files.sh
 
 readonly HOST="${PUBLIC_HOST:-localhost}"
 readonly PORT="${PUBLIC_PORT:-443}"
+
+fail() {
+  echo "cannot start nginx: $*" >&2
+  exit 1
+}
 
 # Other cells of the site, if it has a certificate for them. The relay makes the same hash of the key
 # (relay/peers/peer_keys.py).
@@ -22,24 +28,26 @@ serve_peers() {
 # For the redirect from port 80.
 write_https_port() {
   case "$PORT" in
-    *[!0-9]*)
-      echo "cannot start nginx: PUBLIC_PORT is '$PORT'; allowed is 1 to 65535" >&2
-      exit 1
-      ;;
+    *[!0-9]*) fail "PUBLIC_PORT is '$PORT'; allowed is 1 to 65535" ;;
     443) suffix='' ;;
     *) suffix=":$PORT" ;;
   esac
   echo "set \$https_port \"$suffix\";" > /run/nginx/https-port.conf
 }
 
+# The proxies in front whose word for who asks counts.
+write_trusted_proxies() {
+  list_networks TRUSTED_PROXIES "${TRUSTED_PROXIES:-}" > /run/nginx/networks
+  sed 's/.*/set_real_ip_from &;/' /run/nginx/networks > /run/nginx/real-ip.conf
+  sed 's/.*/& 1;/' /run/nginx/networks > /run/nginx/trusted-proxies.conf
+}
+
 main() {
   case "$HOST" in
-    *[!A-Za-z0-9.:-]*)
-      echo "cannot start nginx: PUBLIC_HOST is '$HOST'; allowed is a host name or an address" >&2
-      exit 1
-      ;;
+    *[!A-Za-z0-9.:-]*) fail "PUBLIC_HOST is '$HOST'; allowed is a host name or an address" ;;
   esac
   write_https_port
+  write_trusted_proxies
   ensure_self_signed "$HOST"
   (umask 077 && mkdir -p "$KEPT")
   ln -sfn "$KEPT" "$SERVED"

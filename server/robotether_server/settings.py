@@ -256,6 +256,12 @@ _TABLE = (
     Variable(
         "DIRECT_SOURCES", "networks whose machines may reach the published ports", NETWORKS, ""
     ),
+    Variable(
+        "TRUSTED_PROXIES",
+        "reverse proxies in front, whose header X-Forwarded-For says who asks",
+        NETWORKS,
+        "",
+    ),
     Variable("MAX_PENDING", "how many unknown robots may wait for approval", whole(0, 10000), "50"),
     Variable(
         "JOIN_POLICY",

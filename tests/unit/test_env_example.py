@@ -133,7 +133,8 @@ def test_a_wrong_value_ends_the_start_before_anything_runs() -> None:
         for name, text in services()[one]["environment"].items()
         if text.startswith("${") and name != "DIRECT_PORTS"
     }
-    assert ours == site | {"DIRECT_SOURCES": "${DIRECT_SOURCES:-}"}
+    nginx = {name: f"${{{name}:-}}" for name in ("DIRECT_SOURCES", "TRUSTED_PROXIES")}
+    assert ours == site | nginx
 
 
 def test_every_setting_can_be_set() -> None:

@@ -13,7 +13,7 @@ NGINX = Path(__file__).resolve().parents[3] / "images" / "nginx"
 
 def start(place: Path, port: str) -> subprocess.CompletedProcess[str]:
     """Run the entrypoint with its folders in `place`, up to its check of what it has written."""
-    for name in ("entrypoint.sh", "certificates.sh", "open-files.sh"):
+    for name in ("entrypoint.sh", "certificates.sh", "networks.sh", "open-files.sh"):
         text = (NGINX / name).read_text()
         for folder in ("/run/nginx", "/etc/nginx", "/usr/lib/robotether"):
             text = text.replace(folder, f"{place}{folder}")

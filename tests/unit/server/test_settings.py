@@ -166,6 +166,8 @@ def test_printing_settings_shows_no_secret() -> None:
         ("DIRECT_SOURCES", "192.0.2.0/33"),
         ("DIRECT_SOURCES", "0.0.0.0/0"),
         ("DIRECT_SOURCES", "::/0"),
+        ("TRUSTED_PROXIES", "10.0.0"),
+        ("TRUSTED_PROXIES", "0.0.0.0/0"),
         ("MAX_PENDING", "-1"),
         ("JOIN_POLICY", "first"),
         ("ALLOW_LOCAL_MACS", "true"),
