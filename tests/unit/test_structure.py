@@ -1,4 +1,4 @@
-"""The shape of the packages: which way imports go, and that the tests mirror the sources."""
+"""The shape of the packages: which way imports go, and that folders of tests mirror those of the sources."""
 
 from __future__ import annotations
 
@@ -20,9 +20,6 @@ PACKAGES = {
     "agent": ROOT / "agent" / "robotether_agent",
     "sim_robot": ROOT / "images" / "sim_robot" / "sim_robot",
 }
-# The agent's test files are named after what a user relies on, in folders as the package has them.
-# The simulated robot is a double, tested by its use.
-BY_MODULE = ("common", "server")
 # A layer may import from itself and from those before it. Names that no layer claims are `base`.
 LAYERS = ("base", "db", "services", "api", "web", "relay", "cli")
 MAY_IMPORT = {
@@ -125,47 +122,6 @@ def test_servers_foundation_imports_no_database() -> None:
     links = graph("server")
     for module in FOUNDATION:
         assert all(layer(name) == "base" for name in links[f"robotether_server.{module}"]), module
-
-
-def sources(name: str) -> set[str]:
-    """Modules of a package, but for the starts of packages and programs."""
-    package = PACKAGES[name]
-    return {
-        str(path.relative_to(package).with_suffix(""))
-        for path in package.rglob("*.py")
-        if not path.stem.startswith("__")
-    }
-
-
-def does_something(path: Path) -> bool:
-    """Whether a module has a function of its own; exceptions and constants alone need no tests."""
-    return any(
-        isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) for node in ast.walk(tree(path))
-    )
-
-
-def modules_with_tests(name: str) -> set[str]:
-    """Test files, by the module that they are named after."""
-    folder = TESTS / name
-    return {
-        str(path.relative_to(folder).with_name(path.stem.removeprefix("test_")))
-        for path in folder.rglob("test_*.py")
-    }
-
-
-@pytest.mark.parametrize("name", BY_MODULE)
-def test_every_module_has_its_tests(name: str) -> None:
-    """tests/unit/PACKAGE/x/test_y.py tests x/y.py."""
-    without = sources(name) - modules_with_tests(name)
-    package = PACKAGES[name]
-    assert [m for m in sorted(without) if does_something(package / f"{m}.py")] == []
-
-
-@pytest.mark.parametrize("name", BY_MODULE)
-def test_every_test_file_has_its_module(name: str) -> None:
-    """A module that moves takes its tests along."""
-    starts = {"main"} if (PACKAGES[name] / "__main__.py").exists() else set()
-    assert sorted(modules_with_tests(name) - sources(name) - starts) == []
 
 
 @pytest.mark.parametrize("name", PACKAGES)

@@ -8,6 +8,7 @@ import aiohttp
 from aiohttp import WSMsgType
 from fake_robot import WAIT_S, FakeRobot, Mode, RobotSession
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer
+from robotether_server.db.control import NewLease
 from robotether_server.db.fleet import AuditEntry, RelayRobot
 
 # As the relay writes it anew.
@@ -45,3 +46,16 @@ async def misbehaving(relay: RelayServer, robot: RelayRobot, mode: Mode) -> Fake
 def audit_lines(memory_database: MemoryDatabase) -> list[AuditEntry]:
     """Lines of the audit log that were written."""
     return [entry for entry in memory_database.written if isinstance(entry, AuditEntry)]
+
+
+class SlowFences:
+    """Has the database number drives once the test lets it."""
+
+    def __init__(self, memory_database: MemoryDatabase) -> None:
+        self.asked, self.go_on = asyncio.Event(), asyncio.Event()
+        self._next_fence = memory_database.next_fence
+
+    async def next_fence(self, lease: NewLease) -> int:
+        self.asked.set()
+        await self.go_on.wait()
+        return await self._next_fence(lease)

@@ -1,7 +1,4 @@
-"""The command: what each subcommand prints, and its exit code.
-
-Long, as each module has one file of tests (test_structure.py).
-"""
+"""The command: what each subcommand but `run` prints, and its exit code."""
 
 from __future__ import annotations
 
@@ -13,31 +10,23 @@ import os
 import pwd
 import re
 import signal
-import socket
 import subprocess
 import sys
-import threading
-import time
-from asyncio.subprocess import PIPE, Process
-from collections.abc import AsyncIterator, Callable
-from contextlib import suppress
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
 from aiohttp import web
-from fake_cloud import WAIT_S, FakeCloud, agent_environ, eventually
+from fake_cloud import FakeCloud, agent_environ
 from fake_root import FakeRoot
-from openssh_server import command_line, descendants, is_alive
 from robotether_agent import __version__, cli
 from robotether_agent import cli as command
 from robotether_agent.cli import act_as_agent, become_owner, identity, main, status
 from robotether_agent.doctor import Finding, fail, ok, skipped
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.files import LOCK, ensure_directory, only_one
-from robotether_agent.guard.fork_server import GUARD_NAME, SERVER_NAME
-from robotether_agent.problems import AlreadyRunning, ServerKeyChanged
 from robotether_agent.settings import Settings, load
-from robotether_agent.status import StatusWriter, read_status
+from robotether_agent.status import StatusWriter
 from robotether_agent.upgrade import COMMAND, Layout
 
 MAC = "00:1b:44:11:3a:b7"
@@ -45,128 +34,9 @@ needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can become 
 WHO = "import os; print(os.geteuid(), os.getegid(), len(os.getgroups()))"
 
 
-@pytest.fixture
-async def start(place):
-    """Starts `robotether-agent` as a process of its own."""
-    started: list[Process] = []
-
-    async def run(cloud: FakeCloud, command: str) -> Process:
-        variables = {"PATH": os.environ["PATH"], "PYTHONPATH": ":".join(sys.path)}
-        process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            "robotether_agent",
-            command,
-            env={**variables, **agent_environ(cloud, place)},
-            stdout=PIPE,
-            stderr=PIPE,
-        )
-        started.append(process)
-        return process
-
-    yield run
-    for process in started:
-        if process.returncode is None:
-            process.kill()
-            await process.communicate()
-
-
-def state_is(place, state: str) -> Callable[[], bool]:
-    def reached() -> bool:
-        status = read_status(place / "run")
-        return status is not None and status.state == state
-
-    return reached
-
-
-async def test_runs_tells_its_status_and_ends_on_sigterm(make_cloud, start, place):
-    """A connected agent says so with exit code 0, and SIGTERM ends it and its clients in time."""
-    cloud = await make_cloud()
-    agent = await start(cloud, "run")
-    await eventually(state_is(place, "connected"), lambda: "connected")
-    asked = await start(cloud, "status")
-    out, _ = await asyncio.wait_for(asked.communicate(), WAIT_S)
-    assert asked.returncode == 0
-    assert out.decode().startswith("state         connected since")
-    assert "rosbridge     down" in out.decode() or "rosbridge     unknown" in out.decode()
-    clients = descendants(agent.pid)
-    for pid in (*clients, agent.pid):
-        # Systemd sends it to all of them.
-        os.kill(pid, signal.SIGTERM)
-    _, log = await asyncio.wait_for(agent.communicate(), WAIT_S)
-    assert agent.returncode == 0, log.decode()
-    assert clients
-    assert "another one follows" not in log.decode()
-    assert not set(clients) & set(descendants(os.getpid()))
-    assert "robot sim1: connected to 127.0.0.1 port" in log.decode()
-    asked = await start(cloud, "status")
-    out, _ = await asyncio.wait_for(asked.communicate(), WAIT_S)
-    assert asked.returncode == 1
-    assert out.decode().startswith("state         stopped since")
-
-
-async def test_sigterm_while_it_waits(make_cloud, start, place):
-    """A robot that waits for its approval stops at once, too."""
-    cloud = await make_cloud("pending")
-    agent = await start(cloud, "run")
-    await eventually(state_is(place, "pending"), lambda: "pending")
-    agent.send_signal(signal.SIGTERM)
-    _, log = await asyncio.wait_for(agent.communicate(), WAIT_S)
-    assert agent.returncode == 0
-    assert "robotether robot approve robot-00000a" in log.decode()
-
-
-async def test_killed_agent_leaves_nothing_behind(make_cloud, start, place):
-    """Even when the agent is killed its SSH clients, its guard and the fork server end by themselves."""
-    cloud = await make_cloud()
-    agent = await start(cloud, "run")
-    await eventually(state_is(place, "connected"), lambda: "connected")
-    await cloud.link("media")
-    started = descendants(agent.pid)
-    agent.kill()
-    await agent.wait()
-    await eventually(
-        lambda: not cloud.of_kind("session") and not cloud.of_kind("media"),
-        lambda: "both links have ended",
-    )
-    await eventually(lambda: not any(map(is_alive, started)), lambda: "all have ended")
-
-
-async def test_guards_are_forked(make_cloud, start, place):
-    """No Python starts for a guard: the first one and those that follow share the agent's memory."""
-    agent = await start(await make_cloud(), "run")
-    await eventually(state_is(place, "connected"), lambda: "connected")
-
-    def named(name: str) -> list[int]:
-        return [pid for pid in descendants(agent.pid) if name_of(pid) == name]
-
-    [server], [first] = named(SERVER_NAME), named(GUARD_NAME)
-    assert command_line(first) == command_line(server) == command_line(agent.pid)
-    os.kill(first, signal.SIGKILL)
-    await eventually(lambda: named(GUARD_NAME) not in ([], [first]), lambda: "another one")
-    assert named(SERVER_NAME) == [server]
-    assert descendants(server) == named(GUARD_NAME)
-
-
-def name_of(pid: int) -> str:
-    """What `ps -o comm` shows."""
-    try:
-        return Path(f"/proc/{pid}/comm").read_text().strip()
-    except OSError:
-        return "(ended)"
-
-
-async def test_changed_host_key_has_its_exit_code(make_cloud, start, place):
-    """Systemd sees 76 and does not start it again; the log shouts."""
-    cloud = await make_cloud()
-    agent = await start(cloud, "run")
-    await eventually(state_is(place, "connected"), lambda: "connected")
-    cloud.ssh.stop()
-    cloud.ssh.new_host_key()
-    cloud.ssh.start()
-    _, log = await asyncio.wait_for(agent.communicate(), WAIT_S)
-    assert agent.returncode == 76
-    assert "STOPPED: cannot trust 127.0.0.1 port" in log.decode()
+def teardown_module() -> None:
+    """The handler writes to what pytest captured."""
+    logging.getLogger().handlers.clear()
 
 
 def test_status_of_an_agent_that_never_ran(place, capsys):
@@ -197,105 +67,6 @@ def test_version(capsys):
         main(["--version"], {})
     assert error.value.code == 0
     assert capsys.readouterr().out == f"robotether-agent {__version__}\n"
-
-
-@pytest.fixture
-def environ(place):
-    """The environment of a service, with the socket as `systemd` listens on it."""
-    return {"NOTIFY_SOCKET": str(place / "notify"), "WATCHDOG_USEC": "400000"}
-
-
-@pytest.fixture
-def systemd(place):
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
-        listening.bind(str(place / "notify"))
-        listening.setblocking(False)
-        yield listening
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
-def failing(error: Exception) -> type:
-    """An agent that ends with this."""
-
-    class Failing:
-        def __init__(self, *_: object) -> None:
-            raise error
-
-    return Failing
-
-
-def said(systemd: socket.socket) -> list[str]:
-    found = []
-    with suppress(BlockingIOError):
-        while True:
-            found.append(systemd.recv(1000).decode())
-    return found
-
-
-def test_failed_start_pauses_before_systemd_starts_the_agent_again(
-    monkeypatch, place, environ, systemd
-):
-    """The pause is no hanging loop: the watchdog gets its signs of life."""
-    monkeypatch.setattr(command, "Agent", failing(ZeroDivisionError("a defect")))
-    monkeypatch.setattr(command, "before_restart", lambda *_: 0.5)
-    began = time.monotonic()
-    assert command.run(Settings(server="a.example", run_dir=place, guard="off"), environ) == 1
-    assert time.monotonic() - began >= 0.5
-    told = said(systemd)
-    assert told[0] == "STATUS=failed; starts again in 0 s"
-    assert told[-1] == "STOPPING=1"
-    assert told.count("WATCHDOG=1") >= 2
-
-
-def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, systemd):
-    monkeypatch.setattr(command, "Agent", failing(AlreadyRunning("cannot start")))
-    monkeypatch.setattr(command, "before_restart", lambda *_: 60.0)
-    stop = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM))
-    stop.start()
-    began = time.monotonic()
-    assert command.run(Settings(server="a.example", run_dir=place, guard="off"), environ) == 0
-    assert time.monotonic() - began < 30
-    stop.join()
-
-
-def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, systemd):
-    """Neither for a person at a terminal, nor where the unit says that a person must look first."""
-    monkeypatch.setattr(command, "before_restart", lambda *_: pytest.fail("it pauses"))
-    settings = Settings(server="a.example", run_dir=place, guard="off")
-    monkeypatch.setattr(command, "Agent", failing(AlreadyRunning("cannot start")))
-    assert command.run(settings, {}) == AlreadyRunning.exit_code
-    monkeypatch.setattr(command, "Agent", failing(ServerKeyChanged("another key")))
-    assert command.run(settings, environ) == ServerKeyChanged.exit_code
-
-
-def test_an_error_of_the_agent_itself_leaves_its_traceback(monkeypatch, place, capsys):
-    """Systemd starts it again, and the journal has what a developer needs."""
-    monkeypatch.setattr(command, "Agent", failing(ZeroDivisionError("a defect")))
-    assert command.run(Settings(server="a.example", run_dir=place, guard="off"), {}) == 1
-    told = capsys.readouterr().err
-    assert "stopped by an error in the agent itself" in told
-    assert "ZeroDivisionError: a defect" in told
-
-
-def test_a_problem_that_ends_it_has_its_exit_code(monkeypatch, place, capsys):
-    """A person reads one sentence, and no traceback."""
-    monkeypatch.setattr(
-        command, "Agent", failing(AlreadyRunning("cannot start: another agent runs"))
-    )
-    code = command.run(
-        Settings(server="a.example", run_dir=place, guard="off"), {"JOURNAL_STREAM": "1:2"}
-    )
-    assert code == AlreadyRunning.exit_code
-    assert capsys.readouterr().err.splitlines() == [
-        "<2>STOPPED: cannot start: another agent runs [already_running]"
-    ]
-
-
-def teardown_module() -> None:
-    """The handler writes to what pytest captured."""
-    logging.getLogger().handlers.clear()
 
 
 def test_for_programs_it_is_one_object(place, capsys):

@@ -1,0 +1,270 @@
+"""Each change of control by itself, without a network: what is written, and what robot and people are told."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from fake_robot import WAIT_S
+from relay_clients import SlowFences
+from relay_server import until, utc
+from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
+from robotether_server.db.fleet import AuditEntry, RelayUser
+from robotether_server.problems import (
+    RecordMissing,
+    RecordRefused,
+    StoreUnavailable,
+)
+from robotether_server.relay.auth.connections import Connection
+from robotether_server.relay.control import leases, leasing
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.robots.sessions import GuardReport, Presence
+
+ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(3, "ben"), RelayUser(4, "carl")
+NOON = utc(2026, 1, 1, 12, 0)
+
+
+def asker(user: RelayUser) -> leasing.LeaseRequester:
+    return leasing.LeaseRequester(user, "198.51.100.9")
+
+
+class Bare:
+    """Leasing alone: its robot, its event writer, and what robot, drivers and watchers are told."""
+
+    def __init__(self, sim1, memory_database) -> None:
+        self.robot = sim1
+        self.written: list[AuditEntry | LeaseEnd] = []
+        self.lines: list[dict[str, object]] = []
+        self.changed: list[int] = []
+        self.ends: list[CloseReason] = []
+        self.reported = asyncio.Event()
+        self.reported.set()
+        link = SimpleNamespace(
+            send=lambda line: self.lines.append(json.loads(line)),
+            until_guard_reported=self.reported.wait,
+        )
+        self.presence = Presence()
+        self.leasing = leasing.Leasing(
+            database=memory_database,
+            event_writer=SimpleNamespace(add=self.written.append),
+            registry=SimpleNamespace(
+                session_of={sim1.id: link}.get, presence=lambda _robot_id: self.presence
+            ),
+            stopped=lambda _robot: None,
+            changed=self.changed.append,
+        )
+
+    async def drives(self, user: RelayUser) -> Connection:
+        connection = Connection(
+            user.id,
+            user.name,
+            self.robot,
+            "drive",
+            self.ends.append,
+        )
+        await self.leasing.begin(connection)
+        return connection
+
+    @property
+    def codes(self) -> list[int]:
+        return [end.code for end in self.ends]
+
+    def audit(self) -> list[tuple[str, str, object]]:
+        lines = [one for one in self.written if isinstance(one, AuditEntry)]
+        return [(line.kind, line.actor, dict(line.details)) for line in lines]
+
+    def ended(self) -> list[tuple[int, int]]:
+        ends = [one for one in self.written if isinstance(one, LeaseEnd)]
+        return [(end.robot_id, end.fence) for end in ends]
+
+
+@pytest.fixture
+def bare(sim1, memory_database):
+    made = Bare(sim1, memory_database)
+    yield made
+    made.leasing.close()
+
+
+async def test_each_change_of_control_is_written_with_who_and_whom(bare, sim1):
+    """Who did it, who drove or gets it, and the number that is over."""
+    acts = bare.leasing
+    await bare.drives(ANN)
+    acts.ask(sim1, asker(BEN))
+    acts.refuse(sim1, asker(ANN))
+    acts.ask(sim1, asker(BEN))
+    acts.hand_over(sim1, asker(ANN), "ben")
+    await bare.drives(BEN)
+    acts.take(sim1, asker(CARL))
+    assert bare.audit() == [
+        ("lease_asked", "ben", {}),
+        ("lease_refused", "ann", {"to": "ben"}),
+        ("lease_asked", "ben", {}),
+        ("lease_handed_over", "ann", {"to": "ben"}),
+        ("lease_taken", "carl", {"driver": "ben"}),
+    ]
+    assert bare.ended() == [(sim1.id, 1), (sim1.id, 2)]
+    assert bare.codes == [4010, 4010]
+    assert bare.lines[-1] == {"type": "lease", "fence": 2, "held": False}
+    assert set(bare.changed) == {sim1.id}
+
+
+async def test_what_is_written_says_who_where_and_when(bare, sim1, memory_database, monkeypatch):
+    """A new lease for the database, and its end and the audit log."""
+    next_fence, asked = memory_database.next_fence, []
+
+    async def noted(lease):
+        asked.append(lease)
+        return await next_fence(lease)
+
+    monkeypatch.setattr(memory_database, "next_fence", noted)
+    monkeypatch.setattr(leasing, "utc_now", lambda: NOON)
+    bare.leasing.remember({sim1.id: 41})
+    await bare.drives(ANN)
+    bare.leasing.take(sim1, asker(CARL))
+    assert asked == [NewLease(sim1.id, ANN.id, "ann", NOON, above=41)]
+    assert bare.written == [
+        AuditEntry(NOON, "carl", "lease_taken", "sim1", "198.51.100.9", {"driver": "ann"}),
+        LeaseEnd(sim1.id, 42, NOON),
+    ]
+    assert bare.ends == [close_reasons.lease_lost("sim1", "carl")]
+
+
+async def test_a_guard_that_reports_nothing_keeps_nobody_waiting_for_long(bare, sim1, monkeypatch):
+    """It may not have started yet; the lease has the number that is known here."""
+    monkeypatch.setattr(leasing, "GUARD_REPORTS_WITHIN_S", 0.05)
+    bare.reported.clear()
+    bare.leasing.remember({sim1.id: 41})
+    async with asyncio.timeout(WAIT_S):
+        await bare.drives(ANN)
+    assert bare.leasing.of(sim1.id).fence == 42
+
+
+async def test_of_two_claims_the_older_hears_of_the_newer(bare, sim1, memory_database, monkeypatch):
+    """While both wait for a number; the newer drives in the end."""
+    slow = SlowFences(memory_database)
+    monkeypatch.setattr(memory_database, "next_fence", slow.next_fence)
+    older, newer = (asyncio.create_task(bare.drives(ANN)) for _ in range(2))
+    await until(lambda: bare.ends, "the older hears of it")
+    slow.go_on.set()
+    drives = await newer
+    with pytest.raises(ConnectionClosedError) as lost:
+        await older
+    assert bare.ends == [close_reasons.superseded("sim1")]
+    assert lost.value.close_reason == close_reasons.lease_unavailable("sim1")
+    assert bare.leasing.of(sim1.id).driver.holder is drives
+
+
+@pytest.mark.parametrize(
+    ("problem", "close_reason"),
+    [
+        (RecordMissing, close_reasons.rights_ended),
+        (RecordRefused, close_reasons.rights_ended),
+        (StoreUnavailable, close_reasons.lease_unavailable),
+    ],
+)
+async def test_who_gets_no_number_hears_why(
+    *, bare, sim1, memory_database, monkeypatch, problem, close_reason
+):
+    """By the name of the robot, and with a code of its own."""
+
+    async def fails(_lease):
+        raise problem("the test wants it")
+
+    monkeypatch.setattr(memory_database, "next_fence", fails)
+    with pytest.raises(ConnectionClosedError) as lost:
+        await bare.drives(ANN)
+    assert lost.value.close_reason == close_reason("sim1")
+
+
+async def test_a_lease_without_the_database_is_written_as_it_began(
+    bare, sim1, memory_database, monkeypatch
+):
+    """Only once it is granted, and only while the guard is there that refuses the older ones."""
+    monkeypatch.setattr(leasing, "utc_now", lambda: NOON)
+    memory_database.down = True
+    bare.leasing.remember({sim1.id: 41})
+    reports = GuardReport("down", fence=50)
+    bare.presence = Presence(online=True, guard_mode="on", report=reports)
+    with pytest.raises(ConnectionClosedError):
+        await bare.drives(ANN)
+    assert bare.written == []
+    bare.presence = Presence(online=True, guard_mode="on", report=replace(reports, state="ready"))
+    await bare.drives(ANN)
+    assert bare.written == [LeaseStart(sim1.id, 51, ANN.id, "ann", NOON)]
+
+
+async def test_who_takes_the_question_back_gets_nothing(bare, sim1):
+    """Nobody waits then, and the control stays where it is."""
+    await bare.drives(ANN)
+    bare.leasing.ask(sim1, asker(BEN))
+    told = len(bare.lines)
+    bare.leasing.withdraw(sim1, asker(BEN))
+    assert bare.leasing.of(sim1.id).waiting is None
+    assert len(bare.lines) == told + 1
+
+
+async def test_what_passes_by_itself_is_written_with_who_drove(bare, sim1, monkeypatch):
+    """And the driver's connection is over, and its number."""
+    monkeypatch.setattr(leases, "PASSES_AFTER_S", 0.05)
+    await bare.drives(ANN)
+    bare.leasing.ask(sim1, asker(BEN))
+    await until(lambda: bare.codes == [4010], "the control passes on")
+    assert bare.audit()[-1] == ("lease_passed", "ben", {"driver": "ann"})
+    assert bare.ended() == [(sim1.id, 1)]
+
+
+async def test_the_right_to_drive_is_asked_for_of_who_waits_at_this_robot(bare, sim1):
+    """Who may drive waits on; who may not does not."""
+    asked: list[tuple[int, int]] = []
+
+    def may_drive(user_id: int, robot_id: int) -> bool:
+        asked.append((user_id, robot_id))
+        return len(asked) == 1
+
+    await bare.drives(ANN)
+    bare.leasing.ask(sim1, asker(BEN))
+    told = len(bare.lines)
+    bare.leasing.keep_only(may_drive)
+    assert bare.leasing.of(sim1.id).waiting is not None
+    assert len(bare.lines) == told
+    bare.leasing.keep_only(may_drive)
+    assert bare.leasing.of(sim1.id).waiting is None
+    assert len(bare.lines) == told + 1
+    assert asked == [(BEN.id, sim1.id)] * 2
+
+
+async def test_a_claim_that_is_lost_meanwhile_hears_to_whom(
+    bare, sim1, memory_database, monkeypatch
+):
+    """A manager takes the control while the driver's newer connection waits for its number."""
+    await bare.drives(ANN)
+    next_fence = memory_database.next_fence
+
+    async def taken_meanwhile(lease):
+        bare.leasing.take(sim1, asker(CARL))
+        return await next_fence(lease)
+
+    monkeypatch.setattr(memory_database, "next_fence", taken_meanwhile)
+    with pytest.raises(ConnectionClosedError) as lost:
+        await bare.drives(ANN)
+    assert lost.value.close_reason.code == 4009
+    assert lost.value.close_reason.reason == "control of sim1 is reserved for carl; wait a moment"
+    assert bare.leasing.of(sim1.id).driver is None
+    assert bare.ended() == [(sim1.id, 1), (sim1.id, 2)]
+
+
+async def test_only_robots_that_are_gone_are_forgotten(bare, sim1, monkeypatch):
+    """With their timers: nothing passes on at a robot that is not there any more."""
+    monkeypatch.setattr(leases, "PASSES_AFTER_S", 0.05)
+    await bare.drives(ANN)
+    bare.leasing.ask(sim1, asker(BEN))
+    bare.leasing.forget_all_but([sim1.id])
+    assert bare.leasing.count() == 1
+    bare.leasing.forget_all_but([sim1.id + 1])
+    assert bare.leasing.count() == 0
+    await asyncio.sleep(0.1)
+    assert bare.codes == []

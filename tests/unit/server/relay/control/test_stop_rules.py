@@ -1,0 +1,402 @@
+"""Each rule of stops by itself, without a network: what is sent, written, shown, repeated and told to other cells."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import random
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from datetime import timedelta
+from typing import Any
+from unittest.mock import ANY
+
+import pytest
+from fake_robot import WAIT_S
+from relay_server import until, utc
+from robotether_server.db.control import Stop, StopEntry
+from robotether_server.db.fleet import AuditEntry, RelayRobot
+from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
+from robotether_server.relay.control import stops as stops_module
+from robotether_server.relay.control.stops import ShownStop, Stops
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.robots.sessions import GuardReport, SessionRegistry
+
+NOON = utc(2026, 1, 1, 12, 0)
+SIM1, SIM2 = (RelayRobot(at, f"sim{at - 6}", "active", 2000 + at, 3000 + at) for at in (7, 8))
+STOPPED = GuardReport("ready", stopped=True, by="ben")
+
+
+@dataclass(eq=False)
+class FakeLink:
+    """A robot's session, which keeps what it is sent."""
+
+    robot_id: int = SIM1.id
+    kind: str = "session"
+    address: str = "198.51.100.7"
+    sent: list[dict[str, Any]] = field(default_factory=list)
+
+    def send(self, line: bytes) -> None:
+        self.sent.append(json.loads(line))
+
+    @property
+    def kinds(self) -> list[str]:
+        return [line["type"] for line in self.sent]
+
+
+class World:
+    """The stops of two robots, and what their surroundings are told."""
+
+    def __init__(self) -> None:
+        self.registry = SessionRegistry(clock=lambda: NOON)
+        self.written: list[object] = []
+        self.revoked: list[tuple[int, object]] = []
+        self.changed: list[int] = []
+        self.stops = Stops(
+            event_writer=self,
+            registry=self.registry,
+            robots=lambda: {SIM1.id: SIM1, SIM2.id: SIM2},
+            revoke=lambda robot_id, why: self.revoked.append((robot_id, why)),
+            changed=self.changed.append,
+        )
+        self.registry.listen(self.stops.on_robot_change)
+
+    def add(self, entry: object) -> None:
+        self.written.append(entry)
+
+    def online(self, guard: str = "on") -> FakeLink:
+        """SIM1 connects and says whether it has a guard."""
+        link = FakeLink()
+        self.registry.make_current(link)
+        self.registry.established(link)
+        self.registry.on_hello(link, "0.1.0", guard)
+        return link
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    world = World()
+    yield world
+    world.stops.close()
+
+
+async def test_a_stop_is_sent_shown_and_written(world):
+    """To the robot, the driver, the pages, the row and the audit log, each with who, why and from where."""
+    link = world.online()
+    world.stops.stop(SIM1, "ben", reason="smoke", address="198.51.100.9")
+    stop = world.stops.of(SIM1.id)
+    assert stop == Stop(SIM1.id, ANY, "ben", "smoke")
+    assert link.sent == [{"type": "stop", "id": ANY, "by": "ben"}]
+    assert len(link.sent[0]["id"]) == 2 * stops_module.MESSAGE_ID_BYTES
+    why = close_reasons.robot_stopped("sim1", "ben", stop.at)
+    assert world.revoked == [(SIM1.id, why)]
+    assert world.stops.close_reason(SIM1) == why
+    assert world.stops.close_reason(SIM2) is None
+    assert world.changed == [SIM1.id]
+    audit = AuditEntry(ANY, "ben", "robot_stopped", "sim1", "198.51.100.9", {"reason": "smoke"})
+    assert world.written == [StopEntry(SIM1.id, stop), audit]
+    assert world.stops.count() == 1
+
+
+async def test_a_release_without_a_guard_is_written(world):
+    """Nobody needs to confirm it, and the robot hears nothing."""
+    link = world.online("off")
+    world.stops.stop(SIM1, "ben")
+    world.written.clear()
+    await world.stops.release(SIM1, "ann", address="198.51.100.9")
+    audit = AuditEntry(ANY, "ann", "robot_released", "sim1", "198.51.100.9", {})
+    assert world.written == [StopEntry(SIM1.id, None), audit]
+    assert world.changed == [SIM1.id, SIM1.id]
+    assert world.stops.count() == 0
+    assert link.kinds == ["stop"]
+
+
+async def test_an_offline_robot_stays_stopped(world):
+    """The problem says since when it is offline."""
+    world.registry.remember([(SIM1.id, NOON, None)])
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"), is_written=True)
+    with pytest.raises(RobotOffline, match="sim1 has been offline since 2026-01-01 12:00 UTC"):
+        await world.stops.release(SIM1, "ann")
+    assert world.stops.of(SIM1.id).by == "ben"
+    assert world.written == []
+
+
+async def test_a_stop_at_the_robot_is_written_as_the_robots(world):
+    """The name is a claim, and the log says who told it."""
+    link = world.online()
+    world.registry.on_guard_status(link, STOPPED, None)
+    name = "somebody at the robot (ben)"
+    stop = Stop(SIM1.id, ANY, name)
+    audit = AuditEntry(ANY, name, "robot_stopped", "sim1", None, {"told_by": "robot"})
+    assert world.written == [StopEntry(SIM1.id, stop), audit]
+
+
+async def test_a_robot_that_connects_is_greeted_with_its_stop(world):
+    """And with nothing when it is not stopped."""
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
+    [line] = world.stops.greeting(SIM1.id)
+    assert json.loads(line) == {"type": "stop", "id": ANY, "by": "ben"}
+    assert len(json.loads(line)["id"]) == 2 * stops_module.MESSAGE_ID_BYTES
+    assert world.stops.greeting(SIM2.id) == []
+
+
+async def test_a_stop_that_comes_again_is_sent_again_but_not_at_once(world, monkeypatch):
+    """One that was never sent goes out at the first press."""
+    link = world.online()
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"), is_written=True)
+    world.stops.stop(SIM1, "ben")
+    world.stops.stop(SIM1, "ben")
+    assert link.kinds == ["stop"]
+    monkeypatch.setattr(stops_module, "INSIST_EVERY_S", 0.0)
+    world.stops.stop(SIM1, "ben")
+    assert link.kinds == ["stop", "stop"]
+    world.registry.on_guard_status(link, STOPPED, None)
+    world.stops.stop(SIM1, "ben")
+    assert link.kinds == ["stop", "stop"]
+    assert world.written == []
+
+
+@pytest.mark.parametrize("stopped", [True, False])
+@pytest.mark.parametrize("guard", ["on", "off"])
+async def test_a_stop_that_no_guard_confirmed_is_sent_again(world, monkeypatch, guard, stopped):
+    """From the moment that a guard is known; not to a robot without one, nor to one that is free."""
+    monkeypatch.setattr(stops_module, "REPEAT_EVERY_S", 0.01)
+    if stopped:
+        world.stops.learn(Stop(SIM1.id, NOON, "ben"))
+    link = world.online(guard)
+    if stopped and guard == "on":
+        await until(lambda: link.kinds[:2] == ["stop", "stop"], "it is sent again")
+        world.registry.on_guard_status(link, STOPPED, None)
+        await until(lambda: not world.stops._repeats, "and no more once it is confirmed")
+    else:
+        assert not world.stops._repeats
+
+
+async def test_all_who_wait_hear_of_the_confirmation(world):
+    """And nothing is left of their waiting."""
+    link = world.online()
+    world.stops.stop(SIM1, "ben")
+    waiting = [asyncio.create_task(world.stops.confirmation(SIM1.id)) for _ in range(2)]
+    await asyncio.sleep(0)
+    waiting[0].cancel()
+    await asyncio.gather(waiting[0], return_exceptions=True)
+    waiting.append(asyncio.create_task(world.stops.confirmation(SIM1.id)))
+    await asyncio.sleep(0)
+    world.registry.on_guard_status(link, STOPPED, None)
+    assert await asyncio.gather(*waiting[1:]) == [True, True]
+    assert world.stops._confirmations == {}
+    assert await world.stops.confirmation(SIM1.id)
+
+
+@pytest.mark.parametrize("guard", [None, "off", "unknown"])
+async def test_nobody_waits_for_a_guard_that_cannot_answer(world, monkeypatch, guard):
+    """Offline, without one, or not known yet: the answer is no, at once."""
+    monkeypatch.setattr(stops_module, "CONFIRMED_WITHIN_S", 60.0)
+    if guard is not None:
+        world.online(guard)
+    world.stops.stop(SIM1, "ben")
+    async with asyncio.timeout(WAIT_S):
+        assert not await world.stops.confirmation(SIM1.id)
+    assert world.stops._confirmations == {}
+
+
+async def test_a_silent_guard_is_sent_the_stop_after_a_release(world, monkeypatch):
+    """The release may have reached it, and its answer not us."""
+    monkeypatch.setattr(stops_module, "RELEASED_WITHIN_S", 0.01)
+    monkeypatch.setattr(stops_module, "CONFIRMED_WITHIN_S", 0.01)
+    link = world.online()
+    world.stops.stop(SIM1, "ben")
+    assert not await world.stops.confirmation(SIM1.id)
+    assert world.stops._confirmations == {}
+    with pytest.raises(GuardSilent, match=r"guard did not confirm it in 0\.01 s"):
+        await world.stops.release(SIM1, "ann")
+    assert link.kinds == ["stop", "release", "stop"]
+    assert [line["by"] for line in link.sent] == ["ben", "ann", "ben"]
+    assert world.stops._releases == {}
+
+
+async def test_only_the_answer_to_a_release_ends_it(world):
+    """A status that answers nothing, or something else, says nothing of it."""
+    link = world.online()
+    world.stops.stop(SIM1, "ben")
+    release = asyncio.create_task(world.stops.release(SIM1, "ann"))
+    await until(lambda: "release" in link.kinds, "it is on its way")
+    for answers in (None, "another"):
+        world.registry.on_guard_status(link, GuardReport("ready"), answers)
+    await asyncio.sleep(0)
+    assert not release.done()
+    world.registry.on_guard_status(link, GuardReport("ready"), link.sent[-1]["id"])
+    await release
+    assert world.stops.of(SIM1.id) is None
+
+
+async def test_a_robot_that_is_gone_leaves_nothing(world):
+    """Neither its stop, nor who pressed, nor when it was sent; the others keep theirs."""
+    link = world.online()
+    for robot in (SIM1, SIM2):
+        world.stops.stop(robot, "ann")
+        world.stops.stop(robot, "ben")
+    world.stops.forget_all_but([SIM2.id])
+    assert (world.stops.of(SIM1.id), world.stops.of(SIM2.id).by) == (None, "ben")
+    link.sent.clear()
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
+    world.stops.stop(SIM1, "ben")
+    assert link.kinds == ["stop"]
+    world.stops.stop(SIM1, "ann")
+    assert world.stops.of(SIM1.id).by == "ann"
+    world.stops.stop(SIM2, "ann")
+    assert world.stops.of(SIM2.id).by == "ben"
+    world.stops.forget_all_but([])
+    assert world.stops.of(SIM2.id) is None
+
+
+async def test_a_stop_of_another_cell_is_sent_and_written_once(world):
+    """That cell may end before it has written it; it comes again with each connection of cells."""
+    link, stop = world.online(), Stop(SIM1.id, NOON, "ben", "smoke")
+    for _ in range(2):
+        world.stops.learn(stop)
+    assert [line["by"] for line in link.sent] == ["ben"]
+    assert world.revoked == [(SIM1.id, close_reasons.robot_stopped("sim1", "ben", NOON))]
+    assert world.changed == [SIM1.id]
+    assert world.written == [StopEntry(SIM1.id, stop)]
+
+
+async def test_a_stop_that_the_database_has_is_not_written_again(world):
+    """A relay that starts finds many."""
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"), is_written=True)
+    assert world.stops.of(SIM1.id).by == "ben"
+    assert world.written == []
+
+
+async def test_what_came_last_is_shown_whenever_it_began(world):
+    """Who releases the robot has seen that one."""
+    world.online("off")
+    world.stops.learn(Stop(SIM1.id, NOON, "ann"))
+    world.stops.learn(Stop(SIM1.id, NOON - timedelta(hours=1), "ben"))
+    assert world.stops.shown(SIM1.id) == ShownStop("ben", "2026-01-01T11:00:00Z")
+    with pytest.raises(NotPossible):
+        await world.stops.release(SIM1, "ann", seen=ShownStop("ann", "2026-01-01T12:00:00Z"))
+    await world.stops.release(SIM1, "ann", seen=world.stops.shown(SIM1.id))
+    assert world.stops.of(SIM1.id) is None
+
+
+async def test_a_release_ends_all_stops_that_were_here_and_writes_which(world):
+    """So that each can be ended wherever it is; it never comes back."""
+    world.online("off")
+    stops = [Stop(SIM1.id, NOON, "ann"), Stop(SIM1.id, NOON, "ben")]
+    for stop in stops:
+        world.stops.learn(stop)
+    await world.stops.release(SIM1, "carl")
+    assert world.written[-2].ended == tuple(stop.id for stop in stops)
+    for stop in stops:
+        world.stops.learn(stop)
+    assert world.stops.of(SIM1.id) is None
+
+
+async def test_a_stop_of_another_cell_during_a_release_wins(world):
+    """The guard has it behind the release."""
+    link = world.online()
+    world.stops.stop(SIM1, "ann")
+    release = asyncio.create_task(world.stops.release(SIM1, "ann"))
+    await until(lambda: "release" in link.kinds, "it is on its way")
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
+    with pytest.raises(NotPossible, match="ben has stopped it again"):
+        await release
+    assert link.kinds == ["stop", "release", "stop"]
+
+
+async def test_a_release_at_another_cell_ends_what_it_names(world, monkeypatch):
+    """Whatever is left is sent to the guard that confirmed the release; what was not known here never begins."""
+    monkeypatch.setattr(stops_module, "REPEAT_EVERY_S", 0.01)
+    link = world.online()
+    ann, ben = Stop(SIM1.id, NOON, "ann"), Stop(SIM1.id, NOON, "ben")
+    for stop in (ann, ben):
+        world.stops.learn(stop)
+    link.sent.clear()
+    world.stops.learn_end(SIM1.id, ben.id)
+    assert world.stops.of(SIM1.id) == ann
+    assert world.written[-1] == StopEntry(SIM1.id, ann)
+    await until(lambda: [line["by"] for line in link.sent][:1] == ["ann"], "the guard has it")
+    world.stops.learn_end(SIM1.id, ann.id)
+    world.stops.learn_end(SIM1.id, (NOON, "carl"))
+    world.stops.learn(Stop(SIM1.id, NOON, "carl"))
+    assert world.stops.of(SIM1.id) is None
+
+
+async def test_a_robot_that_came_here_stopped_stays_so_when_the_stop_ended_elsewhere(world):
+    """The cell that released it could not report that, and this one has stopped it again: it shows so."""
+    stop = Stop(SIM1.id, NOON, "ben")
+    world.stops.learn(stop)
+    link = world.online()
+    world.registry.on_guard_status(link, STOPPED, None)
+    world.stops.learn_end(SIM1.id, stop.id)
+    assert world.stops.shown(SIM1.id).by == "somebody at the robot (ben)"
+    assert world.stops.close_reason(SIM1) is not None
+
+
+async def test_who_stops_a_robot_once_more_that_is_not_here_makes_a_new_stop(world):
+    """Another cell may have released it, and only what is new reaches that one when the two are cut off."""
+    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
+    world.written.clear()
+    for _ in range(2):
+        world.stops.stop(SIM1, "ben")
+    newest = world.stops.of(SIM1.id)
+    assert newest.at > NOON
+    assert [entry.stop for entry in world.written if isinstance(entry, StopEntry)] == [newest]
+
+
+async def test_stops_of_a_robot_are_bounded(world):
+    """The oldest are forgotten, of those in force and of those that ended."""
+    for minute in range(50):
+        world.stops.learn(Stop(SIM1.id, NOON + timedelta(minutes=minute), "ben"))
+    known = world.stops.known(SIM1.id)
+    assert len(known.in_force) == stops_module.MAX_STOPS
+    assert world.stops.of(SIM1.id).at == NOON + timedelta(minutes=49)
+    for minute in range(50):
+        world.stops.learn_end(SIM1.id, (NOON + timedelta(minutes=minute), "ben"))
+    assert (len(known.ended), known.entry.stop) == (stops_module.MAX_STOPS, None)
+
+
+async def test_what_ended_long_ago_takes_no_room_of_what_ended_last(world):
+    """A cell that was cut off tells all that it remembers, and has the last stop still in force."""
+    last = Stop(SIM1.id, NOON + timedelta(hours=1), "ben")
+    old = [(NOON + timedelta(minutes=minute), "ben") for minute in range(40)]
+    for stop_id in [*old, last.id, *old[: stops_module.MAX_STOPS]]:
+        world.stops.learn_end(SIM1.id, stop_id)
+    world.stops.learn(last)
+    assert world.stops.of(SIM1.id) is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+async def test_cells_agree_on_stops_whatever_reaches_whom(seed):
+    """What no release knew stays in force everywhere, and nothing else; the robot is at the first cell."""
+    chance, cells = random.Random(seed), [World() for _ in range(3)]
+    cells[0].online("off")
+    begun: set[object] = set()
+    ended: set[object] = set()
+
+    def report(to: World, of: World) -> None:
+        known = of.stops.known(SIM1.id)
+        for stop_id in list(known.ended) if known else ():
+            to.stops.learn_end(SIM1.id, stop_id)
+        for stop in list(known.in_force.values()) if known else ():
+            to.stops.learn(stop)
+
+    for _ in range(60):
+        cell, other = chance.sample(cells, 2)
+        if chance.random() < 0.4:
+            cell.stops.stop(SIM1, chance.choice(["ann", "ben", "carl"]))
+            begun.add(cell.stops.of(SIM1.id).id)
+        elif chance.random() < 0.7:
+            report(cell, other)
+        else:
+            known = cells[0].stops.known(SIM1.id)
+            ended.update(known.in_force if known else ())
+            await cells[0].stops.release(SIM1, "ann")
+    for _ in cells:
+        for cell, other in itertools.permutations(cells, 2):
+            report(cell, other)
+    for cell in cells:
+        assert set(cell.stops.known(SIM1.id).in_force) == begun - ended
+        cell.stops.close()
