@@ -23,7 +23,7 @@ from robotether_common.session import Battery
 from robotether_agent.fields import FieldError, JsonObject, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
 from robotether_agent.problems import StateUnusable
-from robotether_agent.rosbridge import connected, own_topic, rosapi_topics
+from robotether_agent.rosbridge import RosGraph, connected, own_topic
 from robotether_agent.tasks import first_of, within
 
 # A BatteryState lists the voltage and the temperature of each cell.
@@ -108,9 +108,9 @@ class Vitals:
     """What is known of the robot's battery: nothing, once it was silent for SILENT_S."""
 
     def __init__(
-        self, rosbridge_url: str, state_dir: Path, *, every_s: float = BATTERY_EVERY_S
+        self, graph: RosGraph, state_dir: Path, *, every_s: float = BATTERY_EVERY_S
     ) -> None:
-        self._rosbridge_url = rosbridge_url
+        self._graph = graph
         self._memory = UnitMemory(state_dir)
         self._every_s = every_s
         self._battery: Battery | None = None
@@ -144,11 +144,11 @@ class Vitals:
 
     async def _listen(self, settings: Callable[[], BatterySettings]) -> None:
         """Follow the battery's topic until it falls silent or is another one; return at once when there is none."""
-        url, current = self._rosbridge_url, settings()
-        topic = current.topic or battery_topic(await rosapi_topics(url), current.drive_topic)
+        current = settings()
+        topic = current.topic or battery_topic(await self._graph.topics(), current.drive_topic)
         if topic is None:
             return
-        async with connected(url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
+        async with connected(self._graph.url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
             throttle_ms = int(self._every_s * 1000)
             await rosbridge.subscribe(topic, BATTERY_TYPE, throttle_ms=throttle_ms)
             while settings() == current:

@@ -34,6 +34,7 @@ from robotether_agent.problems import (
     SessionEnded,
     StateUnusable,
 )
+from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import Settings
 from robotether_agent.status import CONNECTED, StatusWriter
 from robotether_agent.systemd import Notifier
@@ -76,14 +77,15 @@ class Agent:
         self._enroller = Enroller(settings)
         self._epochs = EpochClock()
         self._connector = Connector(settings, self._enroller)
-        self._vitals = Vitals(settings.rosbridge_url, settings.state_dir)
+        self._graph = RosGraph(settings.rosbridge_url)
+        self._vitals = Vitals(self._graph, settings.state_dir)
         self._source_settings = SourceSettings(
             settings.video_url,
             settings.rosbridge_url,
             settings.video_source,
             settings.camera_urls,
         )
-        self._health = Health(self._source_settings)
+        self._health = Health(self._source_settings, self._graph)
         self._status_writer = StatusWriter(
             settings.run_dir, settings.server, on_state=notifier.status
         )
@@ -118,6 +120,7 @@ class Agent:
                     shell_tunnel="off",
                     guard="off" if self._guard is None else "down",
                 )
+                await self._graph.close()
 
     def _supervisor(self) -> GuardSupervisor:
         ours = self._settings
@@ -205,7 +208,9 @@ class Agent:
             await self._features.media.wait()
             await self._session_up.wait()
         frames = FramesService(
-            self._source_settings, has_video=lambda: self._health.report.video == "ok"
+            self._source_settings,
+            self._graph,
+            has_video=lambda: self._health.report.video == "ok",
         )
         try:
             async with AsyncExitStack() as ends:
@@ -258,6 +263,7 @@ class Agent:
         reporters: list[Report] = [
             partial(report_health, self._health, self._guard, self._epochs),
             partial(report_vitals, self._vitals),
+            partial(follow_drive_topic, self._graph),
         ]
         if self._guard is not None:
             reporters.append(partial(report_guard, self._guard))
@@ -432,6 +438,14 @@ async def report_vitals(vitals: Vitals, session: Session) -> None:
     """Pass on how the robot itself is."""
     first = await session.new_config(None)
     await vitals.report(session.send, lambda: (session.config or first).battery)
+
+
+async def follow_drive_topic(graph: RosGraph, session: Session) -> None:
+    """Let the graph know by which topic the server drives this robot."""
+    config = None
+    while True:
+        config = await session.new_config(config)
+        graph.drive_topic = config.battery.drive_topic
 
 
 async def report_guard(guard: GuardSupervisor, session: Session) -> None:

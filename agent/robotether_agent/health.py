@@ -3,8 +3,8 @@
 `Health` is run by the agent for its whole life. A service that is down never ends the tunnel: the server is notified,
 and the tunnel waits for it. Asks every 2 s: rosbridge by one WebSocket that is held open and pinged (a new one each
 time would fill rosbridge's log), web_video_server by its port and, once in a while, by GET /. Where there is none, or
-the settings want none, video is there when rosbridge has compressed frames or a camera of the settings answers, which
-is asked less often.
+the settings want none, video is there when rosbridge has compressed frames of this robot or a camera of the settings
+answers, which is asked less often.
 """
 
 from __future__ import annotations
@@ -23,21 +23,13 @@ from robotether_common.session import ServiceState
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import PAST_GUARD, exposed_at, port_of, rosbridge_advice
-from robotether_agent.fields import FieldError, parse_object
 from robotether_agent.problems import AgentProblem, RosbridgeDown, VideoSourceDown
-from robotether_agent.rosbridge import (
-    IMAGE_TYPE,
-    LOOK_UP,
-    is_answer,
-    topics_in,
-)
+from robotether_agent.rosbridge import RosGraph, compressed_images
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video.sources import SourceSettings
 
 PROBE_EVERY_S = 2.0
 TIMEOUT_S = 2.0
-# The list of all topics of a large robot.
-MAX_MESSAGE_BYTES = 1024 * 1024
 # rosapi, cameras and the kernel's listening sockets are asked once in so many times.
 SELDOM = 15
 SPREAD = 0.5, 1.5
@@ -66,17 +58,22 @@ class HealthReport:
 class Health:
     """The two probes and what they found last."""
 
-    def __init__(self, source_settings: SourceSettings, *, every_s: float = PROBE_EVERY_S) -> None:
+    def __init__(
+        self,
+        source_settings: SourceSettings,
+        graph: RosGraph,
+        *,
+        every_s: float = PROBE_EVERY_S,
+    ) -> None:
         self.report = HealthReport()
         self._source_settings = source_settings
+        self._graph = graph
         self._rosbridge_url = source_settings.rosbridge_url
         self._video_url = source_settings.video_url
         self._every_s = every_s
         self._rng = random.SystemRandom()
         self._condition = asyncio.Condition()
-        # The held connection, and who waits for an answer on it.
-        self._rosbridge: aiohttp.ClientWebSocketResponse | None = None
-        self._asked: asyncio.Future[dict[str, str]] | None = None
+        self._is_rosbridge_up = False
         # Whether there are frames elsewhere than at video_url; until when that counts, and with which rosbridge.
         self._elsewhere = self._elsewhere_was_up = False
         self._elsewhere_until_s = 0.0
@@ -131,12 +128,12 @@ class Health:
             raise self._rosbridge_down(describe_error(error, TIMEOUT_S)) from error
         async with socket:
             await self._ros_is(None)
-            self._rosbridge = socket
+            self._is_rosbridge_up = True
             try:
-                async for message in socket:
-                    self._on_message(message)
+                async for _ in socket:
+                    pass
             finally:
-                self._rosbridge = None
+                self._is_rosbridge_up = False
             cause = socket.exception()
         raise self._rosbridge_down(
             describe_error(cause, TIMEOUT_S) if cause else "it closed the connection"
@@ -147,36 +144,14 @@ class Health:
     ) -> aiohttp.ClientWebSocketResponse:
         # aiohttp's types differ before Python 3.11.
         return await http.ws_connect(  # type: ignore[return-value, unused-ignore]
-            self._rosbridge_url, heartbeat=self._every_s, max_msg_size=MAX_MESSAGE_BYTES
+            self._rosbridge_url, heartbeat=self._every_s
         )
-
-    def _on_message(self, message: aiohttp.WSMessage) -> None:
-        if self._asked is None or self._asked.done() or message.type is not aiohttp.WSMsgType.TEXT:
-            return
-        try:
-            operation = parse_object(message.data, "rosbridge's message")
-        except FieldError:
-            return
-        if is_answer(operation):
-            self._asked.set_result(topics_in(operation))
-
-    async def _topics(self) -> dict[str, str] | None:
-        """Return the robot's topics, or nothing where no rosapi answers."""
-        if self._rosbridge is None:
-            return None
-        self._asked = asked = asyncio.get_running_loop().create_future()
-        try:
-            await self._rosbridge.send_json(LOOK_UP)
-            await asyncio.wait({asked}, timeout=TIMEOUT_S)
-        except ConnectionError:
-            return None
-        return asked.result() if asked.done() else None
 
     async def _ask_video(self, http: aiohttp.ClientSession) -> None:
         """Raise VideoSourceDown unless there is somewhere where frames come from."""
         try:
             if self._source_settings.source == "rosbridge":
-                raise self._no_images("rosbridge has no topic of sensor_msgs/CompressedImage")
+                raise self._no_images("rosbridge has no compressed images of this robot")
             await self._ask_server(http)
         except VideoSourceDown:
             if not await self._is_elsewhere():
@@ -185,7 +160,7 @@ class Health:
 
     async def _is_elsewhere(self) -> bool:
         """Whether rosbridge or a camera of the settings has frames; asks once in a while."""
-        now_s, is_up = asyncio.get_running_loop().time(), self._rosbridge is not None
+        now_s, is_up = asyncio.get_running_loop().time(), self._is_rosbridge_up
         if now_s >= self._elsewhere_until_s or is_up != self._elsewhere_was_up:
             self._elsewhere = await self._has_images() or await self._has_camera()
             self._elsewhere_until_s = now_s + SELDOM * self._every_s
@@ -193,13 +168,15 @@ class Health:
         return self._elsewhere
 
     async def _has_images(self) -> bool:
-        if self._source_settings.source == "web_video_server":
+        if self._source_settings.source == "web_video_server" or not self._is_rosbridge_up:
             return False
-        topics = await self._topics()
-        if topics is None:
+        try:
+            return bool(compressed_images(await self._graph.own_topics()))
+        except asyncio.TimeoutError:
             # No rosapi: who chose rosbridge knows that it has frames.
-            return self._source_settings.source == "rosbridge" and self._rosbridge is not None
-        return IMAGE_TYPE in topics.values()
+            return self._source_settings.source == "rosbridge"
+        except (aiohttp.ClientError, OSError):
+            return False
 
     async def _has_camera(self) -> bool:
         for url in self._source_settings.cameras.values():
@@ -234,7 +211,7 @@ class Health:
         return VideoSourceDown(f"web_video_server at {self._video_url} does not answer: {reason}")
 
     def _no_images(self, reason: str) -> AgentProblem:
-        if self._rosbridge is None:
+        if not self._is_rosbridge_up:
             reason = "rosbridge, the source of its video, does not answer"
         return VideoSourceDown(f"there is no video: {reason}")
 

@@ -1,14 +1,17 @@
-"""The agent's own use of rosbridge: asks rosapi, and subscribes to a topic.
+"""The agent's own use of rosbridge: asks rosapi what the robot has, and subscribes to a topic.
 
-Used for video and battery, each on a connection of its own and only while somebody wants what it brings.
-Never publishes, and never calls anything but rosapi's look-ups. Messages of a connection are read by one task alone.
+`RosGraph` answers for health, battery and video, over one connection. Each subscription has its own, and only while
+somebody wants what it brings. Never publishes, and never calls anything but rosapi's look-ups. Messages of a connection
+are read by one task alone.
 """
 
 from __future__ import annotations
 
+import asyncio
+import itertools
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import aiohttp
 
@@ -20,9 +23,14 @@ ANSWER_WITHIN_S = 3.0
 HEARTBEAT_S = 10.0
 CLOSE_WITHIN_S = 0.5
 CALL_ID = "robotether_agent:call"
-LOOK_UP_ID = "robotether_agent:topics"
-LOOK_UP = {"op": "call_service", "id": LOOK_UP_ID, "service": "/rosapi/topics", "args": {}}
+# Interval before a rosapi that did not answer is asked again, on a new connection.
+SILENT_S = 120.0
+RAW_IMAGE_TYPE = "sensor_msgs/Image"
 IMAGE_TYPE = "sensor_msgs/CompressedImage"
+COMPRESSED = "/compressed"
+# Endings of what image_transport publishes as CompressedImage and no browser shows.
+NOT_SHOWN = ("/compressedDepth", "/zstd")
+USUAL_CAMERA = "/camera/image_raw"
 # Whatever takes one of these may be another robot.
 DRIVE_TYPES = (
     "geometry_msgs/Twist",
@@ -31,6 +39,8 @@ DRIVE_TYPES = (
 )
 # Maximum size of an answer: the list of all topics of a large robot.
 MAX_ANSWER_BYTES = 1024 * 1024
+
+T = TypeVar("T")
 
 
 class Rosbridge:
@@ -41,13 +51,26 @@ class Rosbridge:
 
     async def call(self, service: str, args: Mapping[str, object]) -> JsonObject:
         """Return what a service answers, nothing if it refuses. On a connection without subscriptions only."""
-        call = {"op": "call_service", "id": CALL_ID, "service": service, "args": args}
+        await self.send_call(CALL_ID, service, args)
+        while True:
+            call_id, values = await self.answer()
+            if call_id == CALL_ID:
+                return values
+
+    async def send_call(self, call_id: str, service: str, args: Mapping[str, object]) -> None:
+        """Call a service; `answer` gives what it says."""
+        call = {"op": "call_service", "id": call_id, "service": service, "args": args}
         await self._socket.send_json(call)
+
+    async def answer(self) -> tuple[object, JsonObject]:
+        """Return the id of the next call that is answered, and the answer, which is empty if the service refused."""
         while True:
             operation = await self._operation()
-            if operation.get("op") == "service_response" and operation.get("id") == CALL_ID:
+            if operation.get("op") == "service_response":
                 values = operation.get("values")
-                return cast("JsonObject", values) if isinstance(values, dict) else {}
+                return operation.get("id"), cast(
+                    "JsonObject", values if isinstance(values, dict) else {}
+                )
 
     async def subscribe(self, topic: str, kind: str, *, throttle_ms: int) -> None:
         """Ask for the newest message of a topic, one each `throttle_ms` at most."""
@@ -95,40 +118,154 @@ async def ask_rosapi(url: str, look_up: str, args: Mapping[str, object]) -> Json
         return await within(ANSWER_WITHIN_S, rosbridge.call(f"/rosapi/{look_up}", args))
 
 
-async def rosapi_topics(url: str) -> dict[str, str]:
-    """Return each topic's type, as rosapi lists them; raises as `ask_rosapi` does."""
-    return topics_in({"values": await ask_rosapi(url, "topics", {})})
+class RosGraph:
+    """Asks rosapi what there is on the robot's ROS graph, over one connection that stays open and carries nothing else.
+
+    So a rosapi that is silent costs this connection alone, and rosbridge's log has no line for each question.
+    """
+
+    def __init__(self, url: str) -> None:
+        # Tells this robot's topics from another's on the same graph; empty while no server has named it.
+        self.drive_topic = ""
+        self.url = url
+        self._opened: asyncio.Future[Rosbridge]
+        self._reader: asyncio.Future[None] | None = None
+        self._ids = itertools.count()
+        self._answers: dict[object, asyncio.Future[JsonObject]] = {}
+        # When an answer was late first, of those that have not come yet.
+        self._silent_since_s: float | None = None
+
+    async def topics(self) -> dict[str, str]:
+        """Return each topic's type; raises as `ask` does."""
+        return topics_in(await self.ask("topics", {}))
+
+    async def own_topics(self) -> dict[str, str]:
+        """Return the types of this robot's topics; raises as `ask` does."""
+        return own_topics(await self.topics(), self.drive_topic)
+
+    async def is_published(self, topic: str) -> bool:
+        """Whether somebody publishes a topic, as far as rosapi says; raises as `ask` does."""
+        return (await self.ask("publishers", {"topic": topic})).get("publishers") != []
+
+    async def ask(self, look_up: str, args: Mapping[str, object]) -> JsonObject:
+        """Return what one of rosapi's look-ups answers.
+
+        asyncio.TimeoutError where it does not answer, at once if it is known to be silent; else as `connected`.
+        """
+        now_s = asyncio.get_running_loop().time()
+        if self._silent_since_s is not None and self._reader is not None:
+            if now_s - self._silent_since_s < SILENT_S:
+                raise asyncio.TimeoutError
+            await self.close()
+        try:
+            return await within(ANSWER_WITHIN_S, self._answer(look_up, args))
+        except asyncio.TimeoutError:
+            self._silent_since_s = now_s
+            raise
+
+    async def close(self) -> None:
+        """End the connection; the next question opens another one."""
+        if self._reader is not None:
+            self._reader.cancel()
+            await asyncio.wait({self._reader})
+
+    async def _answer(self, look_up: str, args: Mapping[str, object]) -> JsonObject:
+        loop = asyncio.get_running_loop()
+        if self._reader is None:
+            self._silent_since_s = None
+            self._opened = loop.create_future()
+            self._reader = asyncio.ensure_future(self._read(self._opened))
+            self._reader.add_done_callback(self._on_end)
+        reader = self._reader
+        rosbridge = await _unless_ended(self._opened, reader)
+        call_id = f"{CALL_ID}:{next(self._ids)}"
+        self._answers[call_id] = answer = loop.create_future()
+        try:
+            await rosbridge.send_call(call_id, f"/rosapi/{look_up}", args)
+            return await _unless_ended(answer, reader)
+        finally:
+            del self._answers[call_id]
+
+    async def _read(self, opened: asyncio.Future[Rosbridge]) -> None:
+        async with connected(self.url, max_message_bytes=MAX_ANSWER_BYTES) as rosbridge:
+            opened.set_result(rosbridge)
+            while True:
+                call_id, values = await rosbridge.answer()
+                self._silent_since_s = None
+                answer = self._answers.get(call_id)
+                if answer is not None and not answer.done():
+                    answer.set_result(values)
+
+    def _on_end(self, reader: asyncio.Future[None]) -> None:
+        self._reader = self._silent_since_s = None
+        if not reader.cancelled():
+            # Who asks now is told; if nobody does, asyncio must not complain.
+            reader.exception()
 
 
-def is_answer(operation: Mapping[str, object]) -> bool:
-    """Whether this is the answer to LOOK_UP."""
-    return operation.get("op") == "service_response" and operation.get("id") == LOOK_UP_ID
+async def _unless_ended(awaited: asyncio.Future[T], reader: asyncio.Future[None]) -> T:
+    """Return what is awaited, or raise what ended the reader."""
+    both: set[asyncio.Future[Any]] = {awaited, reader}
+    await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+    if not awaited.done():
+        if reader.cancelled():
+            raise ConnectionError("the connection to rosapi was closed")
+        reader.result()
+    return awaited.result()
 
 
-def topics_in(answer: Mapping[str, object]) -> dict[str, str]:
+def topics_in(answer: JsonObject) -> dict[str, str]:
     """Return the types by topic of an answer of rosapi's; what is not as it should be is left out."""
-    values = answer.get("values")
-    if not isinstance(values, dict):
-        return {}
-    names, types = values.get("topics"), values.get("types")
+    names, types = answer.get("topics"), answer.get("types")
     if not isinstance(names, list) or not isinstance(types, list):
         return {}
     pairs = zip(names, types, strict=False)
     return {n: same_type(t) for n, t in pairs if isinstance(n, str) and isinstance(t, str)}
 
 
+def own_topics(topics: Mapping[str, str], drive_topic: str) -> dict[str, str]:
+    """Return the topics without those of other robots, which may share the ROS graph.
+
+    The drive topic's namespace decides, as on the drive page (ownTopics.js): a branch beside it, or in it where it is
+    the root, that has a drive topic of its own is another robot. Without a drive topic all are this robot's.
+    """
+    if not drive_topic:
+        return dict(topics)
+    *home, last = _segments(drive_topic)
+    driving = [
+        n for n, kind in topics.items() if kind in DRIVE_TYPES or _segments(n)[-1:] == [last]
+    ]
+    others = {_branch(name, home) for name in driving} - {None}
+    return {name: kind for name, kind in topics.items() if _branch(name, home) not in others}
+
+
 def own_topic(
     topics: Mapping[str, str], kind: str, usual: Sequence[str], drive_topic: str
 ) -> str | None:
-    """Return this robot's topic of a type, or nothing where it has none or several fit equally well.
-
-    Several robots may share a ROS graph: the drive topic's namespace decides, as on the drive page (ownTopics.js).
-    """
-    home = _segments(drive_topic)[:-1] if drive_topic else None
-    own = [name for name in _without_others(topics, home, drive_topic) if topics[name] == kind]
-    ranked = sorted((_rank(name, home or [], usual), name) for name in own)
+    """Return this robot's topic of a type, or nothing where it has none or several fit equally well."""
+    home = _segments(drive_topic)[:-1]
+    own = [name for name, its in own_topics(topics, drive_topic).items() if its == kind]
+    ranked = sorted((_rank(name, home, usual), name) for name in own)
     is_tie = len(ranked) > 1 and ranked[0][0] == ranked[1][0]
     return ranked[0][1] if ranked and not is_tie else None
+
+
+def compressed_images(topics: Mapping[str, str]) -> dict[str, str]:
+    """Return the topics of CompressedImage that can be shown, as far as their names say."""
+    return {
+        name: kind
+        for name, kind in topics.items()
+        if kind == IMAGE_TYPE and not name.endswith(NOT_SHOWN)
+    }
+
+
+def camera_topics(own: Mapping[str, str]) -> list[str]:
+    """Return the cameras among a robot's own topics, the usual one first, as on the drive page (discovery.js)."""
+    raw = {name for name, kind in own.items() if kind == RAW_IMAGE_TYPE}
+    # What lies under a raw image is that image by another transport.
+    alone = (name for name in compressed_images(own) if name.rpartition("/")[0] not in raw)
+    cameras = raw | {name.removesuffix(COMPRESSED) or name for name in alone}
+    return sorted(cameras, key=lambda name: (name != USUAL_CAMERA, name))
 
 
 def _segments(name: str) -> list[str]:
@@ -147,20 +284,6 @@ def _branch(name: str, home: Sequence[str]) -> tuple[str, ...] | None:
     shared = _shared(path, home)
     leaves = len(path) > shared and (shared < len(home) or not home)
     return tuple(path[: shared + 1]) if leaves else None
-
-
-def _without_others(
-    topics: Mapping[str, str], home: Sequence[str] | None, drive_topic: str
-) -> list[str]:
-    """Return the topics that lie in no branch with a drive topic of its own: such a branch is another robot."""
-    if home is None:
-        return list(topics)
-    last = _segments(drive_topic)[-1]
-    driving = [
-        n for n, kind in topics.items() if kind in DRIVE_TYPES or _segments(n)[-1:] == [last]
-    ]
-    others = {_branch(name, home) for name in driving} - {None}
-    return [name for name in topics if _branch(name, home) not in others]
 
 
 def _rank(name: str, home: Sequence[str], usual: Sequence[str]) -> tuple[int, int, int]:

@@ -3,7 +3,7 @@
 Started by the agent beside the video proxy, which leads here what is its own; listens on 127.0.0.1 alone, as the
 robot's own services do. Each answer ends its connection, so that the next request on it cannot miss the other service.
 
-    service = FramesService(places)
+    service = FramesService(places, graph)
     port = await service.start()
     await service.close()
 """
@@ -22,10 +22,17 @@ from aiohttp import web
 from robotether_common.frames import MAX_TEXT_BYTES, PATH, StreamRequest
 
 from robotether_agent.fields import FieldError
+from robotether_agent.rosbridge import RosGraph
 from robotether_agent.tasks import within
 from robotether_agent.video.receiver import Receiver
 from robotether_agent.video.shared_sources import MAX_SHARED_SOURCES, SharedSources
-from robotether_agent.video.sources import CameraFrame, SourceRequest, Sources, SourceSettings
+from robotether_agent.video.sources import (
+    CameraFrame,
+    SourceDownError,
+    SourceRequest,
+    Sources,
+    SourceSettings,
+)
 
 ADDRESS = "127.0.0.1"
 MAX_TOPIC_LENGTH = 256
@@ -48,21 +55,26 @@ class FramesService:
     """All receivers of this robot's frames."""
 
     def __init__(
-        self, source_settings: SourceSettings, *, has_video: Callable[[], bool] = lambda: True
+        self,
+        source_settings: SourceSettings,
+        graph: RosGraph,
+        *,
+        has_video: Callable[[], bool] = lambda: True,
     ) -> None:
         self._source_settings = source_settings
+        self._graph = graph
         self._has_video = has_video
         self._topics: Counter[str] = Counter()
 
     async def start(self) -> int:
         """Listen, and return the port, which the kernel chooses."""
         self._http = aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0))
-        self._sources = Sources(self._http, self._source_settings)
+        self._sources = Sources(self._http, self._source_settings, self._graph)
         self._shared_sources = SharedSources(self._sources.run)
         app = web.Application(middlewares=[_one_answer])
         app.router.add_get(PATH, self._frames)
-        for path in ("/snapshot", "/robotether/snapshot"):
-            app.router.add_get(path, self._snapshot, allow_head=False)
+        app.router.add_get("/snapshot", self._snapshot, allow_head=False)
+        app.router.add_get("/robotether/snapshot", self._snapshot_of_any, allow_head=False)
         app.router.add_get("/stream", self._stream, allow_head=False)
         app.router.add_get("/", self._list)
         # Cancellation ends an answer whose asker is gone also while it waits for a frame.
@@ -122,8 +134,23 @@ class FramesService:
             request.transport.abort()
         return web.Response(text="the agent's own video: /stream?topic=, /snapshot?topic=\n")
 
+    async def _snapshot_of_any(self, request: web.Request) -> web.StreamResponse:
+        """Answer with a still of the camera that is named, or else of the robot's first."""
+        if "topic" in request.query:
+            return await self._snapshot(request)
+        try:
+            topic = await self._sources.first_camera()
+        except SourceDownError as down:
+            raise web.HTTPServiceUnavailable(text=f"{down}\n") from down
+        if topic is None:
+            raise web.HTTPNotFound(text="this robot has no camera\n")
+        return await self._first_frame(_asked(request, topic))
+
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
-        newest = _Newest(self._shared_sources, _asked(request))
+        return await self._first_frame(_asked(request, _topic(request)))
+
+    async def _first_frame(self, source_request: SourceRequest) -> web.StreamResponse:
+        newest = _Newest(self._shared_sources, source_request)
         try:
             frame = await newest.first()
         finally:
@@ -131,7 +158,7 @@ class FramesService:
         return web.Response(body=frame.jpeg, content_type="image/jpeg")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        source_request = _asked(request)
+        source_request = _asked(request, _topic(request))
         self._check_room(source_request.topic)
         self._topics[source_request.topic] += 1
         newest = _Newest(self._shared_sources, source_request)
@@ -203,7 +230,7 @@ def _topic(request: web.Request) -> str:
     return topic
 
 
-def _asked(request: web.Request) -> SourceRequest:
+def _asked(request: web.Request, topic: str) -> SourceRequest:
     """Return what a URL of web_video_server's kind asks for; its other words are not known here."""
     query = request.query
     try:
@@ -212,9 +239,7 @@ def _asked(request: web.Request) -> SourceRequest:
     except ValueError as error:
         raise web.HTTPBadRequest(text="quality, width and height are whole numbers\n") from error
     width, height = sizes if len(sizes) == 2 else (None, None)  # noqa: PLR2004
-    return SourceRequest(
-        _topic(request), max(1, min(quality, 100)), width, height, StreamRequest.fps
-    )
+    return SourceRequest(topic, max(1, min(quality, 100)), width, height, StreamRequest.fps)
 
 
 async def _pour(request: web.Request, first: CameraFrame, newest: _Newest) -> web.StreamResponse:

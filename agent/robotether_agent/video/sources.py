@@ -1,7 +1,7 @@
 """Opens a camera's source by its name and the settings: one function a kind.
 
 mjpeg      web_video_server's /stream, and any URL that `cameras` names
-rosbridge  sensor_msgs/CompressedImage
+rosbridge  sensor_msgs/CompressedImage, also of a camera that web_video_server cannot show
 
 Each runs until it is cancelled or its source ends, raises SourceDownError in the latter case, and reads on as fast as
 frames come: what is not wanted is dropped by whoever takes them, so that nothing waits in between.
@@ -14,10 +14,9 @@ import base64
 import binascii
 import struct
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from email.message import Message
 from typing import NoReturn
 from urllib.parse import quote
 
@@ -28,8 +27,22 @@ from yarl import URL
 from robotether_agent.clock import robot_time
 from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject, printable
-from robotether_agent.rosbridge import IMAGE_TYPE, connected, rosapi_topics
+from robotether_agent.rosbridge import (
+    COMPRESSED,
+    IMAGE_TYPE,
+    RAW_IMAGE_TYPE,
+    RosGraph,
+    camera_topics,
+    compressed_images,
+    connected,
+)
 from robotether_agent.tasks import first_of, within
+from robotether_agent.video.multipart import (
+    MultipartBrokenError,
+    MultipartParser,
+    Part,
+    boundary_of,
+)
 
 # What is older than this was stamped by another clock than this robot's.
 NEAR_S = 10.0
@@ -40,9 +53,8 @@ STALL_S = 10.0
 SERVER_STALL_S = 60.0
 # Where both kinds may be, so often is looked whether web_video_server has come back.
 RECHECK_S = 10.0
-COMPRESSED = "/compressed"
-MAX_HEAD_BYTES = 8 * 1024
-BLANK = b"\r\n"
+# Without a frame for this time, ROS is asked whether web_video_server can show the camera at all.
+FIRST_FRAME_S = 1.0
 # As base64, and what is around it.
 MAX_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
 # rosbridge sends nothing sooner than this part of the time between two frames; all of it would drop every second one
@@ -85,6 +97,10 @@ class SourceDownError(Exception):
         super().__init__(message)
         # False: nothing listens where the source should be, so that another kind may be tried.
         self.answers = answers
+
+
+class OnlyCompressedError(SourceDownError):
+    """A camera has compressed images alone: web_video_server makes its frames of raw ones."""
 
 
 OnFrame = Callable[[CameraFrame], None]
@@ -130,9 +146,25 @@ class SourceSettings:
 class Sources:
     """Opens the source of any camera."""
 
-    def __init__(self, http: aiohttp.ClientSession, source_settings: SourceSettings) -> None:
+    def __init__(
+        self, http: aiohttp.ClientSession, source_settings: SourceSettings, graph: RosGraph
+    ) -> None:
         self._http = http
         self._source_settings = source_settings
+        self._graph = graph
+        # What web_video_server could not show: cameras that have compressed images alone, and encodings by camera.
+        self._compressed: set[str] = set()
+        self._encodings: dict[str, str] = {}
+
+    async def first_camera(self) -> str | None:
+        """Return the robot's first camera, or nothing where it has none; SourceDownError where nobody knows."""
+        try:
+            own = await self._graph.own_topics()
+        except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+            raise SourceDownError("rosapi does not say which cameras there are") from error
+        if self._source_settings.source == "rosbridge":
+            own = compressed_images(own)
+        return next(iter(camera_topics(own)), None)
 
     def steps_quality(self, topic: str) -> bool:
         """Whether quality and size of a camera can be asked for, as far as is known before it is opened."""
@@ -150,8 +182,7 @@ class Sources:
             on_kind("mjpeg")
             await run_mjpeg(self._http, url, on_frame, what=f"camera {source_request.topic}")
         elif self._source_settings.source == "rosbridge":
-            on_kind("rosbridge")
-            await run_rosbridge(self._source_settings.rosbridge_url, source_request, on_frame)
+            await self._run_rosbridge(source_request, on_frame, on_kind)
         elif self._source_settings.source == "web_video_server":
             on_kind("web_video_server")
             await self._run_server(source_request, on_frame)
@@ -159,33 +190,106 @@ class Sources:
             await self._run_either(source_request, on_frame, on_kind)
         raise SourceDownError("it ended")
 
+    async def _run_rosbridge(
+        self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
+    ) -> None:
+        on_kind("rosbridge")
+        await run_rosbridge(self._graph, source_request, on_frame)
+
     async def _run_server(self, source_request: SourceRequest, on_frame: OnFrame) -> None:
-        video_url = self._source_settings.video_url
-        await run_mjpeg(
+        video_url, topic = self._source_settings.video_url, source_request.topic
+        has_frame, nothing = asyncio.Event(), no_frames(topic)
+
+        def on_server_frame(frame: CameraFrame) -> None:
+            if not has_frame.is_set():
+                has_frame.set()
+                self._encodings.pop(_full_name(topic), None)
+            on_frame(frame)
+
+        stream = run_mjpeg(
             self._http,
             stream_url(video_url, source_request),
-            on_frame,
+            on_server_frame,
             what=f"web_video_server at {video_url}",
-            # It ends the stream of a topic that it does not know.
-            end=no_frames(source_request.topic),
+            # It ends the stream of a topic that it does not know, or of which it cannot convert the images.
+            end=nothing,
             stall_s=SERVER_STALL_S,
         )
+        try:
+            await first_of(stream, self._doubt(topic, has_frame))
+        except SourceDownError as down:
+            if str(down) != nothing or has_frame.is_set():
+                raise
+            raise await self._lack_of(topic, has_ended=True) or down from down
+
+    async def _doubt(self, topic: str, has_frame: asyncio.Event) -> None:
+        """Raise why web_video_server has no frame, where ROS knows it; else its stream goes on."""
+        with suppress(asyncio.TimeoutError):
+            await within(FIRST_FRAME_S, has_frame.wait())
+        if not has_frame.is_set() and (lack := await self._lack_of(topic)) is not None:
+            raise lack
+        await asyncio.Event().wait()
+
+    async def _lack_of(self, topic: str, *, has_ended: bool = False) -> SourceDownError | None:
+        """Return why web_video_server cannot show a camera, or nothing where ROS does not know."""
+        name = _full_name(topic)
+        with suppress(aiohttp.ClientError, OSError, asyncio.TimeoutError):
+            topics = await self._graph.topics()
+            if topics.get(name) != RAW_IMAGE_TYPE or not await self._graph.is_published(name):
+                return _no_raw_images(name, topics)
+            if has_ended:
+                return SourceDownError(
+                    f"web_video_server shows no images of {printable(name, 100)}, "
+                    f"which have the encoding {await self._encoding_of(name)}"
+                )
+        return None
+
+    async def _encoding_of(self, name: str) -> str:
+        # Asked once: each raw image is much work for rosbridge, which also carries what drives the robot.
+        if name not in self._encodings:
+            async with connected(self._graph.url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
+                await rosbridge.subscribe(name, RAW_IMAGE_TYPE, throttle_ms=1000)
+                message = await within(CONNECT_WITHIN_S, rosbridge.message())
+            self._encodings[name] = printable(str(message.get("encoding", "")), 40)
+        return self._encodings[name]
 
     async def _run_either(
         self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
     ) -> None:
-        """Use rosbridge while nothing answers where web_video_server should be."""
+        if source_request.topic in self._compressed:
+            await self._run_compressed(source_request, on_frame, on_kind)
         on_kind("web_video_server")
         try:
             await self._run_server(source_request, on_frame)
+        except OnlyCompressedError:
+            await self._run_compressed(source_request, on_frame, on_kind)
         except SourceDownError as down:
             if down.answers:
                 raise
-            first = down
-        on_kind("rosbridge")
+            await self._run_instead(source_request, on_frame, on_kind, down)
+
+    async def _run_compressed(
+        self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
+    ) -> None:
+        """Use rosbridge for a camera that has no raw images, and from now on at once."""
+        self._compressed.add(source_request.topic)
+        try:
+            await self._run_rosbridge(source_request, on_frame, on_kind)
+        except SourceDownError:
+            self._compressed.discard(source_request.topic)
+            raise
+
+    async def _run_instead(
+        self,
+        source_request: SourceRequest,
+        on_frame: OnFrame,
+        on_kind: OnKind,
+        first: SourceDownError,
+    ) -> None:
+        """Use rosbridge while nothing answers where web_video_server should be."""
         try:
             await first_of(
-                run_rosbridge(self._source_settings.rosbridge_url, source_request, on_frame),
+                self._run_rosbridge(source_request, on_frame, on_kind),
                 self._until_server_answers(),
             )
         except SourceDownError as down:
@@ -248,6 +352,9 @@ async def run_mjpeg(
 
 def _pass_part(part: Part, on_frame: OnFrame) -> None:
     if not part.body.startswith(JPEG_START):
+        kind = part.headers.get("content-type", "")
+        if kind.startswith("image/") and not kind.startswith("image/jp"):
+            raise MultipartBrokenError(f"it sends {printable(kind, 40)}, not JPEG")
         return
     arrived = now()
     stamp: float | None = None
@@ -257,11 +364,13 @@ def _pass_part(part: Part, on_frame: OnFrame) -> None:
     on_frame(CameraFrame(part.body, timestamp_s, arrived.robot_s, is_stamped))
 
 
-async def run_rosbridge(url: str, source_request: SourceRequest, on_frame: OnFrame) -> NoReturn:
+async def run_rosbridge(
+    graph: RosGraph, source_request: SourceRequest, on_frame: OnFrame
+) -> NoReturn:
     """Give the frames of a CompressedImage topic."""
     try:
-        topic = await _image_topic(url, source_request.topic)
-        async with connected(url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
+        topic = await _image_topic(graph, source_request.topic)
+        async with connected(graph.url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
             throttle_ms = int(1000 * THROTTLE / source_request.fps)
             await rosbridge.subscribe(topic, IMAGE_TYPE, throttle_ms=throttle_ms)
             while True:
@@ -272,22 +381,44 @@ async def run_rosbridge(url: str, source_request: SourceRequest, on_frame: OnFra
         raise SourceDownError(f"rosbridge sent no frame for {STALL_S:g} s") from error
     except (aiohttp.ClientError, OSError) as error:
         reason = describe_error(error, CONNECT_WITHIN_S)
-        raise SourceDownError(f"rosbridge at {url} sends no frames: {reason}") from error
+        raise SourceDownError(f"rosbridge at {graph.url} sends no frames: {reason}") from error
 
 
-async def _image_topic(url: str, wanted: str) -> str:
+async def _image_topic(graph: RosGraph, wanted: str) -> str:
     """Return the name under which rosbridge has a camera's compressed frames."""
-    name = wanted if wanted.startswith("/") else f"/{wanted}"
-    names = (name, f"{name}{COMPRESSED}")
+    name = _full_name(wanted)
     try:
-        topics = await rosapi_topics(url)
+        topic = _compressed_of(name, await graph.topics())
     except asyncio.TimeoutError:
         # No rosapi: by what image_transport calls it.
-        return name if name.endswith(COMPRESSED) else names[1]
-    for found in names:
-        if topics.get(found) == IMAGE_TYPE:
-            return found
-    raise SourceDownError(f"rosbridge has no compressed images of {printable(name, 100)}")
+        return name if name.endswith(COMPRESSED) else f"{name}{COMPRESSED}"
+    if topic is None:
+        raise SourceDownError(f"rosbridge has no compressed images of {printable(name, 100)}")
+    return topic
+
+
+def _full_name(topic: str) -> str:
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
+def _compressed_of(name: str, topics: Mapping[str, str]) -> str | None:
+    names = (name, f"{name}{COMPRESSED}")
+    return next((each for each in names if topics.get(each) == IMAGE_TYPE), None)
+
+
+def _no_raw_images(name: str, topics: Mapping[str, str]) -> SourceDownError | None:
+    """Return why there are no raw images of a name; nothing where nobody knows the name."""
+    compressed, kind = _compressed_of(name, topics), topics.get(name, RAW_IMAGE_TYPE)
+    if compressed is not None:
+        return OnlyCompressedError(
+            f"{printable(compressed, 100)} has compressed images alone, which web_video_server "
+            "does not show; set video_source to auto in the agent's settings"
+        )
+    if kind != RAW_IMAGE_TYPE:
+        return SourceDownError(
+            f"{printable(name, 100)} has messages of {printable(kind, 100)}, which is no video"
+        )
+    return None
 
 
 def _frame_of(message: JsonObject, topic: str) -> CameraFrame:
@@ -328,96 +459,3 @@ def jpeg_size(jpeg: bytes) -> tuple[int, int] | None:
             return (width, height) if width and height else None
         at += 2 + _SEGMENT.unpack_from(jpeg, at + 2)[0]
     return None
-
-
-class MultipartBrokenError(ValueError):
-    """What came is no such stream."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """One part: its headers, with names in lower case, and its body."""
-
-    headers: Mapping[str, str]
-    body: bytes
-
-
-def boundary_of(content_type: str) -> bytes:
-    """Return the bytes between parts; MultipartBrokenError for another type than multipart."""
-    message = Message()
-    message["Content-Type"] = content_type
-    boundary = message.get_param("boundary")
-    if message.get_content_maintype() != "multipart" or not isinstance(boundary, str):
-        raise MultipartBrokenError(f"it sends {content_type or 'no type'}, not multipart frames")
-    return b"--" + boundary.strip().strip('"').lstrip("-").encode("latin-1", "replace")
-
-
-class MultipartParser:
-    """The parts of one stream of multipart/x-mixed-replace, from the bytes as they come; never holds more than one.
-
-    Cameras differ: some name no length, some have the dashes of the boundary in its name already, some end lines in LF.
-    """
-
-    def __init__(self, boundary: bytes) -> None:
-        self._boundary = boundary
-        self._buffer = bytearray()
-        self._headers: Mapping[str, str] | None = None
-        # Where the search for the next boundary goes on.
-        self._searched = 0
-
-    def feed(self, data: bytes) -> Iterator[Part]:
-        """Yield the parts that `data` completes."""
-        self._buffer += data
-        while True:
-            if self._headers is None:
-                self._headers = self._head()
-            if self._headers is None:
-                return
-            body = self._body(self._headers)
-            if body is None:
-                return
-            part = Part(self._headers, body)
-            self._headers, self._searched = None, 0
-            yield part
-
-    def _head(self) -> Mapping[str, str] | None:
-        start = len(self._buffer) - len(self._buffer.lstrip(BLANK))
-        ends = [
-            (at, len(mark))
-            for mark in (b"\r\n\r\n", b"\n\n")
-            if (at := self._buffer.find(mark, start)) >= 0
-        ]
-        if not ends:
-            if len(self._buffer) > MAX_HEAD_BYTES:
-                raise MultipartBrokenError("a part's headers do not end")
-            return None
-        at, length = min(ends)
-        lines = self._buffer[start:at].decode("latin-1").splitlines()
-        del self._buffer[: at + length]
-        fields = (line.partition(":") for line in lines if ":" in line)
-        return {name.strip().lower(): value.strip() for name, _, value in fields}
-
-    def _body(self, headers: Mapping[str, str]) -> bytes | None:
-        length = headers.get("content-length", "")
-        if length.isascii() and length.isdecimal():
-            return self._sized(int(length[:12]))
-        at = self._buffer.find(self._boundary, self._searched)
-        if at < 0:
-            self._check(len(self._buffer))
-            self._searched = max(0, len(self._buffer) - len(self._boundary))
-            return None
-        body = bytes(self._buffer[:at])
-        del self._buffer[:at]
-        return body.removesuffix(b"\n").removesuffix(b"\r")
-
-    def _sized(self, length: int) -> bytes | None:
-        self._check(length)
-        if len(self._buffer) < length:
-            return None
-        body = bytes(self._buffer[:length])
-        del self._buffer[:length]
-        return body
-
-    def _check(self, length: int) -> None:
-        if length > MAX_FRAME_BYTES:
-            raise MultipartBrokenError(f"it sends a frame of over {MAX_FRAME_BYTES} bytes")

@@ -46,6 +46,9 @@ class FakeVideoServer:
         self.number = 0
         self.stamp: Callable[[], float] | None = time.time
         self.names_length = True
+        self.content_type = "image/jpeg"
+        # Sent in place of a JPEG.
+        self.picture: bytes | None = None
         self.asked: list[dict[str, str]] = []
         self.open = 0
         self.open_most = 0
@@ -123,10 +126,10 @@ class FakeVideoServer:
         while self.mode == "streams":
             async with self._made:
                 await self._made.wait()
-            head = "Content-type: image/jpeg\r\n"
+            head = f"Content-type: {self.content_type}\r\n"
             if self.stamp is not None:
                 head += f"X-Timestamp: {self.stamp():.06f}\r\n"
-            jpeg = fake_jpeg(self.number, size=size, length=length)
+            jpeg = self.picture or fake_jpeg(self.number, size=size, length=length)
             if self.names_length:
                 head += f"Content-Length: {len(jpeg)}\r\n"
             await answer.write(head.encode() + b"\r\n" + jpeg + b"\r\n--b\r\n")

@@ -20,6 +20,7 @@ from robotether_agent.battery import (
     battery_topic,
     unit_shown,
 )
+from robotether_agent.rosbridge import RosGraph
 from robotether_common.session import Battery
 from stopwatch import Stopwatch
 
@@ -37,19 +38,20 @@ def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 async def report(tmp_path: Path) -> AsyncIterator[Callable[[str], Told]]:
     """Starts to tell, and ends it."""
-    tasks = []
+    tasks, graphs = [], []
     settings = [BatterySettings(drive_topic="/cmd_vel")]
 
     def start(url: str) -> Told:
         reported: Told = []
-        vitals = Vitals(url, tmp_path, every_s=EVERY_S)
+        graphs.append(RosGraph(url))
+        vitals = Vitals(graphs[-1], tmp_path, every_s=EVERY_S)
         tasks.append(asyncio.ensure_future(vitals.report(reported.append, lambda: settings[0])))
         return reported
 
     yield start
     for task in tasks:
         task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
+    await asyncio.gather(*tasks, *(graph.close() for graph in graphs), return_exceptions=True)
 
 
 def state(percentage: float | None, status: int = 2) -> dict[str, object]:
@@ -124,13 +126,15 @@ async def test_a_robot_without_a_battery_tells_nothing(report):
 async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end(tmp_path):
     """The guard is told of a lost session after this has ended."""
     async with FakeRosbridge("slow_reader") as robot:
-        vitals = Vitals(f"ws://127.0.0.1:{robot.port}", tmp_path)
+        graph = RosGraph(f"ws://127.0.0.1:{robot.port}")
+        vitals = Vitals(graph, tmp_path)
         task = asyncio.ensure_future(vitals.report(lambda _: None, BatterySettings))
         await eventually(lambda: len(robot.got) == 1, lambda: str(robot.got))
         with Stopwatch() as stopwatch:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
         assert stopwatch.s < 0.05
+        await graph.close()
 
 
 @pytest.mark.parametrize("percentage", [1.0, 0.6])
@@ -227,27 +231,6 @@ def test_a_unit_is_kept_for_its_topic_and_percent_for_good(tmp_path):
     assert UnitMemory(tmp_path).of("/b") is None
     (tmp_path / "battery.json").write_text('{"topic": "/a", "unit": "volts"}')
     assert UnitMemory(tmp_path).of("/a") is None
-
-
-def test_the_battery_is_that_of_the_drive_topics_robot():
-    kind = "sensor_msgs/BatteryState"
-    graph = {
-        f"/{robot}/{name}": of
-        for robot in ("robot1", "robot2", "robot10")
-        for name, of in (("cmd_vel", "geometry_msgs/Twist"), ("battery_state", kind))
-    }
-    assert battery_topic(graph, "/robot2/cmd_vel") == "/robot2/battery_state"
-    assert battery_topic(graph, "/robot10/cmd_vel") == "/robot10/battery_state"
-    assert battery_topic(graph, "/cmd_vel") is None
-    del graph["/robot2/battery_state"]
-    assert battery_topic(graph, "/robot2/cmd_vel") is None
-    assert (
-        battery_topic(
-            {"/fleet/a/base/cmd_vel": "", "/fleet/a/battery": kind, "/battery": kind},
-            "/fleet/a/base/cmd_vel",
-        )
-        == "/fleet/a/battery"
-    )
 
 
 def test_of_several_batteries_the_usual_one_counts_and_of_equal_ones_none():

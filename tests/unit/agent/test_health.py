@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 import pytest
 from fake_cameras import TopicRosbridge
@@ -12,6 +12,7 @@ from fake_cloud import eventually
 from local_network import free_port
 from robotether_agent import health as health_module
 from robotether_agent.health import Health, HealthReport
+from robotether_agent.rosbridge import RosGraph
 from robotether_agent.video.sources import SourceSettings
 
 EVERY_S = 0.1
@@ -20,10 +21,12 @@ EVERY_S = 0.1
 @pytest.fixture
 async def watch() -> AsyncIterator[Callable[[str, str], Health]]:
     """Starts probes, and ends them."""
-    tasks = []
+    tasks, graphs = [], []
 
     def start(rosbridge_url: str, video_url: str, *more: object) -> Health:
-        health = Health(SourceSettings(video_url, rosbridge_url, *more), every_s=EVERY_S)
+        graph = RosGraph(rosbridge_url)
+        graphs.append(graph)
+        health = Health(SourceSettings(video_url, rosbridge_url, *more), graph, every_s=EVERY_S)
         tasks.append(asyncio.ensure_future(health.run()))
         return health
 
@@ -31,6 +34,8 @@ async def watch() -> AsyncIterator[Callable[[str, str], Health]]:
     for task in tasks:
         task.cancel()
     await asyncio.wait(tasks)
+    for graph in graphs:
+        await graph.close()
 
 
 async def until(health: Health, reached: Callable[[HealthReport], bool]) -> HealthReport:
@@ -45,8 +50,9 @@ async def until(health: Health, reached: Callable[[HealthReport], bool]) -> Heal
     return await asyncio.wait_for(follow(), 10)
 
 
-async def test_both_ok_over_one_held_handshake(watch, services):
-    """A robot that is well is ok, and rosbridge sees one client, not one for each probe."""
+async def test_both_ok_over_one_held_handshake(watch, services, monkeypatch):
+    """A robot that is well is ok, and rosbridge sees one client and that of rosapi, not one for each probe."""
+    monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.1)
     health = watch(services.ws_url, services.http_url)
     report = await until(health, lambda report: report.ros == report.video == "ok")
     assert report.detail == ""
@@ -54,7 +60,7 @@ async def test_both_ok_over_one_held_handshake(watch, services):
     await until(health, lambda report: report.video == "down")
     services.video_status = 200
     await until(health, lambda report: report.video == "ok")
-    assert services.handshakes == 1
+    assert services.handshakes == 2
 
 
 async def test_goes_down_and_comes_back(watch, services):
@@ -134,7 +140,7 @@ async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
     monkeypatch.setattr(health_module, "SELDOM", 2)
     async with TopicRosbridge({}) as robot:
         health = watch(robot.url, services.http_url, "rosbridge")
-        report = await until(health, lambda report: "has no topic" in report.video_detail)
+        report = await until(health, lambda report: "no compressed images" in report.video_detail)
         assert report.video == "down"
         robot.topics = IMAGES
         await until(health, lambda report: report.video == "ok")
@@ -143,9 +149,43 @@ async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
         assert "rosbridge, the source of its video, does not answer" in report.video_detail
 
 
+async def test_images_of_another_robot_or_of_depth_are_no_video_of_this_one(
+    watch, nowhere, monkeypatch
+):
+    """And however often rosapi is asked, over how many connections stays the same."""
+    monkeypatch.setattr(health_module, "SELDOM", 1)
+    topics = {f"/{name}/cmd_vel": "geometry_msgs/msg/Twist" for name in ("r1", "r2")}
+    topics["/r1/front/compressed"] = "sensor_msgs/msg/CompressedImage"
+    topics["/r2/depth/compressedDepth"] = "sensor_msgs/msg/CompressedImage"
+    async with TopicRosbridge(topics) as robot:
+        health = watch(robot.url, nowhere)
+        health._graph.drive_topic = "/r2/cmd_vel"
+        await eventually(lambda: len(robot.got) >= 3, lambda: str(robot.got))
+        assert (health.report.video, robot.open) == ("down", 2)
+        topics["/r2/front/compressed"] = topics["/r1/front/compressed"]
+        await until(health, lambda report: report.video == "ok")
+
+
+async def test_a_silent_rosapi_costs_its_own_connection_alone(watch, nowhere, monkeypatch):
+    monkeypatch.setattr(health_module, "SELDOM", 1)
+    monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.1)
+    async with TopicRosbridge(None) as robot:
+        health = watch(robot.url, nowhere)
+        await until(health, lambda report: report.ros == "ok" and report.video == "down")
+        asked, own_topics = [], health._graph.own_topics
+
+        def noting() -> Awaitable[dict[str, str]]:
+            asked.append(robot.open)
+            return own_topics()
+
+        health._graph.own_topics = noting
+        await eventually(lambda: len(asked) > 3, lambda: str(asked))
+        assert (asked[-1], health.report.ros) == (2, "ok")
+
+
 async def test_video_of_rosbridge_without_rosapi(watch, nowhere, monkeypatch):
     """Whoever chose it knows that there are pictures."""
-    monkeypatch.setattr(health_module, "TIMEOUT_S", 0.2)
+    monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.1)
     async with TopicRosbridge(None) as robot:
         health = watch(robot.url, nowhere, "rosbridge")
         await until(health, lambda report: report.video == "ok")

@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from collections.abc import AsyncIterator
+from pathlib import Path
 
+import aiohttp
 import pytest
 from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
-from robotether_agent.rosbridge import LOOK_UP_ID, connected, is_answer, topics_in
+from robotether_agent import rosbridge as rosbridge_module
+from robotether_agent.rosbridge import (
+    RosGraph,
+    camera_topics,
+    connected,
+    own_topic,
+    own_topics,
+    same_type,
+    topics_in,
+)
 
 BYTES_MAX = 100_000
 
@@ -44,9 +57,57 @@ async def test_too_large_a_message_ends_the_connection():
 
 
 def test_broken_answers_have_no_topics():
-    assert is_answer({"op": "service_response", "id": LOOK_UP_ID})
-    assert not is_answer({"op": "service_response", "id": "another's"})
-    for values in (None, {}, {"topics": 5, "types": []}):
-        assert topics_in({"values": values}) == {}
+    for values in ({}, {"topics": 5, "types": []}):
+        assert topics_in(values) == {}
     mixed = {"topics": ["/a", 5, "/c"], "types": ["a/A", "b/B", None]}
-    assert topics_in({"values": mixed}) == {"/a": "a/A"}
+    assert topics_in(mixed) == {"/a": "a/A"}
+
+
+GRAPHS = json.loads((Path(__file__).parents[2] / "cases" / "ros_graphs.json").read_text())
+
+
+@pytest.mark.parametrize("case", GRAPHS, ids=lambda case: case["why"])
+def test_of_one_graph_page_and_agent_choose_the_same(case):
+    """The drive page's test reads the same cases."""
+    topics = {name: same_type(kind) for name, kind in case["topics"].items()}
+    own = own_topics(topics, case["drive_topic"])
+    assert sorted(own) == case["own"]
+    odometry = own_topic(topics, "nav_msgs/Odometry", ("odom",), case["drive_topic"])
+    assert odometry == case["odometry"]
+    assert camera_topics(own) == case["cameras"]
+
+
+@pytest.fixture
+async def asking() -> AsyncIterator[tuple[TopicRosbridge, RosGraph]]:
+    async with TopicRosbridge({"/a": "a/msg/A"}) as robot:
+        graph = RosGraph(robot.url)
+        yield robot, graph
+        await graph.close()
+
+
+async def test_all_questions_go_over_one_connection_also_after_a_restart(asking):
+    robot, graph = asking
+    for _ in range(2):
+        answers = await asyncio.gather(graph.topics(), graph.topics(), graph.is_published("/a"))
+        assert answers == [{"/a": "a/A"}, {"/a": "a/A"}, True]
+        assert (await graph.topics(), robot.open) == ({"/a": "a/A"}, 1)
+        await robot.stop()
+        with pytest.raises((OSError, aiohttp.ClientError)):
+            await graph.topics()
+        await robot.start()
+
+
+async def test_a_silent_rosapi_holds_up_the_first_question_alone(asking, monkeypatch):
+    """Who asks again is answered at once, without another connection, until it may be asked anew."""
+    monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 0.2)
+    robot, graph = asking
+    topics, robot.topics = robot.topics, None
+    with pytest.raises(asyncio.TimeoutError):
+        await graph.topics()
+    monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 3600)
+    with pytest.raises(asyncio.TimeoutError):
+        await graph.topics()
+    assert robot.open == 1
+    robot.topics = topics
+    monkeypatch.setattr(rosbridge_module, "SILENT_S", 0)
+    assert await graph.topics() == {"/a": "a/A"}

@@ -18,6 +18,7 @@ from fake_frames import FakeFrames
 from fake_robot import FakeRobot
 from local_network import free_port
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
+from robotether_agent.rosbridge import RosGraph
 from robotether_agent.video import receiver
 from robotether_agent.video.frames_service import FramesService
 from robotether_agent.video.sources import SourceSettings
@@ -255,7 +256,9 @@ class Service:
         self.camera = camera
         self.http = http
         rosbridge_url = f"ws://127.0.0.1:{free_port()}"
-        self.service = FramesService(SourceSettings(camera.url, rosbridge_url, "web_video_server"))
+        self.service = FramesService(
+            SourceSettings(camera.url, rosbridge_url, "web_video_server"), RosGraph(rosbridge_url)
+        )
 
     async def start(self) -> None:
         self.url = f"http://127.0.0.1:{await self.service.start()}"

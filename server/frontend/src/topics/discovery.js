@@ -60,17 +60,20 @@ async function allTopics(call) {
 
 // What the drive page can show, from the robot's settings or else from its topics. Pure.
 const USUAL_CAMERA = "/camera/image_raw";
-const COMPRESSED = "/compressed";
+const COMPRESSED = /(.)\/compressed$/;
+// What image_transport publishes as CompressedImage and no browser shows.
+const NOT_SHOWN = /\/(?:compressedDepth|zstd)$/;
 
-// The names of the topics that are cameras; a compressed twin is no camera of its own.
-export const cameraTopics = (topics) => [...new Set(topics.flatMap(cameraName))];
-
-function cameraName({ name, type }) {
-  const plain = plainType(type);
-  if (plain === "sensor_msgs/Image") return [name];
-  if (plain !== "sensor_msgs/CompressedImage" || name.endsWith("/compressedDepth")) return [];
-  return [name.endsWith(COMPRESSED) ? name.slice(0, -COMPRESSED.length) : name];
+// The names of the robot's own `topics` that are cameras, as camera_topics in robotether_agent/rosbridge.py. What lies under
+// a raw image is that image by another transport.
+export function cameraTopics(topics) {
+  const named = (wanted) => topics.filter(({ type }) => plainType(type) === wanted).map(({ name }) => name);
+  const raw = new Set(named("sensor_msgs/Image"));
+  const alone = named("sensor_msgs/CompressedImage").filter((name) => !NOT_SHOWN.test(name) && !raw.has(parentOf(name)));
+  return [...new Set([...raw, ...alone.map((name) => name.replace(COMPRESSED, "$1"))])];
 }
+
+const parentOf = (name) => name.slice(0, name.lastIndexOf("/"));
 
 /** @typedef {{topic: string, name: string, turned_deg: number}} Camera */
 
@@ -79,10 +82,12 @@ function cameraName({ name, type }) {
 /** @type {(cameras: {configured?: Camera[], known?: string[], guess?: string | null}) => Camera[]} */
 export function offeredCameras({ configured = [], known = [], guess = null }) {
   if (configured.length) return configured;
-  const first = (topic) => Number(topic !== USUAL_CAMERA);
-  const topics = known.length ? [...known].sort((a, b) => first(a) - first(b) || a.localeCompare(b)) : [guess ?? USUAL_CAMERA];
+  const topics = known.length ? [...known].sort(compare) : [guess ?? USUAL_CAMERA];
   return topics.map((topic) => ({ topic, name: nameOf(topic, topics), turned_deg: 0 }));
 }
+
+// Not by the reader's language: the agent has the same order.
+const compare = (a, b) => Number(a !== USUAL_CAMERA) - Number(b !== USUAL_CAMERA) || (a < b ? -1 : 1);
 
 // What distinguishes a camera from others, without what all of them end in: "front" of /front/image_raw.
 function nameOf(topic, topics) {

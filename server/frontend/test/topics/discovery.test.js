@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { cameraTopics, Discovery, offeredCameras } from "../../src/topics/discovery.js";
+import { Discovery, offeredCameras } from "../../src/topics/discovery.js";
 
 let found, discovery;
 
@@ -119,33 +119,12 @@ test("who wants to know now is answered on the link that stands, and not without
   assert.equal(times(), 2);
 });
 
-const topic = (name, type) => ({ name, type });
-
-test("a camera and its compressed twin are one, and depth is no picture", () => {
-  const topics = [
-    topic("/rear/image_raw", "sensor_msgs/msg/Image"),
-    topic("/front/image_raw/compressed", "sensor_msgs/msg/CompressedImage"),
-    topic("/front/image_raw", "sensor_msgs/Image"),
-    topic("/front/image_raw/compressedDepth", "sensor_msgs/CompressedImage"),
-    topic("/only", "sensor_msgs/CompressedImage"),
-    topic("/scan", "sensor_msgs/LaserScan"),
-  ];
-  assert.deepEqual(cameraTopics(topics).sort(), ["/front/image_raw", "/only", "/rear/image_raw"]);
-});
-
 test("configured cameras are all that are offered, and before anything is known the usual one", () => {
   const configured = [{ topic: "/x", name: "Front", turned_deg: 180 }];
   assert.equal(offeredCameras({ configured, known: ["/y"] }), configured);
   assert.deepEqual(offeredCameras({ known: ["/y"] }), [{ topic: "/y", name: "y", turned_deg: 0 }]);
   assert.equal(offeredCameras({})[0].topic, "/camera/image_raw");
   assert.equal(offeredCameras({ guess: "/rear" })[0].topic, "/rear");
-});
-
-test("cameras are in one order, however the robot lists them: the usual one, then by name", () => {
-  const topics = (...known) => offeredCameras({ known, guess: "/z" }).map(({ topic }) => topic);
-  const order = ["/camera/image_raw", "/bayer", "/thermal"];
-  assert.deepEqual(topics("/thermal", "/camera/image_raw", "/bayer"), order);
-  assert.deepEqual(topics("/bayer", "/thermal", "/camera/image_raw"), order);
 });
 
 test("a camera is named by what tells it from the others", () => {

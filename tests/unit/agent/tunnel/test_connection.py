@@ -25,6 +25,7 @@ from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.health import Health
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import AgentProblem, PortTaken, ServerKeyChanged
+from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import MAX_RUN_DIR_LENGTH
 from robotether_agent.tunnel.connection import Report, Role, run_connection
 from robotether_agent.tunnel.openssh import Forward, SshFiles
@@ -224,7 +225,11 @@ async def test_a_new_port_that_is_taken_ends_it(cloud, robot):
 
 async def test_the_session_tells_each_change_once(cloud, robot, services):
     """First who the robot is, then how its services are, and again only when that changes."""
-    health = Health(SourceSettings(services.http_url, services.ws_url), every_s=0.05)
+    health = Health(
+        SourceSettings(services.http_url, services.ws_url),
+        RosGraph(services.ws_url),
+        every_s=0.05,
+    )
     probing = asyncio.ensure_future(health.run())
     robot.started.append(probing)
     robot.connect(robot.trust(cloud.ssh), Up(), health)
@@ -275,7 +280,9 @@ async def test_the_session_joins_the_guard(cloud, robot, place):
     """The guard gets configuration, lease and stop; its lines go to the server; a lost session is told to it."""
     supervisor = GuardSupervisor("ws://127.0.0.1:9", fake_guard_command(place, "serves"))
     robot.started.append(asyncio.ensure_future(supervisor.run()))
-    health = Health(SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"))
+    health = Health(
+        SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"), RosGraph("ws://127.0.0.1:9")
+    )
     connecting = robot.connect(robot.trust(cloud.ssh), Up(), health, guard=supervisor)
     link = await cloud.link("session")
     link.send({"type": "lease", "fence": 13, "held": True})
@@ -300,7 +307,9 @@ async def test_the_session_joins_the_guard(cloud, robot, place):
 async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatch):
     """Nothing is asked before a forward stands; however much changes then, the server is not pressed."""
     monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_PAUSE_S", 0.6)
-    health = Health(SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"))
+    health = Health(
+        SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"), RosGraph("ws://127.0.0.1:9")
+    )
     recheck = asyncio.Event()
     robot.connect(robot.trust(cloud.ssh), Up(), health, recheck)
     link = await cloud.link("session")
@@ -323,7 +332,9 @@ async def test_a_robot_that_nobody_uses_asks_for_checks_seldom(
     monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_PAUSE_S", 0)
     monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_EVERY_S", 0.1)
     cloud.idle_heartbeat_s = idle_heartbeat_s
-    health = Health(SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"))
+    health = Health(
+        SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"), RosGraph("ws://127.0.0.1:9")
+    )
     recheck = asyncio.Event()
     robot.connect(robot.trust(cloud.ssh), Up(), health, recheck)
     link = await cloud.link("session")

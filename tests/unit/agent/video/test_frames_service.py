@@ -17,6 +17,7 @@ from frame_header import SIZE, unpacked
 from link import Link, Shape, why_not_here
 from local_network import free_port
 from robotether_agent.clock import robot_time
+from robotether_agent.rosbridge import RosGraph
 from robotether_agent.video import frames_service as service_module
 from robotether_agent.video import receiver as receiver_module
 from robotether_agent.video.frames_service import FramesService
@@ -87,9 +88,9 @@ class World:
         self.has_video = True
 
     async def start(self, source_settings: SourceSettings | None = None) -> None:
-        self.service = FramesService(
-            source_settings or self.source_settings, has_video=lambda: self.has_video
-        )
+        chosen = source_settings or self.source_settings
+        self.graph = RosGraph(chosen.rosbridge_url)
+        self.service = FramesService(chosen, self.graph, has_video=lambda: self.has_video)
         self.port = await self.service.start()
 
     async def receive(
@@ -297,7 +298,9 @@ async def test_a_stream_of_rosbridges_frames(world):
             assert answer.headers["Content-Type"].startswith("multipart/x-mixed-replace")
             part = await asyncio.wait_for(answer.content.readuntil(b"\xff\xd9"), WITHIN_S)
         assert part.endswith(fake_jpeg(5))
-        await eventually(lambda: rosbridge.open == 0, lambda: f"{rosbridge.open} are open")
+        # The other one is that of rosapi.
+        await eventually(lambda: rosbridge.open == 1, lambda: f"{rosbridge.open} are open")
+        await world.graph.close()
 
 
 async def test_whoever_looks_whether_video_works_is_told(world):
@@ -348,7 +351,7 @@ async def test_over_a_slow_link_frames_stay_new_while_plain_mjpeg_gets_old(world
 
 async def test_a_close_that_is_cancelled_leaves_nothing() -> None:
     """The agent may end while a connection of which it was part ends."""
-    service = FramesService(SourceSettings("", "", "rosbridge"))
+    service = FramesService(SourceSettings("", "", "rosbridge"), RosGraph(""))
     await service.start()
     closing = asyncio.ensure_future(service.close())
     await asyncio.sleep(0)

@@ -16,20 +16,23 @@ from fake_cloud import WAIT_S, eventually
 from local_network import free_port
 from PIL import Image
 from robotether_agent.clock import robot_time
-from robotether_agent.video import sources
+from robotether_agent.rosbridge import RosGraph
+from robotether_agent.video import multipart
 from robotether_agent.video import sources as sources_module
+from robotether_agent.video.multipart import (
+    MultipartBrokenError,
+    MultipartParser,
+    Part,
+    boundary_of,
+)
 from robotether_agent.video.sources import (
     NEAR_S,
     CameraFrame,
     ClockReadings,
-    MultipartBrokenError,
-    MultipartParser,
-    Part,
     SourceDownError,
     SourceRequest,
     Sources,
     SourceSettings,
-    boundary_of,
     jpeg_size,
     stamp_of,
     stream_url,
@@ -81,15 +84,17 @@ class Taken:
 async def run() -> AsyncIterator[Callable[..., tuple[asyncio.Future[None], Taken]]]:
     """Runs sources, and ends them."""
     tasks: list[asyncio.Future[None]] = []
+    made: dict[str, tuple[RosGraph, Sources]] = {}
     async with aiohttp.ClientSession() as http:
 
         def start(
             source_settings: SourceSettings, source_request: SourceRequest = WISH
         ) -> tuple[asyncio.Future[None], Taken]:
             taken = Taken()
-            running = Sources(http, source_settings).run(
-                source_request, taken.pictures.append, taken.kinds.append
-            )
+            if (key := repr(source_settings)) not in made:
+                graph = RosGraph(source_settings.rosbridge_url)
+                made[key] = graph, Sources(http, source_settings, graph)
+            running = made[key][1].run(source_request, taken.pictures.append, taken.kinds.append)
             tasks.append(asyncio.ensure_future(running))
             return tasks[-1], taken
 
@@ -97,6 +102,8 @@ async def run() -> AsyncIterator[Callable[..., tuple[asyncio.Future[None], Taken
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        for graph, _ in made.values():
+            await graph.close()
 
 
 def source_settings(
@@ -258,6 +265,116 @@ async def test_a_rosbridge_without_such_frames_tells_why(run):
             await asyncio.wait_for(running, 5)
 
 
+@pytest.fixture
+def early_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sources_module, "FIRST_FRAME_S", 0.05)
+
+
+@pytest.mark.usefixtures("early_doubt")
+@pytest.mark.parametrize("mode", ["ends", "silent"])
+@pytest.mark.parametrize(
+    ("topics", "wanted", "follows"),
+    [
+        (IMAGES, WISH.topic, "/camera/image_raw/compressed"),
+        # Somebody waits for raw images, so that the topic is there.
+        ({WISH.topic: "sensor_msgs/Image", **IMAGES}, WISH.topic, f"{WISH.topic}/compressed"),
+        ({"/c": "sensor_msgs/CompressedImage"}, "c", "/c"),
+    ],
+)
+async def test_a_camera_that_has_compressed_images_alone_comes_from_rosbridge(
+    run, mode, topics, wanted, follows
+):
+    """And the next time at once."""
+    async with FakeVideoServer(mode) as server, TopicRosbridge(topics) as rosbridge:
+        rosbridge.publishers = []
+        request = SourceRequest(wanted, 70, None, None, 15.0)
+        for times in (1, 2):
+            running, taken = run(source_settings(server.url, rosbridge.url), request)
+            await eventually(
+                lambda times=times: len(rosbridge.subscribed(follows)) == times,
+                lambda: str(rosbridge.got),
+            )
+            await rosbridge.publish(follows, image(times))
+            await eventually(taken.some(1), taken.told)
+            running.cancel()
+        assert (taken.kinds, len(server.asked)) == (["rosbridge"], 1)
+
+
+async def test_a_camera_whose_compressed_images_are_no_jpeg_names_their_format(run):
+    async with FakeVideoServer("ends") as server, TopicRosbridge(IMAGES) as rosbridge:
+        running, _ = run(source_settings(server.url, rosbridge.url))
+        topic = "/camera/image_raw/compressed"
+        await eventually(lambda: bool(rosbridge.subscribed(topic)), lambda: str(rosbridge.got))
+        png = base64.b64encode(b"\x89PNG").decode()
+        await rosbridge.publish(topic, image(1, data=png, format="16UC1; png compressed"))
+        with pytest.raises(SourceDownError, match="format '16UC1; png compressed', not JPEG"):
+            await asyncio.wait_for(running, 5)
+
+
+async def test_who_wants_web_video_server_alone_is_told_that_it_cannot_show_compressed_images(run):
+    async with FakeVideoServer("ends") as server, TopicRosbridge(IMAGES) as rosbridge:
+        running, _ = run(source_settings(server.url, rosbridge.url, "web_video_server"))
+        with pytest.raises(SourceDownError, match="/compressed has compressed images alone"):
+            await asyncio.wait_for(running, 5)
+
+
+@pytest.mark.parametrize("source", ["auto", "web_video_server"])
+async def test_images_that_web_video_server_cannot_convert_are_named_by_their_encoding(run, source):
+    """Depth is no missing topic; rosbridge sends one such image, however often the camera is opened."""
+    async with FakeVideoServer("ends") as server, TopicRosbridge() as rosbridge:
+        rosbridge.topics = {WISH.topic: "sensor_msgs/msg/Image"}
+        rosbridge.publishers = ["/depth"]
+        why = f"no images of {WISH.topic}, which have the encoding 16UC1"
+        for _ in range(2):
+            running, _ = run(source_settings(server.url, rosbridge.url, source))
+            if len(rosbridge.subscribed(WISH.topic)) == 0:
+                await eventually(
+                    lambda: bool(rosbridge.subscribed(WISH.topic)), lambda: str(rosbridge.got)
+                )
+                await rosbridge.publish(WISH.topic, {"encoding": "16UC1", "data": ""})
+            with pytest.raises(SourceDownError, match=why):
+                await asyncio.wait_for(running, 5)
+        assert len(rosbridge.subscribed(WISH.topic)) == 1
+
+
+async def test_packets_are_named_by_their_type(run):
+    async with FakeVideoServer("ends") as server, TopicRosbridge() as rosbridge:
+        rosbridge.topics = {WISH.topic: "theora_image_transport/Packet"}
+        running, _ = run(source_settings(server.url, rosbridge.url))
+        with pytest.raises(SourceDownError, match="messages of theora_image_transport/Packet"):
+            await asyncio.wait_for(running, 5)
+
+
+async def test_a_stream_of_other_images_than_jpeg_names_them(run):
+    async with FakeVideoServer() as camera:
+        camera.content_type, camera.picture = "image/png", b"\x89PNG"
+        running, _ = run(
+            source_settings(rear=camera.url + "/stream"), SourceRequest("rear", 0, None, None, 15)
+        )
+        with pytest.raises(SourceDownError, match="it sends image/png, not JPEG"):
+            await asyncio.wait_for(running, 5)
+
+
+@pytest.mark.parametrize(
+    ("source", "first"), [("auto", "/r2/front"), ("rosbridge", "/r2/rear/image_raw")]
+)
+async def test_the_first_camera_is_this_robots(source, first):
+    """Of those that its source can show."""
+    kinds = {"cmd_vel": "geometry_msgs/msg/Twist", "front": "sensor_msgs/msg/Image"}
+    kinds["rear/image_raw/compressed"] = "sensor_msgs/msg/CompressedImage"
+    topics = {f"/{robot}/{name}": kind for robot in ("r1", "r2") for name, kind in kinds.items()}
+    async with aiohttp.ClientSession() as http, TopicRosbridge(topics) as rosbridge:
+        graph = RosGraph(rosbridge.url)
+        graph.drive_topic = "/r2/cmd_vel"
+        sources = Sources(http, source_settings("", rosbridge.url, source), graph)
+        assert await sources.first_camera() == first
+        rosbridge.topics = {}
+        assert await sources.first_camera() is None
+        await rosbridge.stop()
+        with pytest.raises(SourceDownError, match="rosapi does not say"):
+            await sources.first_camera()
+
+
 async def test_rosbridge_while_no_server_answers_and_the_server_again(run, monkeypatch):
     """What `auto` means: the better source as soon as it is there."""
     monkeypatch.setattr(sources_module, "RECHECK_S", 0.1)
@@ -273,7 +390,8 @@ async def test_rosbridge_while_no_server_answers_and_the_server_again(run, monke
         await server.start()
         with pytest.raises(SourceDownError, match="answers again"):
             await asyncio.wait_for(running, 5)
-        await eventually(lambda: not rosbridge.open, lambda: f"{rosbridge.open} are open")
+        # The other one is that of rosapi.
+        await eventually(lambda: rosbridge.open == 1, lambda: f"{rosbridge.open} are open")
 
 
 async def test_neither_source_is_told_with_both_reasons(run):
@@ -366,7 +484,7 @@ def test_what_is_no_stream_is_named(content_type):
 
 def test_nothing_grows_without_bound(monkeypatch):
     """A huge frame, one that never ends, headers that never end, and empty lines alone are refused."""
-    monkeypatch.setattr(sources, "MAX_FRAME_BYTES", 1000)
+    monkeypatch.setattr(multipart, "MAX_FRAME_BYTES", 1000)
     for stream in (
         b"--b\r\nContent-Length: 1001\r\n\r\n",
         b"--b\r\nA: b\r\n\r\n" + bytes(2000),
