@@ -302,7 +302,7 @@ def test_pictures_are_live_while_they_are_on_the_screen(fleet: Page, stack: Stac
         expect(thumb).to_have_attribute("data-thumb", "shown", timeout=10_000)
         image = thumb.get_by_role("img", name=re.compile(r"sim2, taken at \d\d:\d\d"))
         assert image.evaluate("image => image.decode().then(() => image.naturalWidth)") == 320
-        of_rear = "/robots/sim2/video/snapshot?topic=/rear/image_raw"
+        of_rear = "/robots/sim2/video/robotether/snapshot?topic=/rear/image_raw"
         with fleet.expect_request(lambda request: of_rear in request.url, timeout=15_000):
             pass  # the next one comes by itself
         assert not [url for url in asked if "/sim2/" in url and of_rear not in url]

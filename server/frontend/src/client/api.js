@@ -59,6 +59,15 @@ export async function readAnswer(answer) {
   return { status, ok, code: body.code ?? "", detail: body.detail ?? "", body };
 }
 
+const MAX_WORDS = 300;
+
+// Why an answer is none, as `ask` gives it: the relay's own, or the sentence of the robot's agent.
+export async function readRefusal(answer) {
+  if (!answer.headers.get("Content-Type")?.startsWith("text/plain")) return readAnswer(answer);
+  const words = (await answer.text().catch(() => "")).trim();
+  return { status: answer.status, code: "", detail: words.slice(0, MAX_WORDS) };
+}
+
 const path = (robot, action) => `/api/v1/robots/${encodeURIComponent(robot)}/${action}`;
 
 // Gets a ticket, the permission to open one WebSocket, from the server.
@@ -80,7 +89,7 @@ export async function requestTicket(api, robot, mode) {
 // Where a robot's WebSockets and streams are (docs/reference/protocols.md, docs/reference/media.md). Pure.
 
 // A query with its slashes as they are: web_video_server takes what stands there for the topic and undoes no escapes.
-export const plainQuery = (words) => new URLSearchParams(words).toString().replaceAll("%2F", "/");
+const plainQuery = (words) => new URLSearchParams(words).toString().replaceAll("%2F", "/");
 
 // `server` is https://HOST[:PORT]; `ticket` may be missing where a login does.
 export const rosUrl = (server, robot, ticket) => address(server, robot, "ros", { ticket }, true);
@@ -88,6 +97,9 @@ export const rosUrl = (server, robot, ticket) => address(server, robot, "ros", {
 export const framesUrl = (server, robot, topic, ticket) => address(server, robot, "video/frames", { topic, ticket }, true);
 
 export const streamUrl = (server, robot, topic, ticket, more = {}) => address(server, robot, "video/stream", { topic, ...more, ticket });
+
+// A still of a camera; with no topic among `words` of the robot's first. Its agent makes it of any source.
+export const snapshotUrl = (robot, words) => `/robots/${encodeURIComponent(robot)}/video/robotether/snapshot?${plainQuery(words)}`;
 
 function address(server, robot, path, query, socket = false) {
   const url = new URL(`/robots/${encodeURIComponent(robot)}/${path}`, server);

@@ -1,7 +1,8 @@
 // A robot's small picture on the fleet page: taken again while it is on the screen, and let go when it is not.
 
-import { plainQuery, readAnswer } from "../client/api.js";
+import { readRefusal, snapshotUrl } from "../client/api.js";
 import { localTime, part, setText } from "../pages/page.js";
+import { sentence } from "../texts/common.js";
 import { thumb as texts } from "../texts/fleet.js";
 
 // Each picture is some 10 KB of its robot's uplink.
@@ -82,9 +83,9 @@ class Thumb {
     this.timer = setTimeout(() => this.begin(), ms);
   }
 
-  show({ blob, problem, topic }) {
+  show({ blob, problem, detail }) {
     this.drop();
-    if (!blob) return this.showState(problem, topic);
+    if (!blob) return this.showState(problem, detail);
     this.url = URL.createObjectURL(blob);
     this.image.src = this.url;
     this.image.hidden = false;
@@ -93,10 +94,9 @@ class Thumb {
     this.image.alt = texts.taken(this.robot, localTime(new Date().toISOString()));
   }
 
-  showState(state, topic) {
-    const words = texts[state];
+  showState(state, detail = "") {
     this.box.dataset.thumb = state;
-    setText(this.words, typeof words === "string" ? words : words(topic));
+    setText(this.words, detail ? sentence(detail) : texts[state]);
   }
 
   drop() {
@@ -156,53 +156,24 @@ export class Queue {
   }
 }
 
-const videoPath = (robot) => `/robots/${encodeURIComponent(robot)}/video`;
-
-// The first camera that web_video_server's own page names; "" for none. Pure.
-export function firstTopic(page) {
-  const match = /\/snapshot\?topic=([^"'&<> ]+)/.exec(page);
-  return match ? decodeURIComponent(match[1]) : "";
-}
-
 export class Snapshots {
   // `fetch` as the browser's.
   constructor({ fetch = (url, options) => globalThis.fetch(url, options) } = {}) {
     this.fetch = fetch;
-    this.topics = new Map();
   }
 
-  // Gives {blob} or {problem, topic}, the problem one of texts/fleet.js. `topic` "" is not known: the robot is asked.
+  // Gives {blob} or {problem, detail}: a problem of texts/fleet.js, and what the robot says of it. With `topic` "" the robot's
+  // first camera is shown, which its agent chooses.
   async fetchImage(robot, topic, signal) {
-    const found = topic ? { topic } : await this.find(robot, signal);
-    if (!found.topic) return found;
-    const query = plainQuery({ topic: found.topic, ...SIZE });
-    const answer = await this.ask(`${videoPath(robot)}/snapshot?${query}`, signal);
+    const query = topic ? { topic, ...SIZE } : SIZE;
+    const answer = await this.fetch(snapshotUrl(robot, query), { signal: signalWithin(signal, PATIENCE_MS), cache: "no-store" });
     if (answer.ok) return { blob: await answer.blob() };
-    this.topics.delete(robot); // it may have another camera by now
-    return { problem: await problemOf(answer), topic: found.topic };
-  }
-
-  async find(robot, signal) {
-    if (this.topics.has(robot)) return { topic: this.topics.get(robot) };
-    const answer = await this.ask(`${videoPath(robot)}/`, signal);
-    if (!answer.ok) return { problem: await problemOf(answer) };
-    const topic = firstTopic(await answer.text());
-    if (!topic) return { problem: "no_camera" };
-    this.topics.set(robot, topic);
-    return { topic };
-  }
-
-  ask(url, signal) {
-    return this.fetch(url, { signal: signalWithin(signal, PATIENCE_MS), cache: "no-store" });
+    const { code, detail } = await readRefusal(answer);
+    return PROBLEMS[code] ? { problem: PROBLEMS[code] } : { problem: "failed", detail };
   }
 }
 
-const PROBLEMS = { robot_offline: "offline", video_down: "video_down", no_frames: "no_frames" };
-
-async function problemOf(answer) {
-  const { code } = await readAnswer(answer);
-  return PROBLEMS[code] ?? "failed";
-}
+const PROBLEMS = { robot_offline: "offline", video_down: "video_down" };
 
 // AbortSignal.any is younger than the browsers that the pages are for.
 function signalWithin(signal, ms) {

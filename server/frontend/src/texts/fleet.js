@@ -1,7 +1,5 @@
 // Sentences of the pages: the fleet page. No logic beyond filling in.
 
-import { noFrames } from "./video.js";
-
 export const fleet = {
   online: (since) => (since ? `Online since ${since}` : "Online"),
   offline: (since) => (since ? `Offline since ${since}` : "Never seen"),
@@ -39,8 +37,6 @@ export const thumb = {
   taken: (robot, time) => `Picture of ${robot}, taken at ${time}`,
   waiting: "Loading",
   offline: "Robot is offline",
-  no_camera: "No camera",
   video_down: "No video",
-  no_frames: noFrames,
   failed: "No picture",
 };

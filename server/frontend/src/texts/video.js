@@ -39,11 +39,8 @@ export const video = {
   topicInDoubt: (kind, candidates) =>
     `Which ${TOPIC_KINDS[kind] ?? kind} topic is this robot's: ${candidates.join(" or ")}? A manager chooses it in the robot's settings.`,
   snapshotSaved: "Picture saved.",
-  snapshotFailed: (status) => (status ? `Picture not saved: the server answered ${status}.` : "Picture not saved: no answer."),
-  snapshotNoFrames: (topic) => `Picture not saved. ${noFrames(topic)}`,
+  snapshotFailed: (status, detail) => `Picture not saved: ${detail || (status ? `the server answered ${status}` : "no answer")}.`,
 };
-
-export const noFrames = (topic) => `No frames from ${topic}: the topic does not exist or nothing publishes it.`;
 
 export const map = {
   label: "The robot from above",

@@ -1,7 +1,7 @@
 // The video of the drive page: which cameras, their layout, their quality, and how old the main one is.
 // It must never say that a frame is fresher than it is: driving is paused by what it reports.
 
-import { plainQuery, readAnswer } from "../client/api.js";
+import { readRefusal, snapshotUrl } from "../client/api.js";
 import { Sleep } from "../control/arming.js";
 import { LaserRing } from "../overlays/laserRing.js";
 import { MapTile } from "../overlays/mapTile.js";
@@ -370,11 +370,6 @@ const isMeantForOthers = ({ repeat, ctrlKey, altKey, metaKey, target }) => repea
 // A still at full quality, saved as a file.
 const FULL_QUALITY = 100;
 
-export function snapshotUrl(robot, topic) {
-  const query = plainQuery({ topic, quality: FULL_QUALITY });
-  return `/robots/${encodeURIComponent(robot)}/video/snapshot?${query}`;
-}
-
 // robot-camera-20260101T120304Z.jpg; a camera's name may have what no file name may.
 export function snapshotName(robot, camera, time) {
   const plain = camera.replace(/[^A-Za-z0-9]+/g, "-").replace(/^-|-$/g, "") || "camera";
@@ -383,16 +378,16 @@ export function snapshotName(robot, camera, time) {
 
 // Gives the words for how it went.
 async function saveSnapshot(robot, { topic, name }) {
-  const answer = await fetch(snapshotUrl(robot, topic), { cache: "no-store" }).catch(() => null);
+  const answer = await fetch(snapshotUrl(robot, { topic, quality: FULL_QUALITY }), { cache: "no-store" }).catch(() => null);
   const isImage = answer?.ok && answer.headers.get("Content-Type")?.startsWith("image/");
   const image = isImage && (await answer.blob().catch(() => null));
-  if (!image) return refusalWords(answer, topic);
+  if (!image) return refusalWords(answer);
   download(image, snapshotName(robot, name, new Date()));
   return texts.snapshotSaved;
 }
 
-async function refusalWords(answer, topic) {
+async function refusalWords(answer) {
   if (!answer) return texts.snapshotFailed(0);
-  const { status, code } = await readAnswer(answer);
-  return code === "no_frames" ? texts.snapshotNoFrames(topic) : texts.snapshotFailed(status);
+  const { status, detail } = await readRefusal(answer);
+  return texts.snapshotFailed(status, detail);
 }

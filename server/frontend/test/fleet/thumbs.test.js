@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Snapshots, Queue, firstTopic, lackOf } from "../../src/fleet/thumbs.js";
+import { Snapshots, Queue, lackOf } from "../../src/fleet/thumbs.js";
 
 const settle = () => new Promise((resolve) => setImmediate(resolve));
 
@@ -50,58 +50,29 @@ test("a robot without video is asked for no picture, and one whose video is not 
   for (const video of ["up", "", undefined]) assert.equal(lackOf({ online: "true", video }), "");
 });
 
-test("the first camera is what web_video_server names first", () => {
-  const page =
-    '<a href="/stream_viewer?topic=/front/image">/front/image</a> (<a href="/snapshot?topic=%2Ffront%2Fimage">Snapshot</a>) (<a href="/snapshot?topic=/rear">Snapshot</a>)';
-  assert.equal(firstTopic(page), "/front/image");
-  assert.equal(firstTopic("<h1>Available ROS Image Topics:</h1>"), "");
-});
-
-function serverThat(answers) {
+function serverThat({ status = 200, type = "application/json", body = "" }) {
   const asked = [];
   const fetch = async (url) => {
     asked.push(url);
-    const { status = 200, text = "", code } = answers(url);
-    return { ok: status < 400, status, text: async () => text, json: async () => ({ code }), blob: async () => "picture" };
+    return new Response(body, { status, headers: { "Content-Type": type } });
   };
-  return { asked, snapshots: new Snapshots({ fetch }) };
+  const { signal } = new AbortController();
+  return { asked, fetchImage: (topic) => new Snapshots({ fetch }).fetchImage("sim 1", topic, signal) };
 }
 
-test("a picture is small, and of the camera that the settings name", async () => {
-  const { asked, snapshots } = serverThat(() => ({}));
-  const { signal } = new AbortController();
-  assert.deepEqual(await snapshots.fetchImage("sim 1", "/front", signal), { blob: "picture" });
-  assert.deepEqual(asked, ["/robots/sim%201/video/snapshot?topic=/front&width=320&height=240&quality=50"]);
+test("a picture is small, and of the camera that the settings name or of the first that the agent names", async () => {
+  const { asked, fetchImage } = serverThat({ body: "picture" });
+  assert.equal(await (await fetchImage("/front")).blob.text(), "picture");
+  await fetchImage("");
+  const url = "/robots/sim%201/video/robotether/snapshot?";
+  assert.deepEqual(asked, [`${url}topic=/front&width=320&height=240&quality=50`, `${url}width=320&height=240&quality=50`]);
 });
 
-test("a robot whose camera nobody named is asked once", async () => {
-  const { asked, snapshots } = serverThat(() => ({ text: '"/snapshot?topic=/front"' }));
-  const { signal } = new AbortController();
-  await snapshots.fetchImage("sim1", "", signal);
-  await snapshots.fetchImage("sim1", "", signal);
-  assert.equal(asked.filter((url) => url.endsWith("/video/")).length, 1);
-});
-
-test("a robot whose camera gives no picture any more is asked for another one", async () => {
-  let camera = "/front";
-  const { snapshots } = serverThat((url) =>
-    url.endsWith("/video/") ? { text: `"/snapshot?topic=${camera}"` } : { status: url.includes(`topic=${camera}&`) ? 200 : 502 },
-  );
-  const { signal } = new AbortController();
-  const fetched = async () => Object.keys(await snapshots.fetchImage("sim1", "", signal));
-  await fetched();
-  camera = "/rear";
-  assert.deepEqual([await fetched(), await fetched()], [["problem", "topic"], ["blob"]]);
-});
-
-test("why there is no picture is told apart", async () => {
-  const { signal } = new AbortController();
-  const found = (answer, topic = "/front") => serverThat(() => answer).snapshots.fetchImage("sim1", topic, signal);
-  const refused = async (code, topic) => (await found({ status: 502, code }, topic)).problem;
-  assert.deepEqual(
-    [await refused("robot_offline"), await refused("video_down"), await refused("other")],
-    ["offline", "video_down", "failed"],
-  );
-  assert.deepEqual(await found({ status: 502, code: "no_frames" }), { problem: "no_frames", topic: "/front" });
-  assert.deepEqual([(await found({}, "")).problem, await refused("robot_offline", "")], ["no_camera", "offline"]);
+test("why there is no picture is told apart, in the words of who knows it", async () => {
+  const refused = async (code, detail) => await serverThat({ status: 502, body: JSON.stringify({ code, detail }) }).fetchImage("/front");
+  assert.deepEqual(await refused("robot_offline"), { problem: "offline" });
+  assert.deepEqual(await refused("video_down"), { problem: "video_down" });
+  assert.deepEqual(await refused("no_frames", "no frames from /front"), { problem: "failed", detail: "no frames from /front" });
+  const depth = serverThat({ status: 503, type: "text/plain; charset=utf-8", body: "it has the encoding 16UC1\n" });
+  assert.deepEqual(await depth.fetchImage(""), { problem: "failed", detail: "it has the encoding 16UC1" });
 });

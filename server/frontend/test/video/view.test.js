@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { MAP } from "../../src/video/layout.js";
-import { MainTimestamp, View, viewActionOf, snapshotName, snapshotUrl } from "../../src/video/view.js";
+import { MainTimestamp, View, viewActionOf, snapshotName } from "../../src/video/view.js";
 
 const within = (...selectors) => ({ closest: (asked) => selectors.some((one) => asked.includes(one)) || null });
 const page = within();
@@ -29,10 +29,6 @@ test("shortcuts, repeats and typed text are not for the picture", () => {
 
 test("a menu that has the focus keeps no letter and no number", () => {
   assert.deepEqual(viewActionOf({ code: "KeyC", target: within("select") }), { next: true });
-});
-
-test("a still is asked for at full quality", () => {
-  assert.equal(snapshotUrl("sim 1", "/camera/image_raw"), "/robots/sim%201/video/snapshot?topic=/camera/image_raw&quality=100");
 });
 
 test("a file is named after robot, camera and time, in plain letters", () => {
