@@ -7,7 +7,7 @@
  *   onOwn: (operation: any) => void,
  *   onClose: (event: CloseEvent) => void,
  * }} LinkHandlers
- * @typedef {{name: string, type?: string, throttleMs?: number, queueLength?: number, onRefused?: (why: string) => void}} TopicSpec
+ * @typedef {{name: string, type?: string, throttleMs?: number, queueLength?: number, onRefused?: (why: string) => void, onUnread?: () => void}} TopicSpec
  */
 
 // Operations of our own (docs/reference/protocols.md) are the relay's, and go to a handler of their own.
@@ -25,13 +25,13 @@ export class Link {
   constructor(url, { onOpen, onMessage, onOwn, onClose }) {
     this.onMessage = onMessage;
     this.onOwn = onOwn;
-    this.subscribers = new Map(); // by topic, a set of functions
+    this.subscribers = new Map(); // by topic, a set of {handler, onUnread}
     this.replies = new Map(); // by the id of a message, the function that receives replies to it
     this.ids = 0;
     this.socket = new WebSocket(url);
     this.socket.onopen = onOpen;
     this.socket.onclose = onClose;
-    this.socket.onmessage = ({ data }) => this.receive(parse(data));
+    this.socket.onmessage = ({ data }) => this.receive(parse(data) ?? unread(data));
   }
 
   // One broken message from a robot must not end the session.
@@ -39,15 +39,24 @@ export class Link {
     if (typeof message?.op !== "string") return;
     if (message.op.startsWith(OWN)) return this.onOwn(message);
     this.onMessage(message);
-    if (message.op === "publish") this.subscribers.get(message.topic)?.forEach((handler) => handler(message.msg));
+    if (message.op === "publish") this.deliver(message);
     else this.replies.get(message.id)?.(message);
   }
 
-  // `onRefused(why)` of the spec is called when the server refuses the subscription. Gives {end}.
+  deliver({ topic, msg }) {
+    const isRead = typeof msg === "object" && msg !== null;
+    for (const { handler, onUnread } of [...(this.subscribers.get(topic) ?? [])]) {
+      if (isRead) handler(msg);
+      else onUnread();
+    }
+  }
+
+  // `onRefused(why)` of the spec is called when the server refuses the subscription, `onUnread()` for each message that cannot
+  // be read. Gives {end}.
   /** @type {(spec: TopicSpec, handler: (message: any) => void) => {end: () => void}} */
-  subscribe({ name: topic, type, throttleMs = 0, queueLength = throttleMs ? 1 : 0, onRefused }, handler) {
+  subscribe({ name: topic, type, throttleMs = 0, queueLength = throttleMs ? 1 : 0, onRefused, onUnread = () => {} }, handler) {
     const id = this.newId("subscribe", topic, onRefused);
-    const subscriber = (msg) => handler(msg); // the same handler may come twice
+    const subscriber = { handler, onUnread };
     this.subscribers.set(topic, (this.subscribers.get(topic) ?? new Set()).add(subscriber));
     this.send({ op: "subscribe", id, type, topic, compression: "none", throttle_rate: throttleMs, queue_length: queueLength });
     return {
@@ -130,6 +139,14 @@ export function parse(data) {
   } catch {
     return parsePythons(data);
   }
+}
+
+const TOPIC = /"topic"\s*:\s*"([^"\\]+)"/;
+
+// What stands for a message that is no JSON: one of the topic that it names, with nothing in it.
+function unread(data) {
+  const topic = typeof data === "string" && TOPIC.exec(data)?.[1];
+  return topic ? { op: "publish", topic, msg: null } : null;
 }
 
 const STRING_OR_NO_NUMBER = /"(?:[^"\\]|\\.)*"|\bNaN\b|-?\bInfinity\b/g;

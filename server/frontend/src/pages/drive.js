@@ -56,7 +56,7 @@ const session = new Session({
   onRoundTrip: showRoundTrip,
 });
 const { connection } = session;
-const subscribe = (spec, handler) => connection.subscribe(spec, handler);
+const subscribe = (spec, handler) => connection.subscribe({ onUnread: () => view.failToRead(spec.name), ...spec }, handler);
 
 const banner = new Banner(root, {
   onRetry: () => connection.retryNow({ asked: true }),

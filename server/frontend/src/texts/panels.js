@@ -30,6 +30,7 @@ export const topics = {
   lost: "Not connected. This page reconnects by itself.",
   tooBig: "One message is larger than the server passes on, so this view has ended.",
   refused: (why) => `Not shown: ${why}`,
+  unread: (hasOther) => `The newest message cannot be read.${hasOther ? " This is the one before." : ""}`,
   rate: (rate) => `${rate} messages/s`,
   rateAtLeast: (rate) => `At least ${rate}/s (this page asks for ${rate})`,
   rateSlow: (seconds) => `one message in ${seconds} s`,

@@ -38,6 +38,7 @@ export const video = {
   mapTooBig: "This robot's map is too large for the server, so it is not shown.",
   topicInDoubt: (kind, candidates) =>
     `Which ${TOPIC_KINDS[kind] ?? kind} topic is this robot's: ${candidates.join(" or ")}? A manager chooses it in the robot's settings.`,
+  unread: (topic) => `A message of ${topic} could not be read, so it is not shown.`,
   snapshotSaved: "Picture saved.",
   snapshotFailed: (status, detail) => `Picture not saved: ${detail || (status ? `the server answered ${status}` : "no answer")}.`,
 };

@@ -132,10 +132,11 @@ const PACES = {
 
 const paceText = (pace) => PACES[pace.kind](pace);
 
-function noticeText({ state, refusal, message, large, ends }) {
+function noticeText({ state, refusal, message, unread, large, ends }) {
   if (state === "refused") return texts.refused(refusal);
   if (state === "too_big") return texts.tooBig;
   if (state === "lost") return texts.lost;
+  if (unread) return texts.unread(message !== null);
   return message === null && (!large || ends.size > 0) ? texts.waiting : "";
 }
 

@@ -17,6 +17,7 @@ export class TopicProbe {
     this.now = now;
     this.large = isLargeType(topic.type);
     this.message = null;
+    this.unread = false; // whether the newest message could not be read
     this.size = 0;
     this.numbers = [];
     this.field = "";
@@ -36,10 +37,14 @@ export class TopicProbe {
   // One message of a large type, and no second: the throttle keeps the robot from sending more meanwhile.
   getOne() {
     if (this.ends.size > 0) return;
-    const end = this.begin({ throttleMs: 60_000 }, (message) => {
-      end();
-      this.receive(message);
-    });
+    const end = this.begin(
+      { throttleMs: 60_000 },
+      (message) => {
+        end();
+        this.receive(message);
+      },
+      () => end(),
+    );
   }
 
   // Every message for a while: a throttled topic does not show its rate.
@@ -59,8 +64,13 @@ export class TopicProbe {
     this.onChange();
   }
 
-  begin(how, onMessage) {
-    const spec = { ...this.topic, ...how, onRefused: (why) => this.refuse(why) };
+  begin(how, onMessage, onUnread = () => {}) {
+    const fail = () => {
+      onUnread();
+      this.unread = true;
+      this.onChange();
+    };
+    const spec = { ...this.topic, ...how, onRefused: (why) => this.refuse(why), onUnread: fail };
     const end = this.watch(spec, onMessage, (state) => this.show(state));
     const ends = () => {
       this.ends.delete(ends);
@@ -85,6 +95,7 @@ export class TopicProbe {
   receive(message) {
     const at = this.now();
     this.message = message;
+    this.unread = false;
     this.rate.mark(at);
     this.size = JSON.stringify(message).length;
     if (!this.large) this.numbers = numbersIn(message);

@@ -37,6 +37,8 @@ export class View {
     this.choices = new Choices(`sight.${robot}`);
     this.layout = new Layout(this.choices.all.layout);
     this.known = new Set(); // topics of cameras; one whose node has died is a missing picture, not a robot without a camera
+    this.questions = [];
+    this.unread = new Set(); // topics
     this.mainTimestamp = new MainTimestamp();
     this.sleep = new Sleep();
     this.onMain = onMain;
@@ -84,23 +86,29 @@ export class View {
   found(topics) {
     const { page, driveTopic } = this;
     cameraTopics(topics).forEach((topic) => this.known.add(topic));
-    const questions = [];
+    this.questions = [];
     const of = (kind) => {
       const { topic, candidates } = chooseTopic(kind, topics, { named: page[`${kind}_topic`], driveTopic });
-      if (candidates.length) questions.push(texts.topicInDoubt(kind, candidates));
+      if (candidates.length) this.questions.push(texts.topicInDoubt(kind, candidates));
       return topic;
     };
     this.followed = { scan: of("scan"), map: of("map"), located: of("located") };
     this.world.follow({ ...this.followed, tf: of("tf"), tfStatic: of("tfStatic") });
     this.overlays.follow({ diagnostics: of("diagnostics") });
     this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || of("odometry"));
-    this.askAbout(questions);
+    this.showQuestions();
     this.offer();
   }
 
+  // A message of this topic cannot be read; said once.
+  failToRead(topic) {
+    this.unread.add(topic);
+    this.showQuestions();
+  }
+
   // Of topics that fit equally well none is shown: whoever manages the robot chooses.
-  askAbout(questions) {
-    const words = questions.join(" ");
+  showQuestions() {
+    const words = [...this.questions, ...[...this.unread].map(texts.unread)].join(" ");
     const element = part(this.root, "topic-questions");
     if (words && words !== element.textContent) this.note(words);
     setText(element, words);
@@ -387,7 +395,6 @@ async function saveSnapshot(robot, { topic, name }) {
 }
 
 async function refusalWords(answer) {
-  if (!answer) return texts.snapshotFailed(0);
-  const { status, detail } = await readRefusal(answer);
+  const { status, detail } = answer ? await readRefusal(answer) : { status: 0, detail: "" };
   return texts.snapshotFailed(status, detail);
 }

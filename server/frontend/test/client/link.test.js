@@ -65,6 +65,21 @@ test("what is no message of rosbridge ends nothing", () => {
   assert.deepEqual(told.robot, []);
 });
 
+test("a message that cannot be read is no value, and who follows its topic is told", () => {
+  open();
+  const [values, unread] = [[], []];
+  const follow = (name) =>
+    link.subscribe({ name, type: "nav_msgs/Odometry", onUnread: () => unread.push(name) }, (message) => values.push(message));
+  follow("/odom");
+  follow("/map");
+  for (const msg of ['{"x": nan}', '{"x": "cut o', "5", "null", '"text"']) {
+    socket.onmessage({ data: `{"op": "publish", "topic": "/odom", "msg": ${msg}}` });
+  }
+  socket.onmessage({ data: '{"op": "publish", "topic": "/other", "msg": {' });
+  socket.onmessage({ data: '{"op": "publish", "topic": "/map", "msg": {"x": NaN}}' });
+  assert.deepEqual([values, unread], [[{ x: null }], Array(5).fill("/odom")]);
+});
+
 test("an operation of our own is sent now or never", () => {
   assert.equal(link.send({ op: "robotether.stop" }), false);
   open();

@@ -313,8 +313,8 @@ test("a name without its first slash is the same topic", async () => {
   const heard = [];
   robot.subscribe("odom", (message) => heard.push(message));
   await goLive(robot);
-  sockets[0].say({ op: "publish", topic: "/odom", msg: 1 });
-  assert.deepEqual(heard, [1]);
+  sockets[0].say({ op: "publish", topic: "/odom", msg: { x: 1 } });
+  assert.deepEqual(heard, [{ x: 1 }]);
   robot.publish("lights", "std_msgs/Bool", { data: true });
   robot.publish("/lights", "std_msgs/Bool", { data: false });
   assert.deepEqual(

@@ -35,6 +35,18 @@ test("a topic is asked for twice a second at most", () => {
   );
 });
 
+test("the newest message that cannot be read is said to be so, until one can", () => {
+  const odometry = probe("nav_msgs/Odometry");
+  watched[0].spec.onUnread();
+  assert.deepEqual([odometry.unread, odometry.message, odometry.pace.kind], [true, null, "none"]);
+  watched[0].onMessage({ x: 1 });
+  assert.equal(odometry.unread, false);
+  const picture = probe("sensor_msgs/msg/Image");
+  picture.getOne();
+  watched[1].spec.onUnread();
+  assert.deepEqual([picture.unread, watched[1].ended], [true, true]);
+});
+
 test("a picture is asked for only when the person says so, and one at a time", () => {
   const pictures = probe("sensor_msgs/msg/Image");
   assert.equal(watched.length, 0);

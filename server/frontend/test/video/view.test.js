@@ -69,6 +69,20 @@ test("a map that is too large for the server is said to be, and nothing is where
   assert.match(said[0], /too large/);
 });
 
+test("a topic whose messages cannot be read is named once, beside what else is asked about topics", () => {
+  const [said, element] = [[], { textContent: "" }];
+  const root = { querySelector: () => element };
+  const view = Object.assign(Object.create(View.prototype), {
+    root,
+    questions: ["Which one?"],
+    unread: new Set(),
+    note: (text) => said.push(text),
+  });
+  for (let i = 0; i < 2; i += 1) view.failToRead("/odom");
+  const words = "Which one? A message of /odom could not be read, so it is not shown.";
+  assert.deepEqual([said, element.textContent], [[words], words]);
+});
+
 // Of a view without a page: what it offers for its places.
 function offered({ cameras = [], known = [], hasMap }) {
   const view = Object.create(View.prototype);
