@@ -82,9 +82,10 @@ class DriveEntry:
     ended_at: datetime | None = None
     end_code: str | None = None
     distance_m: float = 0.0
-    turned_rad: float = 0.0
+    # None: of a robot that is steered nobody here knows it.
+    turned_rad: float | None = 0.0
     top_speed_m_s: float = 0.0
-    top_turn_rad_s: float = 0.0
+    top_turn_rad_s: float | None = 0.0
     messages: int = 0
     dropped_old: int = 0
     refused: dict[str, int] = field(default_factory=dict)

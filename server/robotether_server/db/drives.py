@@ -21,7 +21,7 @@ class Drive:
     Distance, turn and speeds are those commanded. `dropped_old` counts commands that came too late, `refused` the
     operations that the policy refused, by kind, and what the robot's guard refused (`guard_...`). `latency_...` are
     round trips from the driver to the robot, `bytes` rosbridge's in both directions, `pictures` and `picture_bytes` the
-    driver's video, `viewed_s` the time with a video open. None: not measured.
+    driver's video, `viewed_s` the time with a video open. None: not measured; the turn: not known, as of a car.
     """
 
     id: Count
@@ -32,9 +32,9 @@ class Drive:
     ended_at: Timestamp | None
     end_code: str | None
     distance_m: Amount
-    turned_rad: Amount
+    turned_rad: Amount | None
     top_speed_m_s: Amount
-    top_turn_rad_s: Amount
+    top_turn_rad_s: Amount | None
     messages: Count
     dropped_old: Count
     refused: dict[str, Count]

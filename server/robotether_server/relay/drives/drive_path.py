@@ -250,7 +250,11 @@ class DriveLog:
         self._count_until(now)
         self._last = (now, speed_m_s, turn)
         entry.top_speed_m_s = max(entry.top_speed_m_s, speed_m_s)
-        entry.top_turn_rad_s = max(entry.top_turn_rad_s, turn)
+        if turn_rad_s is None and speed_m_s:
+            # How fast it turns, the robot alone knows.
+            entry.turned_rad = entry.top_turn_rad_s = None
+        if entry.top_turn_rad_s is not None:
+            entry.top_turn_rad_s = max(entry.top_turn_rad_s, turn)
 
     def message(self) -> None:
         """A message went to the robot."""
@@ -301,7 +305,8 @@ class DriveLog:
         at, speed, turn = self._last
         lasted_s = min(max(now - at, 0.0), self._deadman_s)
         self.entry.distance_m += speed * lasted_s
-        self.entry.turned_rad += turn * lasted_s
+        if self.entry.turned_rad is not None:
+            self.entry.turned_rad += turn * lasted_s
 
 
 class LatencyHistogram:

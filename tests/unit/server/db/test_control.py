@@ -191,10 +191,12 @@ def test_a_drive_is_written_while_it_lasts_and_at_its_end(relay_database, sim1):
     drive.ended_at, drive.end_code = NOON + HOUR, "client_left"
     drive.latency_p50_ms, drive.latency_p95_ms, drive.bytes = 41.2, 80.5, 1234
     drive.pictures, drive.picture_bytes, drive.viewed_s = 30, 90_000, 2.5
+    drive.turned_rad = drive.top_turn_rad_s = None
     write(relay_database, drive)
     (row,) = rows(relay_database, "drives")
     assert (row["latency_p50_ms"], row["latency_p95_ms"], row["bytes"]) == (41.2, 80.5, 1234)
     assert (row["pictures"], row["picture_bytes"], row["viewed_s"]) == (30, 90_000, 2.5)
+    assert (row["turned_rad"], row["top_turn_rad_s"]) == (None, None)
     assert (row["user_name"], row["fence"], row["address"]) == ("ann", 3, "198.51.100.7")
     assert (row["distance_m"], row["end_code"], row["stops"]) == (2.5, "client_left", 1)
     assert json.loads(str(row["refused"])) == {"topic": 1}

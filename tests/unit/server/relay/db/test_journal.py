@@ -26,7 +26,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "journal.jsonl"
 
 
-def ended_drive(**others: float) -> DriveEntry:
+def ended_drive(**others: float | None) -> DriveEntry:
     times = {"started_at": NOON, "ended_at": NOON + HOUR, "end_code": "client_left"}
     return DriveEntry(7, "sim1", "ann", 3, **times, refused={"topic": 1}, **others)  # type: ignore[arg-type]  # figures
 
@@ -43,7 +43,7 @@ def test_each_kind_is_read_as_it_was_written(path):
     """In the same order, with all that it says."""
     ended = ((NOON - HOUR, "ben"), (NOON, "ann"))
     stops = StopEntry(7, Stop(7, NOON, "ben", "smoke"), ended)
-    entries = [START, LINE, ended_drive(distance_m=2.5), END, stops]
+    entries = [START, LINE, ended_drive(distance_m=2.5, turned_rad=None), END, stops]
     keep(path, *entries)
     found = Journal(path).read()
     assert found == entries

@@ -342,6 +342,16 @@ def test_a_command_counts_no_longer_than_the_guard_lets_it(log):
     assert log.end(200.0, NOON, "client_left").distance_m == pytest.approx(0.5)
 
 
+def test_how_far_a_steered_robot_turned_is_unknown_from_its_first_motion_on(log):
+    log.command(10.0, 0.0, None)
+    assert (log.entry.turned_rad, log.entry.top_turn_rad_s) == (0, 0)
+    log.command(10.1, 1.0, None)
+    log.command(10.2, 1.0, 0.5)
+    entry = log.end(10.3, NOON, "client_left")
+    assert (entry.turned_rad, entry.top_turn_rad_s) == (None, None)
+    assert entry.distance_m == pytest.approx(0.2)
+
+
 def test_a_drive_without_commands_goes_nowhere(log):
     """Nothing is counted from before the first command."""
     assert log.end(1e6, NOON, "client_left").distance_m == 0
