@@ -30,7 +30,7 @@ from robotether_agent.doctor import FAIL, WARNING, fail
 from robotether_agent.doctor.checks import run_checks
 from robotether_agent.enrolment.enroller import Enroller, EnrolmentStore, enrolment_files, unenrol
 from robotether_agent.enrolment.identity import IdentityStore
-from robotether_agent.files import ensure_directory
+from robotether_agent.files import disk_problem, ensure_directory
 from robotether_agent.guard.fork_server import ForkServer
 from robotether_agent.guard.process import main as run_guard_process
 from robotether_agent.problems import (
@@ -62,10 +62,9 @@ def act_as_agent(state_dir: Path) -> None:
         if not state_dir.exists():
             _make(state_dir)
     except OSError as error:
-        raise StateUnusable(
-            f"cannot make the directory {state_dir}: {error.strerror}",
-            advice="see that the disk is neither full nor read-only, or set state_dir to another place",
-        ) from error
+        advice = "set state_dir to a place that can be written"
+        what = f"cannot make the directory {state_dir}"
+        raise disk_problem(what, state_dir.parent, error, advice=advice) from error
     become_owner(state_dir)
 
 

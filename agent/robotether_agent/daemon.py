@@ -28,6 +28,7 @@ from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
     AgentProblem,
     KeyRefused,
+    Retry,
     ServerBusy,
     ServerKeyChanged,
     ServerUnreachable,
@@ -188,7 +189,9 @@ class Agent:
         except ServerBusy:
             # That is the server. Whole fleets that also ask the web now are what would keep it busy.
             raise
-        except (ServerUnreachable, ServerKeyChanged):
+        except (ServerUnreachable, ServerKeyChanged) as problem:
+            if problem.retry is Retry.NEVER:
+                await self._enroller.report_host_key()
             self._enroller.doubt_address()
             raise
         finally:

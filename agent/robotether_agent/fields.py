@@ -45,7 +45,7 @@ def parse_object(data: bytes | str, what: str) -> JsonObject:
     try:
         value = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise FieldError(f"{what} is not JSON: {error}") from error
+        raise FieldError(f"{what} is not JSON") from error
     return as_object(value, what)
 
 

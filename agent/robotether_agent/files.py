@@ -7,11 +7,33 @@ import fcntl
 import os
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from robotether_agent.problems import AlreadyRunning, StateUnusable
+
+FULL_ADVICE = "make room (df, sudo journalctl --vacuum-size=100M)"
+READ_ONLY = (
+    "the disk is read-only",
+    "mount it writable; Linux does that to a disk or memory card that fails (dmesg)",
+)
+DISK_FAULTS: Mapping[int, tuple[str, str]] = {
+    errno.EROFS: READ_ONLY,
+    errno.ENOSPC: ("the disk is full", FULL_ADVICE),
+    errno.EDQUOT: ("this user's share of the disk is full", FULL_ADVICE),
+    errno.EIO: ("the disk fails", "see dmesg, and replace the disk or memory card"),
+    errno.EMFILE: (
+        "this program has too many files open",
+        "restart it (sudo systemctl restart robotether-agent), and report it if that returns",
+    ),
+    errno.ENFILE: ("this machine has too many files open", "see what holds them: sudo lsof"),
+    errno.ENOMEM: ("this machine has no memory left", "see what takes it: free, top"),
+}
+NO_INODES = (
+    "the disk has no inode left",
+    "remove small files (df -i; sudo du --inodes -x / | sort -n | tail)",
+)
 
 # In the run directory, held by the agent that runs.
 LOCK = "agent.lock"
@@ -22,10 +44,37 @@ def ensure_directory(path: Path, key: str, mode: int = 0o755) -> None:
     try:
         path.mkdir(mode=mode, parents=True, exist_ok=True)
     except OSError as error:
-        raise StateUnusable(
-            f"cannot make the directory {path}: {error.strerror}",
+        raise disk_problem(
+            f"cannot make the directory {path}",
+            path.parent,
+            error,
             advice=f"make it for the agent's user, or set {key} to a place that it may write",
         ) from error
+
+
+def disk_problem(
+    what: str, directory: Path, error: OSError, *, advice: str | None = None
+) -> StateUnusable:
+    """Return the problem "cannot DO WHAT: why" of a file in `directory`.
+
+    `advice` is for faults that are not the disk's: usually that the agent's user may not write there.
+    """
+    fault = DISK_FAULTS.get(error.errno or 0)
+    if error.errno == errno.ENOSPC and _has_no_inodes(directory):
+        fault = NO_INODES
+    words = error.strerror or "no reason is known"
+    if fault is not None:
+        return StateUnusable(f"{what}: {fault[0]} ({words})", advice=fault[1])
+    usual = f"let the agent's user (uid {os.getuid()}) write in {directory}"
+    return StateUnusable(f"{what}: {words}", advice=usual if advice is None else advice)
+
+
+def _has_no_inodes(directory: Path) -> bool:
+    try:
+        room = os.statvfs(directory)
+    except OSError:
+        return False
+    return bool(room.f_files) and not room.f_favail
 
 
 def write_atomic(path: Path, data: str, mode: int, *, lasts: bool = True) -> None:
@@ -33,11 +82,7 @@ def write_atomic(path: Path, data: str, mode: int, *, lasts: bool = True) -> Non
     try:
         _write(path, data, mode, lasts=lasts)
     except OSError as error:
-        raise StateUnusable(
-            f"cannot write {path}: {error.strerror}",
-            advice=f"let the agent's user (uid {os.getuid()}) write in {path.parent}, "
-            "and see that the disk is neither full nor read-only",
-        ) from error
+        raise disk_problem(f"cannot write {path}", path.parent, error) from error
 
 
 def read_text(path: Path) -> str | None:
@@ -47,11 +92,13 @@ def read_text(path: Path) -> str | None:
             return file.read()
     except (FileNotFoundError, ProcessLookupError):
         return None
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
         raise StateUnusable(
-            f"cannot read {path}: {error}",
-            advice=f"run this with sudo, let the user with uid {os.getuid()} read it, or remove it if it is broken",
+            f"cannot read {path}: it is no text", advice="it is damaged: remove it"
         ) from error
+    except OSError as error:
+        advice = f"run this with sudo, let the user with uid {os.getuid()} read it, or remove it if it is broken"
+        raise disk_problem(f"cannot read {path}", path.parent, error, advice=advice) from error
 
 
 def _open_regular(path: Path) -> int:
@@ -69,10 +116,7 @@ def only_one(path: Path, who: str = "agent") -> Iterator[None]:
     try:
         file = path.open("a")
     except OSError as error:
-        raise StateUnusable(
-            f"cannot open the lock {path}: {error.strerror}",
-            advice=f"let the agent's user (uid {os.getuid()}) write in {path.parent}",
-        ) from error
+        raise disk_problem(f"cannot open the lock {path}", path.parent, error) from error
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

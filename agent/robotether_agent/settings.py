@@ -381,7 +381,12 @@ def _from_file(path: Path, *, must_exist: bool) -> dict[str, _Given]:
             f"cannot read the settings {path}: permission denied",
             advice="run this with sudo, or let the agent's user read the file",
         ) from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except OSError as error:
+        raise SettingsInvalid(f"cannot read the settings {path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise SettingsInvalid(f"cannot read the settings {path}: it is no text") from error
+    except tomllib.TOMLDecodeError as error:
+        # Its text names line and column.
         raise SettingsInvalid(f"cannot read the settings {path}: {error}") from error
     for key in table:
         if key not in PARSERS:

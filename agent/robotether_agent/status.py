@@ -155,6 +155,11 @@ def has_problem(status: Status) -> bool:
     return bool(status.problem) and not status.problem_over_at
 
 
+def ended_by_problem(status: Status) -> bool:
+    """Return whether the agent ended for its last problem, and not because it was asked to."""
+    return status.state == "stopped" and abs(status.since - status.problem_at) < 1
+
+
 def read_status(run_dir: Path) -> Status | None:
     """Return what the agent wrote last, or None when it never ran since the boot."""
     text = read_text(run_dir / FILE)

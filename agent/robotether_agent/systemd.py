@@ -129,7 +129,8 @@ def _do(*words: str) -> None:
     try:
         done = _systemctl(*words)
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise UpgradeFailed(f"cannot run systemctl {' '.join(words)}: {error}") from error
+        why = getattr(error, "strerror", None) or f"no end after {TIMEOUT_S:g} s"
+        raise UpgradeFailed(f"cannot run systemctl {' '.join(words)}: {why}") from error
     if done.returncode:
         raise UpgradeFailed(
             f"cannot do systemctl {' '.join(words)}: {done.stderr.strip()}",

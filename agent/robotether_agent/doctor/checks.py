@@ -20,6 +20,7 @@ from robotether_agent.enrolment.enroller import EnrolmentStore
 from robotether_agent.enrolment.identity import IdentityStore, interface_with
 from robotether_agent.exposure import ADDRESS_ADVICE, PAST_GUARD, exposed_at, rosbridge_advice
 from robotether_agent.fields import printable
+from robotether_agent.files import FULL_ADVICE, NO_INODES, READ_ONLY
 from robotether_agent.problems import AgentProblem
 from robotether_agent.rosbridge import ask_rosapi
 from robotether_agent.settings import Settings
@@ -36,48 +37,52 @@ FORGET = "if this disk is a copy, make it a robot of its own: sudo robotether-ag
 
 async def run_checks(settings: Settings) -> AsyncIterator[Finding]:
     """Yield what each check finds, as soon as it is known."""
-    status = read_status(settings.run_dir)
-    if status is not None and not is_alive(status, time.time()):
-        status = None
+    last = read_status(settings.run_dir)
+    status = last if last is not None and is_alive(last, time.time()) else None
     yield ok("settings", f"server = {settings.server}")
     yield check_disk(settings)
     yield check_mac(settings)
     yield await check_key(settings)
     seen = await server.view_server(settings)
     pinned = settings.tls_fingerprint
-    yield server.check_name(seen)
-    yield server.check_port(seen)
+    name, port = server.check_name(seen), server.check_port(seen)
+    yield name
+    yield port
     yield server.check_certificate(seen, pinned)
     yield server.check_clock(seen, datetime.now(timezone.utc), is_pinned=pinned is not None)
     yield server.check_answer(seen)
     yield tunnel.check_join(settings, status)
-    for finding in await tunnel.check_ssh(settings):
+    ssh = await tunnel.check_ssh(settings, seen.ssh, (name, port))
+    for finding in ssh:
         yield finding
-    yield tunnel.check_service(systemd.state(), status)
+    above = (name, port, *ssh)
+    yield tunnel.check_service(systemd.state(), status, last, above)
     yield await check_rosbridge(settings)
     yield await check_rosapi(settings)
     yield tunnel.check_guard(settings, status)
     yield await check_video(settings)
     yield await check_shell(settings)
-    yield tunnel.check_session(status)
+    yield tunnel.check_session(status, above)
     yield tunnel.check_end_to_end(status)
 
 
 def check_disk(settings: Settings) -> Finding:
     """Whether the agent could keep its state; an enrolled robot connects without."""
     place = settings.state_dir
-    step, advice = "disk", "see that the disk is neither full nor read-only (df, mount)"
+    step = "disk"
     if not place.is_dir():
         return fail(step, f"there is no {place}", "start the agent, or run: robotether-agent key")
-    if os.statvfs(place).f_flag & os.ST_RDONLY:
-        return fail(step, f"{place} is read-only", advice)
+    room = os.statvfs(place)
+    if room.f_flag & os.ST_RDONLY:
+        return fail(step, f"{place} is read-only", READ_ONLY[1])
     if not os.access(place, os.W_OK):
         owner = f"run this with sudo; if that says the same: chown -R robotether: {place}"
         return fail(step, f"uid {os.getuid()} may not write in {place}", owner)
-    room = os.statvfs(place)
     free_mb = room.f_bavail * room.f_frsize // 1_000_000
-    if free_mb < ENOUGH_MB or not (room.f_favail or not room.f_files):
-        return fail(step, f"{place} has {free_mb} MB left", advice)
+    if room.f_files and not room.f_favail:
+        return fail(step, f"{place}: {NO_INODES[0]}, though {free_mb} MB are", NO_INODES[1])
+    if free_mb < ENOUGH_MB:
+        return fail(step, f"{place} has {free_mb} MB left", FULL_ADVICE)
     return ok(step, f"{place} is writable, {free_mb} MB are free")
 
 

@@ -17,12 +17,20 @@ from typing import Any
 
 import aiohttp
 
-from robotether_agent.describe_error import describe_error
-from robotether_agent.doctor import Finding, fail, ok, skipped
-from robotether_agent.fields import FieldError, get_text, parse_object, printable
-from robotether_agent.net.http_proxy import ADVICE as ADVICE_ON_PROXY
-from robotether_agent.net.http_proxy import Proxy, ask_for, proxy_of
-from robotether_agent.net.tcp import Resolver, connect
+from robotether_agent.describe_error import (
+    CLOCK_ADVICE,
+    MITM_ADVICE,
+    NAME_ADVICE,
+    NO_CAUSE,
+    SILENT_ADVICE,
+    Cause,
+    cause_of,
+)
+from robotether_agent.doctor import OK, Finding, fail, ok, skipped
+from robotether_agent.enrolment.join import REDIRECTS, SshAccess, parse_ssh
+from robotether_agent.fields import FieldError, get_object, get_text, parse_object, printable
+from robotether_agent.net.http_proxy import DEAD_ADVICE, Proxy, ask_for, proxy_of
+from robotether_agent.net.tcp import CHECK_NETWORK, CHECK_SERVER, Resolver, connect
 from robotether_agent.problems import AgentProblem
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
@@ -32,11 +40,10 @@ FORMATS = {UTC_TIME: "%y%m%d%H%M%SZ", GENERALIZED_TIME: "%Y%m%d%H%M%SZ"}
 LONG_LENGTH = 0x80
 TIMEOUT_S = 6.0
 MAX_ANSWER_BYTES = 16 * 1024
-# Without a login it answers with an error of its own, which no other server words like that.
-ASKED = "/api/v1/robots"
+# It answers to anybody, in words that no other server has.
+ASKED = "/api/v1/ssh"
 CLOCK_TOLERANCE = timedelta(minutes=5)
 BUILT = datetime(2025, 1, 1, tzinfo=timezone.utc)
-REDIRECTS = range(300, 400)
 
 
 class CertificateError(ValueError):
@@ -79,23 +86,30 @@ def _time(tag: int, text: bytes) -> datetime:
 
 @dataclass(frozen=True)
 class ServerView:
-    """What could be seen of the server; a text is why not, and what comes after it was not asked."""
+    """What could be seen of the server; a cause is why not, and what comes after it was not asked."""
 
     host: str
     port: int
     # What the robot goes through, if anything.
     proxy: str = ""
     addresses: tuple[str, ...] = ()
-    no_address: str = ""
-    no_port: str = ""
-    no_tls: str = ""
+    no_address: Cause = NO_CAUSE
+    no_port: Cause = NO_CAUSE
+    no_tls: Cause = NO_CAUSE
     certificate: bytes = b""
-    distrust: str = ""
-    no_answer: str = ""
+    distrust: Cause = NO_CAUSE
+    no_answer: Cause = NO_CAUSE
     date: datetime | None = None
     status: int = 0
     location: str = ""
     code: str = ""
+    # Where it says that robots connect.
+    ssh: SshAccess | None = None
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether a Robotether server answered."""
+        return bool(self.code) or self.ssh is not None
 
 
 async def view_server(settings: Settings) -> ServerView:
@@ -107,20 +121,20 @@ async def view_server(settings: Settings) -> ServerView:
         if proxy is None:
             seen = replace(seen, addresses=await within(TIMEOUT_S, _resolve(host, port)))
     except (OSError, asyncio.TimeoutError) as error:
-        return replace(seen, no_address=describe_error(error, TIMEOUT_S))
+        return replace(seen, no_address=cause_of(error, TIMEOUT_S))
     try:
         await within(TIMEOUT_S, _connect(settings, None))
     except (AgentProblem, OSError, asyncio.TimeoutError) as error:
-        return replace(seen, no_port=_reason(error))
+        return replace(seen, no_port=_reason(error, CHECK_NETWORK))
     try:
         seen = replace(seen, certificate=await within(TIMEOUT_S, _connect(settings, _blind())))
     except (AgentProblem, OSError, ValueError, asyncio.TimeoutError) as error:
-        return replace(seen, no_tls=_reason(error))
+        return replace(seen, no_tls=_reason(error, SILENT_ADVICE))
     seen = replace(seen, distrust=await _distrust(settings))
     try:
         return await within(TIMEOUT_S, _ask(settings, seen))
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
-        return replace(seen, no_answer=describe_error(error, TIMEOUT_S))
+        return replace(seen, no_answer=cause_of(error, TIMEOUT_S))
 
 
 def check_name(seen: ServerView) -> Finding:
@@ -130,8 +144,8 @@ def check_name(seen: ServerView) -> Finding:
     if seen.no_address:
         return fail(
             "name",
-            f"cannot find the address of {seen.host}: {seen.no_address}",
-            "check the setting server, and this robot's name service (resolvectl status)",
+            f"cannot find the address of {seen.host}: {seen.no_address.sentence}",
+            seen.no_address.advice or NAME_ADVICE,
         )
     return ok("name", f"{seen.host} is {', '.join(seen.addresses)}")
 
@@ -141,12 +155,12 @@ def check_port(seen: ServerView) -> Finding:
     if seen.no_address:
         return skipped("https port", "no address to ask")
     if seen.no_port and seen.proxy:
-        return fail("https port", seen.no_port, ADVICE_ON_PROXY)
+        return fail("https port", seen.no_port.sentence, seen.no_port.advice or DEAD_ADVICE)
     if seen.no_port:
         return fail(
             "https port",
-            f"cannot reach {seen.host} port {seen.port}: {seen.no_port}",
-            "see that the server runs, and that no firewall is in between",
+            f"cannot reach {seen.host} port {seen.port}: {seen.no_port.sentence}",
+            seen.no_port.advice or CHECK_SERVER,
         )
     through = f" through {seen.proxy}" if seen.proxy else ""
     return ok("https port", f"{seen.host} port {seen.port} accepts{through}")
@@ -157,11 +171,8 @@ def check_certificate(seen: ServerView, pinned: bytes | None) -> Finding:
     if seen.no_address or seen.no_port:
         return skipped("certificate", "no connection")
     if seen.no_tls:
-        return fail(
-            "certificate",
-            f"{seen.host} port {seen.port} does not speak TLS: {seen.no_tls}",
-            "see that server names the https port, and that no captive portal is in between",
-        )
+        why = f"{seen.host} port {seen.port} accepts, but there is no TLS: {seen.no_tls.sentence}"
+        return fail("certificate", why, seen.no_tls.advice or MITM_ADVICE)
     shown = hashlib.sha256(seen.certificate).hexdigest()
     if pinned is None:
         return _check_authority(seen, shown)
@@ -176,7 +187,7 @@ def check_certificate(seen: ServerView, pinned: bytes | None) -> Finding:
 
 def check_clock(seen: ServerView, now: datetime, *, is_pinned: bool) -> Finding:
     """Whether this robot's clock agrees with the server's, or at least with its certificate."""
-    advice = "set the clock: sudo timedatectl set-ntp true" + (
+    advice = CLOCK_ADVICE + (
         "; with tls_fingerprint set the tunnel works all the same" if is_pinned else ""
     )
     says = f"this robot's clock says {_shown(now)}"
@@ -200,11 +211,12 @@ def check_answer(seen: ServerView) -> Finding:
     if seen.no_address or seen.no_port or seen.no_tls:
         return skipped(step, "no connection")
     if seen.no_answer:
-        return fail(step, f"no answer from {seen.host}: {seen.no_answer}", "see the server's log")
+        reason = f"no answer from {seen.host}: {seen.no_answer.sentence}"
+        return fail(step, reason, seen.no_answer.advice or "see the server's log")
     if seen.status in REDIRECTS:
         where = printable(seen.location, 100)
         return fail(step, f"a captive portal answers: it redirects to {where}", portal)
-    if not seen.code:
+    if not seen.is_ours:
         reason = f"something answers with HTTP status {seen.status} that is no Robotether server"
         return fail(step, reason, f"check the setting server; {portal}")
     return ok(step, f"a Robotether server answers at {seen.host}")
@@ -214,8 +226,8 @@ def _check_authority(seen: ServerView, shown: str) -> Finding:
     if seen.distrust:
         return fail(
             "certificate",
-            f"no known authority has signed {shown}: {seen.distrust}",
-            "set tls_fingerprint or ca_file, and see that the clock is right",
+            f"this robot does not trust {shown}: {seen.distrust.sentence}",
+            f"{seen.distrust.advice or 'set tls_fingerprint or ca_file'}; and see that the clock is right",
         )
     return ok("certificate", f"an authority has signed it ({shown})")
 
@@ -243,7 +255,7 @@ async def _connect(settings: Settings, context: ssl.SSLContext | None) -> bytes:
 
 
 async def _joined(proxy: Proxy, host: str, port: int) -> socket.socket:
-    connection = await connect(*proxy.address, Resolver(), str(proxy))
+    connection = await connect(*proxy.address, Resolver(), str(proxy), DEAD_ADVICE)
     try:
         await ask_for(connection, proxy, host, port, what="https")
     except BaseException:
@@ -252,24 +264,25 @@ async def _joined(proxy: Proxy, host: str, port: int) -> socket.socket:
     return connection
 
 
-def _reason(error: BaseException) -> str:
+def _reason(error: BaseException, if_silent: str) -> Cause:
+    """Return the cause in `error`; `if_silent` is the advice on no answer at all."""
     if isinstance(error, AgentProblem):
-        return error.message
-    return describe_error(error, TIMEOUT_S)
+        return Cause(error.message, error.advice)
+    cause = cause_of(error, TIMEOUT_S)
+    is_silent = isinstance(error, asyncio.TimeoutError) and not cause.advice
+    return replace(cause, advice=if_silent) if is_silent else cause
 
 
-async def _distrust(settings: Settings) -> str:
+async def _distrust(settings: Settings) -> Cause:
     """Return why no authority vouches for the server, or nothing when one does or none is asked."""
     if settings.tls_fingerprint is not None:
-        return ""
+        return NO_CAUSE
     try:
         context = ssl.create_default_context(cafile=settings.ca_file)
         await within(TIMEOUT_S, _connect(settings, context))
-    except ssl.SSLCertVerificationError as error:
-        return error.verify_message
     except (AgentProblem, OSError, asyncio.TimeoutError) as error:
-        return _reason(error)
-    return ""
+        return _reason(error, SILENT_ADVICE)
+    return NO_CAUSE
 
 
 async def _ask(settings: Settings, seen: ServerView) -> ServerView:
@@ -285,6 +298,8 @@ async def _ask(settings: Settings, seen: ServerView) -> ServerView:
             location=response.headers.get("Location", ""),
             date=_date(response.headers.get("Date", "")),
             code=_code(body),
+            # An impostor's ports are nobody's.
+            ssh=_ssh(body) if _is_trusted(settings, seen) else None,
         )
 
 
@@ -301,6 +316,17 @@ def _code(body: bytes) -> str:
         return get_text(parse_object(body, "the answer"), "code")
     except FieldError:
         return ""
+
+
+def _ssh(body: bytes) -> SshAccess | None:
+    try:
+        return parse_ssh(get_object(parse_object(body, "the answer"), "ssh"))
+    except FieldError:
+        return None
+
+
+def _is_trusted(settings: Settings, seen: ServerView) -> bool:
+    return check_certificate(seen, settings.tls_fingerprint).state == OK
 
 
 def _blind() -> ssl.SSLContext:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import Sequence
 
-from robotether_agent.doctor import Finding, fail, ok, skipped, warning
+from robotether_agent.doctor import FAIL, Finding, fail, ok, skipped, warning
 from robotether_agent.enrolment import keys
-from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
+from robotether_agent.enrolment.enroller import EnrolmentStore
 from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.enrolment.keys import HostKey
+from robotether_agent.net.happy_eyeballs import WHERE, said_once
 from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.problems import (
@@ -21,7 +23,14 @@ from robotether_agent.problems import (
     SshMissing,
 )
 from robotether_agent.settings import Settings
-from robotether_agent.status import CONNECTED, Status, end_to_end, has_problem, video_tunnel
+from robotether_agent.status import (
+    CONNECTED,
+    Status,
+    end_to_end,
+    ended_by_problem,
+    has_problem,
+    video_tunnel,
+)
 from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import (
     SshFiles,
@@ -33,8 +42,8 @@ from robotether_agent.tunnel.openssh import (
 
 # A little more than the client's own ConnectTimeout.
 TIMEOUT_S = 13.0
-DEFAULT_PORTS = (2222, 443)
 START = "sudo systemctl start robotether-agent"
+ABOVE = "what stands above; the agent tries again by itself, or start it then: " + START
 
 
 def check_join(settings: Settings, status: Status | None) -> Finding:
@@ -48,29 +57,58 @@ def check_join(settings: Settings, status: Status | None) -> Finding:
             "join", f"{status.problem} (key {status.fingerprint})", "approve it on the server"
         )
     if known is None:
-        why = f"{settings.server} has not approved this robot yet"
+        why = f"this robot is not enrolled at {settings.server}"
         return fail("join", why, "run: sudo robotether-agent join")
     return ok("join", f"{known.server} knows this robot as {known.robot} (MAC {known.mac})")
 
 
-async def check_ssh(settings: Settings) -> list[Finding]:
-    """Whether the server's SSH ports answer with the pinned host key; one of them is enough."""
+async def check_ssh(
+    settings: Settings, announced: SshAccess | None, above: Sequence[Finding]
+) -> list[Finding]:
+    """Whether the server's SSH ports answer with the pinned host key; one of them is enough.
+
+    Before the robot is enrolled, they are those that the server has `announced`.
+    """
     store = EnrolmentStore(settings.state_dir)
     try:
         known, pinned = store.load(settings.server), keys.pinned_host_keys(store.known_hosts)
     except AgentProblem as problem:
         return [fail("ssh", problem.message, problem.advice)]
-    targets = _targets(settings, known)
-    found = await asyncio.gather(*(_problem_at(target, store) for target in targets))
-    one_works = any(isinstance(problem, KeyRefused) for problem in found)
-    return [
-        _finding(target, problem, pinned, one_works=one_works)
-        for target, problem in zip(targets, found, strict=True)
-    ]
+    access = known.ssh if known else announced
+    if access is None:
+        return [skipped("ssh", "the server has not said at which ports robots connect")]
+    targets = _targets(settings, access)
+    problems = await asyncio.gather(*(_problem_at(target, store) for target in targets))
+    one_works = any(isinstance(problem, KeyRefused) for problem in problems)
+    # Ports of which the same is to be said stand in one line.
+    alike: dict[str, list[tuple[SshAddress, AgentProblem]]] = {}
+    for target, found in zip(targets, problems, strict=True):
+        alike.setdefault(_reason_of(found, target), []).append((target, found))
+    return [_finding(group, pinned, above, one_works=one_works) for group in alike.values()]
 
 
-def check_service(state: str | None, status: Status | None) -> Finding:
-    """Whether the boot service runs; `state` is systemd's word, None without systemd."""
+def _reason_of(problem: AgentProblem, target: SshAddress) -> str:
+    """Return what tells apart what is to be said of two ports."""
+    if isinstance(problem, KeyRefused):
+        return str(target)
+    return problem.message.replace(str(target), target.host)
+
+
+def check_service(
+    state: str | None,
+    status: Status | None,
+    last: Status | None = None,
+    above: Sequence[Finding] = (),
+) -> Finding:
+    """Whether the boot service runs; `state` is systemd's word, None without systemd.
+
+    `last` is what the agent wrote before it ended.
+    """
+    if status is None and last is not None and ended_by_problem(last) and state != "active":
+        if is_said(last.problem, above):
+            return fail("service", f"the agent has stopped for that [{last.problem_code}]", ABOVE)
+        reason = f"the agent has stopped: {last.problem} [{last.problem_code}]"
+        return fail("service", reason, last.advice or START)
     if state not in {None, "active"}:
         return fail(
             "service",
@@ -103,10 +141,18 @@ def check_guard(settings: Settings, status: Status | None) -> Finding:
     return ok(step, "ready; it stops the robot when commands stop")
 
 
-def check_session(status: Status | None) -> Finding:
-    """Whether the robot is connected, and if not, what the agent says."""
+def is_said(problem: str, above: Sequence[Finding]) -> bool:
+    """Return whether a step has failed for the same reason, which is a problem's last words."""
+    reason = WHERE.sub(r"\1", problem.rpartition(": ")[2])
+    return any(finding.state == FAIL and reason in finding.detail for finding in above)
+
+
+def check_session(status: Status | None, above: Sequence[Finding] = ()) -> Finding:
+    """Whether the robot is connected, and if not, what the agent says, unless it stands `above`."""
     if status is None:
         return skipped("connection", "no agent runs")
+    if has_problem(status) and is_said(status.problem, above):
+        return fail("connection", f"the agent waits for that [{status.problem_code}]", ABOVE)
     if has_problem(status):
         return fail(
             "connection",
@@ -143,8 +189,7 @@ def check_end_to_end(status: Status | None) -> Finding:
     return ok(step, f"from the server: {states}")
 
 
-def _targets(settings: Settings, known: Enrolment | None) -> list[SshAddress]:
-    ssh = known.ssh if known else SshAccess("tunnel", None, DEFAULT_PORTS)
+def _targets(settings: Settings, ssh: SshAccess) -> list[SshAddress]:
     dialer = ServerDialer(proxy_of(settings.http_proxy), https_port=settings.server_port)
     return [
         SshAddress(cell.host, port, ssh.user, dialer, cell)
@@ -196,16 +241,25 @@ async def _ask_client(
 
 
 def _finding(
-    target: SshAddress, problem: AgentProblem, pinned: list[HostKey], *, one_works: bool
+    alike: list[tuple[SshAddress, AgentProblem]],
+    pinned: list[HostKey],
+    above: Sequence[Finding],
+    *,
+    one_works: bool,
 ) -> Finding:
-    step = f"ssh {target.port}"
+    """Return what is to be said of ports with the same problem."""
+    target, problem = alike[0]
+    step = f"ssh {', '.join(str(at.port) for at, _ in alike)}"
     if isinstance(problem, KeyRefused):
         return ok(step, f"{target.host} answers with the pinned host key")
     if isinstance(problem, ServerKeyChanged) and not pinned:
         return skipped(step, f"{target.host} answers; no host key is pinned before the first join")
+    message = said_once(one.message for _, one in alike)
     if isinstance(problem, ServerKeyChanged):
         known = ", ".join(key.fingerprint for key in pinned)
-        return fail(step, f"{problem.message}; pinned is {known}", problem.advice)
+        return fail(step, f"{message}; pinned is {known}", problem.advice)
     if one_works:
-        return skipped(step, f"{problem.message}; another address is enough")
-    return fail(step, problem.message, problem.advice)
+        return skipped(step, f"{message}; another address is enough")
+    if is_said(message, above):
+        return skipped(step, "for the reason above")
+    return fail(step, message, problem.advice)

@@ -43,7 +43,14 @@ from robotether_agent.fields import (
     get_object,
     parse_object,
 )
-from robotether_agent.files import LOCK, ensure_directory, only_one, read_text, write_atomic
+from robotether_agent.files import (
+    LOCK,
+    disk_problem,
+    ensure_directory,
+    only_one,
+    read_text,
+    write_atomic,
+)
 from robotether_agent.problems import (
     AgentProblem,
     AlreadyRunning,
@@ -235,6 +242,16 @@ class Enroller:
         except AgentProblem as problem:
             self._repeats.log_problem("join", problem)
 
+    async def report_host_key(self) -> None:
+        """Let the server's web know that this robot refuses the host key of its SSH, as far as it can be reached."""
+        try:
+            request = replace(
+                self._request(self.identity(), await self.key()), host_key_refused=True
+            )
+            await within(QUICK_ANSWER_S, join(self._settings, request))
+        except (AgentProblem, asyncio.TimeoutError) as error:
+            log.debug("the server was not told of its host key: %s", error)
+
     async def join(self) -> Enrolment:
         """Ask the server now and keep its answer; a host key that is not the pinned one is raised."""
         # One at a time: a key that changes between two questions would come back as an unknown robot's.
@@ -292,13 +309,7 @@ class Enroller:
     async def _ask(self, identity: Identity, *, is_enrolled: bool) -> Joined:
         """Join with the next key if there is one; else with the token, if it is of use."""
         key = await self.key()
-        request = JoinRequest(
-            mac=identity.mac,
-            public_key=key.public,
-            hostname=socket.gethostname(),
-            agent_version=__version__,
-            mac_present=identity.is_present,
-        )
+        request = self._request(identity, key)
         coming = await self.next_key()
         if coming is not None:
             return await self._ask_with_next(request, key, coming)
@@ -311,6 +322,16 @@ class Enroller:
                 raise
             self._repeats.log_problem("join without the token", problem)
         return await join(self._settings, request)
+
+    @staticmethod
+    def _request(identity: Identity, key: KeyPair) -> JoinRequest:
+        return JoinRequest(
+            mac=identity.mac,
+            public_key=key.public,
+            hostname=socket.gethostname(),
+            agent_version=__version__,
+            mac_present=identity.is_present,
+        )
 
     async def _ask_with_next(self, request: JoinRequest, key: KeyPair, coming: KeyPair) -> Joined:
         """Join with the key that is to replace `key`; also after a power cut between any two of these steps."""
@@ -357,7 +378,5 @@ def unenrol(settings: Settings) -> None:
             advice="stop it first: sudo systemctl stop robotether-agent",
         ) from problem
     except OSError as error:
-        raise StateUnusable(
-            f"cannot forget this robot: {error.filename}: {error.strerror}",
-            advice="run this with sudo, and see that the disk is not read-only",
-        ) from error
+        what = f"cannot forget this robot: cannot remove {error.filename}"
+        raise disk_problem(what, settings.state_dir, error, advice="run this with sudo") from error

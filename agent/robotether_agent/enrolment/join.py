@@ -16,7 +16,7 @@ from http import HTTPStatus
 import aiohttp
 from robotether_common.join import PreviousKey
 
-from robotether_agent.describe_error import describe_error
+from robotether_agent.describe_error import EXPIRED, NOT_YET_VALID, Cause, cause_of
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.keys import HostKey
 from robotether_agent.fields import (
@@ -34,8 +34,7 @@ from robotether_agent.fields import (
     parse_object,
     printable,
 )
-from robotether_agent.net.http_proxy import ADVICE as ADVICE_ON_PROXY
-from robotether_agent.net.http_proxy import LOGIN_ADVICE, proxy_of
+from robotether_agent.net.http_proxy import DEAD_ADVICE, advice_on, proxy_of
 from robotether_agent.problems import (
     AgentProblem,
     AnswerInvalid,
@@ -51,13 +50,12 @@ from robotether_agent.tasks import within
 
 TIMEOUT_S = 15.0
 MAX_ANSWER_BYTES = 64 * 1024
+REDIRECTS = range(300, 400)
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
 USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
 
 # Of the unit, and not of the same command that a person runs.
 NOT_IN_HOME = " (not in /home or /root, which the boot service cannot read)"
-# OpenSSL's X509_V_ERR_CERT_NOT_YET_VALID and X509_V_ERR_CERT_HAS_EXPIRED.
-WRONG_TIME = frozenset({9, 10})
 
 ADVICE = {
     "token_invalid": "make a new join token on the server (robotether robot invite), or remove the token from "
@@ -95,6 +93,7 @@ class JoinRequest:
     hostname: str
     agent_version: str
     mac_present: bool = True
+    host_key_refused: bool = False
     token: str | None = None
     name: str | None = None
     previous_key: PreviousKey | None = None
@@ -109,6 +108,8 @@ class JoinRequest:
         }
         if not self.mac_present:
             body["mac_present"] = False
+        if self.host_key_refused:
+            body["host_key_refused"] = True
         if self.token is not None:
             body["token"] = self.token
         if self.name is not None:
@@ -165,7 +166,8 @@ def join_token(settings: Settings) -> str | None:
         return settings.token_file.read_text(encoding="ascii").strip() or None
     except (OSError, UnicodeDecodeError) as error:
         raise SettingsInvalid(
-            f"cannot read the join token in {settings.token_file}, which token_file names: {error}",
+            f"cannot read the join token in {settings.token_file}, which token_file names: "
+            f"{cause_of(error, 0).sentence}",
             advice=f"put the token there{NOT_IN_HOME}, or remove token_file from the settings",
         ) from error
 
@@ -185,7 +187,7 @@ async def join(settings: Settings, request: JoinRequest) -> Joined:
     except aiohttp.ClientConnectorCertificateError as error:
         raise _untrusted(settings, error.certificate_error) from error
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
-        raise _unreachable(settings, describe_error(error, TIMEOUT_S)) from error
+        raise _unreachable(settings, cause_of(error, TIMEOUT_S)) from error
     return read_answer(settings.server, status, body)
 
 
@@ -193,6 +195,12 @@ def read_answer(server: str, status: int, body: bytes) -> Joined:
     """Return what an HTTP answer says, or raise the problem that it reports."""
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         raise ServerUnreachable(f"cannot join {server}: it answers with HTTP status {status}")
+    if status in REDIRECTS:
+        raise AnswerInvalid(
+            f"cannot join {server}: something redirects (HTTP status {status}), which no Robotether server does",
+            advice="log in to the captive portal of this network in a browser, or see that server names a Robotether "
+            "server",
+        )
     try:
         answer = parse_object(body, "the answer")
         if status == HTTPStatus.OK:
@@ -252,7 +260,7 @@ async def _post(settings: Settings, request: JoinRequest) -> tuple[int, bytes]:
         async for chunk in response.content.iter_chunked(4096):
             body += chunk
             if len(body) > MAX_ANSWER_BYTES:
-                raise ValueError(f"its answer is longer than {MAX_ANSWER_BYTES} bytes")
+                raise FieldError(f"its answer is longer than {MAX_ANSWER_BYTES} bytes")
         return response.status, bytes(body)
 
 
@@ -263,26 +271,33 @@ def _trust(settings: Settings) -> aiohttp.Fingerprint | ssl.SSLContext:
         return ssl.create_default_context(cafile=settings.ca_file)
     except (OSError, ssl.SSLError) as error:
         raise SettingsInvalid(
-            f"cannot use ca_file = {str(settings.ca_file)!r}: {error}",
+            f"cannot use ca_file = {str(settings.ca_file)!r}: {_why_no_ca(error)}",
             advice=f"allowed is a readable file of certificates in PEM{NOT_IN_HOME}",
             # The file may come back, and a robot that is connected needs it for a new key alone.
             retry=Retry.SLOWLY,
         ) from error
 
 
+def _why_no_ca(error: OSError) -> str:
+    if isinstance(error, ssl.SSLError):
+        return "it holds no certificate in PEM"
+    return cause_of(error, 0).sentence
+
+
 def _untrusted(settings: Settings, error: Exception) -> TlsUntrusted:
     now = f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC"
-    if getattr(error, "verify_code", None) in WRONG_TIME:
+    cause = cause_of(error, TIMEOUT_S)
+    if getattr(error, "verify_code", None) in {NOT_YET_VALID, EXPIRED}:
         return TlsUntrusted(
             f"cannot trust the certificate of {settings.server}: this robot's clock says {now}, and by that "
-            f"{printable(str(getattr(error, 'verify_message', error)))}",
+            f"{cause.sentence}",
             advice="this is tried again: a robot without a battery-backed clock waits for the time from the network "
             "(timedatectl set-ntp true); with tls_fingerprint set the clock does not matter",
         )
     return TlsUntrusted(
-        f"cannot trust the certificate of {settings.server}: {printable(str(error))}",
-        advice=f"set tls_fingerprint or ca_file, see that this robot's clock is right (it says {now}), and that no "
-        "captive portal is in between",
+        f"cannot trust the certificate of {settings.server}: {cause.sentence}",
+        advice=f"{cause.advice or 'set tls_fingerprint or ca_file'}; and see that this robot's clock is right (it says "
+        f"{now}), and that no captive portal is in between",
     )
 
 
@@ -293,19 +308,18 @@ def _proxy_problem(
     proxy = proxy_of(settings.http_proxy)
     if isinstance(error, aiohttp.ClientHttpProxyError):
         why = f"{proxy} answers {error.status} {printable(error.message, 80)}".rstrip()
-        needs_password = error.status == HTTPStatus.PROXY_AUTHENTICATION_REQUIRED
         return ServerUnreachable(
-            f"cannot reach https://{settings.server}: {why}",
-            advice=LOGIN_ADVICE if needs_password else ADVICE_ON_PROXY,
+            f"cannot reach https://{settings.server}: {why}", advice=advice_on(error.status)
         )
-    why = f"{proxy} cannot be reached: {describe_error(error, TIMEOUT_S)}"
+    cause = cause_of(error, TIMEOUT_S)
     return ServerUnreachable(
-        f"cannot reach https://{settings.server}: {why}", advice=ADVICE_ON_PROXY
+        f"cannot reach https://{settings.server}: {proxy} cannot be reached: {cause.sentence}",
+        advice=cause.advice or DEAD_ADVICE,
     )
 
 
-def _unreachable(settings: Settings, why: str) -> ServerUnreachable:
+def _unreachable(settings: Settings, cause: Cause) -> ServerUnreachable:
     return ServerUnreachable(
-        f"cannot reach https://{settings.server}: {why}",
-        advice="check this robot's network and the setting server",
+        f"cannot reach https://{settings.server}: {cause.sentence}",
+        advice=cause.advice or "check this robot's network and the setting server",
     )

@@ -23,7 +23,7 @@ from pathlib import Path
 from robotether_common.join import ROTATION_NAMESPACE
 
 from robotether_agent.fields import FieldError, printable
-from robotether_agent.files import read_text, write_atomic
+from robotether_agent.files import disk_problem, read_text, write_atomic
 from robotether_agent.problems import KeyUnusable, ServerKeyChanged, SshMissing, StateUnusable
 from robotether_agent.tasks import within
 
@@ -122,10 +122,8 @@ async def promote(state_dir: Path) -> None:
     except FileNotFoundError:
         return
     except OSError as error:
-        raise StateUnusable(
-            f"cannot put the robot's new key in the place of {key}: {error.strerror}",
-            advice="see that the disk is neither full nor read-only; until then both keys are kept",
-        ) from error
+        what = f"cannot put the robot's new key in the place of {key}, so both are kept"
+        raise disk_problem(what, state_dir, error) from error
 
 
 def discard_next(state_dir: Path) -> None:
@@ -134,10 +132,8 @@ def discard_next(state_dir: Path) -> None:
         for path in (state_dir / NEXT, _public(state_dir / NEXT)):
             path.unlink(missing_ok=True)
     except OSError as error:
-        raise StateUnusable(
-            f"cannot remove the robot's next key in {state_dir}: {error.strerror}",
-            advice="see that the disk is not read-only; until then the robot keeps its key",
-        ) from error
+        what = f"cannot remove the robot's next key in {state_dir}, so the robot keeps its key"
+        raise disk_problem(what, state_dir, error) from error
 
 
 async def sign(key: KeyPair, text: str) -> str:
@@ -191,9 +187,9 @@ async def _make(path: Path, what: str) -> None:
     except FileExistsError:
         return
     except OSError as error:
-        raise StateUnusable(
-            f"cannot make {what} in {path.parent}: {error.strerror}",
-            advice="let the agent's user write there, or set state_dir to a place that it may write",
+        advice = "let the agent's user write there, or set state_dir to a place that it may write"
+        raise disk_problem(
+            f"cannot make {what} in {path.parent}", path.parent, error, advice=advice
         ) from error
 
 

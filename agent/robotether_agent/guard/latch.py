@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robotether_agent.fields import FieldError, get_text, parse_object
-from robotether_agent.files import read_text, write_atomic
+from robotether_agent.files import disk_problem, read_text, write_atomic
 from robotether_agent.guard.agent_messages import MAX_BY_LENGTH, ReleaseRequest, StopRequest
 from robotether_agent.problems import StateUnusable
 
@@ -54,7 +54,8 @@ class StopFile:
         try:
             self._path.unlink(missing_ok=True)
         except OSError as error:
-            raise StateUnusable(f"cannot remove {self._path}: {error.strerror}") from error
+            what = f"cannot remove {self._path}"
+            raise disk_problem(what, self._path.parent, error) from error
 
 
 @dataclass

@@ -27,7 +27,7 @@ from robotether_agent.fields import (
     get_text,
     parse_object,
 )
-from robotether_agent.files import read_text
+from robotether_agent.files import disk_problem, read_text
 from robotether_agent.guard.drive_messages import (
     MAX_FRAME_ID_LENGTH,
     SHAPES,
@@ -360,14 +360,14 @@ class MotionFile:
             new.write_text(text, encoding="utf-8")
             new.replace(self._path)
         except OSError as error:
-            raise StateUnusable(f"cannot write {self._path}: {error.strerror}") from error
+            raise disk_problem(f"cannot write {self._path}", self._path.parent, error) from error
 
     def remove(self) -> None:
         """Remove the file; StateUnusable when that fails."""
         try:
             self._path.unlink(missing_ok=True)
         except OSError as error:
-            raise StateUnusable(f"cannot remove {self._path}: {error.strerror}") from error
+            raise disk_problem(f"cannot remove {self._path}", self._path.parent, error) from error
 
 
 def _driven(file: JsonObject) -> list[Driven]:

@@ -7,8 +7,10 @@ of aiohappyeyeballs, which knows addresses only, and says of several that failed
 from __future__ import annotations
 
 import asyncio
+import re
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
+from itertools import takewhile
 from typing import Generic, TypeVar
 
 from robotether_agent.problems import AgentProblem, NoAnswer, ServerBusy, ServerUnreachable
@@ -17,6 +19,7 @@ T = TypeVar("T")
 Pause = Callable[[], Awaitable[None]]
 # Attempts may be without end; their last problems say enough.
 MAX_PROBLEMS = 8
+WHERE = re.compile(r"(.*) \(([^()]*)\)")
 
 
 def after(seconds: float) -> Pause:
@@ -152,6 +155,36 @@ def combined_problem(failed: Sequence[AgentProblem]) -> AgentProblem:
 
 
 def _one(kind: type[AgentProblem], found: Sequence[AgentProblem]) -> AgentProblem:
-    message = "; ".join(dict.fromkeys(problem.message for problem in found))
+    message = said_once(problem.message for problem in found)
     advice = next((problem.advice for problem in found if problem.advice), None)
     return kind(message or "cannot connect: nothing answers", advice=advice)
+
+
+def said_once(messages: Iterable[str]) -> str:
+    """Return sentences "cannot DO WHAT: WHY (WHERE)" as one, in which no reason stands twice."""
+    wheres: dict[tuple[str, str], list[str]] = {}
+    for message in dict.fromkeys(messages):
+        what, colon, why = message.partition(": ")
+        what, why = (what, why) if colon else ("", what)
+        placed = WHERE.fullmatch(why)
+        why, where = placed.groups() if placed else (why, "")
+        wheres.setdefault((what, why), []).append(where)
+    whats: dict[str, list[str]] = {}
+    for (what, why), places in wheres.items():
+        where = ", ".join(dict.fromkeys(filter(None, places)))
+        whats.setdefault(f"{why} ({where})" if where else why, []).append(what)
+    whys: dict[str, list[str]] = {}
+    for why, named in whats.items():
+        whys.setdefault(_listed(named), []).append(why)
+    return "; ".join(
+        f"{what}: {'; '.join(reasons)}" if what else "; ".join(reasons)
+        for what, reasons in whys.items()
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return several names as one list, with the words that they begin with once."""
+    words = [name.split(" ") for name in names]
+    columns = takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))
+    shared = len(list(columns))
+    return ", ".join([names[0], *(" ".join(one[shared:]) for one in words[1:])])

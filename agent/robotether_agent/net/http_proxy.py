@@ -23,9 +23,16 @@ DEFAULT_PORT = 3128
 TIMEOUT_S = 5.0
 MAX_ANSWER_BYTES = 8 * 1024
 END = b"\r\n\r\n"
+DEAD_ADVICE = "see that the HTTP proxy runs, and check the setting http_proxy"
 ADVICE = "check the setting http_proxy, and that the proxy lets CONNECT out to the server's ports"
 LOGIN_ADVICE = (
     "put the user and password that the proxy wants into http_proxy: http://USER:PASSWORD@HOST:PORT"
+)
+GATEWAY_ADVICE = (
+    "see that the server runs, and that the proxy's own network and name service lead to it"
+)
+GATEWAY_FAILURES = frozenset(
+    {HTTPStatus.BAD_GATEWAY, HTTPStatus.SERVICE_UNAVAILABLE, HTTPStatus.GATEWAY_TIMEOUT}
 )
 STATUS_LINE = re.compile(rb"HTTP/1\.[01] ([1-5][0-9]{2})(?: ([^\r\n]*))?\r?\n")
 
@@ -70,7 +77,7 @@ async def ask_for(
         head = await within(TIMEOUT_S, peek(connection, lambda seen: END in seen, MAX_ANSWER_BYTES))
     except asyncio.TimeoutError as error:
         why = f"{proxy} does not answer in {TIMEOUT_S:g} s"
-        raise NoAnswer(f"cannot reach {where}: {why}", advice=ADVICE) from error
+        raise NoAnswer(f"cannot reach {where}: {why}", advice=DEAD_ADVICE) from error
     except OSError as error:
         why = f"{proxy} closes the connection"
         raise ServerUnreachable(f"cannot reach {where}: {why}", advice=ADVICE) from error
@@ -102,7 +109,16 @@ def refusal(head: bytes, proxy: Proxy, where: str) -> AgentProblem | None:
         return None
     said = printable((line[2] or b"").decode("latin-1"), 80)
     why = f"{proxy} answers {status} {said}".rstrip()
+    if status in GATEWAY_FAILURES:
+        why = f"{why}: it cannot reach that itself"
     if status == HTTPStatus.GATEWAY_TIMEOUT:
-        return NoAnswer(f"cannot reach {where}: {why}", advice=ADVICE)
-    advice = LOGIN_ADVICE if status == HTTPStatus.PROXY_AUTHENTICATION_REQUIRED else ADVICE
+        return NoAnswer(f"cannot reach {where}: {why}", advice=advice_on(status))
+    advice = advice_on(status)
     return ServerUnreachable(f"cannot reach {where}: {why}", advice=advice)
+
+
+def advice_on(status: int) -> str:
+    """Return what to do about a proxy that answers so."""
+    if status in GATEWAY_FAILURES:
+        return GATEWAY_ADVICE
+    return LOGIN_ADVICE if status == HTTPStatus.PROXY_AUTHENTICATION_REQUIRED else ADVICE

@@ -18,11 +18,12 @@ from itertools import chain, groupby, repeat
 from random import Random
 from time import monotonic
 
+from robotether_agent.describe_error import SILENT_ADVICE
 from robotether_agent.fields import ListedCell, printable
 from robotether_agent.net import netlink
 from robotether_agent.net.happy_eyeballs import HappyEyeballs
-from robotether_agent.net.http_proxy import Proxy, ask_for
-from robotether_agent.net.tcp import CHECK_NETWORK, Resolver, connect, is_established, peek
+from robotether_agent.net.http_proxy import DEAD_ADVICE, Proxy, ask_for
+from robotether_agent.net.tcp import Resolver, connect, is_established, peek
 from robotether_agent.problems import AgentProblem, NoAnswer, ServerBusy, ServerUnreachable
 from robotether_agent.tasks import first_of, within
 
@@ -77,7 +78,7 @@ class Banner:
             connection.send(CLIENT_BANNER)
             if not await _receives_ssh(connection, BANNER_TIMEOUT_S, name):
                 why = "it accepts the connection but stays silent"
-                raise NoAnswer(f"cannot reach SSH at {name}: {why}", advice=CHECK_NETWORK)
+                raise NoAnswer(f"cannot reach SSH at {name}: {why}", advice=SILENT_ADVICE)
         except OSError as error:
             raise _closed(name) from error
         self._silent_ports.add(port)
@@ -277,9 +278,10 @@ class ServerDialer:
     async def _connect(self, target: SshAddress) -> socket.socket:
         if self._proxy is None:
             return await connect(target.host, target.port, self._resolver, f"SSH at {target}")
-        connection = await connect(*self._proxy.address, self._resolver, str(self._proxy))
+        proxy = self._proxy
+        connection = await connect(*proxy.address, self._resolver, str(proxy), DEAD_ADVICE)
         with _closed_on_failure(connection):
-            await ask_for(connection, self._proxy, target.host, target.port)
+            await ask_for(connection, proxy, target.host, target.port)
         return connection
 
     def _name(self, target: SshAddress) -> str:

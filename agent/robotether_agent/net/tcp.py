@@ -19,6 +19,7 @@ from ipaddress import ip_address
 from itertools import chain, zip_longest
 from typing import Any
 
+from robotether_agent.describe_error import NAME_ADVICE, cause_of
 from robotether_agent.net.happy_eyeballs import HappyEyeballs, after
 from robotether_agent.problems import NoAnswer, ServerUnreachable
 from robotether_agent.tasks import within
@@ -48,6 +49,7 @@ CONNECT_TIMEOUT_S = 3.0
 # RFC 8305 recommends it for the pause between two addresses.
 STAGGER_S = 0.25
 CHECK_NETWORK = "check this robot's network, and that the server's firewall allows this port"
+CHECK_SERVER = "see that the server runs and has this port, and that no firewall refuses it"
 
 log = logging.getLogger(__name__)
 
@@ -115,6 +117,10 @@ def interleaved(addresses: Sequence[Address]) -> list[Address]:
     return [item for item in pairs if item is not None]
 
 
+class NameUnknownError(OSError):
+    """No address is known, for a reason in our own words."""
+
+
 class Resolver:
     """Names and what they meant last."""
 
@@ -124,7 +130,7 @@ class Resolver:
         self._threads = threading.BoundedSemaphore(THREADS)
 
     async def addresses(self, host: str, port: int) -> list[Address]:
-        """Return where `host` is now, or was last; raises OSError when it is not known."""
+        """Return where `host` is now, or was last; raises NameUnknownError when it is not known."""
         if _is_address(host):
             return interleaved(self._resolve(host, port))
         last = self._last.get((host, port))
@@ -133,14 +139,14 @@ class Resolver:
             return await within(wait_s, self._ask(host, port))
         except (asyncio.TimeoutError, OSError) as error:
             if last is None:
-                why = str(error) or f"no answer from the name service in {RESOLVE_TIMEOUT_S:g} s"
-                raise OSError(f"cannot find the address of {host}: {why}") from error
+                why = _why_no_address(error)
+                raise NameUnknownError(f"cannot find the address of {host}: {why}") from error
             log.debug("the name service does not answer for %s: trying its last address", host)
             return last
 
     async def _ask(self, host: str, port: int) -> list[Address]:
         if not self._threads.acquire(blocking=False):
-            raise OSError("the name service has not answered earlier questions yet")
+            raise NameUnknownError("the name service has not answered earlier questions yet")
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[list[Address]] = loop.create_future()
 
@@ -160,7 +166,8 @@ class Resolver:
         except RuntimeError as error:
             # No memory, or too many threads: the other connections go on.
             self._threads.release()
-            raise OSError(f"cannot ask the name service: {error}") from error
+            why = "this machine has no room for another thread (free, ulimit -u)"
+            raise NameUnknownError(why) from error
         return await answer
 
     def _run(
@@ -176,7 +183,7 @@ class Resolver:
         except OSError as error:
             found = error
         except UnicodeError as error:
-            found = OSError(str(error))
+            found = NameUnknownError(cause_of(error, RESOLVE_TIMEOUT_S).sentence)
         finally:
             self._threads.release()
         try:
@@ -185,17 +192,30 @@ class Resolver:
             log.debug("the name service answered for %s after the agent's end", host)
 
 
-async def connect(host: str, port: int, resolver: Resolver, name: str) -> socket.socket:
-    """Return a connection to `host` at whichever of its addresses answers first; problems call it `name`."""
+def _why_no_address(error: OSError | asyncio.TimeoutError) -> str:
+    if isinstance(error, NameUnknownError):
+        return str(error)
+    if isinstance(error, asyncio.TimeoutError):
+        return f"no answer from the name service in {RESOLVE_TIMEOUT_S:g} s"
+    return cause_of(error, RESOLVE_TIMEOUT_S).sentence
+
+
+async def connect(
+    host: str, port: int, resolver: Resolver, name: str, advice: str = ""
+) -> socket.socket:
+    """Return a connection to `host` at whichever of its addresses answers first.
+
+    Problems call it `name`, and give `advice` if it, and not this robot, may be at fault.
+    """
     try:
         addresses = await resolver.addresses(host, port)
     except OSError as error:
-        raise NoAnswer(f"cannot reach {name}: {error}", advice=CHECK_NETWORK) from error
-    attempts = [partial(_connect, address, name) for address in addresses]
+        raise NoAnswer(f"cannot reach {name}: {error}", advice=NAME_ADVICE) from error
+    attempts = [partial(_connect, address, name, advice) for address in addresses]
     return await HappyEyeballs(attempts, pause=after(STAGGER_S), drop=socket.socket.close).winner()
 
 
-async def _connect(address: Address, name: str) -> socket.socket:
+async def _connect(address: Address, name: str, advice: str) -> socket.socket:
     family, where = address
     try:
         with ExitStack() as unless_connected:
@@ -207,14 +227,15 @@ async def _connect(address: Address, name: str) -> socket.socket:
             unless_connected.pop_all()
             return connection
     except asyncio.TimeoutError as error:
-        why = f"{where[0]} does not answer in {CONNECT_TIMEOUT_S:g} s"
-        raise NoAnswer(f"cannot reach {name}: {why}", advice=CHECK_NETWORK) from error
-    except ConnectionRefusedError as error:
-        why = f"{where[0]} refuses the connection"
-        raise ServerUnreachable(f"cannot reach {name}: {why}", advice=CHECK_NETWORK) from error
+        why = f"no answer in {CONNECT_TIMEOUT_S:g} s ({where[0]})"
+        raise NoAnswer(f"cannot reach {name}: {why}", advice=advice or CHECK_NETWORK) from error
     except OSError as error:
-        why = f"{where[0]}: {error.strerror or error}"
-        raise NoAnswer(f"cannot reach {name}: {why}", advice=CHECK_NETWORK) from error
+        cause = cause_of(error, CONNECT_TIMEOUT_S)
+        is_refused = isinstance(error, ConnectionRefusedError)
+        raise (ServerUnreachable if is_refused else NoAnswer)(
+            f"cannot reach {name}: {cause.sentence} ({where[0]})",
+            advice=cause.advice or advice or (CHECK_SERVER if is_refused else CHECK_NETWORK),
+        ) from error
 
 
 async def peek(connection: socket.socket, is_enough: Callable[[bytes], bool], limit: int) -> bytes:

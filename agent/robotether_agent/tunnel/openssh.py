@@ -21,6 +21,7 @@ from urllib.parse import urlsplit
 
 from robotether_common.session import Kind
 
+from robotether_agent.describe_error import SILENT_ADVICE
 from robotether_agent.enrolment.keys import ALIAS, HOST_KEY_ADVICE
 from robotether_agent.fields import printable
 from robotether_agent.net.server_dialer import SshAddress
@@ -270,7 +271,7 @@ _BEFORE_CONFIG: tuple[tuple[re.Pattern[str], type[AgentProblem], str, str | None
         UNREACHABLE,
         ServerUnreachable,
         "cannot reach SSH at {target}: {line}",
-        "check this robot's network, and that the server's firewall allows this port",
+        SILENT_ADVICE,
     ),
 )
 

@@ -110,6 +110,18 @@ class WaitingRobot(Struct):
     detail: str
 
 
+class SshServer(Struct):
+    """Where robots connect; a robot's doctor tries that before it is in."""
+
+    ssh: Ssh
+
+
+@operation("GET", "/ssh", "anybody")
+def get_ssh() -> SshServer:
+    """Show where robots connect."""
+    return SshServer(ssh_of(context().join))
+
+
 @operation("POST", "/join", "anybody", any_type=True, problems=(409,))
 def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRobot, Literal[202]]:
     """Ask for admission as a robot."""

@@ -130,7 +130,7 @@ class FakeCloud:
         self.joins: list[dict[str, Any]] = []
         self.links: list[Link] = []
         self.answer: Callable[[], web.Response] = self.active
-        self.greeting: Callable[[], web.Response] = self.login_missing
+        self.greeting: Callable[[], web.Response] = self.where
         self.refuses_rotation: Callable[[], web.Response] | None = None
         self._approved = False
         self._tasks: set[asyncio.Task[None]] = set()
@@ -144,7 +144,7 @@ class FakeCloud:
         context.load_cert_chain(self._pem)
         app = web.Application()
         app.router.add_post("/api/v1/join", self._join)
-        app.router.add_get("/api/v1/robots", self._greet)
+        app.router.add_get("/api/v1/ssh", self._greet)
         self._web = web.AppRunner(app, access_log=None)
         await self._web.setup()
         site = web.TCPSite(self._web, "127.0.0.1", 0, ssl_context=context)
@@ -202,14 +202,15 @@ class FakeCloud:
 
     def active(self) -> web.Response:
         """The answer for an active robot."""
-        where = {"user": self.ssh.user, "host": None, "ports": [self.ssh.port]}
-        ssh_part = {**where, "host_keys": self.ssh.host_keys, **self._listed()}
-        return web.json_response({"state": "active", "robot": "sim1", "ssh": ssh_part})
+        return web.json_response({"state": "active", "robot": "sim1", "ssh": self._access()})
 
-    def login_missing(self) -> web.Response:
-        """The answer to a stranger, by which a Robotether server is known."""
-        body = {"code": "login_missing", "detail": "log in first"}
-        return web.json_response(body, status=401)
+    def where(self) -> web.Response:
+        """The answer to anybody who asks where robots connect, by which a Robotether server is known."""
+        return web.json_response({"ssh": self._access()})
+
+    def _access(self) -> dict[str, Any]:
+        where = {"user": self.ssh.user, "host": None, "ports": [self.ssh.port]}
+        return {**where, "host_keys": self.ssh.host_keys, **self._listed()}
 
     def of_kind(self, kind: str, *, live: bool = True) -> list[Link]:
         """Return the links of a kind; only those that stand, unless told otherwise."""

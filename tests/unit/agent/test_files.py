@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -50,9 +52,31 @@ def test_a_pipe_in_a_files_place_keeps_nobody_waiting(place):
 def test_a_failed_write_leaves_nothing(place):
     """When the replacing fails the half-made file is removed, and the problem says where."""
     (place / "a").mkdir()
-    with pytest.raises(StateUnusable, match=r"cannot write .*neither full nor read-only"):
+    with pytest.raises(StateUnusable, match=r"cannot write .*let the agent's user"):
         write_atomic(place / "a", "one", 0o644)
     assert [path.name for path in place.iterdir()] == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("mount", "before", "told"),
+    [
+        ("size=4k", "head -c 4096 /dev/zero > full", "the disk is full"),
+        ("nr_inodes=2", "touch one", "the disk has no inode left"),
+        ("size=1m", "mount -o remount,ro .", "the disk is read-only"),
+    ],
+)
+def test_a_disk_that_half_works_is_told_by_its_fault(place, mount, before, told):
+    """Each has advice of its own; these are real file systems, in mounts of their own."""
+    script = (
+        f"mount -t tmpfs -o {mount} tmpfs {place} && cd {place} && {{ {before}; }} && "
+        f"exec {sys.executable} -c 'import sys; sys.path[:] = sys.argv[1:]; from pathlib import Path; "
+        'from robotether_agent.files import write_atomic; write_atomic(Path("a"), "x" * 9000, 0o600)\' "$@"'
+    )
+    command = ["unshare", "--map-root-user", "--mount", "sh", "-c", script, "sh", *sys.path]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    problem = done.stderr.splitlines()[-1]
+    assert f"cannot write a: {told} (" in problem
+    assert "let the agent's user" not in problem
 
 
 def test_a_directory_that_cannot_be_made_names_its_setting(place):

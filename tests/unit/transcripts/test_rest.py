@@ -290,6 +290,7 @@ def test_enrolment(talk: Conversation, sim1: None, recorded: SnapshotAssertion) 
     talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[3], "mac": "wrong"})
     talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[3], "token": "rj_wrong"})
     talk.ask("nobody", "POST", "/join", robot)
+    talk.ask("nobody", "GET", "/ssh")
     waiting = talk.ask("root", "GET", "/pending")["pending"]
     key = {"fingerprint": waiting[0]["fingerprint"]}
     talk.ask("root", "POST", f"/robots/{name}/approve", {"fingerprint": "SHA256:wrong"})

@@ -41,7 +41,7 @@ def disk(**changes: int) -> SimpleNamespace:
     [
         ({"f_flag": os.ST_RDONLY}, "is read-only"),
         ({"f_bavail": 100}, "has 0 MB left"),
-        ({"f_favail": 0}, "MB left"),
+        ({"f_favail": 0}, "no inode left"),
     ],
 )
 def test_a_disk_without_room(settings, monkeypatch, changes, told):

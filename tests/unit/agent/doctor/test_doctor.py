@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
+from typing import Any
+
 import pytest
-from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, fail, ok, skipped
+from fake_cloud import fingerprint
+from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, Finding, fail, ok, skipped
 from robotether_agent.doctor.checks import run_checks
+from robotether_agent.problems import ServerKeyChanged
 from robotether_agent.settings import Settings
+from robotether_agent.status import render
 
 STEPS = ["settings", "disk", "mac", "key", "name", "https port", "certificate", "clock", "answer"]
 LAST_STEPS = [
@@ -53,6 +60,68 @@ async def test_a_machine_where_nothing_works_yet(place):
     failed = [finding for finding in found if finding.state == FAIL]
     assert {"disk", "key", "name", "join", "service"} <= {finding.step for finding in failed}
     assert all(finding.advice for finding in failed)
+
+
+@pytest.fixture
+def run(place, monkeypatch):
+    """Settings of a robot that is not enrolled, beside nothing else that could fail for the same reason."""
+    monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.2)
+
+    async def run(**changes: Any) -> dict[str, Finding]:
+        settings = Settings(state_dir=place, run_dir=place, mac="00:1b:44:11:3a:b7", **changes)
+        return {finding.step: finding async for finding in run_checks(settings)}
+
+    return run
+
+
+async def test_a_robot_that_waits_is_told_of_the_servers_own_ports(make_cloud, run):
+    """Before the approval, too, those of its sshd are tried, and no usual ones."""
+    cloud = await make_cloud("pending")
+    found = await run(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
+    assert [step for step in found if step.startswith("ssh")] == [f"ssh {cloud.ssh.port}"]
+    assert "answers; no host key is pinned" in found[f"ssh {cloud.ssh.port}"].detail
+    cloud.ssh.stop()
+    found = await run(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
+    assert found[f"ssh {cloud.ssh.port}"].state == FAIL
+
+
+@pytest.mark.parametrize(
+    ("changes", "step", "words"),
+    [
+        ({"server": "no-such-host.invalid"}, "name", "name service"),
+        ({"server": "a.example", "http_proxy": "http://127.0.0.1:1"}, "https port", "http_proxy"),
+    ],
+)
+async def test_a_cause_is_said_once_with_its_own_advice(run, changes, step, words):
+    """A broken name service and a dead proxy are nothing that the server's firewall could mend."""
+    found = await run(**changes, ssh_ports=(2222, 443), ssh_host=changes["server"])
+    assert found[step].state == FAIL
+    assert words in found[step].advice
+    reason = found[step].detail.rpartition(": ")[2]
+    assert [name for name, one in found.items() if reason in one.detail] == [step]
+    assert not any("firewall" in one.advice for one in found.values())
+
+
+async def test_after_another_host_key_doctor_status_and_log_agree(make_cloud, start_agent):
+    """Each names the cause and what to do; that the agent is to be started is told by none."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud, shell_address="none")
+    await agent.until_connected()
+    cloud.ssh.stop()
+    cloud.ssh.new_host_key()
+    cloud.ssh.start()
+    with pytest.raises(ServerKeyChanged) as ended:
+        await asyncio.wait_for(agent.task, 30)
+    shown = render(agent.status(), time.time())
+    found = {f.step: f async for f in run_checks(agent.settings)}
+    ssh = found[f"ssh {cloud.ssh.port}"]
+    for text in (str(ended.value), shown, str(ssh)):
+        assert "its host key is not one of those pinned at the first join" in text
+        assert "SOMEBODY MAY BE POSING AS THE SERVER" in text
+        assert "remove" in text
+    assert "stopped" in shown
+    assert found["service"].detail == "the agent has stopped for that [host_key_changed]"
+    assert cloud.joins[-1]["host_key_refused"] is True
 
 
 def test_one_line_a_step_and_the_advice_below_a_fail():

@@ -13,6 +13,7 @@ from dated_certificate import der_of, make_certificate
 from fake_cloud import certificate, fingerprint
 from fake_proxy import FakeProxy
 from local_network import free_port
+from robotether_agent.describe_error import Cause
 from robotether_agent.doctor import FAIL, OK, SKIPPED, Finding, server
 from robotether_agent.doctor.server import CertificateError, ServerView, validity, view_server
 from robotether_agent.settings import Settings
@@ -183,7 +184,7 @@ def test_a_clock_that_differs_from_the_servers(place):
 def test_a_clock_is_compared_with_the_certificate_when_there_is_no_answer(place):
     """A server in trouble still shows its certificate."""
     der = der_of(make_certificate(place, NOW, NOW + timedelta(days=9)))
-    seen = ServerView("a.example", 443, certificate=der, no_answer="x")
+    seen = ServerView("a.example", 443, certificate=der, no_answer=Cause("x"))
     early = server.check_clock(seen, NOW - timedelta(days=1), is_pinned=False)
     assert early.state == FAIL
     assert "the server's certificate is for 2026-03-01" in early.detail
@@ -192,7 +193,7 @@ def test_a_clock_is_compared_with_the_certificate_when_there_is_no_answer(place)
 
 def test_a_clock_alone_can_still_be_absurd():
     """Without a network the year says something."""
-    seen = ServerView("a.example", 443, no_address="x")
+    seen = ServerView("a.example", 443, no_address=Cause("x"))
     found = server.check_clock(seen, datetime(1970, 1, 1, tzinfo=timezone.utc), is_pinned=False)
     assert found.state == FAIL
     assert server.check_clock(seen, NOW, is_pinned=False).state == OK
@@ -200,5 +201,31 @@ def test_a_clock_alone_can_still_be_absurd():
 
 def test_a_server_that_does_not_answer_in_time():
     """TLS that stands and says nothing is not a captive portal."""
-    seen = replace(ServerView("a.example", 443), certificate=b"x", no_answer="no answer in 6 s")
+    silent = Cause("no answer in 6 s")
+    seen = replace(ServerView("a.example", 443), certificate=b"x", no_answer=silent)
     assert server.check_answer(seen).state == FAIL
+
+
+async def test_a_path_that_takes_only_small_packets(monkeypatch):
+    """The port accepts, and TLS never comes: neither firewall nor portal is to blame."""
+    monkeypatch.setattr(server, "TIMEOUT_S", 0.3)
+
+    async def keep(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+        writer.close()
+
+    async with await asyncio.start_server(keep, "127.0.0.1", 0) as silent:
+        port = silent.sockets[0].getsockname()[1]
+        found = all_checks(await view_server(Settings(server=f"127.0.0.1:{port}")))
+    assert found["https port"].state == OK
+    assert "no answer in 0.3 s" in found["certificate"].detail
+    assert "MTU" in found["certificate"].advice
+
+
+async def test_only_a_server_that_is_trusted_says_where_robots_connect(cloud):
+    """An impostor's ports are shown to nobody."""
+    seen = await view_server(Settings(server=cloud.server, tls_fingerprint=PINNED))
+    assert seen.ssh is not None
+    assert seen.ssh.ports == (cloud.ssh.port,)
+    impostor = await view_server(Settings(server=cloud.server, tls_fingerprint=b"\1" * 32))
+    assert impostor.ssh is None

@@ -8,6 +8,7 @@ import pytest
 from fake_cloud import agent_environ
 from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, tunnel
 from robotether_agent.enrolment.enroller import Enroller
+from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import Status
 
@@ -43,7 +44,7 @@ def test_the_join(settings, place):
 
 async def test_the_pinned_host_key_is_there(settings, cloud):
     """It gets as far as the host key and logs in nowhere."""
-    found = await tunnel.check_ssh(settings)
+    found = await tunnel.check_ssh(settings, None, ())
     assert [(finding.state, finding.step) for finding in found] == [(OK, f"ssh {cloud.ssh.port}")]
     assert "Accepted publickey" not in cloud.ssh.log_text()
     assert cloud.links == []
@@ -55,7 +56,7 @@ async def test_another_host_key_shows_both(settings, cloud):
     cloud.ssh.stop()
     cloud.ssh.new_host_key()
     cloud.ssh.start()
-    (found,) = await tunnel.check_ssh(settings)
+    (found,) = await tunnel.check_ssh(settings, None, ())
     assert found.state == FAIL
     assert tunnel.keys.parse_host_key(pinned[0]).fingerprint in found.detail
     assert "POSING AS THE SERVER" in found.advice
@@ -64,11 +65,13 @@ async def test_another_host_key_shows_both(settings, cloud):
 async def test_one_port_is_enough(settings, cloud):
     """A network that lets only one of them out is no failure; none is."""
     both = replace(settings, ssh_ports=(cloud.other_ports[0], cloud.ssh.port))
-    blocked, open_port = await tunnel.check_ssh(both)
+    blocked, open_port = await tunnel.check_ssh(both, None, ())
     assert (blocked.state, open_port.state) == (SKIPPED, OK)
     assert "another address is enough" in blocked.detail
     cloud.ssh.stop()
-    assert [finding.state for finding in await tunnel.check_ssh(both)] == [FAIL, FAIL]
+    (both_closed,) = await tunnel.check_ssh(both, None, ())
+    assert (both_closed.state, both_closed.detail.count("refused")) == (FAIL, 1)
+    assert both_closed.step == f"ssh {cloud.other_ports[0]}, {cloud.ssh.port}"
 
 
 async def test_each_cell_is_checked(cloud, place):
@@ -77,7 +80,7 @@ async def test_each_cell_is_checked(cloud, place):
     cloud.cells = [gone, cloud.cell]
     settings = load(None, agent_environ(cloud, place))
     await Enroller(settings).enrolment()
-    found = await tunnel.check_ssh(settings)
+    found = await tunnel.check_ssh(settings, None, ())
     assert [(one.state, one.step) for one in found] == [
         (SKIPPED, f"ssh {cloud.other_ports[0]}"),
         (OK, f"ssh {cloud.ssh.port}"),
@@ -85,16 +88,19 @@ async def test_each_cell_is_checked(cloud, place):
 
 
 async def test_before_the_first_join_nothing_is_pinned(settings, place, cloud):
-    fresh = replace(settings, state_dir=place / "fresh", ssh_ports=(cloud.ssh.port,))
-    (found,) = await tunnel.check_ssh(fresh)
-    assert found.state == SKIPPED
+    fresh = replace(settings, state_dir=place / "fresh")
+    told = SshAccess("tunnel", None, (cloud.ssh.port,))
+    (found,) = await tunnel.check_ssh(fresh, told, ())
+    assert (found.state, found.step) == (SKIPPED, f"ssh {cloud.ssh.port}")
     assert "no host key is pinned" in found.detail
+    (unknown,) = await tunnel.check_ssh(fresh, None, ())
+    assert "has not said at which ports" in unknown.detail
 
 
 async def test_without_ssh(settings, place, monkeypatch):
     """A robot without OpenSSH's client is told which package to install."""
     monkeypatch.setenv("PATH", str(place))
-    (found,) = await tunnel.check_ssh(settings)
+    (found,) = await tunnel.check_ssh(settings, None, ())
     assert (found.state, "openssh-client" in found.advice) == (FAIL, True)
 
 
