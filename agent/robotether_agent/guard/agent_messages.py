@@ -39,6 +39,10 @@ MAX_BY_LENGTH = 100
 MAX_QUEUE_BYTES = 16 * 1024
 MOTION_EVERY_S = 0.1
 COUNTS_EVERY_S = 1.0
+LISTENERS_UNKNOWN = (
+    "rosapi no longer answers, so that it is unknown whether anything on the robot listens to what is driven;"
+    " after a restart of roscore nothing does until rosbridge is restarted"
+)
 
 
 @dataclass(frozen=True)
@@ -178,8 +182,8 @@ class State:
     moving: bool
     # The newest number of a lease, 0: none.
     fence: int
-    # Drive topics to which nothing on the robot listens.
-    unheard: tuple[str, ...] = ()
+    # Drive topics to which nothing on the robot listens; None: unknown, as rosapi no longer answers.
+    unheard: tuple[str, ...] | None = ()
 
 
 class GuardReporter:

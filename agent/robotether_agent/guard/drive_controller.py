@@ -30,7 +30,7 @@ from robotether_common.guard import (
 )
 from robotether_common.session import MAX_FENCE
 
-from robotether_agent.guard.agent_messages import GuardConfig
+from robotether_agent.guard.agent_messages import LISTENERS_UNKNOWN, GuardConfig
 from robotether_agent.guard.drive_messages import (
     SHAPES,
     CheckedCommand,
@@ -219,7 +219,7 @@ class DriveController:
         self._stepped = asyncio.Event()
         self._fence = 0
         # Drive topics to which nothing on the robot listens.
-        self.unheard: frozenset[str] = frozenset()
+        self.unheard: frozenset[str] | None = frozenset()
 
     # What changes from outside.
 
@@ -320,10 +320,16 @@ class DriveController:
         )
         return [t.name for t in registered if now < t.used_at + DRIVEN_FOR_S]
 
-    def on_unheard(self, names: frozenset[str]) -> None:
-        """Refuse to move what nothing listens to; zeros always go."""
-        for name in sorted(names - self.unheard):
+    def on_unheard(self, names: frozenset[str] | None) -> None:
+        """Refuse to move what nothing listens to; zeros always go, and what is unknown is said."""
+        if names == self.unheard:
+            return
+        for name in sorted((names or frozenset()) - (self.unheard or frozenset())):
             log.warning("nothing on the robot listens to %s", name)
+        if names is None:
+            log.warning(LISTENERS_UNKNOWN)
+            status = {"op": "status", "level": "error", "msg": LISTENERS_UNKNOWN}
+            self.on_rosbridge_message(json.dumps(status).encode())
         self.unheard = names
         self._changed()
 
@@ -413,7 +419,7 @@ class DriveController:
             raise
         topic = self._topic_for(source, message.topic)
         self._check_shape(topic, wanted.shape)
-        if now < topic.withheld_until or (wanted.moves and topic.name in self.unheard):
+        if now < topic.withheld_until or (wanted.moves and topic.name in (self.unheard or ())):
             raise Refused("held", f"nothing on the robot listens to {topic.name}")
         before = topic.sent if self._deadman.is_moving(topic.name) else None
         command = limited(wanted, before, now - topic.sent_at, self._config.limits)

@@ -176,7 +176,8 @@ class Guard:
 
     def _report_state(self, *, answers: str | None = None) -> None:
         by = self._latch.reported_by
-        unheard = tuple(sorted(self._controller.unheard))
+        names = self._controller.unheard
+        unheard = None if names is None else tuple(sorted(names))
         fence = self._authorizer.fence
         state = State(by is not None, by or "", self._controller.moving, fence, unheard)
         self._reporter.state(state, self._controller.refusals, answers=answers)

@@ -262,8 +262,8 @@ class WatchListener(Protocol):
     def driven_now(self) -> list[str]:
         """Name the topics that somebody drives, and that rosbridge has had time to register."""
 
-    def on_unheard(self, names: frozenset[str]) -> None:
-        """Nothing listens to these topics, as far as is known."""
+    def on_unheard(self, names: frozenset[str] | None) -> None:
+        """Nothing listens to these topics, as far as is known; None: rosapi said who listens, and no longer answers."""
 
     def on_unregistered(self, name: str) -> None:
         """ROS does not know any more that rosbridge publishes this topic."""
@@ -272,7 +272,8 @@ class WatchListener(Protocol):
 class SubscriberWatch:
     """Asks who listens to the driven topics, while there are any.
 
-    ROS 1's rosbridge registers a topic once: the next master does not know of it, and no command reaches anybody.
+    ROS 1's rosbridge registers a topic once: the next master does not know of it, and no command reaches anybody. Nor
+    does the next master know of rosapi, which then says nothing more.
     """
 
     def __init__(self, listener: WatchListener, url: Callable[[], str]) -> None:
@@ -289,28 +290,37 @@ class SubscriberWatch:
                 await self._watch()
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
                 log.debug("cannot ask who listens: %r", error)
-                self._listener.on_unheard(frozenset())
+                # That rosbridge is gone is known otherwise.
+                is_silent = isinstance(error, asyncio.TimeoutError)
+                self._listener.on_unheard(self._unknown() if is_silent else frozenset())
                 await asyncio.sleep(SILENT_ROSAPI_S)
 
     async def _watch(self) -> None:
-        if not self._listener.driven_now():
-            return
-        async with connected(self._url(), max_message_bytes=MAX_NODES_BYTES) as rosbridge:
-            while names := self._listener.driven_now():
-                unheard = [name for name in names if await self._is_unheard(rosbridge, name)]
-                self._listener.on_unheard(frozenset(unheard))
-                await asyncio.sleep(WATCH_EVERY_S)
+        if self._listener.driven_now():
+            async with connected(self._url(), max_message_bytes=MAX_NODES_BYTES) as rosbridge:
+                while names := self._listener.driven_now():
+                    answers = {name: await self._is_unheard(rosbridge, name) for name in names}
+                    unheard = frozenset(name for name in names if answers[name])
+                    is_known = unheard or None not in answers.values()
+                    self._listener.on_unheard(unheard if is_known else self._unknown())
+                    await asyncio.sleep(WATCH_EVERY_S)
         self._listener.on_unheard(frozenset())
 
-    async def _is_unheard(self, rosbridge: Rosbridge, name: str) -> bool:
-        """Whether rosapi knows of a publisher and of no subscriber, or of no publisher any more."""
+    def _unknown(self) -> frozenset[str] | None:
+        """Return what is reported without an answer: a robot without rosapi never had one."""
+        return None if self._published else frozenset()
+
+    async def _is_unheard(self, rosbridge: Rosbridge, name: str) -> bool | None:
+        """Whether rosapi knows of a publisher and of no subscriber, or of no publisher any more; None: no answer."""
         publishers = await self._nodes(rosbridge, "publishers", name)
         subscribers = await self._nodes(rosbridge, "subscribers", name)
+        if publishers is None or subscribers is None:
+            return None
         if publishers:
             self._published.add(name)
-            return subscribers == []
+            return not subscribers
         # A rosapi that hides this topic has never listed a publisher.
-        if publishers is None or name not in self._published:
+        if name not in self._published:
             return False
         self._listener.on_unregistered(name)
         return True

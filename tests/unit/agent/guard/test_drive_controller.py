@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from controller_world import FakeSource, MemoryMotionFile, World
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.agent_messages import GuardConfig
+from robotether_agent.guard.agent_messages import LISTENERS_UNKNOWN, GuardConfig
 from robotether_agent.guard.drive_controller import (
     AHEAD_MS,
     REGISTERED_WITHIN_S,
@@ -474,6 +475,17 @@ async def test_a_command_that_reaches_nobody_is_refused_and_a_zero_is_not(world:
     world.controller.on_unheard(frozenset())
     await world.drive(0.7)
     assert world.publisher.speeds == [0.5, 0.0, 0.7]
+
+
+async def test_the_driver_is_told_once_that_the_listeners_are_unknown(world: World) -> None:
+    """A rosapi that has ended refuses nothing: the base may listen all the same."""
+    await world.drive(0.5)
+    for _ in range(2):
+        world.controller.on_unheard(None)
+    await world.drive(0.6)
+    assert world.publisher.speeds == [0.5, 0.6]
+    assert world.source.refused == []
+    assert [json.loads(data)["msg"] for data in world.source.notified] == [LISTENERS_UNKNOWN]
 
 
 async def test_a_moving_robot_that_nothing_listens_for_any_more_gets_its_zeros(

@@ -146,14 +146,14 @@ class FakeDriver:
     """Drives /cmd_vel, and keeps what it is notified of."""
 
     def __init__(self) -> None:
-        self.unheard: list[frozenset[str]] = []
+        self.unheard: list[frozenset[str] | None] = []
         self.unregistered: list[str] = []
 
     def driven_now(self) -> list[str]:
         """Name what is driven."""
         return ["/cmd_vel"]
 
-    def on_unheard(self, names: frozenset[str]) -> None:
+    def on_unheard(self, names: frozenset[str] | None) -> None:
         """Keep the names."""
         self.unheard.append(names)
 
@@ -163,7 +163,7 @@ class FakeDriver:
 
 
 async def test_the_watch_says_what_nothing_listens_to(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A rosapi that does not say, or hides the topic, is no reason to refuse a command."""
+    """A rosapi that has never said, or hides the topic, is no reason for a word; one that says no more is."""
     monkeypatch.setattr("robotether_agent.guard.rosbridge.WATCH_EVERY_S", 0.01)
     driver = FakeDriver()
     async with TopicRosbridge({}) as rosbridge:
@@ -177,6 +177,7 @@ async def test_the_watch_says_what_nothing_listens_to(monkeypatch: pytest.Monkey
             return bool(driver.unheard[-1])
 
         assert not await answers(None, None)
+        assert driver.unheard[-1] == frozenset()
         assert not await answers([], [])
         assert not await answers(["/rosbridge"], ["/base"])
         assert await answers(["/rosbridge"], [])
@@ -185,5 +186,9 @@ async def test_the_watch_says_what_nothing_listens_to(monkeypatch: pytest.Monkey
         assert await answers([], ["/base"])
         assert "/cmd_vel" in driver.unregistered
         assert not await answers(["/rosbridge"], ["/base"])
+        assert driver.unheard[-1] == frozenset()
+        # As of a rosapi that the new master does not know: what was an answer is one no more.
+        assert not await answers(None, None)
+        assert driver.unheard[-1] is None
         watch.cancel()
         await asyncio.gather(watch, return_exceptions=True)
