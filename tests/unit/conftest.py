@@ -43,6 +43,7 @@ TABLES = (
     "api_tokens",
     "grants",
     "key_claims",
+    "refused_joins",
     "join_tokens",
     "user_ssh_keys",
     "robots",

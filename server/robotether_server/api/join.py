@@ -15,7 +15,7 @@ from robotether_server.api.operations import operation
 from robotether_server.db import cells
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.robots import Report
-from robotether_server.problems import StoreUnavailable, Throttled
+from robotether_server.problems import Problem, StoreUnavailable, Throttled
 from robotether_server.schemas import (
     AgentVersion,
     Hostname,
@@ -23,7 +23,7 @@ from robotether_server.schemas import (
     PublicKeyLine,
     RobotName,
 )
-from robotether_server.services import joining
+from robotether_server.services import joining, pending
 from robotether_server.services.joining import PresentedKey
 from robotether_server.services.pending import Reason
 from robotether_server.settings import JoinSettings
@@ -60,7 +60,8 @@ class RobotJoin(Struct):
     """A robot's request. Unknown members are ignored, as an agent may be newer than this server.
 
     `token`: a join token, or an API token of an admin; it approves at once. `name` counts only with a token.
-    `mac_present` false: no interface has this MAC any more.
+    `mac_present` false: no interface has this MAC any more. `host_key_refused`: SSH here shows another host key than
+    the robot has pinned, so it does not connect.
     """
 
     mac: Mac
@@ -70,6 +71,7 @@ class RobotJoin(Struct):
     token: Annotated[str, Meta(extra={"longest": 200})] | UnsetType | None = UNSET
     name: Annotated[str, Meta(extra={"longest": 253})] | UnsetType | None = UNSET
     mac_present: bool | UnsetType | None = UNSET
+    host_key_refused: bool | UnsetType | None = UNSET
     previous_key: GivenPreviousKey | UnsetType | None = UNSET
 
 
@@ -128,6 +130,11 @@ def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRob
     asked = _asked(body)
     with context().database.transaction() as tx:
         answer, known = joining.is_in(tx, asked), cells.read(tx)
+        if answer is not None and body.host_key_refused is True:
+            detail = pending.host_key_refused(answer.robot)
+            pending.record_refusal(tx, asked.presented, "host_key_changed", detail)
+        elif answer is not None:
+            pending.forget_refusals(tx, asked.presented)
     if answer is None:
         answer = _join(asked)
     if answer.code == "active":
@@ -143,7 +150,15 @@ def _join(asked: joining.JoinAttempt) -> joining.Answer:
         )
     try:
         with context().database.transaction() as tx:
-            return joining.join(tx, asked, context().join)
+            answer = joining.join(tx, asked, context().join)
+            pending.forget_refusals(tx, asked.presented)
+            return answer
+    except StoreUnavailable:
+        raise
+    except Problem as problem:
+        with context().database.transaction() as tx:
+            pending.record_refusal(tx, asked.presented, problem.code, problem.detail)
+        raise
     finally:
         _places.release()
 

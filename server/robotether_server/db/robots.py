@@ -19,6 +19,9 @@ State = Literal["pending", "active", "disabled"]
 
 # A turn takes milliseconds. Who waits holds one of web's few threads, which the pages need too.
 LOCK_WAIT_S = 3
+# Maximum number of refused joins that are kept of one network, and of all; strangers may ask for any MAC.
+MAX_REFUSED_OF_NETWORK, MAX_REFUSED = 10, 100
+REFUSED_FOR = dt.timedelta(days=1)
 
 COLUMNS = (
     "r.id, r.mac, r.name, r.state, r.ros_port, r.video_port, r.fingerprint, r.settings, "
@@ -83,6 +86,19 @@ class Robot:
         if self.public_key is None or self.fingerprint is None:
             return None
         return PublicKey(self.public_key, self.fingerprint)
+
+
+@dataclass(frozen=True)
+class RefusedJoin:
+    """The newest refusal of a MAC from one network, and how often it was refused there within a day."""
+
+    mac: str
+    fingerprint: str
+    report: Report
+    code: str
+    detail: str
+    times: int
+    refused_at: dt.datetime
 
 
 @dataclass(frozen=True)
@@ -395,3 +411,64 @@ def get_rejected_key(tx: Transaction, claim_id: int) -> Claim:
     if row is None:
         raise RecordMissing(f"cannot find rejected key {claim_id}: there is none of that number")
     return _claim(row)
+
+
+def record_refusal(tx: Transaction, refused: RefusedJoin, network: str) -> None:
+    """Keep a refused join in place of what was refused before to this MAC there, and of the oldest of too many."""
+    report = refused.report
+    tx.change(
+        "DELETE FROM refused_joins WHERE refused_at < %s", (refused.refused_at - REFUSED_FOR,)
+    )
+    tx.change(
+        "INSERT INTO refused_joins "
+        "(mac, network, fingerprint, hostname, agent_version, address, code, detail, refused_at) "
+        "VALUES (%s, %s, %s, %s, %s, %s, %s, %s, %s) ON DUPLICATE KEY UPDATE times = times + 1, "
+        "fingerprint = VALUES(fingerprint), hostname = VALUES(hostname), agent_version = VALUES(agent_version), "
+        "address = VALUES(address), code = VALUES(code), detail = VALUES(detail), refused_at = VALUES(refused_at)",
+        (
+            refused.mac,
+            network,
+            refused.fingerprint,
+            report.hostname,
+            report.agent_version,
+            report.address,
+            refused.code,
+            refused.detail[:1000],
+            refused.refused_at,
+        ),
+    )
+    for of_network, limit in ((network, MAX_REFUSED_OF_NETWORK), (None, MAX_REFUSED)):
+        where = "network = COALESCE(%s, network)"
+        oldest = tx.row(
+            f"SELECT refused_at FROM refused_joins WHERE {where} ORDER BY refused_at DESC LIMIT 1 OFFSET %s",  # noqa: S608 - our own text
+            (of_network, limit),
+        )
+        if oldest is not None:
+            tx.change(
+                f"DELETE FROM refused_joins WHERE {where} AND refused_at <= %s",  # noqa: S608 - as above
+                (of_network, oldest["refused_at"]),
+            )
+
+
+def remove_refusals(tx: Transaction, mac: str, fingerprint: str) -> None:
+    """Forget the refusals of a key that is in, or waits; most have none, and then nothing is locked."""
+    values = (mac, fingerprint)
+    if tx.row("SELECT 1 FROM refused_joins WHERE mac = %s AND fingerprint = %s", values):
+        tx.change("DELETE FROM refused_joins WHERE mac = %s AND fingerprint = %s", values)
+
+
+def list_refusals(tx: Transaction, since: dt.datetime) -> list[RefusedJoin]:
+    """Return the refused joins, the newest first."""
+    rows = tx.rows(
+        "SELECT mac, fingerprint, hostname, agent_version, address, code, detail, times, refused_at "
+        "FROM refused_joins WHERE refused_at > %s ORDER BY refused_at DESC",
+        (since,),
+    )
+    report = ("hostname", "agent_version", "address")
+    return [
+        RefusedJoin(
+            report=Report(*(row[name] for name in report)),
+            **{name: value for name, value in row.items() if name not in report},
+        )
+        for row in rows
+    ]

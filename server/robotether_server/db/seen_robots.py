@@ -129,6 +129,7 @@ def _offline_reason(row: Row) -> str:
         row["end_code"],
         ever_online=bool(row["ever_online"]),
         other_key=row["other_key"],
+        agent_version=row["seen_version"],
     )
 
 

@@ -177,7 +177,9 @@ class FleetEvents:
         version = part["agent_version"] or robot.agent_version
         row = {"name": robot.name, "state": robot.state, "site": robot.site}
         return (
-            row | part | {"agent_version": version, "offline_reason": _offline_reason(robot, part)}
+            row
+            | part
+            | {"agent_version": version, "offline_reason": _offline_reason(robot, part, version)}
         )
 
     def describe_here(self, robot_id: int) -> RobotObject:
@@ -205,7 +207,7 @@ class FleetEvents:
             self.changed(robot_id)
 
 
-def _offline_reason(robot: RelayRobot, part: RobotObject) -> str | None:
+def _offline_reason(robot: RelayRobot, part: RobotObject, version: str | None) -> str | None:
     if part["online"]:
         return None
     return offline_reason(
@@ -213,6 +215,7 @@ def _offline_reason(robot: RelayRobot, part: RobotObject) -> str | None:
         part["end_code"],
         ever_online=part["since"] is not None,
         other_key=robot.other_key,
+        agent_version=version,
     )
 
 

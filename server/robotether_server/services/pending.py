@@ -1,13 +1,14 @@
-"""Keys that wait for an admin, and rejected ones."""
+"""Keys that wait for an admin, rejected ones, and joins that were refused."""
 
 import datetime as dt
 from dataclasses import dataclass
 from typing import Literal
 
 from robotether_server.db import Transaction, audit, robots
-from robotether_server.db.audit import Source
-from robotether_server.db.robots import Claim, Report, Robot
+from robotether_server.db.audit import Source, network_of
+from robotether_server.db.robots import Claim, RefusedJoin, Report, Robot
 from robotether_server.schemas import Fingerprint, RobotName, Timestamp
+from robotether_server.services.joining import PresentedKey
 
 Reason = Literal["approval_pending", "mac_in_use"]
 
@@ -50,6 +51,32 @@ def waiting(tx: Transaction) -> list[PendingKey]:
 def rejected(tx: Transaction) -> list[RejectedKey]:
     """Return every rejected key, the newest first."""
     return [_rejected(claim) for claim in robots.list_rejected_keys(tx)]
+
+
+def refused(tx: Transaction) -> list[RefusedJoin]:
+    """Return the joins that were refused within a day, the newest first."""
+    return robots.list_refusals(tx, dt.datetime.now(dt.UTC) - robots.REFUSED_FOR)
+
+
+def record_refusal(tx: Transaction, presented: PresentedKey, code: str, detail: str) -> None:
+    """Keep why this robot was refused, for the admin who waits for it."""
+    now, key = dt.datetime.now(dt.UTC), presented.key.fingerprint
+    found = RefusedJoin(presented.mac, key, presented.report, code, detail, 1, now)
+    robots.record_refusal(tx, found, str(network_of(presented.report.address)))
+
+
+def forget_refusals(tx: Transaction, presented: PresentedKey) -> None:
+    """Forget what was refused to a key that is in now, or waits."""
+    robots.remove_refusals(tx, presented.mac, presented.key.fingerprint)
+
+
+def host_key_refused(robot: str) -> str:
+    """Say that a robot refuses the host key that it gets from SSH, and what to do."""
+    return (
+        f"robot {robot} does not connect: the SSH host key that it gets is not one of those pinned at its first join. "
+        "Somebody may be posing as this server there. Only if its host keys were changed on purpose: remove "
+        "/var/lib/robotether-agent/known_hosts on the robot, and start its agent again"
+    )
 
 
 def forgive(tx: Transaction, source: Source, rejected_id: int) -> RejectedKey:

@@ -22,13 +22,16 @@ def fingerprint(number: int) -> str:
     return identity.parse_robots_key(public_key(number)).fingerprint
 
 
-def join(program: Browser, mac: str, key: int, hostname: str = "turtle") -> TestResponse:
+def join(
+    program: Browser, mac: str, key: int, hostname: str = "turtle", **more: str
+) -> TestResponse:
     """A machine asks to be let in."""
     body = {
         "mac": mac,
         "public_key": public_key(key),
         "hostname": hostname,
         "agent_version": "0.1.0",
+        **more,
     }
     return program.ask("POST", "/api/v1/join", json=body)
 

@@ -6,6 +6,7 @@ from typing import get_args
 
 import pytest
 from robotether_common.session import ByeCode
+from robotether_server import __version__
 from robotether_server.offline import offline_reason
 
 UNKNOWN = "It is not known why."
@@ -24,6 +25,25 @@ def test_each_end_of_a_session_has_its_sentence(code: str) -> None:
 @pytest.mark.parametrize("code", [None, "", "of_a_newer_server"])
 def test_what_is_unknown_is_said_to_be_unknown(code: str | None) -> None:
     assert offline_reason("active", code, ever_online=True) == UNKNOWN
+
+
+def test_an_agent_that_is_too_old_is_called_that() -> None:
+    """By the version that it said; what is not known is not said."""
+
+    def said(version: str | None) -> str:
+        return offline_reason("active", "protocol_error", ever_online=True, agent_version=version)
+
+    assert said("0.0.9") == "Its agent 0.0.9 is too old for this server: upgrade it."
+    assert "99.1 is newer than this server" in said("99.1")
+    assert {said(version) for version in (None, "", "of mine", __version__)} == {
+        "It sent what the server cannot read: see the agent's log."
+    }
+
+
+def test_a_refused_host_key_is_the_reason() -> None:
+    """The robot has said it, so its last session's end explains nothing."""
+    said = offline_reason("active", "link_lost", ever_online=True, other_key="host_key")
+    assert said == "It refuses this server's SSH host key: see Add a robot."
 
 
 def test_the_robots_state_counts_before_its_last_session() -> None:

@@ -33,6 +33,7 @@ EXPECTED = {
         "join_tokens": EDIT,
         "join_token_uses": "SELECT, INSERT",
         "key_claims": EDIT,
+        "refused_joins": EDIT,
         "user_ssh_keys": EDIT,
         "sites": EDIT,
         "user_groups": EDIT,

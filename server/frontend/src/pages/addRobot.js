@@ -27,7 +27,7 @@ class Arrivals {
   // Only what changed, and never under somebody's keyboard.
   show(page) {
     for (const time of page.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime));
-    for (const name of ["arrivals", "waiting"]) {
+    for (const name of ["arrivals", "waiting", "refused"]) {
       const [shown, fresh] = [part(this.section, name), part(page, name)];
       if (!fresh || shown.contains(document.activeElement) || withoutTokens(shown) === withoutTokens(fresh)) continue;
       shown.replaceChildren(...fresh.childNodes);

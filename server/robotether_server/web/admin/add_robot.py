@@ -101,6 +101,7 @@ def _page(
         regions=_choices("no region", cells.list_regions(tx)),
         waiting=pending.waiting(tx),
         rejected=pending.rejected(tx),
+        refused=pending.refused(tx),
         online={one.robot.name for one in everyone if one.online},
         tokens=_usable(join_tokens.list_all(tx)),
         policy=context().join.policy,

@@ -13,9 +13,13 @@ from relay_server import cell_settings
 from robot_signer import RobotSigner
 from robotether_server.api.join import MAX_AT_ONCE, _places, read_host_keys, ssh_of
 from robotether_server.api.operations import plain
-from robotether_server.db import Database, cells, robots
+from robotether_server.db import Database, audit, cells, fleet, robots
 from robotether_server.db.cells import SshAddresses
+from robotether_server.db.robots import RefusedJoin, Report
+from robotether_server.identity import parse_robots_key
 from robotether_server.problems import StoreUnavailable
+from robotether_server.services import pending
+from robotether_server.services.joining import PresentedKey
 from robotether_server.settings import JoinSettings
 from web_visitor import Browser, bearer
 
@@ -202,3 +206,59 @@ def test_no_key_yet_is_said_so(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("")
     with pytest.raises(StoreUnavailable, match="host keys"):
         read_host_keys(tmp_path)
+
+
+def refused(database: Database) -> list[RefusedJoin]:
+    with database.transaction() as tx:
+        return pending.refused(tx)
+
+
+def test_a_refused_join_is_kept_until_it_is_let_in(
+    program: Browser, database: Database, key: str
+) -> None:
+    """With its reason, once for each machine, and in no audit log."""
+    for _ in range(3):
+        program.ask("POST", "/api/v1/join", json=join_body(key, token="rj_wrong"))
+    (found,) = refused(database)
+    assert (found.mac, found.report.hostname, found.times) == (MAC, "turtle", 3)
+    assert (found.code, "cannot accept the join token" in found.detail) == ("token_invalid", True)
+    with database.transaction() as tx:
+        assert audit.find(tx) == []
+    assert program.ask("POST", "/api/v1/join", json=join_body(key)).status_code == 202
+    assert refused(database) == []
+
+
+def test_refused_joins_of_one_network_push_out_its_own_alone(database: Database, key: str) -> None:
+    """The newest stay, so that the machine somebody waits for is among them."""
+    joins = [("aa", "192.0.2.1"), *((f"{number:02x}", "192.0.2.2") for number in range(16))]
+    for end, address in joins:
+        report = Report("turtle", "0.1.0", address)
+        presented = PresentedKey(f"02:00:00:00:00:{end}", parse_robots_key(key), report)
+        with database.transaction() as tx:
+            pending.record_refusal(tx, presented, "token_invalid", "why")
+    macs = [one.mac for one in refused(database)]
+    assert len(macs) == 1 + robots.MAX_REFUSED_OF_NETWORK
+    assert (macs[0], macs[-1]) == ("02:00:00:00:00:0f", "02:00:00:00:00:aa")
+
+
+def test_a_robot_that_refuses_the_host_key_is_shown_as_such(
+    program: Browser, database: Database, relay_database: Database, key: str
+) -> None:
+    """On the page that adds robots, and at the relay as the reason why it is offline, until it joins anew."""
+    robot = program.ask("POST", "/api/v1/join", json=join_body(key)).json["robot"]
+    with database.transaction() as tx:
+        robots.set_state(tx, robots.get(tx, robot).id, "active")
+    versions = []
+    for said, code, other_key in (
+        ({}, [], None),
+        ({"host_key_refused": True}, ["host_key_changed"], "host_key"),
+        ({}, [], None),
+    ):
+        assert program.ask("POST", "/api/v1/join", json=join_body(key, **said)).status_code == 200
+        assert [one.code for one in refused(database)] == code
+        with relay_database.transaction() as tx:
+            snapshot = fleet.load(tx)
+        (seen,) = [one for one in snapshot.robots.values() if one.name == robot]
+        assert seen.other_key == other_key
+        versions.append(snapshot.rights)
+    assert versions[0] == versions[2] != versions[1]

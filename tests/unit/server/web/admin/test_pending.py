@@ -35,6 +35,17 @@ def test_nobody_waits_at_first(admin: Browser) -> None:
         assert 'data-testid="nobody-waits"' in admin.ask("GET", path).text
 
 
+def test_a_refused_join_is_shown_with_its_reason(admin: Browser, program: Browser) -> None:
+    """The admin who waits for the machine sees why it does not come."""
+    assert 'data-testid="refused"' not in admin.ask("GET", "/admin/add-robot").text
+    join(program, MAC, 1, token="rj_wrong")
+    page = admin.ask("GET", "/admin/add-robot").text
+    assert f'data-testid="refused-{MAC}"' in page
+    for text in ("Cannot accept the join token: it is unknown", "token_invalid", "turtle"):
+        assert text in page
+    assert "nobody-waits" not in page
+
+
 def test_a_key_is_shown_in_full_with_what_to_compare(admin: Browser, program: Browser) -> None:
     """Beside all that the machine told."""
     join(program, MAC, 1)
