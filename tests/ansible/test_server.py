@@ -116,27 +116,32 @@ def test_firewall_admits_what_it_should(server: Server) -> None:
     assert not host.succeeds("systemctl is-active robotether-firewall-undo.timer")
 
 
-def test_upgrade_dumps_the_database_first(server: Server) -> None:
-    """Another version leaves a dump that can be put back, and the newest dumps only."""
+def test_upgrade_makes_a_backup_first(server: Server) -> None:
+    """Another version leaves a backup whose records can be restored, and the newest backups only."""
     server.compose("exec -T web robotether robot add kept --mac 00:1b:44:11:3a:b7")
     secrets = server.secrets()
-    dumps = "/var/backups/robotether"
+    folder = "/var/backups/robotether"
     for _ in range(2):
         server.host.run(f"echo 'older built' > {FOLDER}/compose/.deployed")
         server.play("-e", "robotether_server_dumps_kept=1")
     assert server.secrets() == secrets
-    found = server.host.run(f"ls {dumps}").split()
-    assert len(found) == 1
+    [backup] = server.host.run(f"ls {folder}").split()
     server.compose("exec -T web robotether robot remove kept --yes")
     # As docs/howto/server.md says, into a new volume, whose accounts have no rights yet.
     server.compose("down")
     server.host.run("docker volume rm robotether_mysql")
-    server.compose("up --detach --wait mysql")
-    server.compose(
-        f"exec -T mysql mariadb --defaults-file=/etc/mysql/mariadb.cnf < <(zcat {dumps}/{found[0]})"
-    )
+    server.host.run(f"cd {FOLDER} && tools/restore --database {folder}/{backup}")
     server.host.run(f"cd {FOLDER} && tools/up --no-build")
     assert "kept" in server.compose("exec -T web robotether robot list")
+
+
+def test_timer_makes_a_backup(server: Server) -> None:
+    """It waits for the night; what it starts works as systemd starts it."""
+    assert server.host.run("systemctl is-enabled robotether-backup.timer").strip() == "enabled"
+    assert "robotether-backup.service" in server.host.run("systemctl list-timers --no-pager")
+    server.host.run("systemctl start robotether-backup.service")
+    [made] = server.compose("exec -T web ls /var/lib/robotether/backups").split()
+    assert made == "made"
 
 
 def test_stack_and_firewall_come_back_at_boot(server: Server) -> None:

@@ -247,7 +247,7 @@ PAGES = (
     "/admin/robots/sim1/ports", "/admin/users", "/admin/users/admin", "/admin/tokens",
     "/admin/audit", "/profile", "/profile/password", "/admin/robots/nobody", "/admin/groups", "/admin/sites",
     *(f"/robots/sim1/settings{tab}" for tab in ("", "/cameras", "/driving", "/buttons", "/permissions", "/defaults")),
-    "/drives", "/admin/robots/sim1/access", "/admin/robots/sim1/history",
+    "/drives", "/admin/robots/sim1/access", "/admin/robots/sim1/history", "/admin/backups",
 )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ import re
 import ssl
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import pytest
 from dated_certificate import make_certificate
@@ -24,6 +25,7 @@ print(*{one.owner() for one in agents})
 PULL_PROGRESS = re.compile(r"^ [\w-]+ (?:Pulling|Warning|Error)\b.*", re.MULTILINE)
 SIMS = ("sim1", "sim2", "sim3", "sim4", "sim5")
 KINDS = ["differential", "holonomic", "ackermann", "differential", "differential"]
+ADMIN_COMMAND = ("exec", "-T", "web", "robotether")
 
 pytestmark = pytest.mark.release
 
@@ -173,12 +175,56 @@ def test_open_ports_need_a_list_of_sources(site: PlainCompose) -> None:
     assert "DIRECT_PORTS=yes\n" in site.compose("exec", "relay", "robotether", "show-settings")
 
 
+def backup_ages(site: PlainCompose) -> list[str]:
+    """What the metrics say of the last backup and its copy."""
+    script = "from urllib.request import urlopen; print(urlopen('http://127.0.0.1:9100/metrics').read().decode())"
+    metrics = site.compose("exec", "-T", "relay", "python3", "-c", script)
+    return re.findall(r"^robotether_relay_backup_\w+ (\S+)$", metrics, re.MULTILINE)
+
+
+def test_backup_alone_makes_the_server_on_another_machine(
+    site: PlainCompose, tmp_path: Path
+) -> None:
+    """Robots that run on find the same server there, and an admin logs in; it has made no backup itself."""
+    site.settings |= {
+        "COMPOSE_PROFILES": "demo",
+        "BACKUP_COPY_COMMAND": f"cp --target-directory {tmp_path}",
+    }
+    (site.compose_folder / ".env").write_text("MAX_PENDING=49\n")
+    site.compose("up", "--detach", "--wait")
+    password = site.compose(*ADMIN_COMMAND, "user", "password", "admin").split()[-1]
+    before = site.robots()
+    assert backup_ages(site) == ["+Inf", "+Inf"]
+    site.tool("tools/backup", str(tmp_path / "here"))
+    assert all(0 <= float(age) < 3600 for age in backup_ages(site))
+    [backup] = tmp_path.glob("*.tar")
+    site.compose("stop", *SERVICES)
+    other = PlainCompose(tmp_path / "other", ports_of=site)
+    try:
+        other.tool("tools/restore", str(backup))
+        assert (other.compose_folder / ".env").read_text() == "MAX_PENDING=49\n"
+        other.compose("up", "--detach", "--wait")
+        other.wait("online", lambda: other.robots()["sim1"]["online"], "sshd", seconds=180)
+        after = other.robots()
+        assert {name: one["fingerprint"] for name, one in after.items()} == {
+            name: one["fingerprint"] for name, one in before.items()
+        }
+        assert other.accepts_login(password)
+        assert backup_ages(other) == ["+Inf", "+Inf"]
+        other.compose(*ADMIN_COMMAND, "robot", "remove", "sim1", "--yes")
+        other.tool("tools/restore", "--database", str(backup))
+        other.compose("up", "--detach", "--wait")
+        assert other.robots().keys() == before.keys()
+    finally:
+        other.down(images=False)
+        (site.compose_folder / ".env").unlink()
+        site.compose("up", "--detach", "--wait")
+
+
 def test_up_runs_the_sources_that_are_there(site: PlainCompose) -> None:
-    """After `git pull`, which changes files, `up` builds and runs them; a dump of before has been made."""
-    site.tool("tools/dump_database", str(site.compose_folder))
+    """After `git pull`, which changes files, `up` builds and runs them."""
     healthy = site.compose_folder.parent / "images" / "mysql" / "healthy"
     healthy.write_text(healthy.read_text() + "# of the next release\n")
     site.compose("up", "--detach", "--wait")
     running = site.compose("exec", "-T", "mysql", "cat", "/usr/lib/robotether/healthy")
     assert running.endswith("# of the next release\n")
-    assert list(site.compose_folder.glob("robotether-*.sql.gz"))

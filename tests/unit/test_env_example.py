@@ -26,6 +26,7 @@ DERIVED = {
     "CA_BUNDLE",
 }
 READ_BY_COMPOSE = {"COMPOSE_PROFILES"}
+READ_BY_TOOLS = {"BACKUP_COPY_COMMAND"}
 
 
 def example() -> dict[str, tuple[str, str]]:
@@ -96,7 +97,7 @@ def collection_version() -> str:
 
 def test_example_has_exactly_what_compose_reads() -> None:
     """No variable is missing from the example, and none stands there that nothing reads."""
-    assert set(example()) == set(used()) | READ_BY_COMPOSE
+    assert set(example()) == set(used()) | READ_BY_COMPOSE | READ_BY_TOOLS
 
 
 @pytest.mark.parametrize("name", sorted(used()))

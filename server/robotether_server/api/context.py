@@ -26,6 +26,7 @@ class AppContext:
     site_certificates: SiteCertificates
     agent_files_dir: Path
     login_lifetime: Lifetime
+    backup_record: Path
     recent_users: RecentUsers = field(default_factory=RecentUsers)
 
 

@@ -20,6 +20,7 @@ from typing import cast
 import uvloop
 from aiohttp import ClientSession, ClientWebSocketResponse, DummyCookieJar, TCPConnector, web
 
+from robotether_server.backups import RECORD
 from robotether_server.db import Database
 from robotether_server.db.fleet import FormerSessions, Snapshot
 from robotether_server.problems import SettingsError, StoreProblem
@@ -473,6 +474,7 @@ class Relay:
         gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
         gauge("journal_waiting", "Entries not yet written", self.event_writer.waiting)
         gauge("journal_dropped", "Entries given up", lambda: self.event_writer.dropped)
+        self.metrics.collect_backups(RECORD)
 
     async def _serve(self, app: web.Application, port: int) -> int:
         runner = web.AppRunner(

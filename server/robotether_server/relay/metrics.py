@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
+from pathlib import Path
 
 from prometheus_client import (
     CollectorRegistry,
@@ -17,9 +18,10 @@ from prometheus_client import (
     ProcessCollector,
     generate_latest,
 )
-from prometheus_client.core import CounterMetricFamily
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from robotether_server.backups import age_s, last_backup
 from robotether_server.relay.rosbridge.bridge import Traffic
 from robotether_server.relay.video.feeds import FeedTraffic
 
@@ -64,6 +66,10 @@ class Metrics:
         """Add what feeds count."""
         self._registry.register(_Collector(partial(_read_feeds, traffic)))
 
+    def collect_backups(self, folder: Path) -> None:
+        """Add the ages of the last backup and of its last copy, as they are recorded in the folder."""
+        self._registry.register(_Collector(partial(_read_backups, folder)))
+
     def render(self) -> bytes:
         """Write all numbers in Prometheus' text format."""
         return generate_latest(self._registry)
@@ -73,12 +79,12 @@ class Metrics:
 
 
 class _Collector(Collector):
-    """Makes counters of plain integers, when somebody asks."""
+    """Makes numbers of what a part keeps, when somebody asks."""
 
-    def __init__(self, read: Callable[[], Iterable[CounterMetricFamily]]) -> None:
+    def __init__(self, read: Callable[[], Iterable[Metric]]) -> None:
         self._read = read
 
-    def collect(self) -> Iterable[CounterMetricFamily]:
+    def collect(self) -> Iterable[Metric]:
         return self._read()
 
 
@@ -107,3 +113,18 @@ def _read_feeds(traffic: FeedTraffic) -> Iterator[CounterMetricFamily]:
     yield _family("picture_bytes", "Bytes of video frames", "to", sizes)
     meaning = "Frames skipped because a newer one was there"
     yield CounterMetricFamily("robotether_relay_pictures_skipped", meaning, traffic.skipped)
+
+
+def _read_backups(folder: Path) -> Iterator[GaugeMetricFamily]:
+    made = GaugeMetricFamily(
+        "robotether_relay_backup_age_seconds", "Age of the last backup; +Inf: none was made here"
+    )
+    copied = GaugeMetricFamily(
+        "robotether_relay_backup_copy_age_seconds", "Time since a backup was copied; +Inf: never"
+    )
+    # What is not known has no value.
+    if last := last_backup(folder):
+        made.add_metric([], age_s(last.made_at))
+        copied.add_metric([], age_s(last.copied_at))
+    yield made
+    yield copied

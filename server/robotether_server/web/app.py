@@ -11,6 +11,7 @@ from werkzeug.middleware.proxy_fix import ProxyFix
 
 from robotether_server import api
 from robotether_server.api.context import AppContext, csrf
+from robotether_server.backups import RECORD
 from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
 from robotether_server.install_line import SiteCertificates
@@ -119,6 +120,7 @@ def make_context(settings: WebSettings) -> AppContext:
         login_lifetime=Lifetime(
             dt.timedelta(hours=settings.login_ttl_h), dt.timedelta(hours=settings.login_idle_h)
         ),
+        backup_record=RECORD,
     )
 
 

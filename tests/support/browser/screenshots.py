@@ -64,6 +64,7 @@ ADMIN_PAGES = {
     "sites": "/admin/sites",
     "drives": "/drives",
     "audit": "/admin/audit",
+    "backups": "/admin/backups",
     "profile": "/profile",
     "unknown": "/robots/nobody",
 }

@@ -28,19 +28,22 @@ PASSWORD = re.compile(r"password  (\S+)")
 class PlainCompose:
     """A copy of this checkout, with a name and ports of its own on the command line."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, ports_of: PlainCompose | None = None) -> None:
+        """With `ports_of` it takes the place of another one, of the same images, under its address."""
         self._folder = folder / "robotether"
         self._name = f"robotether-test-{uuid.uuid4().hex[:8]}"
-        self._https_port = free_port()
         self._programs = folder / "programs"
         self.settings: dict[str, object] = {
             "COMPOSE_PROJECT_NAME": self._name,
             "TAG": self._name,
             "HTTP_PORT": free_port(),
-            "HTTPS_PORT": self._https_port,
+            "HTTPS_PORT": free_port(),
             "SSH_PORT": free_port(),
             "CA_BUNDLE": os.environ.get("SSL_CERT_FILE", ""),
         }
+        if ports_of is not None:
+            names = ("TAG", "HTTP_PORT", "HTTPS_PORT", "SSH_PORT")
+            self.settings |= {name: ports_of.settings[name] for name in names}
         self._copy()
 
     @property
@@ -51,7 +54,7 @@ class PlainCompose:
     @property
     def url(self) -> str:
         """The address that web prints."""
-        return f"https://localhost:{self._https_port}/"
+        return f"https://localhost:{self.settings['HTTPS_PORT']}/"
 
     def run(self, *arguments: str, timeout: float = 600) -> subprocess.CompletedProcess[str]:
         """Run docker compose with these arguments."""
@@ -66,10 +69,16 @@ class PlainCompose:
             timeout=timeout,
         )
 
-    def tool(self, name: str, *arguments: str) -> None:
-        """Run one of the repository's tools for this stack; it must succeed."""
+    def tool(self, name: str, *arguments: str) -> str:
+        """Run one of the repository's tools for this stack, which must succeed; what it printed."""
         settings = {name: str(value) for name, value in self.settings.items()}
-        subprocess.run([self._folder / name, *arguments], env=os.environ | settings, check=True)
+        return subprocess.run(
+            [self._folder / name, *arguments],
+            env=os.environ | settings,
+            check=True,
+            stdout=subprocess.PIPE,
+            text=True,
+        ).stdout
 
     def compose(self, *arguments: str) -> str:
         """Run what must succeed; what it printed."""
@@ -99,9 +108,11 @@ class PlainCompose:
         listed = self.compose("exec", "-T", "web", "robotether", "robot", "list", "--json")
         return {one["name"]: one for one in json.loads(listed)}
 
-    def wait(self, what: str, condition: Callable[[], object], *services: str) -> None:
-        """Wait for a minute at most; on a time-out show the services' logs."""
-        end = time.monotonic() + 60
+    def wait(
+        self, what: str, condition: Callable[[], object], *services: str, seconds: float = 60
+    ) -> None:
+        """Wait until the condition holds; on a time-out show the services' logs."""
+        end = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > end:
                 raise AssertionError(f"still not: {what}\n{self.compose('logs', *services)}")
@@ -124,9 +135,10 @@ class PlainCompose:
             with refused:
                 return False
 
-    def down(self) -> None:
-        """Remove containers, networks, volumes and images."""
-        self.run("--profile", "*", "down", "--volumes", "--timeout", "5", "--rmi", "all")
+    def down(self, *, images: bool = True) -> None:
+        """Remove containers, networks and volumes, and images unless another stack has them."""
+        also = ["--rmi", "all"] if images else []
+        self.run("--profile", "*", "down", "--volumes", "--timeout", "5", *also)
 
     def _copy(self) -> None:
         """Copy what git has or would take, and make a folder of programs that has docker alone."""

@@ -1,4 +1,4 @@
-"""The admin pages under /admin: robots and how they are added, users, groups, sites and grants, tokens, the audit log.
+"""The admin pages under /admin: robots and how they are added, people and rights, tokens, the audit log, backups.
 
 Plain forms over robotether_server.services, which checks, changes and writes the audit log. Every path that
 takes a POST also answers a GET, so that a log-in after an expired login leads back to it.
@@ -11,6 +11,7 @@ from robotether_server.web import current_user
 from robotether_server.web.admin import (
     add_robot,
     audit_log,
+    backups,
     grants,
     groups,
     pending,
@@ -32,6 +33,7 @@ for part in (
     grants,
     tokens,
     audit_log,
+    backups,
 ):
     blueprint.register_blueprint(part.blueprint)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.rosbridge.bridge import Traffic
@@ -86,3 +88,16 @@ def test_frames_are_read_when_somebody_asks(metrics):
     assert 'robotether_relay_picture_bytes_total{to="relay"} 300.0' in shown
     assert 'robotether_relay_picture_bytes_total{to="client"} 700.0' in shown
     assert "robotether_relay_pictures_skipped_total 2.0" in shown
+
+
+def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(metrics, tmp_path):
+    """An alarm on a great age also comes where none was ever made."""
+    folder = tmp_path / "record"
+    metrics.collect_backups(folder)
+    assert not [line for line in lines(metrics) if line.startswith("robotether_relay_backup")]
+    folder.mkdir()
+    assert "robotether_relay_backup_age_seconds +Inf" in lines(metrics)
+    (folder / "made").write_text(f"{int(time.time()) - 60}\n")
+    [age] = [line for line in lines(metrics) if line.startswith("robotether_relay_backup_age")]
+    assert float(age.split()[1]) >= 60
+    assert "robotether_relay_backup_copy_age_seconds +Inf" in lines(metrics)
