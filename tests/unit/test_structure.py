@@ -162,7 +162,6 @@ BANNED_NAMES = {
 BANNED_VERBS = {"hear", "look", "stand", "take", "tell"}
 # Standard terms, or fixed names, each in its files.
 ALLOWED = {
-    ("SWITCHING_PROTOCOLS", "sim_robot/healthcheck.py"): "HTTP's name of status 101",
     ("_check_authority", "doctor/server.py"): "a certificate authority",
     ("authority", "net/http_proxy.py"): "host and port, in RFC 3986",
     ("authority", "robotether_server/install_line.py"): "host and port, in RFC 3986",
