@@ -15,11 +15,11 @@ import urllib.parse
 import urllib.request
 import uuid
 from collections.abc import Callable
-from http.cookiejar import CookieJar
 from pathlib import Path
 from typing import Any
 
-from local_network import free_port, insecure_tls
+from local_network import free_port
+from logins import Login
 
 ROOT = Path(__file__).resolve().parents[3]
 PASSWORD = re.compile(r"password  (\S+)")
@@ -120,20 +120,12 @@ class PlainCompose:
 
     def accepts_login(self, password: str) -> bool:
         """Whether the log-in form takes this password for admin, and then shows who is logged in."""
-        opener = urllib.request.build_opener(
-            urllib.request.HTTPSHandler(context=insecure_tls()),
-            urllib.request.HTTPCookieProcessor(CookieJar()),
-        )
-        with opener.open(f"{self.url}login", timeout=10) as page:
-            token = re.search(r'name="csrf-token" content="([^"]+)"', page.read().decode())
-        assert token is not None
-        form = {"csrf_token": token[1], "name": "admin", "password": password, "next": ""}
         try:
-            with opener.open(f"{self.url}login", urllib.parse.urlencode(form).encode()) as answer:
-                return "admin" in answer.read().decode() and not answer.url.endswith("/login")
+            login = Login(self.url.rstrip("/"), "admin", password)
         except urllib.error.HTTPError as refused:
-            with refused:
-                return False
+            refused.close()
+            return False
+        return login.is_in and "admin" in login.page
 
     def down(self, *, images: bool = True) -> None:
         """Remove containers, networks and volumes, and images unless another stack has them."""
