@@ -44,6 +44,9 @@ Unit = Literal["fraction", "percent"]
 MAX_FRACTION = 1.2
 # From here on a fraction is full, and percent next to empty.
 NEARLY_ONE = 0.99
+# A level that changes by less in this time is a fraction: percent next to empty would be gone, unless it charges.
+STEADY_S = 900.0
+STEADY_CHANGE = 0.15
 # The largest difference at which a charge measured in Ah and a percentage say the same.
 SAME_LEVEL = 0.1
 # Lowest and highest voltage, empty and full, of a cell of lithium ion, a cell of LFP, and a block of lead of 6 V.
@@ -104,6 +107,27 @@ class UnitMemory:
         return unit if unit in {"fraction", "percent"} else None  # type: ignore[return-value]
 
 
+class LevelTrend:
+    """Knows a fraction by how slowly it changes, where nothing else shows the unit. Pure."""
+
+    def __init__(self) -> None:
+        # None: nothing counts yet.
+        self._since_s: float | None = None
+        self._lowest = self._highest = 0.0
+
+    def unit_shown(self, message: JsonObject, now_s: float) -> Unit | None:
+        """Return the unit that the levels up to this one show beyond doubt."""
+        level = _number(message, "percentage")
+        charges = message.get("power_supply_status") == CHARGING
+        if level is None or not STEADY_CHANGE < level < NEARLY_ONE or charges:
+            self._since_s = None
+            return None
+        self._lowest, self._highest = min(self._lowest, level), max(self._highest, level)
+        if self._since_s is None or self._highest - self._lowest >= STEADY_CHANGE:
+            self._since_s, self._lowest, self._highest = now_s, level, level
+        return "fraction" if now_s - self._since_s >= STEADY_S else None
+
+
 class Vitals:
     """What is known of the robot's battery: nothing, once it was silent for SILENT_S."""
 
@@ -151,12 +175,13 @@ class Vitals:
         async with connected(self._graph.url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
             throttle_ms = int(self._every_s * 1000)
             await rosbridge.subscribe(topic, BATTERY_TYPE, throttle_ms=throttle_ms)
+            trend = LevelTrend()
             while settings() == current:
                 message = await within(SILENT_S, rosbridge.message())
-                self._read(message, topic, current.unit)
+                shown = trend.unit_shown(message, asyncio.get_running_loop().time())
+                self._read(message, topic, current.unit, unit_shown(message) or shown)
 
-    def _read(self, message: JsonObject, topic: str, unit: Unit | None) -> None:
-        shown = unit_shown(message)
+    def _read(self, message: JsonObject, topic: str, unit: Unit | None, shown: Unit | None) -> None:
         if shown is not None:
             self._memory.keep(topic, shown)
         self._set(battery_in(message, unit or self._memory.of(topic)))
@@ -197,10 +222,7 @@ def _percent(message: JsonObject, unit: Unit | None) -> int | None:
 
 def _is_doubtful(level: float, message: JsonObject) -> bool:
     """Whether a level of which the unit is unknown may as well be percent: 1 is full, or nearly empty."""
-    if level >= NEARLY_ONE:
-        return True
-    as_fraction, as_percent = _fits_voltage(level, message), _fits_voltage(level / 100, message)
-    return as_percent and not as_fraction
+    return level >= NEARLY_ONE or not _fits_voltage(level, message)
 
 
 def unit_shown(message: JsonObject) -> Unit | None:

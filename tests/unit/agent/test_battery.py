@@ -14,6 +14,7 @@ from fake_rosbridge import FakeRosbridge
 from robotether_agent import battery
 from robotether_agent.battery import (
     BatterySettings,
+    LevelTrend,
     UnitMemory,
     Vitals,
     battery_in,
@@ -174,7 +175,8 @@ async def test_what_the_robot_shows_is_kept(report, tmp_path):
         (state(1.1), None, None),
         ({"percentage": 0.6, "voltage": 9.1}, None, None),
         ({"percentage": 0.57, "voltage": 12.1}, None, 57),
-        ({"percentage": 0.57, "voltage": None}, None, 57),
+        ({"percentage": 0.57, "voltage": None}, None, None),
+        ({"percentage": 0.57}, "fraction", 57),
         ({"percentage": None, "charge": 2.0, "capacity": 8.0}, "percent", 25),
         ({"percentage": float("nan"), "charge": 1.0, "capacity": 0.0}, None, None),
         (state(None), None, None),
@@ -220,6 +222,46 @@ def test_no_battery_is_none():
 )
 def test_only_what_is_beyond_doubt_shows_the_unit(message, unit):
     assert unit_shown(message) == unit
+
+
+@pytest.mark.parametrize(
+    ("levels", "status", "unit"),
+    [
+        # A level each third of the time that shows a fraction.
+        ([0.6, 0.58, 0.57, 0.55], 2, "fraction"),
+        ([0.6, 0.58, 0.57], 2, None),
+        # Percent next to empty, for which the time begins anew.
+        ([1.1, 0.9, 0.75, 0.6, 0.4, 0.25, 0.1], 2, None),
+        ([0.6, 0.3, 0.3, 0.3], 2, None),
+        ([0.6, 0.3, 0.3, 0.3, 0.3], 2, "fraction"),
+        ([1.0] * 9, 2, None),
+        ([0.1] * 9, 2, None),
+        # Percent that a charger lifts slowly at first.
+        ([0.6] * 9, 1, None),
+        ([0.6, 0.6, None, 0.6, 0.6], 2, None),
+    ],
+)
+def test_a_level_that_stays_is_a_fraction(levels, status, unit):
+    """Where neither voltage nor charge shows it; what is nearly empty does not last."""
+    trend, message = LevelTrend(), {"power_supply_status": status}
+    shown = [
+        trend.unit_shown(message | {"percentage": level}, at * battery.STEADY_S / 3)
+        for at, level in enumerate(levels)
+    ]
+    assert (shown[-1], set(shown[:-1])) == (unit, {None})
+
+
+async def test_a_driver_without_a_voltage_is_believed_after_a_while(report, tmp_path, monkeypatch):
+    async with TopicRosbridge(TOPICS) as robot:
+        reported = report(robot.url)
+        await until_subscribed(robot)
+        await robot.publish("/battery_state", state(0.6) | {"voltage": None})
+        await eventually(lambda: len(reported) == 1, lambda: str(reported))
+        assert reported[0]["battery"]["percent"] is None
+        monkeypatch.setattr(battery, "STEADY_S", 0.0)
+        await robot.publish("/battery_state", state(0.6) | {"voltage": None})
+        await eventually(lambda: reported[1:] == [line(60)], lambda: str(reported))
+    assert UnitMemory(tmp_path).of("/battery_state") == "fraction"
 
 
 def test_a_unit_is_kept_for_its_topic_and_percent_for_good(tmp_path):

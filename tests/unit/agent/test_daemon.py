@@ -56,7 +56,9 @@ async def test_frames_and_battery_reach_the_server(make_cloud, start_agent):
         await eventually(
             lambda: bool(rosbridge.subscribed("/battery_state")), lambda: str(rosbridge.got)
         )
-        await rosbridge.publish("/battery_state", {"percentage": 0.81, "power_supply_status": 1})
+        await rosbridge.publish(
+            "/battery_state", {"percentage": 0.81, "voltage": 24.1, "power_supply_status": 1}
+        )
         session, media = await cloud.link("session"), await cloud.link("media")
         await eventually(lambda: bool(session.of_type("vitals")), lambda: str(session.received))
         assert session.of_type("vitals")[0]["battery"] == {"percent": 81, "charging": True}

@@ -117,7 +117,9 @@ async def battery(rosbridge: TopicRosbridge) -> None:
     await eventually(
         lambda: bool(rosbridge.subscribed("/battery_state")), lambda: str(rosbridge.got), WAIT_S
     )
-    await rosbridge.publish("/battery_state", {"percentage": 0.81, "power_supply_status": 1})
+    await rosbridge.publish(
+        "/battery_state", {"percentage": 0.81, "voltage": 24.1, "power_supply_status": 1}
+    )
 
 
 async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
