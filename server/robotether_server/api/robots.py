@@ -197,7 +197,7 @@ def register_robot(
     """Enrol a robot with its key, as a playbook does.
 
     With a join token, or as an admin. Repeating the request changes nothing and uses no token up. 200: the robot
-    was enrolled already, or its row took the key.
+    was enrolled already, or its row took the key. To a join token it answers an enrolled robot under any name.
     """
     tx, admin = caller.tx, caller.credential.admin
     registration = Registration(
@@ -209,8 +209,8 @@ def register_robot(
         agent_version=body.agent_version or None,
         allow_local_mac=context().join.allow_local_macs,
     )
-    _, is_new = robot_service.register(tx, caller.source, registration)
-    seen = seen_robots.get_seen(tx, robot)
+    enrolled, is_new = robot_service.register(tx, caller.source, registration)
+    seen = seen_robots.get_seen(tx, enrolled.name)
     addresses = cells.sort_for_join(seen.robot.id, cells.read(tx), region=seen.robot.region)
     ssh = ssh_of(context().join, addresses)
     # A join token admits robots; it may not see who drives them.

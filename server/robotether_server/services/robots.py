@@ -70,8 +70,12 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
     found = robots.find_by_mac(tx, presented.mac)
     if found is not None:
         _check_may_register(found, presented)
+        is_in = found.state == "active" and found.fingerprint == presented.key.fingerprint
+        if is_in and registration.credential.token is not None:
+            # A playbook with a join token cannot ask for the name that an admin has given the robot since.
+            return found, False
         found = _named(tx, source, found, registration.name)
-        if found.state == "active" and found.fingerprint == presented.key.fingerprint:
+        if is_in:
             return found, False
     elif not registration.allow_local_mac:
         identity.check_universal_mac(presented.mac)

@@ -7,7 +7,9 @@ import os
 import subprocess
 import sys
 import tarfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -25,6 +27,7 @@ PLUGINS = sorted(
 )
 ROLES = sorted(path.name for path in (ANSIBLE / "roles").iterdir())
 END_S = 120
+STEPS = ("pre_tasks", "roles", "tasks")
 
 
 def ansible(program: str, *arguments: str | Path, home: Path, cwd: Path) -> str:
@@ -168,3 +171,29 @@ def test_playbooks_run_from_a_checkout(tmp_path: Path) -> None:
     ansible(
         "ansible-playbook", "-i", "hosts.ini", "--list-tasks", *names, home=tmp_path, cwd=tmp_path
     )
+
+
+def untagged(tasks: list[dict[str, Any]]) -> Iterator[str]:
+    """Give what no tag can choose, and what is left out inside when it is chosen."""
+    for task in tasks:
+        dynamic = task.get("ansible.builtin.include_role") or task.get(
+            "ansible.builtin.include_tasks"
+        )
+        tagged_inside = task.get("tags") == "always" or "apply" in (dynamic or {"apply": None})
+        if "tags" not in task or not tagged_inside:
+            yield str(task.get("name") or task["role"])
+
+
+@pytest.mark.parametrize("playbook", PLAYBOOKS)
+def test_each_playbook_can_be_run_in_part(playbook: str) -> None:
+    """Each of its steps has a tag, or those of its role have, and the roles' READMEs name them."""
+    plays = yaml.safe_load((ANSIBLE / "playbooks" / f"{playbook}.yml").read_text())
+    steps = [step for play in plays for part in STEPS for step in play.get(part, [])]
+    of_roles = {step["role"] for step in steps if "role" in step and "tags" not in step}
+    assert of_roles <= {f"{NAME}.robotether_server", f"{NAME}.robotether_cell"}
+    assert list(untagged([step for step in steps if step.get("role") not in of_roles])) == []
+    for role in of_roles:
+        folder = ANSIBLE / "roles" / role.rpartition(".")[2]
+        tasks = yaml.safe_load((folder / "tasks" / "main.yml").read_text())
+        assert list(untagged(tasks)) == []
+        assert "ags" in (folder / "README.md").read_text()

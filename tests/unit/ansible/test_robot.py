@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import datetime as dt
+
 from ansible_module import run_module
 from api_visitor import new_public_key
+from robotether_server.db.audit import Source
+from robotether_server.services import tokens
 from tls_web import TlsWeb
 
 
@@ -27,5 +31,11 @@ async def test_a_renamed_robot_is_known_by_its_key(web: TlsWeb) -> None:
         "state": "known",
     }
     assert (await run_module("robot", arguments))["robot"]["name"] == "turtle"
+    with web.database.transaction() as tx:
+        soon = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
+        token = tokens.create_join_token(tx, Source("root"), "lab", 1, soon)
+    join_token = {**arguments, "token": token, "state": "present", **report}
+    own = await run_module("robot", {**join_token, "mac": "00:1b:44:00:00:01", "public_key": key})
+    assert (own["robot"]["name"], own["changed"]) == ("renamed", False)
     with_key = await run_module("robot", {**arguments, "public_key": key})
     assert with_key["robot"]["name"] == "renamed"
