@@ -37,7 +37,8 @@ KINDS: Mapping[str, str] = {
 # How a drive ended. The codes are those of docs/reference/protocols.md, and one that a new relay writes for what the
 # relay before it left open.
 DRIVES: Mapping[str, str] = {
-    "client_left": "by the driver",
+    "client_left": "driver left",
+    "control_given_up": "gave up control",
     "client_vanished": "driver's connection lost",
     "client_silent": "driver's connection went silent",
     "client_slow": "driver's connection too slow",

@@ -100,10 +100,11 @@ export class Connection {
     this.connect();
   }
 
-  // For another ticket, as the page drives from now on or watches.
-  reopen() {
+  // For another ticket, as the page drives from now on or watches; `code` as of Link.close.
+  /** @param {number} [code] */
+  reopen(code) {
     this.delays = backoff();
-    this.leave();
+    this.leave(code);
     this.show(CONNECTING);
     this.connect();
   }
@@ -230,19 +231,21 @@ export class Connection {
     return hurry ? 0 : this.delays.next().value;
   }
 
-  leave() {
+  /** @param {number} [code] */
+  leave(code) {
     clearTimeout(this.timer);
     if (this.live) this.handlers.onLeaving();
-    this.dropLink();
+    this.dropLink(code);
     this.connecting = false;
   }
 
-  dropLink() {
+  /** @param {number} [code] */
+  dropLink(code) {
     this.attempt += 1;
     const { link } = this;
     this.link = null; // first: who hears that it is gone must not find it live
     if (link) this.handlers.onLink(null);
-    link?.close();
+    link?.close(code);
     for (const entry of this.topics) entry.channel = null;
     for (const end of this.calls) end();
     this.calls.clear();
@@ -266,6 +269,7 @@ const retrying = (name, reason = "") => ({ name, reason, retry: true });
 const lostControl = (lost) => (reason) => ({ ...retrying("connecting", reason), lost });
 const final = (name, reason = "", login = false) => ({ name, reason, retry: false, login });
 
+export const GIVE_UP = 4000; // with which this side closes, so that the record says that its driver gave up control
 export const TOO_BIG = 1009; // a message, for the server
 export const RIGHTS_ENDED = 4001; // or other settings: the next ticket shows what is left
 

@@ -3,6 +3,7 @@
 
 import { csrfToken } from "../pages/page.js";
 import { Api, TicketRefused, framesUrl, requestTicket, rosUrl, streamUrl } from "./api.js";
+import { GIVE_UP } from "./connection.js";
 import { Driver } from "./driver.js";
 import { DriveTypeQuery } from "./driveType.js";
 import { FrameStream } from "./frames.js";
@@ -56,6 +57,7 @@ export class Robot {
   // `mode`: "drive" or "observe". Resolves when the robot answers, and rejects when it never will: look at `state`
   // then. From then on it connects again by itself after each cut. Called again, it goes on in that mode.
   connect({ mode = "drive" } = {}) {
+    const gaveUp = this.driving && mode === "observe";
     this.mode = mode;
     const { connection } = this.session;
     const settled = new Promise((resolve, reject) => {
@@ -66,7 +68,7 @@ export class Robot {
         else reject(new Error(`cannot connect to ${this.name}: ${state.reason || state.name}`));
       });
     });
-    if (this.begun) connection.reopen();
+    if (this.begun) connection.reopen(gaveUp ? GIVE_UP : undefined);
     else this.begin();
     return settled;
   }

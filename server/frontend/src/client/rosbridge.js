@@ -121,8 +121,10 @@ export class Link {
     return this.socket.bufferedAmount;
   }
 
-  close() {
-    this.socket.close();
+  // `code` says why, where the relay is to know.
+  /** @param {number} [code] */
+  close(code) {
+    this.socket.close(code);
   }
 }
 

@@ -1,7 +1,7 @@
 // The drive page: one robot's connection, video, speed and controls. Loaded by drive.html.
 
 import { framesUrl, requestTicket, rosUrl } from "../client/api.js";
-import { RIGHTS_ENDED, TOO_BIG } from "../client/connection.js";
+import { GIVE_UP, RIGHTS_ENDED, TOO_BIG } from "../client/connection.js";
 import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
 import { Session } from "../client/session.js";
@@ -40,7 +40,7 @@ const driveMode = new DriveMode({
   me: user,
   level,
   drove: reloadStore.restore(),
-  onMove: () => connection.reopen(),
+  onMove: () => connection.reopen(driveMode.driving ? undefined : GIVE_UP),
   onChange: showDriveMode,
 });
 const interlock = new VideoInterlock({ afterMs: holdAfterMs, onChange: showDriveMode });

@@ -78,7 +78,8 @@ export const summary = {
 
 // By `end_code` of a drive's record, to who drove.
 export const endReasons = {
-  client_left: "by you",
+  client_left: "you left this page",
+  control_given_up: "you gave up control",
   client_vanished: "this page's connection lost",
   client_silent: "this page's connection went silent",
   client_slow: "this page's connection too slow",

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { TicketRefused } from "../../src/client/api.js";
-import { Connection } from "../../src/client/connection.js";
+import { Connection, GIVE_UP } from "../../src/client/connection.js";
 
 let clock, links, tickets, refusal, states, prepared, senders, own, connection;
 
@@ -23,7 +23,7 @@ function fakeLink(url, handlers) {
     call: () => new Promise((resolve) => (link.answer = resolve)),
     send: (operation) => link.told.push(operation) > 0,
     told: [],
-    close: () => (link.closed = true),
+    close: (code) => Object.assign(link, { closed: true, code }),
   };
   links.push(link);
   return link;
@@ -197,6 +197,16 @@ test("a page in the background, whose timers run once a minute, keeps its link",
   }
   for (let i = 0; i < 7; i++) await pass(1000);
   assert.equal(states.at(-1), "link_lost");
+});
+
+test("a page that gives up control says so by the code with which it closes", async () => {
+  connection.start();
+  await goLive();
+  connection.reopen(GIVE_UP);
+  assert.equal(links[0].code, 4000);
+  await goLive();
+  connection.stop();
+  assert.equal(links[1].code, undefined);
 });
 
 test("news that the network is gone ends a live link at once", async () => {

@@ -138,6 +138,17 @@ test("a page that only watches drives nothing and advertises nothing", async () 
   robot.close();
 });
 
+test("a driver who connects to watch gives up control, and one whose page closes does not say so", async () => {
+  const robot = make();
+  const codes = [];
+  await goLive(robot);
+  sockets[0].close = (code) => codes.push(code);
+  await goLive(robot, { mode: "observe" });
+  sockets[1].close = (code) => codes.push(code);
+  robot.close();
+  assert.deepEqual(codes, [4000, undefined]);
+});
+
 test("when somebody else drives, it connects to watch, and says so", async () => {
   const robot = make();
   const states = [];

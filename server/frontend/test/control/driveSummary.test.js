@@ -6,7 +6,7 @@ import { Summary, driveRows, durationText, headline, recordOf } from "../../src/
 const DRIVE = {
   started_at: "2026-01-01T12:00:00Z",
   ended_at: "2026-01-01T12:02:05Z",
-  end_code: "client_left",
+  end_code: "control_given_up",
   distance_m: 14.24,
   top_speed_m_s: 0.8,
   latency_p50_ms: 41.6,
@@ -30,7 +30,7 @@ test("a drive's record is told in words", () => {
   assert.equal(headline(DRIVE), "Your drive: 2 min 5 s, 14.2 m");
   assert.deepEqual(words(DRIVE), {
     duration: "2 min 5 s",
-    ended: "by you",
+    ended: "you gave up control",
     distance: "14.2 m commanded",
     speed: "0.8 m/s commanded",
     latency: "42 ms; 95 % within 80 ms",

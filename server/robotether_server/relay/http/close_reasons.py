@@ -11,6 +11,8 @@ from datetime import datetime, timezone
 # RFC 6455: a control frame carries at most 125 bytes, two of which are the code.
 MAX_REASON_BYTES = 123
 MEGABYTE = 1024 * 1024
+# Close code by which a client says that its driver gives up control; any other one only says that it leaves.
+GIVE_UP = 4000
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,11 @@ class ConnectionClosedError(Exception):
 def client_left(robot: str) -> CloseReason:
     """The operator closed the connection."""
     return CloseReason(1000, "client_left", f"connection to robot {robot} closed")
+
+
+def control_given_up(robot: str) -> CloseReason:
+    """The driver gave up control. A client closes with this code to say so."""
+    return CloseReason(GIVE_UP, "control_given_up", f"you gave up control of robot {robot}")
 
 
 def client_vanished(robot: str) -> CloseReason:

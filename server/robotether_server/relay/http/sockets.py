@@ -94,16 +94,16 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
         except (TimeoutError, ConnectionError):
             transport.abort()
 
-    async def said_goodbye(self) -> bool:
-        """Return of a connection that is gone whether a close frame was the last that came."""
+    async def goodbye_code(self) -> int | None:
+        """Return of a connection that is gone the code of the close frame that came last, None without one."""
         if self._transport is None or not self._transport.is_closing():
-            return False
+            return None
         while True:
             message = await self.receive()
             if message.type in {WSMsgType.CLOSE, WSMsgType.CLOSING}:
-                return self.close_code != NEVER_SENT
+                return None if self.close_code == NEVER_SENT else self.close_code
             if message.type in {WSMsgType.CLOSED, WSMsgType.ERROR}:
-                return False
+                return None
 
     async def _answered(self, transport: asyncio.Transport) -> None:
         """Wait for the client's close frame.

@@ -128,9 +128,10 @@ class Bridge(OperatorConnection):
 
     async def close_reason_of_gone(self) -> CloseReason:
         """Return why a connection that is gone ended, by the frames that nobody has read yet."""
-        if await self._operator.said_goodbye():
-            return close_reasons.client_left(self._name)
-        return close_reasons.client_vanished(self._name)
+        code = await self._operator.goodbye_code()
+        if code is None:
+            return close_reasons.client_vanished(self._name)
+        return self._close_reason_by_code(code)
 
     async def farewell(self, close_reason: CloseReason) -> None:
         """Notify both sides that it ended."""
@@ -357,12 +358,17 @@ class Bridge(OperatorConnection):
                 continue
             await self._operator.ping(self._timestamps.ping(time.monotonic()))
 
-    def _close_reason_by_operator(self, kind: WSMsgType, data: object) -> CloseReason:
+    def _close_reason_by_operator(self, kind: WSMsgType, data: Any) -> CloseReason:
         if kind is WSMsgType.CLOSE:
-            return close_reasons.client_left(self._name)
+            return self._close_reason_by_code(data)
         if isinstance(data, WebSocketError):
             return _close_reason_of_broken(data, "you", self._operator.message_limit)
         return close_reasons.client_vanished(self._name)
+
+    def _close_reason_by_code(self, code: int) -> CloseReason:
+        gave_up = code == close_reasons.GIVE_UP
+        of_intent = close_reasons.control_given_up if gave_up else close_reasons.client_left
+        return of_intent(self._name)
 
     async def _close_reason_of_robot(self, kind: WSMsgType, data: object) -> CloseReason:
         if kind is WSMsgType.CLOSE:

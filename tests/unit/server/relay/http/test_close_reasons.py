@@ -22,6 +22,7 @@ def test_all_reasons_fit_with_the_longest_name():
     timestamp = utc(2026, 1, 1, 12, 3)
     for close_reason in (
         close_reasons.client_left(name),
+        close_reasons.control_given_up(name),
         close_reasons.rights_ended(name),
         close_reasons.client_silent(name, 6),
         close_reasons.client_slow(name, 10),

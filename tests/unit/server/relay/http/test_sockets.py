@@ -30,7 +30,6 @@ from robotether_server.relay.video.frame_protocol import WHOLE_BINARY, websocket
 from stopwatch import Stopwatch
 
 OFFLINE = CloseReason(4503, "robot_offline", "robot sim1 is offline")
-CLOSE_FRAME = struct.pack("!H", 1000)
 
 Talk = Callable[[OperatorSocket], Awaitable[None]]
 
@@ -167,11 +166,11 @@ async def test_what_the_client_has_not_taken_is_known(operator):
         await until(lambda: opened[0].waiting_bytes() == 0, "nothing waits any more")
 
 
-@pytest.mark.parametrize("says_goodbye", [True, False])
+@pytest.mark.parametrize("code", [1001, 4000, None])
 @pytest.mark.parametrize("reads", [True, False])
-async def test_a_connection_that_is_gone_tells_whether_by_intent(operator, says_goodbye, reads):
+async def test_a_connection_that_is_gone_tells_whether_by_intent(operator, code, reads):
     """A close frame counts, whether it was read before the connection was cut or not."""
-    answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+    answer: asyncio.Future[int | None] = asyncio.get_running_loop().create_future()
 
     async def talk(socket: OperatorSocket) -> None:
         try:
@@ -180,27 +179,27 @@ async def test_a_connection_that_is_gone_tells_whether_by_intent(operator, says_
                 await asyncio.sleep(0)
             await asyncio.Event().wait()
         except asyncio.CancelledError:
-            answer.set_result(await socket.said_goodbye())
+            answer.set_result(await socket.goodbye_code())
             raise
 
     async with operator(talk) as client:
         await client.send_str("{}")
-        if says_goodbye:
-            await client.send_frame(CLOSE_FRAME, WSMsgType.CLOSE)
+        if code is not None:
+            await client.send_frame(struct.pack("!H", code), WSMsgType.CLOSE)
         transport_of(client).abort()
-        assert await asyncio.wait_for(answer, WAIT_S) is says_goodbye
+        assert await asyncio.wait_for(answer, WAIT_S) == code
 
 
 async def test_a_connection_that_lives_has_not_said_goodbye(operator):
     """Asking does not wait for a client that says nothing."""
-    answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+    answer: asyncio.Future[int | None] = asyncio.get_running_loop().create_future()
 
     async def talk(socket: OperatorSocket) -> None:
-        answer.set_result(await socket.said_goodbye())
+        answer.set_result(await socket.goodbye_code())
         await socket.finish(OFFLINE)
 
     async with operator(talk) as client:
-        assert await asyncio.wait_for(answer, WAIT_S) is False
+        assert await asyncio.wait_for(answer, WAIT_S) is None
         await closing(client)
         await client.close()
 

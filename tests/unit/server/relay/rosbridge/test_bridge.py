@@ -405,7 +405,14 @@ async def test_an_operator_who_vanishes_frees_the_robot(relay, robot, sim1, http
 
 
 @pytest.mark.parametrize(
-    ("frames", "name"), [([struct.pack("!H", 1000)], "client_left"), ([], "client_vanished")]
+    ("frames", "name"),
+    [
+        ([struct.pack("!H", 1000)], "client_left"),
+        # As a browser's page closes without a code.
+        ([b""], "client_left"),
+        ([struct.pack("!H", 4000)], "control_given_up"),
+        ([], "client_vanished"),
+    ],
 )
 async def test_a_client_that_closes_and_cuts_has_left(
     *, relay, robot, sim1, http, memory_database, frames, name
