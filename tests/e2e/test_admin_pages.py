@@ -101,7 +101,7 @@ def test_a_rejected_robot_may_ask_again_when_an_admin_says_so(
 
 
 def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
-    """A name that is taken comes back in the form."""
+    """A name that is taken comes back in the form, and a page that is open leads to the new name."""
     page.goto(f"{stack.url}/admin/robots")
     page.get_by_test_id("add-robot").click()
     page.get_by_test_id("advanced").locator("> summary").click()
@@ -115,8 +115,14 @@ def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
     page.get_by_test_id("deed-do").click()
     expect(page.get_by_test_id("form-problem")).to_contain_text("Another robot has it.")
     expect(page.get_by_label("New name")).to_have_value("sim1")
+    open_before = page.context.new_page()
+    open_page(open_before, stack, "/robots/lift")
     _do(page, stack, "/admin/robots/lift/rename", "Robot lift is now crane.", New_name="crane")
     expect(page.get_by_test_id("robot-name")).to_have_text("crane")
+    expect(open_before.get_by_test_id("state")).to_contain_text("called crane now", timeout=15_000)
+    open_before.get_by_test_id("state-action").click()
+    expect(open_before).to_have_url(f"{stack.url}/robots/crane")
+    open_before.close()
     _remove(page, stack, "crane")
 
 

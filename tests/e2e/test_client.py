@@ -214,7 +214,7 @@ def test_losing_the_focus_stops_the_robot(lab: Page, stack: Stack) -> None:
 def test_a_site_that_is_not_allowed_gets_nothing(
     stack: Stack, browser: Browser, token: str
 ) -> None:
-    """A page of another site is refused, whatever token it has."""
+    """A page of another site is refused, whatever token it has, and reads which setting refuses it."""
     other = "https://other.example"
     with _at(browser, other, EMPTY) as page:
         page.goto(f"{other}/")
@@ -223,12 +223,14 @@ def test_a_site_that_is_not_allowed_gets_nothing(
               const { Robot } = await import(`${server}/static/dist/robotether-client.js`);
               const mine = new Robot({ server, robot, token });
               const states = [];
-              mine.on("state", ({ name }) => states.push(name));
+              mine.on("state", ({ name, reason }) => states.push([name, reason]));
               mine.connect();
-              while (states.length < 2) await new Promise((resolve) => setTimeout(resolve, 50));
+              while (!states.at(-1)?.[1]) await new Promise((resolve) => setTimeout(resolve, 50));
               mine.close();
               return states;
             }""",
             [stack.url, ROBOT, token],
         )
-    assert ended[:2] == ["connecting", "server_unreachable"]
+    assert [name for name, _ in ended[:2]] == ["connecting", "server_unreachable"]
+    assert ended[-1][0] == "server_unreachable"
+    assert f"{other} in its ALLOWED_ORIGINS" in ended[-1][1]

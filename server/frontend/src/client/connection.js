@@ -261,7 +261,10 @@ export class Connection {
 // why this page may no longer drive.
 // Pure. Close codes are those of docs/reference/protocols.md.
 
-/** @typedef {{name: string, reason: string, retry: boolean, lost?: string, login?: boolean, code?: number}} State `code`: of the close */
+/**
+ * @typedef {{name: string, reason: string, retry: boolean, lost?: string, login?: boolean, gone?: boolean, code?: number}} State
+ * `gone`: this user sees no robot of this name any more; `code`: of the close
+ */
 
 /** @returns {State} */
 const retrying = (name, reason = "") => ({ name, reason, retry: true });
@@ -307,7 +310,7 @@ export function afterClose({ code, reason = "", wasLive = false }) {
 // `status` 0 stands for a server that gave no answer at all.
 export function afterTicketRefusal({ status, code }) {
   if (status === 401) return final("not_allowed", reasons.login, true);
-  if (status === 404) return final("not_allowed", reasons.robot);
+  if (status === 404) return { ...final("not_allowed", reasons.robot), gone: true };
   if (code === "grant_missing") return final("not_allowed", reasons.grant);
   if (status === 400 || status === 403) return final("not_allowed", reasons.stale);
   if (status === 429) return retrying("server_unreachable", reasons.busy);

@@ -2,6 +2,7 @@
 // dist/robotether-client.js; the drive page is made of the same parts.
 
 import { csrfToken } from "../pages/page.js";
+import { reasons } from "../texts/common.js";
 import { Api, TicketRefused, framesUrl, requestTicket, rosUrl, streamUrl } from "./api.js";
 import { GIVE_UP } from "./connection.js";
 import { Driver } from "./driver.js";
@@ -10,6 +11,7 @@ import { FrameStream } from "./frames.js";
 import { Session } from "./session.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
+const MODULE = "/static/dist/robotether-client.js";
 const USUAL_CAMERA = "/camera/image_raw";
 const STOP_CONFIRM_MS = 3000;
 
@@ -221,7 +223,22 @@ export class Robot {
     if (state.lost) this.mode = "observe"; // somebody else drives: this page looks on
     this.session.use(this.driving);
     this.driver.arm(this.driving);
+    this.tell(state);
+    if (state.name === "server_unreachable" && !state.reason) this.explainUnreachable(state);
+  }
+
+  tell(state) {
     for (const handler of [...this.handlers.state]) handler({ ...state, driving: this.driving });
+  }
+
+  // To a page of a site that the server refuses, a browser shows a server that does not answer; but every site may load this module.
+  async explainUnreachable(state) {
+    if (new URL(this.server).origin === location.origin) return;
+    const request = { method: "HEAD", cache: /** @type {RequestCache} */ ("no-store") };
+    const answers = await fetch(`${this.server}${MODULE}`, request)
+      .then(({ ok }) => ok)
+      .catch(() => false);
+    if (answers && this.session.connection.state === state) this.tell({ ...state, reason: reasons.site(location.origin) });
   }
 
   receive(control) {

@@ -60,7 +60,7 @@ export class ControlPanel {
     Object.assign(this, { live, waits });
     const { driveMode } = this;
     this.element.dataset.mode = driveMode.mode;
-    setText(part(this.element, "driver"), driverText(driveMode));
+    setText(part(this.element, "driver"), driverText(driveMode, waits));
     this.showNote(driveMode.note, [this.lack, live && this.outdated ? texts.outdated : "", guardText(driveMode.control)]);
     setText(this.button("drive"), driveMode.busy === "busy_window" ? texts.driveHere : texts.drive);
     const actions = driveMode.actions(live, waits);
@@ -141,13 +141,17 @@ export class ControlPanel {
   // To the one whom the person reads of, who may have taken the question back.
   handOver() {
     const { asking } = this.driveMode;
-    if (asking) this.answer("hand_over", { to: asking.user });
+    if (!asking) return;
+    this.driveMode.handedTo = asking.user; // control may go before the answer comes
+    this.answer("hand_over", { to: asking.user });
   }
 
   async answer(action, more) {
     this.question.show(false);
     const answer = await api.lease(this.robot, action, more);
-    if (answer.ok || answer.code === "nobody_asks") return;
+    if (answer.ok) return;
+    this.driveMode.handedTo = "";
+    if (answer.code === "nobody_asks") return;
     this.driveMode.setNote(failure(answer));
     this.showQuestion();
   }
@@ -162,7 +166,10 @@ function guardText({ guard }) {
   return guard === "off" ? texts.guardOff : "";
 }
 
-function driverText({ control, me, driving }) {
+// Empty while nobody says who drives.
+const driverText = (driveMode, waits) => (driveMode.known && !waits ? holderText(driveMode) : "");
+
+function holderText({ control, me, driving }) {
   const { driver, reserved, waiting } = control;
   if (driver) {
     const also = waiting && waiting.user !== me && !driving ? texts.waiting(waiting.user) : "";
@@ -198,6 +205,7 @@ export class Banner {
   show(state, facts) {
     this.state = state;
     this.shown = selectStatus(state, facts);
+    this.renamed = facts.renamed;
     const text = bannerTexts[this.shown];
     this.element.dataset.state = state.name;
     this.element.dataset.shown = this.shown;
@@ -219,10 +227,18 @@ export class Banner {
   }
 
   act() {
-    if (this.state.login) location.assign(`/login?next=${encodeURIComponent(location.pathname)}`);
+    const page = this.nextPage;
+    if (page) location.assign(page);
     else if (this.shown === "not_allowed") location.reload();
     else if (this.shown === "held") this.goBlind();
     else this.onRetry();
+  }
+
+  // Where the button leads; empty where it stays on this page.
+  get nextPage() {
+    if (this.state.login) return `/login?next=${encodeURIComponent(location.pathname)}`;
+    if (this.shown === "renamed") return `/robots/${encodeURIComponent(this.renamed)}`;
+    return this.shown === "gone" ? "/" : "";
   }
 
   goBlind() {
@@ -235,9 +251,11 @@ export class Banner {
 const AWAY = ["offline", "link_lost"]; // what a robot is that was disabled
 
 // `state` is the connection's (connection.js); `control` as in docs/reference/protocols.md, `video` the kind of the
-// VideoInterlock; `disabled` by an administrator; `slow` when commands come too late to count; `silentS` as of `silenceOf`.
-export function selectStatus({ name }, { disabled = false, ...facts }) {
-  if (name !== "live") return disabled ? asDisabled(name) : name;
+// VideoInterlock; `disabled` by an administrator; `slow` when commands come too late to count; `silentS` as of `silenceOf`;
+// `renamed` is the name that a robot that is gone has now.
+export function selectStatus(state, facts) {
+  if (state.gone) return facts.renamed ? "renamed" : "gone";
+  if (state.name !== "live") return facts.disabled ? asDisabled(state.name) : state.name;
   return robotStatus(facts.control ?? {}) ?? linkStatus(facts) ?? "live";
 }
 

@@ -39,6 +39,7 @@ export class DriveMode {
     // What last changed the drive mode; with `busy`, why a press did not.
     /** @type {{why: string, by?: string, reason?: string, busy?: boolean} | null} */
     this.note = null;
+    this.handedTo = ""; // whom this person lets have the control, until it has gone
     this.wasStopped = false; // whether a stop ended this page's drive, and still holds
     this.control = NOTHING;
   }
@@ -74,7 +75,8 @@ export class DriveMode {
   lose(why, reason) {
     this.mode = "observe";
     this.armed = this.pressed = false;
-    this.note = { why, reason };
+    this.note = why === "lease_lost" && this.handedTo ? { why: "handed_over", by: this.handedTo } : { why, reason };
+    this.handedTo = "";
     this.wasStopped = why === "robot_stopped";
     this.onChange();
   }
@@ -193,6 +195,7 @@ export class DriveMode {
   startDriving({ armed, why = null }) {
     this.mode = "drive";
     this.armed = armed;
+    this.handedTo = "";
     this.wasStopped = false;
     this.endQuestion(why && { why });
     this.onMove();

@@ -28,11 +28,11 @@ const SILENCE_CHECK_MS = 250;
 
 const root = document.body; // the header has a part in it, too
 const main = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
-const { robot = "", level = "observe", user = "" } = main.dataset;
+const { robot = "", mac = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, maxAgeMs } = driveSettings(settings);
-const facts = { since: "", why: "", observers: 0, silentS: 0 };
+const facts = { since: "", why: "", renamed: "", observers: 0, silentS: 0 };
 
 const loginUse = new LoginUse();
 const reloadStore = new ReloadStore(robot);
@@ -151,11 +151,20 @@ function useLink(live) {
 }
 
 // The banner says why; who drives and what the cameras see is no longer reported to this page.
-function endAll({ login }) {
+function endAll({ login, gone }) {
   driveMode.end();
   byTestId(root, "control").hidden = true;
   stopBar.end();
-  view.refuse(login ? "login_missing" : "rights_ended");
+  if (gone) findRenamed();
+  const why = gone ? "gone" : "rights_ended";
+  view.refuse(login ? "login_missing" : why);
+}
+
+// A robot that got another name keeps its MAC.
+async function findRenamed() {
+  const { body } = await api.get("/api/v1/robots");
+  facts.renamed = body.robots?.find((other) => other.mac === mac)?.name ?? "";
+  showBanner();
 }
 
 function showDriveMode() {

@@ -82,6 +82,7 @@ export const control = {
 export const driveMode = {
   lease_held: () => "Somebody else has control, so you are watching.",
   lease_lost: ({ reason }) => `You no longer drive: ${reason || "somebody else has control"}.`,
+  handed_over: ({ by }) => `You handed control to ${by}.`,
   superseded: () => "You continued in another window, so this one is watching.",
   robot_stopped: () => "", // the strip says who stopped it
   stopped_meanwhile: () => "The robot was stopped, so nobody gets control.",
@@ -128,6 +129,7 @@ export const reasons = {
   trouble: "The server cannot answer now; this page keeps trying.",
   busy: "The server gets too many requests; this page keeps trying.",
   crowded: "Close other windows; this page keeps trying.",
+  site: (origin) => `The server answers, but no request of this page: is ${origin} in its ALLOWED_ORIGINS?`,
 };
 
 export const logIn = "Log in";
@@ -160,6 +162,8 @@ export const feed = {
 // By the names of selectStatus; those of a connection that does not stand are above.
 export const states = {
   disabled: { title: "Disabled", detail: () => "By an administrator." },
+  gone: { title: "Robot not found", detail: ({ reason }) => reason || reasons.robot, action: "All robots" },
+  renamed: { title: "Renamed", detail: ({ renamed }) => `This robot is called ${renamed} now.`, action: "Open its page" },
   stopping: {
     title: "Stopping",
     detail: ({ stopped }) => `${stopped.by} pressed Stop at ${stopped.at}; the robot has not confirmed it yet.`,

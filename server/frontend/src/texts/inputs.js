@@ -71,8 +71,8 @@ const MOVES = {
   left: "Push the stick that drives sideways to the left, and hold it there.",
   turn: "Push the stick that turns to the left, and hold it there.",
   enable: "Press the button that you will hold to drive.",
-  turbo: "Press the button for turbo, or leave it out.",
-  stop: "Press the button that stops the robot, or leave it out.",
+  turbo: "Press the button for turbo, or skip it.",
+  stop: "Press the button that stops the robot, or skip it.",
 };
 
 export const percent = (share) => `${Math.round(share * 100)} %`;

@@ -21,6 +21,7 @@ export const frame = {
     video_down: (detail) => (detail ? sentence(detail) : "The robot's video server does not answer."),
     login_missing: () => "Your login has ended.",
     rights_ended: () => "Your rights have changed.",
+    gone: () => "No robot has this name any more.",
     crowded: (detail) => (detail ? sentence(detail) : "Too many windows show this camera."),
     slow: () => "This device receives the video too slowly. Starting it again.",
     restarting: () => "The server is restarting.",

@@ -139,14 +139,26 @@ test("a page that only watches drives nothing and advertises nothing", async () 
 });
 
 test("a driver who connects to watch gives up control, and one whose page closes does not say so", async () => {
-  const robot = make();
-  const codes = [];
-  await goLive(robot);
-  sockets[0].close = (code) => codes.push(code);
-  await goLive(robot, { mode: "observe" });
-  sockets[1].close = (code) => codes.push(code);
+  const [robot, codes] = [make(), []];
+  for (const mode of ["drive", "observe"]) {
+    await goLive(robot, { mode });
+    sockets.at(-1).close = (code) => codes.push(code);
+  }
   robot.close();
   assert.deepEqual(codes, [4000, undefined]);
+});
+
+test("a site that the server refuses is named, where a browser shows no answer at all", async () => {
+  globalThis.fetch = async (url, { method }) => {
+    if (method === "HEAD" && url.endsWith("/static/dist/robotether-client.js")) return { ok: true };
+    throw new TypeError("Failed to fetch");
+  };
+  const [robot, reasons] = [make(), []];
+  robot.on("state", ({ reason }) => reasons.push(reason));
+  robot.connect();
+  await settle();
+  robot.close();
+  assert.match(reasons.at(-1), /is https:\/\/lab\.example in its ALLOWED_ORIGINS\?/);
 });
 
 test("when somebody else drives, it connects to watch, and says so", async () => {

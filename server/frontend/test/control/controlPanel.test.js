@@ -36,6 +36,17 @@ test("a robot without a drive topic is said to have none, for as long as the pag
   assert.equal(note().dataset.fresh, "true");
 });
 
+test("who drives is left out while it is not known", () => {
+  open();
+  const driver = () => byTestId("control").querySelector('[data-part="driver"]').textContent;
+  panel.show(LIVE);
+  assert.equal(driver(), "");
+  driveMode.receive({ driver: null });
+  assert.equal(driver(), "Nobody is driving");
+  panel.show(AWAY);
+  assert.equal(driver(), "");
+});
+
 test("what happens again is said again, after it has gone from the picture", () => {
   open();
   driveMode.receive({ driver: { user: "ben", since: "2026-01-01T12:03:00Z", fence: 1 } });

@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { DriveMode } from "../../src/control/driveMode.js";
+import { driveMode as notes } from "../../src/texts/common.js";
 
 const SINCE = "2026-01-01T12:03:00Z";
 const ann = { user: "ann", since: SINCE, fence: 1 };
@@ -62,6 +63,16 @@ for (const why of ["superseded", "robot_stopped", "lease_held", "lease_lost"]) {
     assert.deepEqual(moves, []);
   });
 }
+
+test("who handed the control over reads that, and not that somebody else has it", () => {
+  driveMode.handedTo = "ben";
+  driveMode.lose("lease_lost", "ben controls sim1 now");
+  assert.deepEqual(driveMode.note, { why: "handed_over", by: "ben" });
+  assert.match(notes.handed_over(driveMode.note), /^You handed control to ben\.$/);
+  driveMode.drive();
+  driveMode.lose("lease_lost", "ann controls sim1 now");
+  assert.deepEqual(driveMode.note, { why: "lease_lost", reason: "ann controls sim1 now" });
+});
 
 test("control that is kept for who asked is taken, not armed, and drives after a word of the person", () => {
   askAnn();

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { afterTicketRefusal } from "../../src/client/connection.js";
 import { isSlow, selectStatus, silenceOf } from "../../src/control/controlPanel.js";
 import { connection, states } from "../../src/texts/common.js";
 
@@ -22,6 +23,15 @@ test("without a connection its own state is shown, whatever was true before", ()
 test("a robot that an administrator disabled is not one that comes back by itself", () => {
   for (const name of ["offline", "link_lost"]) assert.equal(shown({ name }, { disabled: true }), "disabled");
   for (const name of ["live", "not_allowed", "server_unreachable"]) assert.equal(shown({ name }, { disabled: true }), name);
+});
+
+test("a robot that is gone is no matter of rights, and one with another name is told by it", () => {
+  const gone = afterTicketRefusal({ status: 404, code: "robot_unknown" });
+  assert.equal(shown(gone, { disabled: true }), "gone");
+  assert.equal(shown(gone, { renamed: "crane" }), "renamed");
+  assert.match(states.gone.detail(gone), /renamed/);
+  assert.match(states.renamed.detail({ renamed: "crane" }), /crane/);
+  assert.equal(shown(afterTicketRefusal({ status: 403, code: "grant_missing" }), { renamed: "" }), "not_allowed");
 });
 
 test("a stop comes before all else, and says whether the robot has confirmed it", () => {

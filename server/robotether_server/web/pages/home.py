@@ -140,7 +140,12 @@ def show_robot(name: str) -> AnyResponse:
         seen = seen_robots.find_seen(tx, user, name)
     if seen is None:
         raise RobotUnknown(f"No robot '{name}', or you have no access.")
-    robot = {"name": name, "level": seen.level, "settings": _in_force(seen)}
+    robot = {
+        "name": name,
+        "mac": seen.robot.mac,
+        "level": seen.level,
+        "settings": _in_force(seen),
+    }
     return make_response(render_template("drive.html", user=user, robot=robot))
 
 

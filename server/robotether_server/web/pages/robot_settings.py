@@ -6,6 +6,8 @@ from the defaults; relay and guard follow a change by themselves. button_forms.p
 
 import hashlib
 import json
+import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -34,6 +36,7 @@ from robotether_server.web.pages.setting_fields import (
     TABS,
     SettingField,
     Tab,
+    beside,
     line_of,
 )
 
@@ -41,6 +44,7 @@ blueprint = Blueprint("robot_settings", __name__, url_prefix="/robots/<name>/set
 blueprint.before_request(current_user.require_user)
 
 MAX_FIELD_LENGTH = 20_000
+RANGE = re.compile(r"a number from (\S+) to (\S+)")
 # So many rows for further cameras than there are.
 SPARE_ROWS = 2
 DEFAULTS = robot_settings.DEFAULTS.as_dict()
@@ -84,6 +88,7 @@ def show(tab: Tab, name: str, problem: Problem | None = None) -> str:
         tab=tab,
         tabs_of_user=tabs_of(name),
         texts={field.path: _text(field, present) for field in tab.fields},
+        beside={field.path: beside(field, present) for field in tab.fields if field.beside},
         usual={field.path: line_of(field, get_path(DEFAULTS, field.path)) for field in tab.fields},
         ticked=[field.path for field in tab.fields if field.box and _is_ticked(field, present)],
         cameras=_camera_rows(present),
@@ -115,7 +120,7 @@ def _settings(tx: Transaction, name: str, tab: Tab) -> Mapping[str, object]:
     """Return the robot's settings; raise RobotUnknown or GrantMissing."""
     seen = drive_pages.find_managed(tx, current_user.get(), name)
     if tab.is_for_admins and not current_user.get().is_admin:
-        raise GrantMissing("cannot show these settings: they are for admins; ask one of them")
+        raise GrantMissing("These settings are for administrators.")
     return seen.robot.settings
 
 
@@ -126,6 +131,10 @@ def _present(path: str, present: Mapping[str, object]) -> object:
 def _shown(tab: Tab, present: Mapping[str, object]) -> str:
     """Return the digests of what a tab shows, for its form to send back."""
     values = {path: _present(path, present) for path in _paths(tab)}
+    for field in tab.fields:
+        # As the form sends back what is rounded there.
+        if field.in_degrees and values[field.path] is not None:
+            values[field.path] = field.value_of(field.text_of(values[field.path]))
     return " ".join(_digest(path, values) for path in values)
 
 
@@ -145,7 +154,7 @@ def _text(field: SettingField, present: Mapping[str, object]) -> str:
     value = _present(field.path, present)
     if value is None and field.box:
         value = get_path(DEFAULTS, field.path)
-    return request.form.get(field.path, forms.value_text(value))
+    return request.form.get(field.path, field.text_of(value))
 
 
 def _box(field: SettingField) -> str:
@@ -186,10 +195,11 @@ def _checked(tab: Tab) -> Settings:
     """Return the values of the form by their paths; raise FieldsInvalid, which names every wrong one."""
     read: dict[str, Callable[[], object]] = {CAMERAS_PATH: _cameras} if tab is CAMERAS else {}
     read |= {field.path: partial(_value, field) for field in tab.fields}
+    angles = {field.path for field in tab.fields if field.in_degrees}
     values: Settings = {}
     wrong: list[FieldInvalid] = []
     for path, value in read.items():
-        with _collected(wrong):
+        with _collected(wrong, in_degrees=path in angles):
             values[path] = value()
             schemas.read(put_path({}, path, values[path]), GivenSettings, of="settings")
     if wrong:
@@ -198,11 +208,18 @@ def _checked(tab: Tab) -> Settings:
 
 
 @contextmanager
-def _collected(wrong: list[FieldInvalid]) -> Iterator[None]:
+def _collected(wrong: list[FieldInvalid], *, in_degrees: bool) -> Iterator[None]:
     try:
         yield
     except FieldInvalid as problem:
-        wrong.append(problem)
+        detail = RANGE.sub(_range_in_degrees, problem.detail) if in_degrees else problem.detail
+        wrong.append(FieldInvalid(detail, problem.field))
+
+
+def _range_in_degrees(range_: re.Match[str]) -> str:
+    low, high = (math.degrees(float(bound)) for bound in range_.groups())
+    # Within what is allowed.
+    return f"a number from {math.ceil(low * 1000) / 1000:g} to {math.floor(high):g}"
 
 
 def _cameras() -> object:
@@ -221,11 +238,11 @@ def _value(field: SettingField) -> object:
     if field.kind == "globs":
         return [line.strip() for line in text.splitlines() if line.strip()]
     if field.box:
-        return forms.number_or_text(text, whole=True) if forms.is_ticked(_box(field)) else None
+        return field.value_of(text) if forms.is_ticked(_box(field)) else None
     if not text and field.empty:
         return None
     if field.kind in ("number", "whole"):
-        return forms.number_or_text(text, whole=field.kind == "whole")
+        return field.value_of(text)
     return text
 
 

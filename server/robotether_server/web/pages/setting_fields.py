@@ -3,6 +3,7 @@
 docs/reference/robot-settings.md describes every setting. The cameras and the buttons have rows of their own.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -30,6 +31,8 @@ BATTERY_WORDS: tuple[tuple[BatteryUnit | Literal[""], str], ...] = (
     ("percent", "From 0 to 100"),
 )
 CAMERAS_PATH = "page.cameras"
+# Number of digits after the point of an angle in degrees.
+DEGREES_DIGITS = 3
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,8 @@ class SettingField:
     """One setting: its path in the settings, and its texts.
 
     `empty` is shown for a missing value; without it a value is required. `box` is the label of a checkbox without which
-    there is no value. `options` are pairs of value and words, of a choice.
+    there is no value. `options` are pairs of value and words, of a choice. `beside` is the path of the setting whose
+    value stands beside it. An angle is kept in radians, and shown and typed `in_degrees`.
     """
 
     path: str
@@ -48,6 +52,19 @@ class SettingField:
     box: str = ""
     box_hint: str = ""
     options: tuple[tuple[str, str], ...] = ()
+    beside: str = ""
+    in_degrees: bool = False
+
+    def text_of(self, value: object) -> str:
+        """Return a value as the text of this field."""
+        if self.in_degrees and isinstance(value, int | float):
+            value = round(math.degrees(value), DEGREES_DIGITS)
+        return forms.value_text(value)
+
+    def value_of(self, text: str) -> object:
+        """Return the number that a text means; one that is none stays a text."""
+        value = forms.number_or_text(text, whole=self.kind == "whole")
+        return math.radians(value) if self.in_degrees and isinstance(value, float) else value
 
 
 @dataclass(frozen=True)
@@ -82,8 +99,10 @@ def _globs(path: str, label: str, hint: str) -> SettingField:
     return SettingField(path, label, hint, "globs", "none")
 
 
-def _limit(path: str, label: str, hint: str) -> SettingField:
-    return SettingField(path, label, hint, empty="no limit")
+def _limit(
+    path: str, label: str, hint: str, *, beside: str = "", in_degrees: bool = False
+) -> SettingField:
+    return SettingField(path, label, hint, empty="no limit", beside=beside, in_degrees=in_degrees)
 
 
 def _whole(path: str, label: str, hint: str, empty: str = "") -> SettingField:
@@ -125,11 +144,14 @@ SAFETY = Tab(
                     "guard.max_speed_m_s",
                     "Robot's limit (m/s)",
                     "Faster commands are reduced to it.",
+                    beside="page.max_speed_m_s",
                 ),
                 _limit(
                     "guard.max_turn_rad_s",
-                    "Robot's turn limit (rad/s)",
+                    "Robot's turn limit (°/s)",
                     "Faster turns are reduced to it.",
+                    beside="page.max_turn_rad_s",
+                    in_degrees=True,
                 ),
                 _whole(
                     "guard.deadman_ms",
@@ -158,13 +180,15 @@ SAFETY = Tab(
                 ),
                 _limit(
                     "guard.max_turn_acceleration_rad_s2",
-                    "Top turn acceleration (rad/s²)",
+                    "Top turn acceleration (°/s²)",
                     "Limited only while the turn grows.",
+                    in_degrees=True,
                 ),
                 _limit(
                     "guard.max_steering_rad",
-                    "Maximum steering angle (rad)",
+                    "Maximum steering angle (°)",
                     "For robots that steer like a car.",
+                    in_degrees=True,
                 ),
             ),
         ),
@@ -276,13 +300,19 @@ DRIVING = Tab(
             "The most that the drive page offers. The guard's own limits always hold.",
             (
                 SettingField(
-                    "page.max_speed_m_s", "Driver's limit (m/s)", "", empty="the robot's limit"
+                    "page.max_speed_m_s",
+                    "Driver's limit (m/s)",
+                    "Without either limit the page offers 1 m/s.",
+                    empty="the robot's limit",
+                    beside="guard.max_speed_m_s",
                 ),
                 SettingField(
                     "page.max_turn_rad_s",
-                    "Driver's turn limit (rad/s)",
-                    "",
+                    "Driver's turn limit (°/s)",
+                    "Without either limit the page offers 86 °/s.",
                     empty="the robot's limit",
+                    beside="guard.max_turn_rad_s",
+                    in_degrees=True,
                 ),
             ),
         ),
@@ -348,6 +378,7 @@ PERMISSIONS = Tab(
     is_for_admins=True,
 )
 TABS = (SAFETY, CAMERAS, DRIVING, BUTTONS, PERMISSIONS)
+_FIELDS = {field.path: field for tab in TABS for field in tab.fields}
 
 
 def summary(settings: Mapping[str, object]) -> list[tuple[str, str]]:
@@ -372,4 +403,10 @@ def summary(settings: Mapping[str, object]) -> list[tuple[str, str]]:
 
 def line_of(field: SettingField, value: object) -> str:
     """Return a value as one line; nothing has words of its own."""
-    return forms.value_text(value).replace("\n", ", ") or field.empty
+    return field.text_of(value).replace("\n", ", ") or field.empty
+
+
+def beside(field: SettingField, settings: Mapping[str, object]) -> str:
+    """Return the setting that belongs beside this one, with its value."""
+    other = _FIELDS[field.beside]
+    return f"{other.label.partition(' (')[0]}: {line_of(other, get_path(settings, other.path))}."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 import re
 from typing import Any
 
@@ -288,12 +289,30 @@ def filled_is(page: str, field: str, text: str) -> bool:
 
 def test_every_wrong_field_is_named(admin: Browser) -> None:
     """In the order of the form; what is rarely needed unfolds."""
-    texts = {"guard.max_turn_rad_s": "x", "guard.deadman_ms": "1", "guard.max_steering_rad": "90"}
+    texts = {"guard.max_turn_rad_s": "x", "guard.deadman_ms": "1", "guard.max_steering_rad": "900"}
     page = send(admin, SETTINGS, **filled(admin, SETTINGS) | texts).text
     assert list(wrong(page)) == list(texts)
     assert "Not saved: 3 fields are wrong." in problem_of(page)
     assert '<details class="panel fold" data-testid="more" open>' in page
     assert '<details class="panel fold" data-testid="more">' in admin.ask("GET", SETTINGS).text
+
+
+def test_angles_are_typed_in_degrees_and_kept_in_radians(
+    admin: Browser, database: Database
+) -> None:
+    """What is saved unchanged keeps all its digits, and a bound is named in degrees."""
+    write(database, '{"guard": {"max_turn_rad_s": 1.23456789}}')
+    form = filled(admin, SETTINGS)
+    assert form["guard.max_turn_rad_s"] == "70.736"
+    assert "Robot's turn limit: 70.736." in html.unescape(admin.ask("GET", DRIVING).text)
+    send(admin, SETTINGS, **form | {"guard.max_steering_rad": "45"})
+    guard = all_kept(database)["guard"]
+    assert guard == {"max_turn_rad_s": 1.23456789, "max_steering_rad": math.pi / 4}
+    page = send(admin, SETTINGS, **form | {"guard.max_turn_rad_s": "9999"}).text
+    assert (
+        wrong(page)["guard.max_turn_rad_s"]
+        == "Enter a number from 0.058 to 5729, or leave it empty."
+    )
 
 
 def test_wrong_camera_is_said_at_its_row(manager: Browser, database: Database) -> None:
