@@ -2,7 +2,7 @@
 // The markup is the server's (drive.html); what can be done is driveMode.js's to say.
 
 import { api, serverClock } from "../pages/calls.js";
-import { byTestId, localTime, part, setText } from "../pages/page.js";
+import { byTestId, keepFocus, localTime, part, setText } from "../pages/page.js";
 import { NEW_MS, isNew, markNew } from "../pages/presses.js";
 import { connection, control as texts, driveMode as notes, logIn, states } from "../texts/common.js";
 
@@ -83,15 +83,13 @@ export class ControlPanel {
     if (!lasting) this.fading = setTimeout(() => (element.dataset.fresh = "false"), FRESH_MS);
   }
 
-  // A button that goes while it has the focus hands it to what came in its place. The second press of a double one must not
-  // end what the first began.
+  // The second press of a double one must not end what the first began.
   showActions(actions) {
     const buttons = [...part(this.root, "deeds").querySelectorAll("[data-deed]")];
-    const focused = buttons.find((button) => button === document.activeElement);
     const before = buttons.filter((button) => !button.hidden);
-    for (const button of buttons) button.hidden = !actions.includes(button.dataset.deed);
+    const show = () => buttons.forEach((button) => (button.hidden = !actions.includes(button.dataset.deed)));
+    keepFocus(show, buttons, this.element);
     if (before.some((button) => button.hidden)) buttons.filter((button) => !button.hidden && !before.includes(button)).forEach(markNew);
-    if (focused?.hidden) (buttons.find((button) => !button.hidden) ?? this.element).focus();
   }
 
   showQuestion() {
@@ -216,14 +214,11 @@ export class Banner {
     this.offer(state.login ? logIn : text.action);
   }
 
-  // A button that goes while it has the focus leaves it to the banner, or the next Tab would begin at the top.
   offer(action) {
     if (this.offered && action !== this.offered) this.deafness.renew();
     this.offered = action;
-    const focused = this.button === document.activeElement;
-    this.button.hidden = !action;
     setText(this.button, action ?? "");
-    if (focused && !action) this.element.focus();
+    keepFocus(() => (this.button.hidden = !action), [], this.element);
   }
 
   act() {

@@ -1,7 +1,7 @@
 // The drive page's Stop button, what is known of the stop, and the button to hold for its release.
 
 import { api } from "../pages/calls.js";
-import { byTestId, localTime, part, setText, TEXT, matches } from "../pages/page.js";
+import { byTestId, keepFocus, localTime, part, setText, TEXT, matches } from "../pages/page.js";
 import { markNew } from "../pages/presses.js";
 import { release as releaseTexts, stop as texts } from "../texts/common.js";
 import { Stopping, sameStop } from "./stopping.js";
@@ -71,13 +71,9 @@ export class StopBar {
     if (this.release) this.showRelease();
   }
 
-  // A button that goes while it has the focus hands it to what came in its place.
   showRelease() {
-    const focused = this.release === document.activeElement;
-    this.release.hidden = !this.stopping.stopped;
-    if (!focused || !this.release.hidden) return;
     const deeds = [...part(this.element, "deeds").querySelectorAll("[data-deed]")];
-    (deeds.find(({ hidden }) => !hidden) ?? this.status).focus({ preventScroll: true });
+    keepFocus(() => (this.release.hidden = !this.stopping.stopped), deeds, this.status);
   }
 
   // What comes where the button to hold was acts on no press that was meant for that.

@@ -67,9 +67,7 @@ export function newCard(template, { name }) {
   link.href = `/robots/${encodeURIComponent(name)}`;
   link.textContent = name;
   for (const act of ["drive", "watch"]) {
-    const button = part(card, act);
-    if (!button) continue; // a row has its name to press
-    button.href = link.href;
+    part(card, act).href = link.href;
     setText(part(card, `${act}-name`), ` ${name}`);
   }
   return card;

@@ -1,6 +1,6 @@
 // Search, filters, order and the choice of cards or table. What is chosen stands in the page's address.
 
-import { LocalStore, part, setText } from "../pages/page.js";
+import { LocalStore, foldFilters, part, setText } from "../pages/page.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { fromQuery, isFiltered, sitesOf, toQuery } from "./filters.js";
 
@@ -22,6 +22,7 @@ export class Toolbar {
     this.listen();
     this.show();
     this.offerSites([]);
+    foldFilters(root.querySelector("search"), isFiltered(this.filter));
   }
 
   listen() {

@@ -1,5 +1,6 @@
 // The page that adds a robot: fetches itself again and again, and puts in place what changed of step 3.
 
+import { PointerPause } from "../fleet/list.js";
 import { localTimestamp, part, setText } from "./page.js";
 
 const EVERY_MS = 2000;
@@ -11,6 +12,8 @@ class Arrivals {
   constructor(section) {
     this.section = section;
     this.touchedAt = performance.now();
+    this.pause = new PointerPause({ onEnd() {} }); // the next poll shows what came meanwhile
+    this.pause.listen(part(section, "waiting"));
   }
 
   touch() {
@@ -18,10 +21,15 @@ class Arrivals {
   }
 
   async poll() {
-    if (document.hidden || performance.now() - this.touchedAt > UNTOUCHED_MS) return;
+    if (document.hidden || this.chooses || performance.now() - this.touchedAt > UNTOUCHED_MS) return;
     // Without an answer, or with that of a login that ended, what stands there stays.
     const answer = await fetch(this.section.dataset.live, { cache: "no-store" }).catch(() => null);
     if (answer?.ok) this.show(new DOMParser().parseFromString(await answer.text(), "text/html"));
+  }
+
+  // Whether somebody is about to approve or reject: nothing may move, or a press meets another machine.
+  get chooses() {
+    return this.pause.active && part(this.section, "waiting").querySelector("button") !== null;
   }
 
   // Only what changed, and never under somebody's keyboard.

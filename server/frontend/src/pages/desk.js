@@ -1,10 +1,12 @@
 // What pages of lists and forms need of a script: buttons that copy, times and days of the reader's own zone, and Drive.
 
 import { offerDrive } from "../fleet/cards.js";
-import { localTimestamp, setText } from "./page.js";
+import { foldFilters, localTimestamp, setText } from "./page.js";
+import { Presses } from "./presses.js";
 
 const SHOWN_MS = 2000;
 const DAY_LENGTH = 10;
+const RENEW_MS = 60_000; // "today" ends while a page is open
 
 // data-copy is the id of the text's element. The buttons show only where copying works.
 export function wireCopyButtons(page, clipboard) {
@@ -65,8 +67,13 @@ export function wireDrive(page) {
 }
 
 if (typeof document !== "undefined") {
+  new Presses().watch(window);
   wireCopyButtons(document, navigator.clipboard);
   showLocalTimes(document);
+  setInterval(() => showLocalTimes(document), RENEW_MS);
   wireDrive(document);
-  for (const form of document.querySelectorAll("form.filter")) wireDays(form);
+  for (const form of document.querySelectorAll("form.filter")) {
+    wireDays(form);
+    foldFilters(form, location.search !== "");
+  }
 }

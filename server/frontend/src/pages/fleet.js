@@ -46,7 +46,9 @@ function listIn(container, template) {
 }
 
 function prepare(element, name) {
-  element.dataset.camera ||= known.get(name)?.camera ?? "";
+  const { camera = "", level = "" } = known.get(name) ?? {};
+  element.dataset.camera ||= camera;
+  element.dataset.level ||= level;
   stopOf(name).join(element);
   thumbs.add(element, name);
   offerDrive(element, name);

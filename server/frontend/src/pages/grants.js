@@ -1,5 +1,7 @@
 // The ends of grants: shown and typed in the reader's own time, sent in UTC, as the page has them without this script.
 
+import { make } from "./page.js";
+
 const MINUTE_MS = 60_000;
 
 // A time of a field, without its zone, from UTC to the reader's, and back as RFC 3339. Empty stays empty.
@@ -28,4 +30,31 @@ function showLocalTime(field) {
   });
 }
 
-for (const table of document.querySelectorAll("table.grants")) showLocalTimes(table);
+const HOUR_MS = 60 * MINUTE_MS;
+
+// The ends that are usual, as a field of the reader's own time has them.
+/** @type {[string, (now: Date) => string][]} */
+const USUAL_ENDS = [
+  ["1 h", (now) => fieldText(new Date(now.getTime() + HOUR_MS))],
+  ["Today", (now) => `${fieldText(now).slice(0, 10)}T23:59`],
+  ["7 days", (now) => fieldText(new Date(now.getFullYear(), now.getMonth(), now.getDate() + 7, now.getHours(), now.getMinutes()))],
+  ["No end", () => ""],
+];
+
+const fieldText = (time) => localTimeOf(time.toISOString().slice(0, "2026-01-01T12:03".length));
+
+export const usualEnds = (now) => USUAL_ENDS.map(([words, end]) => [words, end(now)]);
+
+function offerUsualEnds(field) {
+  const buttons = USUAL_ENDS.map(([words, end]) => {
+    const button = make("button", { type: "button", class: "small" }, words);
+    button.addEventListener("click", () => (field.value = end(new Date())));
+    return button;
+  });
+  field.after(make("div", { class: "ends", role: "group", "aria-label": "Usual ends" }, ...buttons));
+}
+
+if (typeof document !== "undefined") {
+  for (const table of document.querySelectorAll("table.grants")) showLocalTimes(table);
+  for (const field of document.querySelectorAll("#grant-end")) offerUsualEnds(field);
+}

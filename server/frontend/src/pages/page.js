@@ -33,11 +33,15 @@ export function localTime(iso, now = new Date()) {
   return `${time.toLocaleDateString("en-GB", { day: "numeric", month: "short" })} ${clock(time)}`;
 }
 
-// A time of a list or a record: date and time with seconds, and the year when it is another one.
-export function localTimestamp(iso, now = new Date()) {
-  const time = new Date(iso);
+// A time of a list or a record: day and time with seconds.
+export const localTimestamp = (iso, now = new Date()) => `${dayText(new Date(iso), now)} ${clock(new Date(iso), "2-digit")}`;
+
+// The year only when it is another one.
+function dayText(time, now) {
+  const daysAgo = (days) => new Date(now.getFullYear(), now.getMonth(), now.getDate() - days).toDateString();
+  const recent = ["today", "yesterday"].find((_, days) => time.toDateString() === daysAgo(days));
   const year = time.getFullYear() === now.getFullYear() ? undefined : "numeric";
-  return `${time.toLocaleDateString("en-GB", { day: "numeric", month: "short", year })} ${clock(time, "2-digit")}`;
+  return recent ?? time.toLocaleDateString("en-GB", { day: "numeric", month: "short", year });
 }
 
 // The same in UTC, as lists have it on hover. Empty for no time.
@@ -71,10 +75,29 @@ export function make(tag, attributes = {}, ...children) {
   return made;
 }
 
+// Hides or shows buttons. One that goes while it has the focus hands it to the first that is there, else to `last`, or the next
+// Tab would begin at the top.
+export function keepFocus(change, buttons, last) {
+  const focused = /** @type {HTMLElement | null} */ (document.activeElement);
+  change();
+  if (focused?.hidden) (buttons.find(({ hidden }) => !hidden) ?? last).focus({ preventScroll: true }); // which would move the stick
+}
+
 // For what is pressed while driving: a finger beside the one that holds the stick makes no click.
 export function onPress(button, act) {
   button.addEventListener("click", act);
   button.addEventListener("pointerup", (event) => !event.isPrimary && event.pointerType === "touch" && act(event));
+}
+
+// What narrows a list is behind one button on a phone; elsewhere the style sheet shows it always.
+export function foldFilters(root, opened) {
+  const button = part(root, "filters");
+  const open = (shown) => {
+    root.dataset.open = String(shown);
+    button.setAttribute("aria-expanded", String(shown));
+  };
+  button.addEventListener("click", () => open(root.dataset.open === "false"));
+  open(opened);
 }
 
 // Saves it as a file of this name.

@@ -1,5 +1,5 @@
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { mock, test } from "node:test";
 
 import { dayOf, startOrEnd, showLocalTimes, wireCopyButtons, wireDays } from "../../src/pages/desk.js";
 
@@ -58,11 +58,28 @@ test("without a clipboard the button stays hidden", () => {
 process.env.TZ = "Atlantic/Azores";
 
 test("times are the reader's own, with seconds, and with a year that is not this one", () => {
-  const times = ["2026-01-31T00:03:59+00:00", "2025-07-01T12:00:00+00:00"].map((dateTime) => ({ dateTime, textContent: "UTC" }));
+  const times = ["2026-01-31T00:03:59+00:00", "2025-07-01T12:00:00+00:00", "2026-06-01T00:00:00Z", "2026-05-31T23:59:59Z"].map(
+    (dateTime) => ({ dateTime, textContent: "UTC" }),
+  );
   showLocalTimes({ querySelectorAll: () => times }, new Date("2026-06-01T12:00:00Z"));
   assert.deepEqual(
     times.map(({ textContent }) => textContent),
-    ["30 Jan 23:03:59", "1 Jul 2025 12:00:00"],
+    ["30 Jan 23:03:59", "1 Jul 2025 12:00:00", "today 00:00:00", "yesterday 23:59:59"],
+  );
+});
+
+test("a press counts on the control on which it began, as on the pages of robots", async () => {
+  const wired = [];
+  const quiet = { querySelectorAll: () => [] };
+  Object.defineProperty(globalThis, "navigator", { value: {}, configurable: true }); // older Nodes have none
+  Object.assign(globalThis, { document: quiet, window: { addEventListener: (name, _, options) => wired.push([name, options.capture]) } });
+  const every = mock.method(globalThis, "setInterval", () => 0);
+  await import("../../src/pages/desk.js?page");
+  every.mock.restore();
+  for (const name of ["document", "window"]) delete globalThis[name];
+  assert.deepEqual(
+    wired,
+    ["pointerdown", "click", "keydown"].map((name) => [name, true]),
   );
 });
 
