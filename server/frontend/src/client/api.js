@@ -72,17 +72,18 @@ const path = (robot, action) => `/api/v1/robots/${encodeURIComponent(robot)}/${a
 
 // Gets a ticket, the permission to open one WebSocket, from the server.
 export class TicketRefused extends Error {
-  constructor(status, code = "") {
+  constructor(status, code = "", detail = "") {
     super(`cannot get a ticket: ${status ? `the server answered ${status} ${code}` : "no answer"}`);
     this.status = status;
     this.code = code;
+    this.detail = detail;
   }
 }
 
 // `api` is an Api. Throws TicketRefused.
 export async function requestTicket(api, robot, mode) {
-  const { ok, status, code, body } = await api.post("/api/v1/tickets", { robot, mode });
-  if (!ok) throw new TicketRefused(status, code);
+  const { ok, status, code, detail, body } = await api.post("/api/v1/tickets", { robot, mode });
+  if (!ok) throw new TicketRefused(status, code, detail);
   return body.ticket;
 }
 

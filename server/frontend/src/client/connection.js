@@ -2,7 +2,7 @@
 // gives every new link the subscriptions and publishers of the page.
 // It must never send on a new link what was meant for an old one.
 
-import { explained, reasons } from "../texts/common.js";
+import { because, explained, reasons } from "../texts/common.js";
 import { TicketRefused, backoff } from "./api.js";
 
 /** @typedef {import("./rosbridge.js").Link} Link */
@@ -308,12 +308,14 @@ export function afterClose({ code, reason = "", wasLive = false }) {
 }
 
 // `status` 0 stands for a server that gave no answer at all.
-export function afterTicketRefusal({ status, code }) {
+/** @param {{status: number, code: string, detail?: string}} refusal */
+export function afterTicketRefusal({ status, code, detail }) {
+  const why = (usual, advice) => `${detail ? because(detail) : usual} ${advice}`;
   if (status === 401) return final("not_allowed", reasons.login, true);
   if (status === 404) return { ...final("not_allowed", reasons.robot), gone: true };
-  if (code === "grant_missing") return final("not_allowed", reasons.grant);
-  if (status === 400 || status === 403) return final("not_allowed", reasons.stale);
-  if (status === 429) return retrying("server_unreachable", reasons.busy);
-  if (status) return retrying("server_unreachable", reasons.trouble);
+  if (code === "grant_missing") return final("not_allowed", why(reasons.changed, reasons.grant));
+  if (status === 400 || status === 403) return final("not_allowed", why(reasons.stale, reasons.reload));
+  if (status === 429) return retrying("server_unreachable", why(reasons.busy, reasons.trying));
+  if (status) return retrying("server_unreachable", why(reasons.trouble, reasons.trying));
   return retrying("server_unreachable");
 }

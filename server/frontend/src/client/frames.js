@@ -34,7 +34,7 @@ export class FrameStream {
   // `onFrame({jpeg, number, at})`: `at` on the clock of `now()`, never later than it was; a promise that it gives is
   // waited for before the next frame is asked for. `onStatus({picture, why, detail, quality, width, height, fps, source,
   // bytes})` at each change: `picture` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down
-  // (the camera's source, with `detail`), old, cut, unreachable, login_missing, refused (`detail`: the status) or of BY_CODE.
+  // (the camera's source, with `detail`), old, cut, unreachable, login_missing, refused (`detail`: the server's reason) or of BY_CODE.
   /**
    * @param {{
    *   url: () => string | Promise<string>,
@@ -150,10 +150,10 @@ export class FrameStream {
 
   refuse(error) {
     if (!("status" in error)) throw error;
-    const { status, code } = error;
+    const { status, code, detail = "" } = error;
     if (status === 401) this.fail("login_missing");
-    else if (["robot_offline", "video_down"].includes(code)) this.fail(code);
-    else this.fail(status ? "refused" : "unreachable", status ? String(status) : "");
+    else if (["robot_offline", "video_down"].includes(code)) this.fail(code, detail);
+    else this.fail(status ? "refused" : "unreachable", status ? detail || `the server answered ${status}` : "");
   }
 
   fail(why, detail = "") {

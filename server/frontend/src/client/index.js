@@ -210,7 +210,7 @@ export class Robot {
     try {
       return await this.getTicket({ robot: this.name, mode });
     } catch (/** @type {any} */ error) {
-      throw error instanceof TicketRefused ? error : new TicketRefused(error?.status ?? 0, error?.code);
+      throw error instanceof TicketRefused ? error : new TicketRefused(error?.status ?? 0, error?.code, error?.detail);
     }
   }
 

@@ -2,7 +2,7 @@
 
 import { readRefusal, snapshotUrl } from "../client/api.js";
 import { localTime, part, setText } from "../pages/page.js";
-import { sentence } from "../texts/common.js";
+import { because } from "../texts/common.js";
 import { thumb as texts } from "../texts/fleet.js";
 
 // Each picture is some 10 KB of its robot's uplink.
@@ -96,7 +96,7 @@ class Thumb {
 
   showState(state, detail = "") {
     this.box.dataset.thumb = state;
-    setText(this.words, detail ? sentence(detail) : texts[state]);
+    setText(this.words, detail ? because(detail) : texts[state]);
   }
 
   drop() {
@@ -169,7 +169,7 @@ export class Snapshots {
     const answer = await this.fetch(snapshotUrl(robot, query), { signal: signalWithin(signal, PATIENCE_MS), cache: "no-store" });
     if (answer.ok) return { blob: await answer.blob() };
     const { code, detail } = await readRefusal(answer);
-    return PROBLEMS[code] ? { problem: PROBLEMS[code] } : { problem: "failed", detail };
+    return { problem: PROBLEMS[code] ?? "failed", detail };
   }
 }
 

@@ -4,6 +4,9 @@
 export const sentence = (words) =>
   `${/^[a-z]+_/.test(words) ? words : words.charAt(0).toUpperCase() + words.slice(1)}${/[.!?]$/.test(words) ? "" : "."}`;
 
+// Why the server did not do what it was asked for, which the page's own words say.
+export const because = (detail) => sentence(detail.replace(/^cannot .*?: /, ""));
+
 // The reason as it was written where it is known best, then what to do.
 export const explained = (reason, advice) => (reason ? `${sentence(reason)} ${advice}` : advice);
 
@@ -123,11 +126,14 @@ export const release = {
 export const reasons = {
   login: "Your login has ended. Log in again.",
   robot: "No robot has this name any more, or you have no access to it. It may have been renamed: look for it among your robots.",
-  grant: "Your rights have changed. Reload the page to see what you may still do.",
-  stale: "This page is too old. Reload it.",
+  grant: "Reload the page to see what you may still do.",
+  changed: "Your rights have changed.",
+  stale: "This page is too old.",
+  reload: "Reload the page.",
   restarting: "The server is restarting; this page keeps trying.",
-  trouble: "The server cannot answer now; this page keeps trying.",
-  busy: "The server gets too many requests; this page keeps trying.",
+  trouble: "The server cannot answer now.",
+  busy: "The server gets too many requests.",
+  trying: "This page keeps trying.",
   crowded: "Close other windows; this page keeps trying.",
   site: (origin) => `The server answers, but no request of this page: is ${origin} in its ALLOWED_ORIGINS?`,
 };

@@ -1,6 +1,6 @@
 // Sentences of the pages: video, overlays, battery and diagnostics. No logic beyond filling in.
 
-import { sentence } from "./common.js";
+import { because, sentence } from "./common.js";
 
 export const frame = {
   of: (name) => `Live video of ${name}`,
@@ -28,7 +28,7 @@ export const frame = {
     link_lost: () => "The link to the robot was lost. Reconnecting.",
     cut: () => "The video was cut off. Starting it again.",
     unreachable: () => "The server does not answer. Trying again.",
-    refused: (status) => `The server answered ${status}.`,
+    refused: because,
   },
 };
 
@@ -41,7 +41,8 @@ export const video = {
     `Which ${TOPIC_KINDS[kind] ?? kind} topic is this robot's: ${candidates.join(" or ")}? A manager chooses it in the robot's settings.`,
   unread: (topic) => `A message of ${topic} could not be read, so it is not shown.`,
   snapshotSaved: "Picture saved.",
-  snapshotFailed: (status, detail) => `Picture not saved: ${detail || (status ? `the server answered ${status}` : "no answer")}.`,
+  snapshotFailed: (status, detail) =>
+    `Picture not saved. ${because(detail || (status ? `the server answered ${status}` : "no answer; try again"))}`,
 };
 
 export const map = {

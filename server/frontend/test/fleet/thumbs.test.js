@@ -70,8 +70,11 @@ test("a picture is small, and of the camera that the settings name or of the fir
 
 test("why there is no picture is told apart, in the words of who knows it", async () => {
   const refused = async (code, detail) => await serverThat({ status: 502, body: JSON.stringify({ code, detail }) }).fetchImage("/front");
-  assert.deepEqual(await refused("robot_offline"), { problem: "offline" });
-  assert.deepEqual(await refused("video_down"), { problem: "video_down" });
+  assert.deepEqual(await refused("robot_offline", "offline since 12:03"), { problem: "offline", detail: "offline since 12:03" });
+  assert.deepEqual(await refused("video_down", "its web_video_server hangs"), {
+    problem: "video_down",
+    detail: "its web_video_server hangs",
+  });
   assert.deepEqual(await refused("no_frames", "no frames from /front"), { problem: "failed", detail: "no frames from /front" });
   const depth = serverThat({ status: 503, type: "text/plain; charset=utf-8", body: "it has the encoding 16UC1\n" });
   assert.deepEqual(await depth.fetchImage(""), { problem: "failed", detail: "it has the encoding 16UC1" });
