@@ -93,3 +93,10 @@ def test_each_slider_has_its_name(page: Page, stack: Stack) -> None:
     page.locator("[data-part=pad-settings]").evaluate("e => (e.hidden = false)")
     for name in ("Forward limit", "Turn limit", "Dead zone", "Turbo limit"):
         expect(page.get_by_role("slider", name=name, exact=True)).to_have_count(1)
+
+
+def test_documents_are_accessible(page: Page, stack: Stack) -> None:
+    """The page of drivers with its pictures, one with code, and one with wide tables."""
+    for path in ("howto/driving/", "tutorial/program/", "reference/codes/"):
+        page.goto(f"{stack.url}/docs/{path}")
+        _assert_accessible(page, path)

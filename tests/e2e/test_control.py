@@ -113,7 +113,7 @@ def test_the_driver_hands_over(ann: Page, ben: Page, stack: Stack) -> None:
     expect_mode(ben, "drive")
     expect(ben.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
     expect_mode(ann, "observe")
-    expect(ann.get_by_test_id("control-note")).to_contain_text("You no longer drive")
+    expect(ann.get_by_test_id("control-note")).to_have_text("You handed control to ben.")
     expect(ann.get_by_test_id("driver")).to_contain_text("ben is driving")
     expect(ann.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
     _assert_drives_only_after_a_word(ben, stack)
@@ -409,7 +409,7 @@ def test_a_drive_enters_the_list_when_the_robot_moved(
     assert fence in listed
     assert fence - 1 not in listed
     [still] = ann.request.get(f"{drives}&fence={fence - 1}").json()["drives"]
-    assert still["distance_m"] == 0
+    assert (still["distance_m"], still["end_code"]) == (0, "control_given_up")
 
 
 def test_control_that_was_given_up_is_free(ann: Page, ben: Page) -> None:

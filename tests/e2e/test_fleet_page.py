@@ -330,8 +330,11 @@ def test_drive_on_a_card_drives_and_watch_watches(fleet: Page, stack: Stack) -> 
 
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
 def test_the_fleet_fits_a_phone(fleet: Page) -> None:
-    """As cards and as a table, whose Stop buttons stay on the screen."""
+    """As cards and as a table, whose Stop buttons stay on the screen; filters unfold by one button."""
     expect_no_sideways_scroll(fleet)
+    expect(fleet.get_by_test_id("show-online")).to_be_hidden()
+    fleet.get_by_test_id("fleet-filters").click()
+    expect(fleet.get_by_test_id("show-online")).to_be_visible()
     fleet.get_by_test_id("fleet-search").fill("sim1")
     expect(_card(fleet, "sim1").get_by_test_id("card-stop")).to_be_visible()
     fleet.get_by_test_id("view-table").click()

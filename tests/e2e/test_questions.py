@@ -105,4 +105,4 @@ def test_a_question_hears_no_slip(page: Page, stack: Stack, asking: Asking) -> N
     expect(question).to_have_attribute("data-deaf", "false")
     page.mouse.click(*_centre(_box(page, "hand-over")))
     expect_mode(page, "observe")
-    expect(page.get_by_test_id("control-note")).to_contain_text("You no longer drive")
+    expect(page.get_by_test_id("control-note")).to_contain_text("You handed control to")

@@ -60,7 +60,7 @@ export class ControlPanel {
     Object.assign(this, { live, waits });
     const { driveMode } = this;
     this.element.dataset.mode = driveMode.mode;
-    setText(part(this.element, "driver"), driverText(driveMode, waits));
+    this.showDriver(driverText(driveMode, waits));
     this.showNote(driveMode.note, [this.lack, live && this.outdated ? texts.outdated : "", guardText(driveMode.control)]);
     setText(this.button("drive"), driveMode.busy === "busy_window" ? texts.driveHere : texts.drive);
     const actions = driveMode.actions(live, waits);
@@ -68,6 +68,12 @@ export class ControlPanel {
     if (!actions.includes("take") || driveMode.control.driver?.user !== this.sureOf) this.askSure(false);
     this.showQuestion();
     this.count();
+  }
+
+  // A long name may be cut in the header; the drawer has room for it.
+  showDriver(text) {
+    setText(part(this.element, "driver"), text);
+    setText(part(this.root, "driver-whole"), text);
   }
 
   // What has happened goes from the picture after a while; what lasts, as that the robot is not guarded, stays.

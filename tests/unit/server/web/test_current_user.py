@@ -70,8 +70,9 @@ def test_admins_see_everywhere_how_many_wait(browser: Browser, program: Browser,
 
 
 def test_users_have_no_menu_for_admins(browser: Browser) -> None:
-    """But the profile, as everybody."""
+    """But the profile, as everybody, and help for who drives."""
     browser.log_in("ann")
     page = browser.ask("GET", "/").text
     assert "menu-admin" not in page
     assert "menu-profile" in page
+    assert '<a href="/docs/howto/driving/" data-testid="menu-docs">' in page

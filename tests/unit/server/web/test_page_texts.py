@@ -155,7 +155,7 @@ def event(kind: str, robot: str | None = None, **details: object) -> AuditEvent:
         (event("never_heard_of", "sim1"), "never_heard_of"),
         (
             event("drive_ended", "sim1", end_code="client_left", fence=70, lasted_s=8.0),
-            "stopped driving sim1 after 8 s (by the driver)",
+            "stopped driving sim1 after 8 s (driver left)",
         ),
         (event("drive_ended", "sim1"), "stopped driving sim1"),
         (
