@@ -32,6 +32,9 @@ from sim_service import frozen_cameras
 
 FOLDER = ROOT / "tests" / "artifacts" / "screenshots"
 README_SHOWS = "drive-desktop-light.png"
+# Of these the page "Driving" shows the top, where the state stands.
+STATES = ("drive-observing", "drive-held", "drive-stopped")
+TOP = (0, 0, 1280, 150)
 SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
 LOOKS = (("desktop", "light"), ("phone", "dark"))
 # The pictures are kept in the repository. A camera has more colours than the pages, whose few must stay.
@@ -347,6 +350,15 @@ def shoot_all(
         context.close()
 
 
+def keep_for_documents() -> None:
+    """Copy what README and documents show."""
+    documents = ROOT / "docs" / "screenshots"
+    shutil.copy2(FOLDER / README_SHOWS, documents)
+    for name in STATES:
+        top = Image.open(FOLDER / f"{name}-desktop-light.png").crop(TOP)
+        top.save(documents / f"{name}.png", optimize=True)
+
+
 def main() -> None:
     """Take all pictures and say where they are."""
     FOLDER.mkdir(parents=True, exist_ok=True)
@@ -362,7 +374,7 @@ def main() -> None:
             for look in LOOKS:
                 shoot_all(browser, demo, look, (driver, observer))
         browser.close()
-    shutil.copy2(FOLDER / README_SHOWS, ROOT / "docs" / "screenshots")
+    keep_for_documents()
     sys.stdout.write(f"pictures are in {FOLDER.relative_to(ROOT)}\n")
 
 
