@@ -96,7 +96,7 @@ def test_each_slider_has_its_name(page: Page, stack: Stack) -> None:
 
 
 def test_documents_are_accessible(page: Page, stack: Stack) -> None:
-    """The page of drivers with its pictures, one with code, and one with wide tables."""
-    for path in ("howto/driving/", "tutorial/program/", "reference/codes/"):
+    """The page of drivers with its pictures and tables, and one with code."""
+    for path in ("howto/driving/", "tutorial/program/"):
         page.goto(f"{stack.url}/docs/{path}")
         _assert_accessible(page, path)
