@@ -6,6 +6,7 @@ backend, which keeps the token, is the test itself.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +21,9 @@ from stack import LAB, ROOT, Stack
 ROBOT = "sim1"
 ROBOTS = (ROBOT, "sim2")
 EXAMPLE = (ROOT / "docs" / "tutorial" / "robotether_client.html").read_text()
+FIRST_LINES = re.search(
+    r"```js\n(.*?)```", (ROOT / "docs" / "reference" / "client.md").read_text(), re.DOTALL
+)
 EMPTY = '<!doctype html><meta charset="utf-8"><title>Lab</title><img id="picture"><p>Lab'
 # Makes `robot` with tickets of the lab's backend, and connects it.
 CONNECT = """async ([server, name, mode]) => {
@@ -159,6 +163,24 @@ def test_a_lab_page_gets_tickets_from_its_backend(lab: Page, stack: Stack) -> No
     assert lab.evaluate("robot.drive({ forward: 0.2 })") is False
     with pytest.raises(Exception, match="cannot call /dock"):
         lab.evaluate("robot.call('/dock')")
+
+
+def test_the_documented_lines_drive_and_show_video(lab: Page, stack: Stack) -> None:
+    """As they stand, where the page has a stick and a canvas, and its backend gives tickets."""
+    assert FIRST_LINES is not None
+    lab.evaluate(
+        "document.body.append(document.createElement('canvas'));"
+        "Object.assign(window, { getTicket: backendTicket, stick: { x: 0, y: 0 } })"
+    )
+    with SimWatch(stack, ROBOT) as watch:
+        with lab.expect_console_message(lambda speed: speed.text == "0", timeout=15_000):
+            lines = FIRST_LINES[1].replace("https://robots.example", stack.url)
+            lab.add_script_tag(type="module", content=lines)
+        lab.evaluate("void (stick.y = 0.3)")
+        watch.wait_pose("moving", _moving)
+        _expect_value(lab, COUNT_COLOURS, lambda colours: colours > 10)
+        lab.evaluate("void (stick.y = 0)")
+        watch.wait_pose("standing", _standing, seconds=2)
 
 
 def test_a_word_that_is_not_repeated_ends_in_zero(lab: Page, stack: Stack) -> None:

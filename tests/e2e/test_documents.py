@@ -1,11 +1,62 @@
-"""The documents are a site of the stack: readable without a login, searchable, and from no other host."""
+"""The documents are a site of the stack, readable without a login, and their commands do what a reader wants."""
 
 from __future__ import annotations
 
 import re
+import shlex
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
 
+import documented
+import pytest
 from playwright.sync_api import Page, expect
 from stack import Stack
+
+# Why a command is not run here, and how such commands begin. Where another test runs it, the reason names that one.
+NOT_RUN = {
+    "prepares the reader's own shell, folder or checkout": (
+        r"(cd|cp|mv|mkdir|rm|cat|scp|gzip|zcat|git|export|alias|set|\.|for) |\w+=\S+$"
+    ),
+    "is how CI runs, or starts and ends the stack that all tests share": (
+        r"make |\.venv/|npm |node |tools/(lock|build|up)\b|tools/compose (down|stop|up|--profile)"
+    ),
+    "starts a stack from nothing: tests/images/test_plain_compose.py": (
+        r"(COMPOSE_PROFILES=\S+ )?docker compose up"
+    ),
+    "builds, copies or starts an image by itself: tests/images/test_sim_robot.py, tests/ansible/test_server.py": (
+        r"docker (build|run|save) "
+    ),
+    "changes a robot's machine: tests/ansible, on hosts that boot systemd": (
+        r"(sudo|sh|useradd|python3|\$version\S+|ln|install|systemctl|systemd-run|PYTHONPATH=WHEEL) "
+    ),
+    "is a playbook, or what one needs: tests/ansible": (
+        r"ansible(-\w+)? |tools/(build_collection|build_agent_deb)\b|\.\./tools/agent_wheelhouse"
+    ),
+    "needs ROS, or a robot that runs it: by hand": r"ros2? |roslaunch |colcon |SERVER=",
+    "needs a swarm: tests/images/test_swarm.py": (
+        r"docker (node|stack|exec) |(CELL=\w PUBLIC_HOST=\S+ +)docker stack "
+    ),
+    "needs a Kubernetes cluster: tests/unit/deploy/test_kubernetes.py reads what is applied": (
+        r"kubectl |robotether cell \w+ cell-0"
+    ),
+    "needs a second cell: tests/e2e/test_cells.py": (r"robotether cell (drain|resume|remove) [^c]"),
+    "makes the secrets of other machines: tests/images/test_secrets.py": r"tools/site_secrets ",
+    "needs a second database: tests/images/test_standby.py": r"tools/standby ",
+    "needs a person's SSH key on a robot: tests/ansible/test_shell.py": (
+        r"ssh turtle|robotether (ssh-config|fleet run ')"
+    ),
+    "takes away what a robot of all tests has: tests/unit/agent/test_cli.py": (
+        r"robotether-agent forget "
+    ),
+    "needs a robot that waits for an admin: tests/ansible/test_join_line.py": (
+        r"robotether robot approve "
+    ),
+    "replaces the whole database": (r"tools/compose exec -T mysql mariadb --defaults-file"),
+}
+MAC = "b8:27:eb:12:34:56"
+PIN = re.compile(r"sha256//\S+")
+IN_WEB = re.compile(r"^(docker |tools/)compose exec web (?=robotether )")
 
 
 def test_documents_are_found_by_search_and_load_nothing_from_elsewhere(
@@ -36,3 +87,70 @@ def test_reference_comes_from_the_code(page: Page, stack: Stack) -> None:
     ):
         page.goto(f"{stack.url}/docs/{path}")
         expect(page.get_by_role("main")).to_contain_text(word)
+
+
+@pytest.fixture
+def readers_world(stack: Stack) -> Iterator[None]:
+    """Have the reader's robot there, and another one to remove; leave nothing of what the reader makes."""
+    stack.robotether("robot", "add", "turtle", "--mac", MAC)
+    stack.robotether("robot", "add", "spare", "--mac", f"{MAC[:-2]}57")
+    yield
+    for robot in ("turtle", "added", "inserted"):
+        stack.robotether("robot", "remove", robot, "--yes")
+    stack.robotether("user", "remove", "ann", "--yes")
+
+
+def with_readers_values(command: str, host: str, pin: str, folder: Path) -> str:
+    """Put in what the document leaves to its reader; the stack has no PUBLIC_HOST, and nobody to ask."""
+    for placeholder, value in {
+        f"robot add turtle --mac {MAC}": f"robot add added --mac {MAC[:-2]}58",
+        f"'{MAC}', 'turtle'": f"'{MAC[:-2]}59', 'inserted'",
+        "robot remove NAME": "robot remove spare --yes",
+        "NAME": "turtle",
+        "robot invite": "robot invite --host localhost",
+        "sha256//...": pin,
+        "https://HOST": f"https://{host}",
+        "FOLDER": str(folder),
+    }.items():
+        command = command.replace(placeholder, value)
+    return command
+
+
+def run_for_reader(stack: Stack, command: str, folder: Path) -> None:
+    """Run a command where its reader does: on the server, in its containers, on a robot, or anywhere."""
+    command = re.sub(r"^(docker |tools/)compose ", "compose ", command)
+    match shlex.split(command):
+        case ["robotether", *words]:
+            stack.robotether(*words)
+        case ["robotether-agent", *words]:
+            stack.exec("sim1", "robotether-agent", *words)
+        case ["compose", "exec", service, *words]:
+            stack.exec(service, *words)
+        case ["compose", *words]:
+            stack.compose(*words)
+        case ["curl", *words]:
+            subprocess.run(["curl", *words], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+        case [tool, *words] if tool.startswith("tools/"):
+            stack.tool(tool, *words)
+        case _:
+            raise AssertionError("is neither run nor in NOT_RUN")
+
+
+@pytest.mark.usefixtures("readers_world")
+def test_commands_of_the_documents_run(stack: Stack, tmp_path: Path) -> None:
+    """Each ends without an error, in the order of the pages, or stands in NOT_RUN, which has no others."""
+    pin = PIN.search(stack.robotether("robot", "invite", "--host", f"localhost:{stack.https_port}"))
+    assert pin is not None
+    host = stack.url.removeprefix("https://")
+    failed, skipped = [], set()
+    commands = [one for page in documented.pages() for one in documented.commands(page)]
+    for command in dict.fromkeys(IN_WEB.sub("", one) for one in commands):
+        if reasons := {why for why, begins in NOT_RUN.items() if re.match(begins, command)}:
+            skipped |= reasons
+            continue
+        try:
+            run_for_reader(stack, with_readers_values(command, host, pin[0], tmp_path), tmp_path)
+        except (AssertionError, subprocess.SubprocessError) as error:
+            failed.append(f"{command}: {error}")
+    assert not failed, "\n".join(failed)
+    assert skipped == {*NOT_RUN}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
@@ -12,35 +11,19 @@ from itertools import pairwise
 from pathlib import Path
 
 import click
+import documented
 import pytest
+from documented import FENCED, HISTORY, ROOT, tracked
 from robotether_agent.cli import _parser as agent_parser
 from robotether_server.cli.main import cli
 
-ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\]\(([^)\s#]*)(?:#([^)\s]*))?\)")
-FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 # A file under docs/, as a comment or a message names it.
 NAMED = re.compile(r"\bdocs/[\w/.-]+\.(?:md|py|html)\b")
-SHELL_BLOCK = re.compile(r"^ *```sh\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
-COMMAND_IN_TEXT = re.compile(r"`((?:robotether|robotether-agent|tools/\w+|make) [^`]+)`")
 PROGRAM = re.compile(
     r"\s*(?:sudo )?(?:[A-Z_]+=\S+ )*(?:(?:docker compose|tools/compose) exec (?:-T )?web )?"
     r"(robotether|robotether-agent|tools/\w+|make|ansible-playbook)(?: (.*))?$"
 )
-# It says what was there before.
-HISTORY = "CHANGELOG.md"
-
-
-def tracked(*patterns: str) -> list[Path]:
-    """The repository's files; none where it is no git checkout."""
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z", "--", *patterns],
-        cwd=ROOT,
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    return [ROOT / name for name in sorted(listed.stdout.split("\0")) if (ROOT / name).is_file()]
 
 
 @cache
@@ -97,14 +80,11 @@ def test_named_documents_are_there() -> None:
     assert missing == []
 
 
-def commands(page: Path) -> Iterator[tuple[str, list[str]]]:
+def started(page: Path) -> Iterator[tuple[str, list[str]]]:
     """Yield each program of ours that a page's commands start, with its arguments."""
-    text = page.read_text()
-    lines = [line for block in SHELL_BLOCK.findall(text) for line in block.splitlines()]
-    lines += COMMAND_IN_TEXT.findall(FENCED.sub("", text).replace("\n", " "))
-    for command in (part for line in lines for part in re.split(r"&&|\|", line)):
-        if started := PROGRAM.match(command):
-            yield started[1], shlex.split(started[2] or "", comments=True)
+    for command in documented.commands(page):
+        if ours := PROGRAM.match(command):
+            yield ours[1], shlex.split(ours[2] or "")
 
 
 def parse_robotether(arguments: list[str]) -> None:
@@ -158,12 +138,10 @@ def misunderstood(program: str, arguments: list[str]) -> str:
 
 def test_commands_are_understood() -> None:
     """Each command of the documents has a program, subcommand and options that are there."""
-    pages = [page for page in tracked("*.md") if not {"experiments", "adr"} & {*page.parts}]
     wrong = [
         f"{page.relative_to(ROOT)}: {program} {shlex.join(arguments)}: {reason}"
-        for page in pages
-        if page.name != HISTORY
-        for program, arguments in commands(page)
+        for page in documented.pages()
+        for program, arguments in started(page)
         if (reason := misunderstood(program, arguments))
     ]
     assert wrong == []
