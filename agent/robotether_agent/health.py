@@ -172,11 +172,9 @@ class Health:
             return False
         try:
             return bool(compressed_images(await self._graph.own_topics()))
-        except asyncio.TimeoutError:
+        except (aiohttp.ClientError, OSError, asyncio.TimeoutError):
             # No rosapi: who chose rosbridge knows that it has frames.
             return self._source_settings.source == "rosbridge"
-        except (aiohttp.ClientError, OSError):
-            return False
 
     async def _has_camera(self) -> bool:
         for url in self._source_settings.cameras.values():

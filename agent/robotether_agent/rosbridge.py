@@ -109,15 +109,6 @@ def _why_ended(message: aiohttp.WSMessage) -> str:
     return "rosbridge closed the connection"
 
 
-async def ask_rosapi(url: str, look_up: str, args: Mapping[str, object]) -> JsonObject:
-    """Return what one of rosapi's look-ups answers; asyncio.TimeoutError where it does not answer.
-
-    On a connection of its own: rosbridge may handle nothing else on it until the service has answered.
-    """
-    async with connected(url, max_message_bytes=MAX_ANSWER_BYTES) as rosbridge:
-        return await within(ANSWER_WITHIN_S, rosbridge.call(f"/rosapi/{look_up}", args))
-
-
 class RosGraph:
     """Asks rosapi what there is on the robot's ROS graph, over one connection that stays open and carries nothing else.
 
@@ -136,11 +127,14 @@ class RosGraph:
         self._silent_since_s: float | None = None
 
     async def topics(self) -> dict[str, str]:
-        """Return each topic's type; raises as `ask` does."""
-        return topics_in(await self.ask("topics", {}))
+        """Return each topic's type; raises as `ask` does, and ConnectionError where rosbridge does not find rosapi."""
+        answer = await self.ask("topics", {})
+        if "topics" not in answer:
+            raise ConnectionError("rosbridge does not find rosapi")
+        return topics_in(answer)
 
     async def own_topics(self) -> dict[str, str]:
-        """Return the types of this robot's topics; raises as `ask` does."""
+        """Return the types of this robot's topics; raises as `topics` does."""
         return own_topics(await self.topics(), self.drive_topic)
 
     async def is_published(self, topic: str) -> bool:

@@ -22,7 +22,7 @@ from robotether_agent.exposure import ADDRESS_ADVICE, PAST_GUARD, exposed_at, ro
 from robotether_agent.fields import printable
 from robotether_agent.files import FULL_ADVICE, NO_INODES, READ_ONLY
 from robotether_agent.problems import AgentProblem
-from robotether_agent.rosbridge import ask_rosapi
+from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import Settings
 from robotether_agent.status import is_alive, read_status
 from robotether_agent.tasks import within
@@ -138,13 +138,20 @@ async def check_rosbridge(settings: Settings) -> Finding:
 
 async def check_rosapi(settings: Settings) -> Finding:
     """Whether rosapi answers, and whether rosbridge for ROS 2 lets a slow service block its connection."""
-    url = settings.rosbridge_url
+    graph = RosGraph(settings.rosbridge_url)
     try:
-        topics = await ask_rosapi(url, "topics", {})
+        return await _check_rosapi(graph)
+    finally:
+        await graph.close()
+
+
+async def _check_rosapi(graph: RosGraph) -> Finding:
+    try:
+        topics = await graph.ask("topics", {})
     except asyncio.TimeoutError:
         return warning(
             "rosapi",
-            f"is silent behind {url}: pages find no topics, and the agent no battery and no cameras of rosbridge",
+            f"is silent behind {graph.url}: pages find no topics, and the agent no battery and no cameras of rosbridge",
             "start rosapi beside rosbridge; if it runs, it hangs: restart both",
         )
     except (aiohttp.ClientError, OSError):
@@ -152,10 +159,10 @@ async def check_rosapi(settings: Settings) -> Finding:
     if "topics" not in topics:
         return warning(
             "rosapi",
-            f"is not known to rosbridge at {url}: rosapi has ended, or roscore has restarted and knows neither",
+            f"is not known to rosbridge at {graph.url}: rosapi has ended, or roscore has restarted and knows neither",
             "restart rosbridge and rosapi; else pages find no topics, and on ROS 1 commands may reach nobody",
         )
-    blocking = [name for name in IN_NEW_THREAD if await _is_off(url, name)]
+    blocking = [name for name in IN_NEW_THREAD if await _is_off(graph, name)]
     if blocking:
         return warning(
             "rosapi",
@@ -165,11 +172,11 @@ async def check_rosapi(settings: Settings) -> Finding:
     return ok("rosapi", "answers")
 
 
-async def _is_off(url: str, name: str) -> bool:
+async def _is_off(graph: RosGraph, name: str) -> bool:
     """Whether rosbridge for ROS 2 says that this parameter of its own is false."""
     args = {"name": f"/rosbridge_websocket:{name}", "default_value": ""}
     try:
-        answer = await ask_rosapi(url, "get_param", args)
+        answer = await graph.ask("get_param", args)
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError):
         return False
     return str(answer.get("value")).strip('"').lower() == "false"

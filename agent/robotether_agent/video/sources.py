@@ -389,7 +389,7 @@ async def _image_topic(graph: RosGraph, wanted: str) -> str:
     name = _full_name(wanted)
     try:
         topic = _compressed_of(name, await graph.topics())
-    except asyncio.TimeoutError:
+    except (ConnectionError, asyncio.TimeoutError):
         # No rosapi: by what image_transport calls it.
         return name if name.endswith(COMPRESSED) else f"{name}{COMPRESSED}"
     if topic is None:

@@ -161,7 +161,8 @@ async def test_images_of_another_robot_or_of_depth_are_no_video_of_this_one(
         health = watch(robot.url, nowhere)
         health._graph.drive_topic = "/r2/cmd_vel"
         await eventually(lambda: len(robot.got) >= 3, lambda: str(robot.got))
-        assert (health.report.video, robot.open) == ("down", 2)
+        assert health.report.video == "down"
+        assert robot.open <= 2
         topics["/r2/front/compressed"] = topics["/r1/front/compressed"]
         await until(health, lambda report: report.video == "ok")
 
@@ -180,7 +181,8 @@ async def test_a_silent_rosapi_costs_its_own_connection_alone(watch, nowhere, mo
 
         health._graph.own_topics = noting
         await eventually(lambda: len(asked) > 3, lambda: str(asked))
-        assert (asked[-1], health.report.ros) == (2, "ok")
+        assert max(asked) <= 2
+        await until(health, lambda report: report.ros == "ok")
 
 
 async def test_video_of_rosbridge_without_rosapi(watch, nowhere, monkeypatch):

@@ -97,6 +97,15 @@ async def test_all_questions_go_over_one_connection_also_after_a_restart(asking)
         await robot.start()
 
 
+async def test_a_rosapi_that_rosbridge_does_not_find_has_no_empty_list_of_topics(
+    asking, monkeypatch
+):
+    robot, graph = asking
+    monkeypatch.setattr(robot, "_look_up", lambda _: "Service /rosapi/topics does not exist")
+    with pytest.raises(ConnectionError, match="does not find rosapi"):
+        await graph.topics()
+
+
 async def test_a_silent_rosapi_holds_up_the_first_question_alone(asking, monkeypatch):
     """Who asks again is answered at once, without another connection, until it may be asked anew."""
     monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 0.2)
