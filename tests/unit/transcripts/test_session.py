@@ -27,7 +27,10 @@ from robotether_server.relay.main import Timing
 from syrupy.assertion import SnapshotAssertion
 from transcripts import Transcript
 
-BATTERY = {"/battery_state": "sensor_msgs/msg/BatteryState"}
+TOPICS = {
+    "/battery_state": "sensor_msgs/msg/BatteryState",
+    "/camera/image_raw": "sensor_msgs/msg/Image",
+}
 WAIT_S = 60.0
 
 
@@ -92,7 +95,7 @@ async def session(patient: Timing) -> AsyncIterator[Session]:
     robot = database.add_robot(7, "sim1", u1="drive")
     async with (
         running_relay(database, patient) as relay,
-        TopicRosbridge(BATTERY) as rosbridge,
+        TopicRosbridge(TOPICS) as rosbridge,
         FakeVideoServer() as video,
     ):
         server = RecordingServer(relay, robot.id)
@@ -144,9 +147,9 @@ async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
     async with aiohttp.ClientSession(
         connector=connector, headers={"Authorization": f"Bearer {token}"}
     ) as http:
-        session.happens("ann asks what cameras there are")
-        async with http.get(f"{relay.url}/robots/sim1/video/") as answer:
-            assert answer.status == 200
+        session.happens("ann looks at the fleet page")
+        async with http.get(f"{relay.url}/robots/sim1/video/robotether/snapshot") as answer:
+            assert (answer.status, answer.content_type) == (200, "image/jpeg")
         await line("relay", "config", media=True)
         await line("session command", "preface", "media")
         await line("relay", "config", "media")
