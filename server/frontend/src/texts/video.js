@@ -1,6 +1,12 @@
 // Sentences of the pages: video, overlays, battery and diagnostics. No logic beyond filling in.
 
-import { because, sentence } from "./common.js";
+import { because } from "./common.js";
+
+// The reason as it was written where it is known best, else the usual one; then what the page does.
+const told =
+  (usual, then = "") =>
+  (/** @type {string} */ detail = "") =>
+    (detail ? because(detail) : usual) + then;
 
 export const frame = {
   of: (name) => `Live video of ${name}`,
@@ -14,18 +20,18 @@ export const frame = {
   why: {
     starting: () => "Waiting for the first frame.",
     waiting: () => "The camera sends no video.",
-    down: (detail) => (detail ? sentence(detail) : "The camera does not answer."),
+    down: told("The camera does not answer."),
     paused: () => "Paused while this page is in the background.",
     old: () => "",
-    robot_offline: (detail) => (detail ? sentence(detail) : "The robot is offline."),
-    video_down: (detail) => (detail ? sentence(detail) : "The robot's video server does not answer."),
+    robot_offline: told("The robot is offline."),
+    video_down: told("The robot's video server does not answer."),
     login_missing: () => "Your login has ended.",
-    rights_ended: () => "Your rights have changed.",
+    rights_ended: told("Your rights have changed."),
     gone: () => "No robot has this name any more.",
-    crowded: (detail) => (detail ? sentence(detail) : "Too many windows show this camera."),
-    slow: () => "This device receives the video too slowly. Starting it again.",
-    restarting: () => "The server is restarting.",
-    link_lost: () => "The link to the robot was lost. Reconnecting.",
+    crowded: told("Too many windows show this camera."),
+    slow: told("This device receives the video too slowly.", " Starting it again."),
+    restarting: told("The server is restarting."),
+    link_lost: told("The link to the robot was lost.", " Reconnecting."),
     cut: () => "The video was cut off. Starting it again.",
     unreachable: () => "The server does not answer. Trying again.",
     refused: because,

@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { CameraTile, Painter, FrameRate, requestedQuality, requestedSize } from "../../src/video/cameraTile.js";
+import { frame } from "../../src/texts/video.js";
 
 let clock, streams, parts, element, tile, paintings, downs;
 
@@ -89,6 +90,11 @@ test("why a tile was stopped is said, also of one that played nothing", async ()
   assert.equal(parts.words.textContent, "Your login has ended.");
   tile.stop("rights_ended");
   assert.equal(parts.words.textContent, "Your rights have changed.");
+});
+
+test("the reason that the server or the robot gave is never replaced", () => {
+  for (const why of ["down", "robot_offline", "video_down", "rights_ended", "crowded", "slow", "restarting", "link_lost", "refused"])
+    assert.match(frame.why[why]("you read nothing for 10 s"), /^You read nothing for 10 s\./, why);
 });
 
 test("a picture that is decoded after the stream has ended counts no more", async () => {
