@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import logging
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar, cast
@@ -42,12 +43,16 @@ MAX_ANSWER_BYTES = 1024 * 1024
 
 T = TypeVar("T")
 
+log = logging.getLogger(__name__)
+
 
 class Rosbridge:
     """One connection."""
 
     def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
         self._socket = socket
+        # What a message is of that cannot be read; None: that was logged.
+        self._what: str | None = "rosapi"
 
     async def call(self, service: str, args: Mapping[str, object]) -> JsonObject:
         """Return what a service answers, nothing if it refuses. On a connection without subscriptions only."""
@@ -74,6 +79,7 @@ class Rosbridge:
 
     async def subscribe(self, topic: str, kind: str, *, throttle_ms: int) -> None:
         """Ask for the newest message of a topic, one each `throttle_ms` at most."""
+        self._what = topic
         subscription = {
             "op": "subscribe",
             "id": f"robotether_agent:{topic}",
@@ -98,9 +104,15 @@ class Rosbridge:
             if message.type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY):
                 try:
                     return parse_object(message.data, "rosbridge's message")
-                except FieldError:
+                except FieldError as error:
+                    self._log_unread(error)
                     continue
             raise ConnectionError(_why_ended(message))
+
+    def _log_unread(self, error: FieldError) -> None:
+        if self._what is not None:
+            log.warning("cannot read a message of %s: %s", self._what, error)
+            self._what = None
 
 
 def _why_ended(message: aiohttp.WSMessage) -> str:

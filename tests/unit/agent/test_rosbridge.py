@@ -25,7 +25,7 @@ from robotether_agent.rosbridge import (
 BYTES_MAX = 100_000
 
 
-async def test_messages_of_a_subscription():
+async def test_messages_of_a_subscription(caplog):
     """The newest only, by rosbridge's own means; other words are skipped, and the end is an error."""
     async with (
         TopicRosbridge({}) as robot,
@@ -40,6 +40,8 @@ async def test_messages_of_a_subscription():
             await socket.send_str(text)
         await robot.publish("/battery", {"percentage": 0.5})
         assert await asyncio.wait_for(rosbridge.message(), 5) == {"percentage": 0.5}
+        (warning,) = caplog.messages
+        assert warning.startswith("cannot read a message of /battery: ")
         await robot.stop()
         with pytest.raises(ConnectionError):
             await asyncio.wait_for(rosbridge.message(), 5)
