@@ -1,9 +1,10 @@
-"""How a robot that joins with a new key proves that it had the old one: what the old key signs, by `ssh-keygen -Y`."""
+"""How a robot that joins proves that it has its key, and the one before: what each signs, by `ssh-keygen -Y`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+JOIN_NAMESPACE = "robotether-join"
 ROTATION_NAMESPACE = "robotether-rotation"
 
 
@@ -13,6 +14,11 @@ class PreviousKey:
 
     fingerprint: str
     signature: str
+
+
+def join_message(token: str | None, mac: str, public_key: str) -> str:
+    """Return what the key that joins signs; `public_key` is its line `ssh-ed25519 AAAA...`."""
+    return f"{token or '-'} {mac} {public_key}\n"
 
 
 def rotation_message(mac: str, public_key: str) -> str:

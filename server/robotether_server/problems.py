@@ -185,6 +185,10 @@ class KeyRejected(Forbidden, code="key_rejected"):
     """An admin rejected this key."""
 
 
+class KeyUnproven(Forbidden, code="key_unproven"):
+    """Who joins did not show that it has the key's private half."""
+
+
 class TokenRequired(Forbidden, code="token_required"):
     """Robots join with a token only."""
 

@@ -228,15 +228,7 @@ def test_a_robot_is_added_in_three_steps(page: Page, stack: Stack, tmp_path: Pat
     typed.fill("kept")
     typed.blur()
     key = RobotKey(stack, tmp_path, "clone")
-    body = {
-        "mac": "00:00:5e:00:53:14",
-        "public_key": key.public,
-        "hostname": "clone",
-        "agent_version": "0.1.0",
-        "name": "clone",
-        "token": words[-1],
-    }
-    status, answer = stack.request("POST", "/api/v1/join", body)
+    status, answer = key.join("00:00:5e:00:53:14", name="clone", token=words[-1])
     assert (status, answer["state"], answer["robot"]) == (200, "active", "clone")
     arrived = page.get_by_test_id("arrived-clone")
     expect(arrived).to_contain_text("It has joined and connects within a minute.")

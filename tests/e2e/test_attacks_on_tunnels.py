@@ -230,8 +230,8 @@ JOINS: dict[str, tuple[dict[str, object], str]] = {
 @pytest.mark.parametrize("attempt", JOINS)
 def test_a_stolen_key_joins_as_itself_only(key: RobotKey, stack: Stack, attempt: str) -> None:
     """The key belongs to one MAC; a wish for another name changes nothing."""
-    fields, expected = JOINS[attempt]
-    body = {"mac": MAC, "public_key": key.public, "hostname": "x", "agent_version": "1", **fields}
+    fields, expected = dict(JOINS[attempt][0]), JOINS[attempt][1]
+    body = key.join_body(str(fields.pop("mac", MAC)), **fields)
     answer = raw(stack, "POST", "/api/v1/join", body=body)
     assert answer.said == expected
     assert VICTIM not in answer.body

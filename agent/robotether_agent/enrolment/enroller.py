@@ -18,7 +18,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import monotonic
 
-from robotether_common.join import PreviousKey, rotation_message
+from robotether_common.join import (
+    JOIN_NAMESPACE,
+    ROTATION_NAMESPACE,
+    PreviousKey,
+    join_message,
+    rotation_message,
+)
 
 from robotether_agent import __version__
 from robotether_agent.backoff import Repeats
@@ -316,12 +322,14 @@ class Enroller:
         try:
             token = join_token(self._settings)
             name = self._settings.name if token else None
-            return await join(self._settings, replace(request, token=token, name=name))
+            request = replace(request, token=token, name=name)
+            return await join(self._settings, await _signed(request, key))
         except (SettingsInvalid, JoinRefused) as problem:
             if not is_enrolled or problem.code not in TOKEN_USELESS:
                 raise
             self._repeats.log_problem("join without the token", problem)
-        return await join(self._settings, request)
+        request = replace(request, token=None, name=None)
+        return await join(self._settings, await _signed(request, key))
 
     @staticmethod
     def _request(identity: Identity, key: KeyPair) -> JoinRequest:
@@ -335,12 +343,11 @@ class Enroller:
 
     async def _ask_with_next(self, request: JoinRequest, key: KeyPair, coming: KeyPair) -> Joined:
         """Join with the key that is to replace `key`; also after a power cut between any two of these steps."""
-        signature = await keys.sign(key, rotation_message(request.mac, coming.public))
-        proof = PreviousKey(key.fingerprint, signature)
+        message = rotation_message(request.mac, coming.public)
+        proof = PreviousKey(key.fingerprint, await keys.sign(key, ROTATION_NAMESPACE, message))
+        request = replace(request, public_key=coming.public, previous_key=proof)
         try:
-            answer = await join(
-                self._settings, replace(request, public_key=coming.public, previous_key=proof)
-            )
+            answer = await join(self._settings, await _signed(request, coming))
         except JoinRefused as problem:
             if problem.code in NEXT_KEY_USELESS:
                 keys.discard_next(self._settings.state_dir)
@@ -352,6 +359,12 @@ class Enroller:
             # Both keys are shown to the server until the disk takes the change.
             log.warning("%s", problem)
         return answer
+
+
+async def _signed(request: JoinRequest, key: KeyPair) -> JoinRequest:
+    """Return the request with the proof that this robot has the key that it presents."""
+    message = join_message(request.token, request.mac, request.public_key)
+    return replace(request, signature=await keys.sign(key, JOIN_NAMESPACE, message))
 
 
 def enrolment_files(state_dir: Path) -> list[Path]:

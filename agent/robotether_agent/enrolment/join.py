@@ -69,6 +69,8 @@ ADVICE = {
     "robot_disabled": "enable the robot on the server's page",
     "key_rejected": "if that was a mistake, an admin can allow the key to ask again on the server's page; or give this "
     "robot another key with: sudo robotether-agent forget",
+    "key_unproven": "if this agent is not older than the server, make this robot a new key with: sudo robotether-agent "
+    "forget",
     "key_in_use": "another robot's row has this key: if this machine is a copy of that robot, make it one of its "
     "own with: sudo robotether-agent forget",
     "mac_elsewhere": "if this machine is a copy of that robot, make it one of its own with: sudo robotether-agent "
@@ -96,6 +98,7 @@ class JoinRequest:
     host_key_refused: bool = False
     token: str | None = None
     name: str | None = None
+    signature: str | None = None
     previous_key: PreviousKey | None = None
 
     def body(self) -> dict[str, object]:
@@ -114,6 +117,8 @@ class JoinRequest:
             body["token"] = self.token
         if self.name is not None:
             body["name"] = self.name
+        if self.signature is not None:
+            body["signature"] = self.signature
         if self.previous_key is not None:
             body["previous_key"] = asdict(self.previous_key)
         return body

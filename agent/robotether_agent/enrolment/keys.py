@@ -20,8 +20,6 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-from robotether_common.join import ROTATION_NAMESPACE
-
 from robotether_agent.fields import FieldError, printable
 from robotether_agent.files import disk_problem, read_text, write_atomic
 from robotether_agent.problems import KeyUnusable, ServerKeyChanged, SshMissing, StateUnusable
@@ -136,9 +134,9 @@ def discard_next(state_dir: Path) -> None:
         raise disk_problem(what, state_dir, error) from error
 
 
-async def sign(key: KeyPair, text: str) -> str:
+async def sign(key: KeyPair, namespace: str, text: str) -> str:
     """Return the signature that proves to the server that this robot has `key`, as one text."""
-    words = ("-Y", "sign", "-n", ROTATION_NAMESPACE, "-f", str(key.path))
+    words = ("-Y", "sign", "-n", namespace, "-f", str(key.path))
     return await _keygen(*words, given=text.encode())
 
 

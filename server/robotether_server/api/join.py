@@ -39,7 +39,7 @@ _places = threading.BoundedSemaphore(MAX_AT_ONCE)
 Signature = Annotated[
     str,
     Meta(
-        description="SSHSIG of the old key over MAC and new key",
+        description="SSHSIG: of the key over token, MAC and key; in previous_key of that key over MAC and new key",
         extra={
             "as_typed": True,
             "longest": identity.MAX_SIGNATURE_LENGTH,
@@ -61,7 +61,8 @@ class RobotJoin(Struct):
 
     `token`: a join token, or an API token of an admin; it approves at once. `name` counts only with a token.
     `mac_present` false: no interface has this MAC any more. `host_key_refused`: SSH here shows another host key than
-    the robot has pinned, so it does not connect.
+    the robot has pinned, so it does not connect. `signature`: only a robot that is active with this key, or rotates it,
+    needs none.
     """
 
     mac: Mac
@@ -70,6 +71,7 @@ class RobotJoin(Struct):
     agent_version: AgentVersion
     token: Annotated[str, Meta(extra={"longest": 200})] | UnsetType | None = UNSET
     name: Annotated[str, Meta(extra={"longest": 253})] | UnsetType | None = UNSET
+    signature: Signature | UnsetType | None = UNSET
     mac_present: bool | UnsetType | None = UNSET
     host_key_refused: bool | UnsetType | None = UNSET
     previous_key: GivenPreviousKey | UnsetType | None = UNSET
@@ -149,8 +151,10 @@ def _join(asked: joining.JoinAttempt) -> joining.Answer:
             "cannot join now: too many robots join at this moment; try again shortly", THROTTLED_S
         )
     try:
+        # Before the lock that all who join wait for.
+        is_proven = joining.is_proven(asked)
         with context().database.transaction() as tx:
-            answer = joining.join(tx, asked, context().join)
+            answer = joining.join(tx, asked, context().join, is_proven=is_proven)
             pending.forget_refusals(tx, asked.presented)
             return answer
     except StoreUnavailable:
@@ -173,6 +177,7 @@ def _asked(body: RobotJoin) -> joining.JoinAttempt:
         ),
         token=body.token or None,
         name=body.name or None,
+        signature=body.signature or None,
         mac_present=body.mac_present is not False,
         previous=previous and PreviousKey(previous.fingerprint, previous.signature),
     )

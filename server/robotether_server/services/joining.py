@@ -1,9 +1,10 @@
 """Decides what becomes of the key that a robot joins with, or that a playbook brings (robots.py).
 
-A MAC only names a robot; its key is what proves it, and a join proves no possession of the key. So without a
-credential JOIN_POLICY says what becomes of a new key, mostly it waits, and nothing that waits may keep a
-robot out that comes with a credential. A join with a known key must never change the row, and only the old key's
-signature (`rotate`) or an admin changes the key of an active robot.
+A MAC only names a robot; its key is what proves it, and who brings a new key signs with it: nobody enrols the key of
+another. A playbook's admin read the key on the robot itself. Without a credential JOIN_POLICY says what becomes of a
+new key, mostly it waits, and nothing that waits may keep a robot out that comes with a credential. A join with a known
+key must never change the row, and only the old key's signature (`rotate`) or an admin changes the key of an active
+robot.
 """
 
 import datetime as dt
@@ -13,7 +14,13 @@ from dataclasses import dataclass, field
 from itertools import chain, count
 from typing import Literal
 
-from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_message
+from robotether_common.join import (
+    JOIN_NAMESPACE,
+    ROTATION_NAMESPACE,
+    PreviousKey,
+    join_message,
+    rotation_message,
+)
 
 from robotether_server import identity
 from robotether_server.db import Transaction, audit, credentials, join_tokens, robots, seen_robots
@@ -27,6 +34,7 @@ from robotether_server.problems import (
     GrantMissing,
     KeyInUse,
     KeyRejected,
+    KeyUnproven,
     MacElsewhere,
     RecordExists,
     RobotDisabled,
@@ -44,7 +52,7 @@ from robotether_server.settings import JoinSettings
 # What nobody announced: how much one network may leave waiting, and for how long.
 MAX_UNKNOWN_PER_NETWORK = 10
 UNKNOWN_ROBOT_LIFETIME = dt.timedelta(hours=24)
-# A join proves nothing, so it may not fill the audit log either.
+# A robot that is active proves nothing here, so it may not fill the audit log.
 MAC_CHANGED_EVERY = dt.timedelta(hours=24)
 # With a robot of the name localhost, people's `ssh localhost` and playbooks would reach that in place of their machine.
 ROBOT_NAME = re.compile(r"(?!localhost\Z)(?=.{1,63}\Z)[a-z0-9]([a-z0-9-]*[a-z0-9])?")
@@ -81,13 +89,17 @@ class PresentedKey:
 
 @dataclass(frozen=True)
 class JoinAttempt:
-    """What a robot asks. `mac_present` False: it keeps a MAC that none of its interfaces has."""
+    """What a robot asks. `mac_present` False: it keeps a MAC that none of its interfaces has.
+
+    `signature`: of the key that it presents.
+    """
 
     presented: PresentedKey
     token: str | None = None
     name: str | None = None
     mac_present: bool = True
     previous: PreviousKey | None = None
+    signature: str | None = None
 
 
 @dataclass(frozen=True)
@@ -115,11 +127,20 @@ def is_in(tx: Transaction, request: JoinAttempt) -> Answer | None:
     return _active(robot) if robot.fingerprint == request.presented.key.fingerprint else None
 
 
-def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings) -> Answer:
+def is_proven(request: JoinAttempt) -> bool:
+    """Return whether who asks has the private half of the key. Runs ssh-keygen, so never while a lock is held."""
+    presented = request.presented
+    message = join_message(request.token, presented.mac, presented.key.line)
+    return request.signature is not None and identity.signature_holds(
+        presented.key, JOIN_NAMESPACE, message, request.signature
+    )
+
+
+def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings, *, is_proven: bool) -> Answer:
     """Answer a robot after writing down what is new; must be the first action in its transaction.
 
-    Raises FieldInvalid, TokenInvalid, TokenExpired, TokenUsedUp, TokenRequired, GrantMissing, RobotDisabled,
-    KeyRejected, KeyInUse, MacElsewhere, TooManyPending or StoreUnavailable.
+    Raises FieldInvalid, KeyUnproven, TokenInvalid, TokenExpired, TokenUsedUp, TokenRequired, GrantMissing,
+    RobotDisabled, KeyRejected, KeyInUse, MacElsewhere, TooManyPending or StoreUnavailable.
     """
     robots.lock_enrolment(tx)
     too_old = dt.datetime.now(dt.UTC) - UNKNOWN_ROBOT_LIFETIME
@@ -137,6 +158,11 @@ def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings) -> Answer:
             return _active(robot)
         if request.previous is not None and rotate(tx, robot, presented, request.previous):
             return _active(robot)
+    if not is_proven:
+        raise KeyUnproven(
+            f"cannot join with key {presented.key.fingerprint}: the request has no signature by it over token, MAC and "
+            "key; an agent that is older than this server makes none: install this server's"
+        )
     credential = _credential_of(tx, request, rules)
     source = Source(credential.actor if credential else ROBOT, presented.report.address)
     return _Joining(tx, source, request, rules, credential).decide(robot)

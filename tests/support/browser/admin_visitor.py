@@ -2,37 +2,26 @@
 
 from __future__ import annotations
 
-import base64
-import struct
-
-from robotether_server import identity
+from robot_signer import RobotSigner
 from web_visitor import Browser
 from werkzeug.test import TestResponse
 
 
 def public_key(number: int) -> str:
     """A public key line that is like no other number's."""
-    fields = (b"ssh-ed25519", number.to_bytes(32, "big"))
-    blob = b"".join(struct.pack(">I", len(field)) + field for field in fields)
-    return f"ssh-ed25519 {base64.b64encode(blob).decode()} comment"
+    return RobotSigner(number).line
 
 
 def fingerprint(number: int) -> str:
     """The fingerprint of that key, as OpenSSH prints it."""
-    return identity.parse_robots_key(public_key(number)).fingerprint
+    return RobotSigner(number).key.fingerprint
 
 
 def join(
     program: Browser, mac: str, key: int, hostname: str = "turtle", **more: str
 ) -> TestResponse:
     """A machine asks to be let in."""
-    body = {
-        "mac": mac,
-        "public_key": public_key(key),
-        "hostname": hostname,
-        "agent_version": "0.1.0",
-        **more,
-    }
+    body = RobotSigner(key).join(mac, hostname=hostname, **more)
     return program.ask("POST", "/api/v1/join", json=body)
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+from robot_signer import RobotSigner
 from robotether_server.db import Database
 from web_visitor import SITE, Browser, bearer
 from werkzeug.test import TestResponse
@@ -54,5 +53,4 @@ def in_person(visitor: Browser, name: str) -> Program:
 
 def new_public_key() -> str:
     """A public key that nobody else has, as in a .pub file."""
-    public = Ed25519PrivateKey.generate().public_key()
-    return public.public_bytes(Encoding.OpenSSH, PublicFormat.OpenSSH).decode() + " turtle"
+    return RobotSigner().line

@@ -28,6 +28,7 @@ from pages import (
 )
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from robot_signer import RobotSigner
 from sim_service import frozen_cameras
 
 FOLDER = ROOT / "tests" / "artifacts" / "screenshots"
@@ -47,7 +48,6 @@ BUTTONS = [
     {"name": "Dock", "kind": "call", "service": "/dock", "type": "std_srvs/Trigger", "args": {}, "confirm": True},
 ]  # fmt: skip
 BUTTONS_POLICY = {"drive": {"publish": ["/lights"], "call": ["/dock"]}}
-STRANGERS_KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAB"
 ADMIN_PAGES = {
     "robots": "/admin/robots",
     "add-robot": "/admin/add-robot",
@@ -271,12 +271,7 @@ def shoot_admin_pages(camera: Camera) -> None:
 @contextmanager
 def a_stranger(site: Site, browser: Browser) -> Iterator[None]:
     """A machine that waits for approval, until the pictures are taken."""
-    body = {
-        "mac": STRANGERS_MAC,
-        "public_key": STRANGERS_KEY,
-        "hostname": "turtle",
-        "agent_version": "0.1.0",
-    }
+    body = RobotSigner(1).join(STRANGERS_MAC)
     request = urllib.request.Request(
         f"{site.url}/api/v1/join",
         data=json.dumps(body).encode(),

@@ -31,6 +31,8 @@ import aiohttp
 from aiohttp import web
 from local_network import free_port
 from openssh_server import OpenSshServer
+from robotether_common.join import ROTATION_NAMESPACE, rotation_message
+from robotether_server.identity import parse_robots_key, signature_holds
 
 HEARTBEAT_S = 0.2
 TIMEOUT_S = 1.5
@@ -245,7 +247,11 @@ class FakeCloud:
         if self.refuses_rotation is not None:
             return self.refuses_rotation()
         if self.robot_key != said["public_key"]:
-            proof = await asyncio.to_thread(vouches, self.robot_key, said)
+            message = rotation_message(said["mac"], said["public_key"])
+            signature = said["previous_key"]["signature"]
+            proof = await asyncio.to_thread(
+                is_signed, self.robot_key, ROTATION_NAMESPACE, message, signature
+            )
             if not proof:
                 detail = "the signature is not the robot's key's"
                 return web.json_response({"code": "field_invalid", "detail": detail}, status=422)
@@ -339,16 +345,9 @@ class FakeCloud:
         }
 
 
-def vouches(old_key: str, said: dict[str, Any]) -> bool:
-    """Tell whether `old_key` signed the new one in a join, by OpenSSH's own judgement."""
-    with tempfile.TemporaryDirectory() as place:
-        signers, signature = Path(place) / "signers", Path(place) / "signature"
-        signers.write_text(f"robot {old_key}\n")
-        signature.write_text(said["previous_key"]["signature"])
-        words = ["-Y", "verify", "-n", "robotether-rotation", "-I", "robot", "-f", str(signers)]
-        command = ["ssh-keygen", *words, "-s", str(signature)]
-        text = f"{said['mac']} {said['public_key']}\n".encode()
-        return subprocess.run(command, check=False, input=text, capture_output=True).returncode == 0
+def is_signed(key: str, namespace: str, message: str, signature: str) -> bool:
+    """Tell whether `key` made the signature, by OpenSSH's own judgement."""
+    return signature_holds(parse_robots_key(key), namespace, message, signature)
 
 
 async def echo(port: int, text: str, *, key: str = GUARD_KEY) -> str:

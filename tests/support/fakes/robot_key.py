@@ -36,18 +36,18 @@ class RobotKey:
         )
         return done.stdout.split()[1]
 
-    def join(self, mac: str) -> tuple[int, dict[str, object]]:
+    def join_body(self, mac: str, **fields: object) -> dict[str, object]:
+        """The body of a join, with the proof of the key."""
+        words = ["ssh-keygen", "-q", "-Y", "sign", "-n", "robotether-join", "-f", str(self.file)]
+        key = " ".join(self.public.split()[:2])
+        message = f"{fields.get('token', '-')} {mac} {key}\n"
+        done = subprocess.run(words, input=message, check=True, capture_output=True, text=True)
+        proof = {"mac": mac, "public_key": self.public, "signature": done.stdout}
+        return {**proof, "hostname": self.name, "agent_version": "0.1.0", **fields}
+
+    def join(self, mac: str, **fields: object) -> tuple[int, dict[str, object]]:
         """Ask to join; status and answer."""
-        status, answer = self.stack.request(
-            "POST",
-            "/api/v1/join",
-            {
-                "mac": mac,
-                "public_key": self.public,
-                "hostname": self.name,
-                "agent_version": "0.1.0",
-            },
-        )
+        status, answer = self.stack.request("POST", "/api/v1/join", self.join_body(mac, **fields))
         return status, answer
 
     def ports(self) -> tuple[int, int]:

@@ -191,9 +191,9 @@ def test_rubbish_is_refused_with_a_problem(blob: bytes, kind: str) -> None:
 
 
 @pytest.fixture
-def signer(tmp_path_factory: pytest.TempPathFactory) -> RobotSigner:
+def signer() -> RobotSigner:
     """A robot's key."""
-    return RobotSigner(tmp_path_factory.mktemp("old"))
+    return RobotSigner()
 
 
 def test_signature_of_the_key_holds(signer: RobotSigner) -> None:
@@ -202,11 +202,9 @@ def test_signature_of_the_key_holds(signer: RobotSigner) -> None:
     assert signature_holds(signer.key, NAMESPACE, MESSAGE, signature)
 
 
-def test_any_other_signature_does_not(
-    signer: RobotSigner, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_any_other_signature_does_not(signer: RobotSigner) -> None:
     """Another message, another namespace, another key, damage, or none at all."""
-    stranger = RobotSigner(tmp_path_factory.mktemp("stranger"))
+    stranger = RobotSigner()
     good = signer.sign(NAMESPACE, MESSAGE)
     for wrong in (
         signer.sign(NAMESPACE, MESSAGE.strip()),

@@ -16,6 +16,7 @@ from drive_records import add_drive
 from fake_robot import FakeRobot
 from mariadb_server import MariaDb
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
+from robot_signer import RobotSigner
 from robotether_server.db import Database, users
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.main import Timing
@@ -30,7 +31,8 @@ API = "/api/v1"
 SHOWN_HEADERS = ("Allow", "Content-Disposition", "Location", "Retry-After", "WWW-Authenticate")
 # Given one time and random.
 SECRETS = ("password", "ticket", "token")
-KEYS = [f"ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAI{letter * 43} robot" for letter in "ABCDE"]
+ROBOTS = [RobotSigner(number) for number in range(5)]
+KEYS = [robot.line for robot in ROBOTS]
 NOBODY = 999_999_999
 
 
@@ -54,6 +56,8 @@ class Conversation:
 
     def note(self, who: str, method: str, path: str, body: Any = None) -> None:
         """Write a request down."""
+        if body and "signature" in body:
+            self.transcript.name(body["signature"], "signature")
         self.transcript.add(f"> {who}: {method} {API}{path}", *([] if body is None else [body]))
 
     def answered(self, status: int, kind: str | None, headers: dict[str, str], text: str) -> None:
@@ -284,31 +288,31 @@ def test_robots(
 
 def test_enrolment(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> None:
     """Joining, join tokens, and what admins do about waiting and rejected keys and about ports."""
-    robot = {"mac": "02:00:00:00:52:01", "hostname": "turtle", "agent_version": "0.1.0"}
-    name = talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[3]})["robot"]
-    talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[1]})
-    talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[3], "mac": "wrong"})
-    talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[3], "token": "rj_wrong"})
-    talk.ask("nobody", "POST", "/join", robot)
+    mac, other_mac = "02:00:00:00:52:01", "02:00:00:00:52:02"
+    name = talk.ask("nobody", "POST", "/join", ROBOTS[3].join(mac))["robot"]
+    talk.ask("nobody", "POST", "/join", ROBOTS[1].join(mac))
+    talk.ask("nobody", "POST", "/join", ROBOTS[3].join(mac) | {"mac": "wrong"})
+    talk.ask("nobody", "POST", "/join", ROBOTS[3].join(mac, "rj_wrong"))
+    talk.ask("nobody", "POST", "/join", {"mac": mac, "hostname": "turtle"})
+    talk.ask("nobody", "POST", "/join", ROBOTS[4].join(mac) | {"signature": "x"})
     talk.ask("nobody", "GET", "/ssh")
     waiting = talk.ask("root", "GET", "/pending")["pending"]
     key = {"fingerprint": waiting[0]["fingerprint"]}
     talk.ask("root", "POST", f"/robots/{name}/approve", {"fingerprint": "SHA256:wrong"})
     talk.ask("root", "POST", f"/robots/{name}/approve", key)
-    talk.ask("nobody", "POST", "/join", robot | {"public_key": KEYS[3]})
+    talk.ask("nobody", "POST", "/join", ROBOTS[3].join(mac))
     for action in ("rotate-key", "move-ports", "rekey"):
         talk.ask("root", "POST", f"/robots/sim1/{action}")
-    other = robot | {"mac": "02:00:00:00:52:02", "public_key": KEYS[0]}
-    name = talk.ask("nobody", "POST", "/join", other)["robot"]
+    name = talk.ask("nobody", "POST", "/join", ROBOTS[0].join(other_mac))["robot"]
     waiting = talk.ask("root", "GET", "/pending")["pending"]
     for key in [one["fingerprint"] for one in waiting if one["robot"] == name]:
         talk.ask("root", "POST", f"/robots/{name}/reject", {"fingerprint": key})
-    talk.ask("nobody", "POST", "/join", other)
+    talk.ask("nobody", "POST", "/join", ROBOTS[0].join(other_mac))
     rejected = talk.ask("root", "GET", "/rejected-keys")["rejected_keys"]
     talk.ask("root", "DELETE", "/rejected-keys/{key_id}", key_id=rejected[0]["id"])
     token = talk.ask("root", "POST", "/join-tokens", {"name": "lab", "uses": 2, "hours": 24})
     talk.ask("root", "POST", "/join-tokens", {"name": "lab", "uses": 0, "hours": 24})
-    talk.ask("nobody", "POST", "/join", other | {"token": token["token"]})
+    talk.ask("nobody", "POST", "/join", ROBOTS[0].join(other_mac, token["token"]))
     talk.ask("root", "GET", "/join-tokens")
     talk.ask("root", "DELETE", "/join-tokens/{token_id}", token_id=token["id"])
     assert talk.transcript == recorded

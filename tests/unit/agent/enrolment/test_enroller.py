@@ -15,7 +15,7 @@ from typing import NoReturn
 
 import pytest
 from aiohttp import web
-from fake_cloud import FakeCloud, agent_environ
+from fake_cloud import FakeCloud, agent_environ, is_signed
 from fake_root import FakeRoot
 from robotether_agent.enrolment.enroller import (
     ENROLMENT_FILE,
@@ -39,6 +39,7 @@ from robotether_agent.problems import (
     StateUnusable,
 )
 from robotether_agent.settings import Settings, load
+from robotether_common.join import JOIN_NAMESPACE, join_message
 
 CARD = "00:1b:44:00:00:01"
 
@@ -106,6 +107,15 @@ async def test_a_fresh_robot_joins_and_a_reboot_does_not(cloud, settings):
     assert cloud.ssh.host_keys[0].split()[1] in enroller.known_hosts.read_text()
     assert await Enroller(settings).enrolment() == enrolment
     assert len(cloud.joins) == 1
+
+
+@pytest.mark.parametrize("token", [None, "rj_token"])
+async def test_join_proves_the_key(cloud, settings, token):
+    """Over the token, this MAC and the key, for joins alone."""
+    await Enroller(replace(settings, token=token)).enrolment()
+    said = cloud.joins[0]
+    message = join_message(token, said["mac"], said["public_key"])
+    assert is_signed(said["public_key"], JOIN_NAMESPACE, message, said["signature"])
 
 
 async def test_the_newest_list_of_cells_is_kept(cloud, settings):

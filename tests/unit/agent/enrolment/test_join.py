@@ -224,12 +224,17 @@ def test_only_what_there_is_to_say_is_said():
     plain = replace(REQUEST, token=None)
     assert set(plain.body()) == {"mac", "public_key", "hostname", "agent_version"}
     changed = replace(
-        plain, mac_present=False, name="turtle", previous_key=PreviousKey("SHA256:x", "y")
+        plain,
+        mac_present=False,
+        name="turtle",
+        signature="s",
+        previous_key=PreviousKey("SHA256:x", "y"),
     )
     assert changed.body() == {
         **plain.body(),
         "mac_present": False,
         "name": "turtle",
+        "signature": "s",
         "previous_key": {"fingerprint": "SHA256:x", "signature": "y"},
     }
 

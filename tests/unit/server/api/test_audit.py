@@ -12,8 +12,8 @@ import pytest
 from api_visitor import Program, in_person, new_public_key
 from drive_settings import DOCK
 from flask import Flask
+from robot_signer import RobotSigner
 from robotether_server.db import Database
-from robotether_server.identity import parse_robots_key
 from web_visitor import Browser
 
 
@@ -88,7 +88,7 @@ def test_claimed_name_is_no_formula(program: Browser, root: Program) -> None:
     assert ",=cmd()" not in root.ask("GET", "/audit?format=csv").text
 
 
-KEY, OTHER_KEY, REJECTED_KEY = new_public_key(), new_public_key(), new_public_key()
+KEY, OTHER_ROBOT, REJECTED_ROBOT = new_public_key(), RobotSigner(), RobotSigner()
 MAC = "00:1b:44:11:3a:b7"
 PASSWORD = "a password that nobody shall read"
 # A ticket changes nothing; what it opens the relay writes down.
@@ -103,12 +103,8 @@ LISTS = {
 }
 
 
-def joining(key: str) -> dict[str, Any]:
-    return {"mac": MAC, "public_key": key, "hostname": "turtle", "agent_version": "0.1.0"}
-
-
-def finger(key: str) -> dict[str, Any]:
-    return {"fingerprint": parse_robots_key(key).fingerprint}
+def finger(robot: RobotSigner) -> dict[str, Any]:
+    return {"fingerprint": robot.key.fingerprint}
 
 
 # Every change that the API can make, one after the other: method, path, body, kind of the line that it leaves.
@@ -149,10 +145,10 @@ STEPS: tuple[tuple[str, str, Any, str], ...] = (
     ("POST", "/robots/turtle/rotate-key", None, "robot_rotation_requested"),
     ("POST", "/robots/turtle/move-ports", None, "robot_ports_moved"),
     ("POST", "/robots/turtle/rekey", None, "robot_rekeyed"),
-    ("POST", "/join", joining(OTHER_KEY), "robot_pending"),
-    ("POST", "/robots/turtle/approve", finger(OTHER_KEY), "robot_approved"),
-    ("POST", "/join", joining(REJECTED_KEY), "key_claimed"),
-    ("POST", "/robots/turtle/reject", finger(REJECTED_KEY), "key_rejected"),
+    ("POST", "/join", OTHER_ROBOT.join(MAC), "robot_pending"),
+    ("POST", "/robots/turtle/approve", finger(OTHER_ROBOT), "robot_approved"),
+    ("POST", "/join", REJECTED_ROBOT.join(MAC), "key_claimed"),
+    ("POST", "/robots/turtle/reject", finger(REJECTED_ROBOT), "key_rejected"),
     ("DELETE", "/rejected-keys/{rejected_keys}", None, "key_forgiven"),
     ("DELETE", "/robots/turtle", None, "robot_removed"),
     ("DELETE", "/users/zoe", None, "user_removed"),

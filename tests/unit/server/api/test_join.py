@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import datetime as dt
-import subprocess
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from api_visitor import new_public_key
 from relay_server import cell_settings
 from robot_signer import RobotSigner
+from robotether_common.join import ROTATION_NAMESPACE, join_message
 from robotether_server.api.join import MAX_AT_ONCE, _places, read_host_keys, ssh_of
 from robotether_server.api.operations import plain
 from robotether_server.db import Database, audit, cells, fleet, robots
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.robots import RefusedJoin, Report
-from robotether_server.identity import parse_robots_key
 from robotether_server.problems import StoreUnavailable
 from robotether_server.services import pending
 from robotether_server.services.joining import PresentedKey
@@ -27,16 +26,9 @@ MAC = "02:00:00:00:61:01"
 
 
 @pytest.fixture
-def key(tmp_path: Path) -> str:
-    """A robot's public key."""
-    file = tmp_path / "robot_key"
-    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", file], check=True)
-    return file.with_suffix(".pub").read_text()
-
-
-def join_body(key: str, **changes: object) -> dict[str, object]:
-    body = {"mac": MAC, "public_key": key, "hostname": "turtle", "agent_version": "0.1.0"}
-    return body | changes
+def robot() -> RobotSigner:
+    """A robot's key."""
+    return RobotSigner()
 
 
 @pytest.mark.parametrize(
@@ -54,6 +46,7 @@ def join_body(key: str, **changes: object) -> dict[str, object]:
         ({"mac": "ff:ff:ff:ff:ff:ff"}, "mac"),
         ({"mac_present": "no"}, "mac_present"),
         ({"name": 5}, "name"),
+        ({"signature": "x" * 4097}, "signature"),
         ({"previous_key": "x"}, "previous_key"),
         ({"previous_key": {"signature": "x"}}, "previous_key.fingerprint"),
         ({"previous_key": {"fingerprint": "SHA256:a"}}, "previous_key.signature"),
@@ -68,10 +61,10 @@ def join_body(key: str, **changes: object) -> dict[str, object]:
     ],
 )
 def test_join_names_the_field_that_is_wrong(
-    program: Browser, key: str, changes: dict[str, object], named: str
+    program: Browser, robot: RobotSigner, changes: dict[str, object], named: str
 ) -> None:
     """422, and a sentence with the field's name."""
-    answer = program.ask("POST", "/api/v1/join", json=join_body(key, **changes))
+    answer = program.ask("POST", "/api/v1/join", json=robot.join(MAC) | changes)
     assert (answer.status_code, answer.json["code"]) == (422, "field_invalid")
     assert f"cannot use {named}" in answer.json["detail"]
 
@@ -85,58 +78,95 @@ def test_join_without_an_object_is_refused(program: Browser, body: bytes) -> Non
 
 
 def test_second_key_of_a_mac_is_told_that_it_waits(
-    program: Browser, database: Database, key: str
+    program: Browser, database: Database, robot: RobotSigner
 ) -> None:
     """202 with a code of its own, and nothing about the robot that has the MAC."""
     with database.transaction() as tx:
         robots.add(tx, MAC, "turtle")
-    program.ask("POST", "/api/v1/join", json=join_body(key))
-    answer = program.ask("POST", "/api/v1/join", json=join_body(new_public_key()))
+    program.ask("POST", "/api/v1/join", json=robot.join(MAC))
+    answer = program.ask("POST", "/api/v1/join", json=RobotSigner().join(MAC))
     assert (answer.status_code, answer.json["code"]) == (202, "mac_in_use")
     assert "turtle" not in answer.text
 
 
-def test_rotated_key_is_active_at_once(
-    program: Browser, database: Database, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_rotated_key_is_active_at_once(program: Browser, database: Database) -> None:
     """With the old key's signature, as ssh-keygen makes it."""
-    old, new = (RobotSigner(tmp_path_factory.mktemp("key")) for _ in range(2))
-    program.ask("POST", "/api/v1/join", json=join_body(old.line))
+    old, new = (RobotSigner() for _ in range(2))
+    program.ask("POST", "/api/v1/join", json=old.join(MAC))
     with database.transaction() as tx:
         robots.set_state(tx, robots.get(tx, "robot-006101").id, "active")
     signature = old.sign("robotether-rotation", f"{MAC} {new.key.line}\n")
     previous = {"fingerprint": old.key.fingerprint, "signature": signature}
     for _ in range(2):
-        body = join_body(new.line, previous_key=previous)
+        body = new.join(MAC, previous_key=previous)
         answer = program.ask("POST", "/api/v1/join", json=body)
         assert (answer.status_code, answer.json["state"]) == (200, "active")
-    answer = program.ask("POST", "/api/v1/join", json=join_body(old.line))
+    answer = program.ask("POST", "/api/v1/join", json=old.join(MAC))
     assert answer.json["code"] == "mac_in_use"
 
 
-def test_null_is_as_good_as_nothing(program: Browser, key: str) -> None:
+@pytest.mark.parametrize(
+    "forge",
+    [
+        lambda robot, _: {"signature": None},
+        lambda robot, _: {"signature": "x"},
+        lambda robot, thief: {"signature": thief.join(MAC)["signature"]},
+        lambda robot, thief: {"public_key": thief.line},
+        lambda robot, _: {"mac": "00:1b:44:11:3a:b7"},
+        lambda robot, _: {"token": "rj_of-somebody-else"},
+        lambda robot, _: {
+            "signature": robot.sign(ROTATION_NAMESPACE, join_message(None, MAC, robot.key.line))
+        },
+    ],
+)
+def test_nobody_joins_with_the_key_of_another(
+    program: Browser,
+    database: Database,
+    robot: RobotSigner,
+    forge: Callable[..., dict[str, object]],
+) -> None:
+    """The signature is by the key that joins, over this token and MAC, and for no other purpose."""
+    body = robot.join(MAC) | forge(robot, RobotSigner())
+    answer = program.ask("POST", "/api/v1/join", json=body)
+    assert (answer.status_code, answer.json["code"]) == (403, "key_unproven")
+    with database.transaction() as tx:
+        assert robots.find_by_key(tx, robot.key.fingerprint) is None
+
+
+def test_robot_that_is_in_needs_no_proof(
+    program: Browser, database: Database, robot: RobotSigner
+) -> None:
+    """An agent that is older than the server goes on asking where its tunnel goes."""
+    body = robot.join(MAC)
+    program.ask("POST", "/api/v1/join", json=body)
+    with database.transaction() as tx:
+        robots.set_state(tx, robots.get(tx, "robot-006101").id, "active")
+    del body["signature"]
+    assert program.ask("POST", "/api/v1/join", json=body).status_code == 200
+
+
+def test_null_is_as_good_as_nothing(program: Browser, robot: RobotSigner) -> None:
     """For every field that may be missing."""
     nothing = dict.fromkeys(("token", "name", "mac_present", "previous_key"))
-    answer = program.ask("POST", "/api/v1/join", json=join_body(key, **nothing))
+    answer = program.ask("POST", "/api/v1/join", json=robot.join(MAC) | nothing)
     assert answer.status_code == 202
 
 
 def test_joins_at_once_leave_threads_to_others(
-    program: Browser, database: Database, key: str, tmp_path_factory: pytest.TempPathFactory
+    program: Browser, database: Database, robot: RobotSigner
 ) -> None:
     """Unknown robots wait for each other in four threads; one that is in waits for none of them."""
-    program.ask("POST", "/api/v1/join", json=join_body(key))
+    program.ask("POST", "/api/v1/join", json=robot.join(MAC))
     with database.transaction() as tx:
         robots.set_state(tx, robots.get(tx, "robot-006101").id, "active")
-    other = RobotSigner(tmp_path_factory.mktemp("key")).line
-    body = join_body(other, mac="00:1b:44:11:3a:b7")
+    body = RobotSigner().join("00:1b:44:11:3a:b7")
     with ExitStack() as held:
         for _ in range(MAX_AT_ONCE):
             held.enter_context(_places)
         refused = program.ask("POST", "/api/v1/join", json=body)
         assert (refused.status_code, refused.json["code"]) == (429, "throttled")
         assert refused.headers["Retry-After"] == "1"
-        assert program.ask("POST", "/api/v1/join", json=join_body(key)).status_code == 200
+        assert program.ask("POST", "/api/v1/join", json=robot.join(MAC)).status_code == 200
     assert program.ask("POST", "/api/v1/join", json=body).status_code == 202
 
 
@@ -157,22 +187,22 @@ def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
 
 
 def test_robot_is_sent_to_the_emptiest_cell_first(
-    program: Browser, database: Database, relay_database: Database, key: str
+    program: Browser, database: Database, relay_database: Database, robot: RobotSigner
 ) -> None:
     """Once it is active, by each way of joining; of those of its region, if it has one."""
     with relay_database.transaction() as tx:
         for name, count, region in (("a", 2, "eu"), ("b", 1, "us"), ("c", 3, "eu")):
             cell = cell_settings(name, f"{name}.example", region=region)
             cells.write_heartbeat(tx, cell, robots=count, started_at=dt.datetime.now(dt.UTC))
-    waiting = program.ask("POST", "/api/v1/join", json=join_body(key)).json
+    waiting = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json
     assert "ssh" not in waiting
     with database.transaction() as tx:
         robots.set_state(tx, robots.get(tx, waiting["robot"]).id, "active")
-    joined = program.ask("POST", "/api/v1/join", json=join_body(key)).json
+    joined = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json
     # The doctor of a robot that waits asks so, and no cell is anybody's business.
     ssh = {name: value for name, value in joined["ssh"].items() if name != "cells"}
     assert program.ask("GET", "/api/v1/ssh").json == {"ssh": ssh}
-    body = {"mac": MAC, "public_key": key}
+    body = {"mac": MAC, "public_key": robot.line}
     admin = bearer(database, "root")
     registered = program.ask(
         "PUT", f"/api/v1/robots/{waiting['robot']}", json=body, headers=admin
@@ -183,7 +213,7 @@ def test_robot_is_sent_to_the_emptiest_cell_first(
         assert {one["host"] for one in others} == {"a.example", "c.example"}
     with database.transaction() as tx:
         robots.set_settings(tx, robots.get(tx, waiting["robot"]).id, {"region": "eu"})
-    joined = program.ask("POST", "/api/v1/join", json=join_body(key)).json
+    joined = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json
     registered = program.ask(
         "PUT", f"/api/v1/robots/{waiting['robot']}", json=body, headers=admin
     ).json
@@ -214,26 +244,28 @@ def refused(database: Database) -> list[RefusedJoin]:
 
 
 def test_a_refused_join_is_kept_until_it_is_let_in(
-    program: Browser, database: Database, key: str
+    program: Browser, database: Database, robot: RobotSigner
 ) -> None:
     """With its reason, once for each machine, and in no audit log."""
     for _ in range(3):
-        program.ask("POST", "/api/v1/join", json=join_body(key, token="rj_wrong"))
+        program.ask("POST", "/api/v1/join", json=robot.join(MAC, "rj_wrong"))
     (found,) = refused(database)
     assert (found.mac, found.report.hostname, found.times) == (MAC, "turtle", 3)
     assert (found.code, "cannot accept the join token" in found.detail) == ("token_invalid", True)
     with database.transaction() as tx:
         assert audit.find(tx) == []
-    assert program.ask("POST", "/api/v1/join", json=join_body(key)).status_code == 202
+    assert program.ask("POST", "/api/v1/join", json=robot.join(MAC)).status_code == 202
     assert refused(database) == []
 
 
-def test_refused_joins_of_one_network_push_out_its_own_alone(database: Database, key: str) -> None:
+def test_refused_joins_of_one_network_push_out_its_own_alone(
+    database: Database, robot: RobotSigner
+) -> None:
     """The newest stay, so that the machine somebody waits for is among them."""
     joins = [("aa", "192.0.2.1"), *((f"{number:02x}", "192.0.2.2") for number in range(16))]
     for end, address in joins:
         report = Report("turtle", "0.1.0", address)
-        presented = PresentedKey(f"02:00:00:00:00:{end}", parse_robots_key(key), report)
+        presented = PresentedKey(f"02:00:00:00:00:{end}", robot.key, report)
         with database.transaction() as tx:
             pending.record_refusal(tx, presented, "token_invalid", "why")
     macs = [one.mac for one in refused(database)]
@@ -242,23 +274,23 @@ def test_refused_joins_of_one_network_push_out_its_own_alone(database: Database,
 
 
 def test_a_robot_that_refuses_the_host_key_is_shown_as_such(
-    program: Browser, database: Database, relay_database: Database, key: str
+    program: Browser, database: Database, relay_database: Database, robot: RobotSigner
 ) -> None:
     """On the page that adds robots, and at the relay as the reason why it is offline, until it joins anew."""
-    robot = program.ask("POST", "/api/v1/join", json=join_body(key)).json["robot"]
+    name = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json["robot"]
     with database.transaction() as tx:
-        robots.set_state(tx, robots.get(tx, robot).id, "active")
+        robots.set_state(tx, robots.get(tx, name).id, "active")
     versions = []
     for said, code, other_key in (
         ({}, [], None),
         ({"host_key_refused": True}, ["host_key_changed"], "host_key"),
         ({}, [], None),
     ):
-        assert program.ask("POST", "/api/v1/join", json=join_body(key, **said)).status_code == 200
+        assert program.ask("POST", "/api/v1/join", json=robot.join(MAC, **said)).status_code == 200
         assert [one.code for one in refused(database)] == code
         with relay_database.transaction() as tx:
             snapshot = fleet.load(tx)
-        (seen,) = [one for one in snapshot.robots.values() if one.name == robot]
+        (seen,) = [one for one in snapshot.robots.values() if one.name == name]
         assert seen.other_key == other_key
         versions.append(snapshot.rights)
     assert versions[0] == versions[2] != versions[1]

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from api_visitor import Program, new_public_key
 from drive_settings import DOCK, LIGHTS, audited, kept
+from robot_signer import RobotSigner
 from robotether_server.api.operations import plain
 from robotether_server.api.robots import shown_robot
 from robotether_server.db import Database
@@ -244,10 +245,9 @@ def fingerprint(program: Browser) -> str:
 
 def join(program: Browser, mac: str) -> str:
     """The fingerprint of a key that joined."""
-    key = new_public_key()
-    body = {"mac": mac, "public_key": key, "hostname": "turtle", "agent_version": "0.1.0"}
-    assert program.ask("POST", "/api/v1/join", json=body).status_code == 202
-    return parse_robots_key(key).fingerprint
+    robot = RobotSigner()
+    assert program.ask("POST", "/api/v1/join", json=robot.join(mac)).status_code == 202
+    return robot.key.fingerprint
 
 
 @pytest.mark.parametrize("action", ["approve", "reject"])

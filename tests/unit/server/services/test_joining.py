@@ -400,9 +400,9 @@ def test_robot_that_lost_its_mac_stays_itself(site: Site, admin_database: Databa
 
 
 @pytest.fixture
-def old(tmp_path_factory: pytest.TempPathFactory) -> RobotSigner:
+def old() -> RobotSigner:
     """The key that the robot has."""
-    return RobotSigner(tmp_path_factory.mktemp("old"))
+    return RobotSigner()
 
 
 @pytest.fixture
@@ -446,11 +446,9 @@ def test_signature_over_something_else_is_refused(
     assert rotating_site.robot("sim1").key == old.key
 
 
-def test_unknown_robots_signature_changes_nothing(
-    rotating_site: Site, old: RobotSigner, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_unknown_robots_signature_changes_nothing(rotating_site: Site, old: RobotSigner) -> None:
     """Under the old key's name it is refused; under its own the new key only waits."""
-    stranger = RobotSigner(tmp_path_factory.mktemp("stranger"))
+    stranger = RobotSigner()
     forged = PreviousKey(old.key.fingerprint, signed(stranger).signature)
     with pytest.raises(FieldInvalid):
         rotating_site.ask(previous=forged)

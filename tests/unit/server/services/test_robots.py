@@ -259,9 +259,9 @@ NEW_MAC = "00:1b:44:00:61:77"
 
 
 @pytest.fixture(scope="module")
-def signer(tmp_path_factory: pytest.TempPathFactory) -> RobotSigner:
+def signer() -> RobotSigner:
     """The key that the playbook made on its robot."""
-    return RobotSigner(tmp_path_factory.mktemp("robot"))
+    return RobotSigner()
 
 
 def register(
@@ -443,12 +443,10 @@ def test_admin_who_approves_while_others_join_is_heard(database: Database) -> No
         assert len(seen_robots.list_all(tx)) == 1
 
 
-def test_playbooks_at_once_make_a_robot_each(
-    database: Database, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_playbooks_at_once_make_a_robot_each(database: Database) -> None:
     """With the last use of a token, one of them."""
     site = Site(database)
-    signers = [RobotSigner(tmp_path_factory.mktemp("robot")) for _ in range(4)]
+    signers = [RobotSigner() for _ in range(4)]
     token = site.join_token(3)
 
     def run(number: int) -> Answer:

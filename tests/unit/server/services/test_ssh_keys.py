@@ -19,9 +19,9 @@ ANN = Source("ann")
 
 
 @pytest.fixture(scope="module")
-def signer(tmp_path_factory: pytest.TempPathFactory) -> RobotSigner:
+def signer() -> RobotSigner:
     """A real key, with the comment `robot`."""
-    return RobotSigner(tmp_path_factory.mktemp("key"))
+    return RobotSigner()
 
 
 def test_key_is_named_by_its_comment_unless_a_name_is_given(

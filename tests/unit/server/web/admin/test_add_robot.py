@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 import tls_front
-from admin_visitor import fingerprint, join, public_key, send
+from admin_visitor import fingerprint, join, send
 from flask import Flask
 from relay_server import cell_settings
+from robot_signer import RobotSigner
 from robotether_server.db import Database, cells, join_tokens, robots
 from robotether_server.db.audit import Source
 from robotether_server.install_line import SiteCertificates
@@ -51,13 +52,7 @@ def words_of(page: str) -> list[str]:
 
 def arrives(program: Browser, words: list[str], hostname: str = "turtle") -> str:
     """A new machine joins with what the line gives it; the name that it gets."""
-    body = {
-        "mac": NEW_MAC,
-        "public_key": public_key(9),
-        "hostname": hostname,
-        "agent_version": "0.1.0",
-        "token": words[-1],
-    }
+    body = RobotSigner(9).join(NEW_MAC, words[-1], hostname=hostname)
     if "--name" in words:
         body["name"] = words[words.index("--name") + 1]
     answer = program.ask("POST", "/api/v1/join", json=body)
