@@ -196,10 +196,11 @@ async def _join(enroller: Enroller) -> int:
     return ACTIVE
 
 
-def key(settings: Settings) -> int:
-    """Print the public key as one line `ssh-ed25519 AAAA...`."""
+def key(settings: Settings, *, prove: bool) -> int:
+    """Print the public key as one line `ssh-ed25519 AAAA...`, or the proof that this robot has its private half."""
     act_as_agent(settings.state_dir)
-    print(asyncio.run(Enroller(settings).key()).public)
+    enroller = Enroller(settings)
+    print(asyncio.run(enroller.proof()) if prove else asyncio.run(enroller.key()).public)
     return 0
 
 
@@ -337,7 +338,7 @@ COMMANDS: dict[str, Callable[[Call], int]] = {
     "status": lambda call: status(call.settings, as_json=call.options.json),
     "join": lambda call: join(call.settings),
     "identity": lambda call: identity(call.settings, as_json=call.options.json),
-    "key": lambda call: key(call.settings),
+    "key": lambda call: key(call.settings, prove=call.options.prove),
     "forget": lambda call: forget(call.settings, yes=call.options.yes),
     "switch": lambda call: switch(call.settings, call.options.directory, call.options.wait),
     "finish-switch": lambda call: finish_switch(
@@ -370,9 +371,10 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser("doctor", help="check every step, and print what to do; 0 if all is well")
     named = commands.add_parser("identity", help="print the MAC that names this robot")
     named.add_argument("--json", action="store_true", help="for programs")
-    commands.add_parser(
+    public = commands.add_parser(
         "key", help="create the robot's key if there is none, print its public half"
     )
+    public.add_argument("--prove", action="store_true", help="print its signature over MAC and key")
     gone = commands.add_parser(
         "forget", help="remove key and enrolment, so that a disk can be copied"
     )

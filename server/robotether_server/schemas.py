@@ -84,6 +84,17 @@ PublicKeyLine = Annotated[
         extra_json_schema={"examples": [identity.EXAMPLE_KEY]},
     ),
 ]
+Signature = Annotated[
+    str,
+    Meta(
+        description="SSHSIG: of the key over token, MAC and key; in previous_key of that key over MAC and new key",
+        extra={
+            "as_typed": True,
+            "longest": identity.MAX_SIGNATURE_LENGTH,
+            "must": "a text, no longer than that of an ssh-ed25519 key",
+        },
+    ),
+]
 # Robots spell their MAC in several ways; identity.normalise_mac checks it.
 Mac = Annotated[
     str,

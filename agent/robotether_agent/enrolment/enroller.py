@@ -187,6 +187,12 @@ class Enroller:
         """Return the robot's key, made now if there is none."""
         return await keys.ensure_key(self._state_dir())
 
+    async def proof(self) -> str:
+        """Return the key's signature over MAC and key, for a playbook that brings the three to the server."""
+        key = await self.key()
+        message = join_message(None, self.identity().mac, key.public)
+        return await keys.sign(key, JOIN_NAMESPACE, message)
+
     async def next_key(self) -> KeyPair | None:
         """Return the key that is about to replace the other one, if a change has begun."""
         return await keys.next_key(self._settings.state_dir)

@@ -37,6 +37,7 @@ options:
   name: {description: The robot's name, type: str, required: true}
   mac: {description: The robot's MAC address, type: str}
   public_key: {description: The robot's public key, one line, type: str}
+  signature: {description: "What `robotether-agent key --prove` prints; a join token needs it", type: str}
   hostname: {description: What the robot calls itself, type: str}
   agent_version: {description: The version of its agent, type: str}
   state: {description: Whether there is such a row, type: str, choices: [present, absent, known], default: present}
@@ -81,6 +82,7 @@ def main() -> None:
             "name": {"type": "str", "required": True},
             "mac": {"type": "str"},
             "public_key": {"type": "str"},
+            "signature": {"type": "str"},
             "hostname": {"type": "str"},
             "agent_version": {"type": "str"},
             "state": {"type": "str", "choices": list(ACTIONS), "default": "present"},
@@ -100,7 +102,7 @@ def _present(server: Server, params: dict[str, Any], *, check_mode: bool) -> dic
     before = _row(server, params["name"])
     if check_mode:
         return {"changed": before is None, "created": False, "robot": before or {}}
-    fields = ("mac", "public_key", "hostname", "agent_version")
+    fields = ("mac", "public_key", "signature", "hostname", "agent_version")
     body = {field: params[field] for field in fields if params[field]}
     status, answer = server.ask("PUT", _path(params["name"]), body)
     if status not in {OK, CREATED}:

@@ -22,6 +22,7 @@ from robotether_server.schemas import (
     Mac,
     PublicKeyLine,
     RobotName,
+    Signature,
 )
 from robotether_server.services import joining, pending
 from robotether_server.services.joining import PresentedKey
@@ -35,18 +36,6 @@ KEY_WORDS = 2
 MAX_AT_ONCE = 4
 THROTTLED_S = 1
 _places = threading.BoundedSemaphore(MAX_AT_ONCE)
-
-Signature = Annotated[
-    str,
-    Meta(
-        description="SSHSIG: of the key over token, MAC and key; in previous_key of that key over MAC and new key",
-        extra={
-            "as_typed": True,
-            "longest": identity.MAX_SIGNATURE_LENGTH,
-            "must": "a text, no longer than that of an ssh-ed25519 key",
-        },
-    ),
-]
 
 
 class GivenPreviousKey(Struct):
@@ -152,7 +141,7 @@ def _join(asked: joining.JoinAttempt) -> joining.Answer:
         )
     try:
         # Before the lock that all who join wait for.
-        is_proven = joining.is_proven(asked)
+        is_proven = joining.is_proven(asked.presented, asked.signature, asked.token)
         with context().database.transaction() as tx:
             answer = joining.join(tx, asked, context().join, is_proven=is_proven)
             pending.forget_refusals(tx, asked.presented)

@@ -36,6 +36,7 @@ from robotether_server.schemas import (
     Mac,
     PublicKeyLine,
     RobotName,
+    Signature,
     Timestamp,
 )
 from robotether_server.services import drive_pages, grants, pending
@@ -102,6 +103,7 @@ class NewRegistration(Struct, forbid_unknown_fields=True):
 
     mac: Mac
     public_key: PublicKeyLine
+    signature: Signature | UnsetType = UNSET
     hostname: Hostname | UnsetType = UNSET
     agent_version: AgentVersion | UnsetType = UNSET
 
@@ -196,8 +198,9 @@ def register_robot(
 ) -> tuple[RegisteredRobot, Literal[200, 201]]:
     """Enrol a robot with its key, as a playbook does.
 
-    With a join token, or as an admin. Repeating the request changes nothing and uses no token up. 200: the robot
-    was enrolled already, or its row took the key. To a join token it answers an enrolled robot under any name.
+    As an admin, or with a join token and the key's `signature` over MAC and key. Repeating the request changes nothing
+    and uses no token up. 200: the robot was enrolled already, or its row took the key. To a join token it answers an
+    enrolled robot under any name.
     """
     tx, admin = caller.tx, caller.credential.admin
     registration = Registration(
@@ -205,6 +208,7 @@ def register_robot(
         mac=body.mac,
         public_key=body.public_key,
         credential=caller.credential,
+        signature=body.signature or None,
         hostname=body.hostname or None,
         agent_version=body.agent_version or None,
         allow_local_mac=context().join.allow_local_macs,

@@ -1,7 +1,7 @@
 """Decides what becomes of the key that a robot joins with, or that a playbook brings (robots.py).
 
 A MAC only names a robot; its key is what proves it, and who brings a new key signs with it: nobody enrols the key of
-another. A playbook's admin read the key on the robot itself. Without a credential JOIN_POLICY says what becomes of a
+another; an admin's word for a key is enough. Without a credential JOIN_POLICY says what becomes of a
 new key, mostly it waits, and nothing that waits may keep a robot out that comes with a credential. A join with a known
 key must never change the row, and only the old key's signature (`rotate`) or an admin changes the key of an active
 robot.
@@ -127,13 +127,21 @@ def is_in(tx: Transaction, request: JoinAttempt) -> Answer | None:
     return _active(robot) if robot.fingerprint == request.presented.key.fingerprint else None
 
 
-def is_proven(request: JoinAttempt) -> bool:
+def is_proven(presented: PresentedKey, signature: str | None, token: str | None = None) -> bool:
     """Return whether who asks has the private half of the key. Runs ssh-keygen, so never while a lock is held."""
-    presented = request.presented
-    message = join_message(request.token, presented.mac, presented.key.line)
-    return request.signature is not None and identity.signature_holds(
-        presented.key, JOIN_NAMESPACE, message, request.signature
+    message = join_message(token, presented.mac, presented.key.line)
+    return signature is not None and identity.signature_holds(
+        presented.key, JOIN_NAMESPACE, message, signature
     )
+
+
+def check_proven(presented: PresentedKey, *, is_proven: bool) -> None:
+    """Raise KeyUnproven."""
+    if not is_proven:
+        raise KeyUnproven(
+            f"cannot join with key {presented.key.fingerprint}: the request has no signature by it over token, MAC and "
+            "key; an agent that is older than this server makes none: install this server's"
+        )
 
 
 def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings, *, is_proven: bool) -> Answer:
@@ -158,11 +166,7 @@ def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings, *, is_prove
             return _active(robot)
         if request.previous is not None and rotate(tx, robot, presented, request.previous):
             return _active(robot)
-    if not is_proven:
-        raise KeyUnproven(
-            f"cannot join with key {presented.key.fingerprint}: the request has no signature by it over token, MAC and "
-            "key; an agent that is older than this server makes none: install this server's"
-        )
+    check_proven(presented, is_proven=is_proven)
     credential = _credential_of(tx, request, rules)
     source = Source(credential.actor if credential else ROBOT, presented.report.address)
     return _Joining(tx, source, request, rules, credential).decide(robot)

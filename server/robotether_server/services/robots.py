@@ -29,6 +29,7 @@ class Registration:
     mac: str
     public_key: str
     credential: EnrolmentCredential
+    signature: str | None = None
     hostname: str | None = None
     agent_version: str | None = None
     allow_local_mac: bool = False
@@ -56,9 +57,8 @@ def add(
 def register(tx: Transaction, source: Source, registration: Registration) -> tuple[Robot, bool]:
     """Make a robot active with this key; return whether its row was made for it. Asking again changes nothing.
 
-    Raises FieldInvalid, RecordExists, MacInUse, KeyInUse, KeyRejected, RobotDisabled or TokenUsedUp.
+    Raises FieldInvalid, KeyUnproven, RecordExists, MacInUse, KeyInUse, KeyRejected, RobotDisabled or TokenUsedUp.
     """
-    robots.lock_enrolment(tx)
     presented = joining.PresentedKey(
         mac=identity.normalise_mac(registration.mac),
         key=identity.parse_robots_key(registration.public_key),
@@ -66,6 +66,10 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
             registration.hostname or "", registration.agent_version or "", source.address or ""
         ),
     )
+    if registration.credential.token is not None:
+        is_proven = joining.is_proven(presented, registration.signature)
+        joining.check_proven(presented, is_proven=is_proven)
+    robots.lock_enrolment(tx)
     joining.check_not_rejected(tx, presented.key)
     found = robots.find_by_mac(tx, presented.mac)
     if found is not None:

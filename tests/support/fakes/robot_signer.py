@@ -43,13 +43,17 @@ class RobotSigner:
         edges = (f"-----{edge} SSH SIGNATURE-----" for edge in ("BEGIN", "END"))
         return "\n".join((next(edges), *lines, next(edges), ""))
 
+    def proof(self, mac: str, token: str | None = None) -> str:
+        """What a join has as its signature."""
+        message = join_message(token, normalise_mac(mac), self.key.line)
+        return self.sign(JOIN_NAMESPACE, message)
+
     def join(self, mac: str, token: str | None = None, **fields: object) -> dict[str, object]:
         """The body of a join with this key and its proof."""
-        message = join_message(token, normalise_mac(mac), self.key.line)
         return {
             "mac": mac,
             "public_key": self.line,
-            "signature": self.sign(JOIN_NAMESPACE, message),
+            "signature": self.proof(mac, token),
             "hostname": "turtle",
             "agent_version": "0.1.0",
             **({} if token is None else {"token": token}),

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 from aiohttp import web
-from fake_cloud import FakeCloud, agent_environ
+from fake_cloud import FakeCloud, agent_environ, is_signed
 from fake_root import FakeRoot
 from robotether_agent import __version__, cli
 from robotether_agent import cli as command
@@ -28,6 +28,7 @@ from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import StatusWriter
 from robotether_agent.upgrade import COMMAND, Layout
+from robotether_common.join import JOIN_NAMESPACE, join_message
 
 MAC = "00:1b:44:11:3a:b7"
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
@@ -141,6 +142,16 @@ def test_prints_the_same_line_each_time(place, capsys):
     (line,) = printed
     assert re.fullmatch(r"ssh-ed25519 AAAA\S+\n", line)
     assert (place / "state/id_ed25519").stat().st_mode & 0o777 == 0o600
+
+
+def test_prints_the_proof_that_a_playbook_brings(place, capsys):
+    """Over MAC and key, as a join without a token has it; Ansible strips the last line's end."""
+    environ = {"ROBOTETHER_STATE_DIR": str(place / "state"), "ROBOTETHER_MAC": MAC}
+    assert main(["key"], environ) == 0
+    key = capsys.readouterr().out.strip()
+    assert main(["key", "--prove"], environ) == 0
+    proof = capsys.readouterr().out.rstrip()
+    assert is_signed(key, JOIN_NAMESPACE, join_message(None, MAC, key), proof)
 
 
 @pytest.fixture

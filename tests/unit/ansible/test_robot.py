@@ -6,6 +6,7 @@ import datetime as dt
 
 from ansible_module import run_module
 from api_visitor import new_public_key
+from robot_signer import RobotSigner
 from robotether_server.db.audit import Source
 from robotether_server.services import tokens
 from tls_web import TlsWeb
@@ -13,13 +14,14 @@ from tls_web import TlsWeb
 
 async def test_a_renamed_robot_is_known_by_its_key(web: TlsWeb) -> None:
     """The inventory has its old name, which may be another robot's by now."""
-    root, key = web.program("root"), new_public_key()
+    root, robot, mac = web.program("root"), RobotSigner(), "00:1b:44:00:00:01"
+    key = robot.line
     report = {"hostname": "pc", "agent_version": "0.1.0"}
-    for name, mac, its_key in (
-        ("turtle", "00:1b:44:00:00:01", key),
+    for name, its_mac, its_key in (
+        ("turtle", mac, key),
         ("other", "00:1b:44:00:00:02", new_public_key()),
     ):
-        body = {"mac": mac, "public_key": its_key, **report}
+        body = {"mac": its_mac, "public_key": its_key, **report}
         assert root.ask("PUT", f"/robots/{name}", body).status_code == 201
     for name, new in (("turtle", "renamed"), ("other", "turtle")):
         assert root.ask("PATCH", f"/robots/{name}", {"name": new}).status_code == 200
@@ -35,7 +37,8 @@ async def test_a_renamed_robot_is_known_by_its_key(web: TlsWeb) -> None:
         soon = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
         token = tokens.create_join_token(tx, Source("root"), "lab", 1, soon)
     join_token = {**arguments, "token": token, "state": "present", **report}
-    own = await run_module("robot", {**join_token, "mac": "00:1b:44:00:00:01", "public_key": key})
+    proof = {"mac": mac, "public_key": key, "signature": robot.proof(mac)}
+    own = await run_module("robot", {**join_token, **proof})
     assert (own["robot"]["name"], own["changed"]) == ("renamed", False)
     with_key = await run_module("robot", {**arguments, "public_key": key})
     assert with_key["robot"]["name"] == "renamed"

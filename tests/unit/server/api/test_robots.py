@@ -126,7 +126,11 @@ def test_join_token_enrols_and_is_told_no_more_than_a_user(
     """Asking again uses nothing up; the token's bearer is no admin."""
     made = root.ask("POST", "/join-tokens", {"name": "one", "uses": 1, "hours": 1}).json
     headers = {"Authorization": f"Bearer {made['token']}"}
-    body = registration()
+    robot = RobotSigner()
+    body = registration(public_key=robot.line)
+    refused = program.ask("PUT", "/api/v1/robots/turtle", json=body, headers=headers)
+    assert (refused.status_code, refused.json["code"]) == (403, "key_unproven")
+    body["signature"] = robot.proof(MAC)
     for status in (201, 200):
         answer = program.ask("PUT", "/api/v1/robots/turtle", json=body, headers=headers)
         assert answer.status_code == status, answer.text
@@ -134,7 +138,8 @@ def test_join_token_enrols_and_is_told_no_more_than_a_user(
         assert not {"fingerprint", "address", "join_address", "driver", "stopped"} & set(
             answer.json
         )
-    other = registration(mac="00:1b:44:11:3a:b8")
+    robot, mac = RobotSigner(), "00:1b:44:11:3a:b8"
+    other = registration(mac=mac, public_key=robot.line, signature=robot.proof(mac))
     answer = program.ask("PUT", "/api/v1/robots/other", json=other, headers=headers)
     assert (answer.status_code, answer.json["code"]) == (401, "token_used_up")
 

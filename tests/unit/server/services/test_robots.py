@@ -275,7 +275,8 @@ def register(
 ) -> tuple[Robot, bool]:
     with site.database.transaction() as tx:
         credential = joining.find_credential(tx, token) if token else EnrolmentCredential("root")
-        asked = Registration(name, mac, signer.line, credential, "turtle", "0.1", local)
+        proof = signer.proof(mac) if token else None
+        asked = Registration(name, mac, signer.line, credential, proof, "turtle", "0.1", local)
         return robot_service.register(tx, ADMIN, asked)
 
 
