@@ -59,15 +59,20 @@ _UNAVAILABLE = {
     STATEMENT_TIMEOUT,
     TOO_MANY_USER_CONNECTIONS,
 }
+# What is wrong with a value, by the database's number. Its own words have tables and statements, and are for nobody.
 _REFUSED = {
-    CHECK_FAILED,
-    ER.DATA_TOO_LONG,
-    ER.BAD_NULL_ERROR,
-    ER.WARN_DATA_OUT_OF_RANGE,
-    ER.WARN_DATA_TRUNCATED,
-    ER.TRUNCATED_WRONG_VALUE_FOR_FIELD,
-    ER.NO_REFERENCED_ROW_2,
+    CHECK_FAILED: "has a value that is not allowed",
+    ER.DATA_TOO_LONG: "is too long",
+    ER.BAD_NULL_ERROR: "is missing",
+    ER.WARN_DATA_OUT_OF_RANGE: "is out of range",
+    ER.WARN_DATA_TRUNCATED: "has a value that is not allowed",
+    ER.TRUNCATED_WRONG_VALUE_FOR_FIELD: "has characters that cannot be saved",
+    ER.NO_REFERENCED_ROW_2: "names what is not there",
 }
+# The column that a message names last, or a constraint, which is named after table and column.
+_NAMED = re.compile(
+    r"[Cc]olumn ['`](?:\w+`\.`)*(\w+)['`]|CONSTRAINT `(?:\w+\.)?(\w+)` failed for `\w+`\.`(\w+)`"
+)
 _CLIENT_ERRORS = range(2000, 3000)  # the client library's: the connection itself failed
 
 
@@ -286,5 +291,13 @@ def translate(error: pymysql.MySQLError) -> StoreProblem | None:
         key = re.search(r"for key '(?:\w+\.)?(\w+)'$", message)
         return RecordExists("cannot save the record: it exists already", key[1] if key else "")
     if number in _REFUSED:
-        return RecordRefused(f"cannot save the record: {message}")
+        return RecordRefused(f"cannot save the record: {_field_of(message)} {_REFUSED[number]}")
     return None
+
+
+def _field_of(message: str) -> str:
+    found = _NAMED.search(message)
+    if found is None:
+        return "a field"
+    column, constraint, table = found.groups()
+    return str(column or constraint.removeprefix(f"{table}_"))

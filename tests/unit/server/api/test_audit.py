@@ -6,7 +6,9 @@ import csv
 import io
 import json
 import re
+from collections.abc import Iterator
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 from api_visitor import Program, in_person, new_public_key
@@ -162,6 +164,15 @@ def lines_in(database: Database) -> list[tuple[str, str, str]]:
     return [(row["kind"], row["actor"], row["details"]) for row in rows]
 
 
+def numbered(root: Program, path: str) -> str:
+    """The path with the newest number of each kind."""
+    numbers = {
+        name: max(one["id"] for one in root.get(LISTS[name])[name])
+        for name in re.findall(r"{(\w+)}", path)
+    }
+    return path.format(**numbers)
+
+
 @pytest.mark.usefixtures("site_certificate")
 def test_every_change_leaves_its_line(
     program: Browser, browser: Browser, root: Program, database: Database
@@ -171,16 +182,9 @@ def test_every_change_leaves_its_line(
     for step in STEPS:
         method, path, body, kind = step
         before = len(lines_in(database))
-        numbers = {
-            name: max(one["id"] for one in root.get(LISTS[name])[name])
-            for name in re.findall(r"{(\w+)}", path)
-        }
-        if path == "/join":
-            answer = program.ask(method, "/api/v1/join", json=body)
-        else:
-            # No token makes another one.
-            who = in_browser if path == "/tokens" else root
-            answer = who.ask(method, path.format(**numbers), body)
+        # No token makes another one.
+        who = Program(program, {}) if path == "/join" else in_browser if path == "/tokens" else root
+        answer = who.ask(method, numbered(root, path), body)
         assert answer.status_code in {200, 201, 202, 204}, (step, answer.text)
         left = lines_in(database)[before:]
         assert kind in [one for one, *_ in left], (step, left)
@@ -188,6 +192,45 @@ def test_every_change_leaves_its_line(
     everything = json.dumps(lines_in(database))
     assert PASSWORD not in everything
     assert not re.search(r"\br[tj]_[A-Za-z0-9_-]{20}", everything)
+
+
+ODD_TEXTS = ("x" * 300, "\N{ROBOT FACE}", "a\x00b", "\ud800", "'", " ")
+# What the database says of a value.
+DATABASES_WORDS = re.compile(r"column|constraint|data too|incorrect|row \d|sql|`", re.IGNORECASE)
+
+
+def oddly_spelt(value: Any, odd: str) -> Iterator[Any]:
+    """The value with this text in the place of one of its own, for each of them."""
+    if isinstance(value, str):
+        yield odd
+    elif isinstance(value, dict | list):
+        for place, inner in list(value.items() if isinstance(value, dict) else enumerate(value)):
+            for changed in oddly_spelt(inner, odd):
+                copy = value.copy()
+                copy[place] = changed
+                yield copy
+
+
+@pytest.mark.usefixtures("site_certificate")
+def test_no_odd_text_is_answered_in_the_databases_words(
+    program: Browser, browser: Browser, root: Program
+) -> None:
+    """Wherever the API takes a text, in bodies and paths, at a moment when it would be saved."""
+    in_browser = in_person(browser, "root")
+    for method, path, body, _ in STEPS:
+        who = Program(program, {}) if path == "/join" else in_browser if path == "/tokens" else root
+        now = numbered(root, path)
+        for odd in ODD_TEXTS:
+            asked = [(now, changed) for changed in oddly_spelt(body, odd)]
+            parts = now.split("/")[2:] if odd.isprintable() else []
+            asked += [(now.replace(f"/{part}", f"/{quote(odd)}"), body) for part in parts]
+            for at, sent in asked:
+                answer = who.ask(method, at, sent)
+                assert answer.status_code < 500, (method, at, sent, answer.text)
+                assert not DATABASES_WORDS.search(answer.text), (method, at, sent, answer.text)
+        # 409: one of them was accepted.
+        done = who.ask(method, numbered(root, path), body)
+        assert done.status_code in {200, 201, 202, 204, 409}, (method, path, done.text)
 
 
 def test_no_change_is_forgotten(app: Flask) -> None:

@@ -21,6 +21,7 @@ from robotether_server.problems import (
     RecordExists,
     RecordRefused,
     SettingsError,
+    StoreProblem,
     StoreUnavailable,
 )
 from robotether_server.settings import DatabaseSettings
@@ -72,24 +73,41 @@ def test_moments_are_aware_and_in_utc(database: Database) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "role", "problem"),
+    ("name", "role", "problem", "why"),
     [
-        ("ann", "user", RecordExists),
-        ("Ann", "user", RecordRefused),
-        ("bob\n", "user", RecordRefused),
-        ("x" * 64, "user", RecordRefused),
-        (None, "user", RecordRefused),
-        ("bob", "king", RecordRefused),
+        ("ann", "user", RecordExists, "it exists already"),
+        ("Ann", "user", RecordRefused, "name has a value that is not allowed"),
+        ("bob\n", "user", RecordRefused, "name has a value that is not allowed"),
+        ("x" * 64, "user", RecordRefused, "name is too long"),
+        (None, "user", RecordRefused, "name is missing"),
+        ("bob", "king", RecordRefused, "role has a value that is not allowed"),
     ],
 )
 def test_refused_rows_are_problems(
-    database: Database, name: str | None, role: str, problem: type[Exception]
+    database: Database, name: str | None, role: str, problem: type[StoreProblem], why: str
 ) -> None:
-    """Twice the same, a check, too long, missing, no such choice."""
+    """Twice the same, a check, too long, missing, no such choice; in our own words."""
     with database.transaction() as tx:
         tx.insert(ADD_USER, ("ann", "user"))
-        with pytest.raises(problem):
+        with pytest.raises(problem) as refused:
             tx.insert(ADD_USER, (name, role))
+    assert refused.value.detail == f"cannot save the record: {why}"
+
+
+@pytest.mark.parametrize(
+    ("number", "message", "why"),
+    [
+        (1366, "Incorrect string value: '\\xF0' for column `a`.`b`.`c`", "c has characters that cannot be saved"),
+        (1264, "Out of range value for column 'fps' at row 1", "fps is out of range"),
+        (1452, "a foreign key constraint fails (`a`.`b`)", "a field names what is not there"),
+        (4025, "CONSTRAINT `robots.name` failed for `a`.`robots`", "name has a value that is not allowed"),
+    ],
+)  # fmt: skip
+def test_the_databases_words_are_for_nobody(number: int, message: str, why: str) -> None:
+    """Only the column's name is taken from them."""
+    problem = translate(pymysql.MySQLError(number, message))
+    assert problem is not None
+    assert problem.detail == f"cannot save the record: {why}"
 
 
 def test_unique_key_is_named(database: Database) -> None:
