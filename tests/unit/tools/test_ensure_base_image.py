@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -21,6 +23,11 @@ IMAGE = f"debian:{SUITE}-slim"
 DOCKER = """#!/bin/sh
 [ "$1" != pull ] || exit 1
 exec {docker} "$@"
+"""
+# An engine beside a registry: it has an image with these digests, and pulls what it is told to.
+REGISTRY = """#!/bin/sh
+echo "$@" >> {folder}/calls
+case "$*" in *.Size*) echo 99000000 ;; *.RepoDigests*) echo 'DIGESTS' ;; esac
 """
 # Also where the tests' user is not root; the real one forgets the PATH.
 SUDO = """#!/bin/sh
@@ -53,14 +60,14 @@ class Machine:
         path.write_text(text.format(folder=self.folder, docker=shutil.which("docker")))
         path.chmod(0o755)
 
-    def ensure(self) -> subprocess.CompletedProcess[str]:
+    def ensure(self, suite: str = SUITE) -> subprocess.CompletedProcess[str]:
         """Run the tool."""
         env = os.environ | {
             "PATH": f"{self.folder / 'bin'}:{os.environ['PATH']}",
             "TMPDIR": str(self.folder),
         }
         return subprocess.run(
-            [TOOL, SUITE], env=env, capture_output=True, text=True, timeout=60, check=False
+            [TOOL, suite], env=env, capture_output=True, text=True, timeout=60, check=False
         )
 
 
@@ -101,6 +108,25 @@ def test_image_is_whole_or_not_there(machine: Machine, engine: docker.DockerClie
     assert engine.images.get(IMAGE).attrs["Size"] >= 12_000_000
     assert "nothing to do" in machine.ensure().stdout
     assert list(machine.folder.glob("*.tar")) == []
+
+
+@pytest.mark.parametrize(
+    ("digests", "pulls"),
+    [("[]", False), ("[debian@{digest}]", False), ("[debian@sha256:1234]", True)],
+)
+def test_base_of_a_registry_is_the_one_of_this_commit(
+    machine: Machine, digests: str, pulls: bool
+) -> None:
+    """Renovate moves the digest; an image that was made here has none, and stays."""
+    [digest] = re.findall("sha256:[0-9a-f]{64}", TOOL.read_text())
+    config = json.loads((ROOT / "renovate.json").read_text())["customManagers"][0]
+    [pattern] = config["matchStrings"]
+    assert re.search(pattern.replace("?<", "?P<"), TOOL.read_text())["currentDigest"] == digest
+    machine.put("docker", REGISTRY.replace("DIGESTS", digests.format(digest=digest)))
+    assert machine.ensure("trixie").returncode == 0
+    calls = (machine.folder / "calls").read_text()
+    assert (f"pull --quiet debian@{digest}" in calls) == pulls
+    assert (f"tag debian@{digest} debian:trixie-slim" in calls) == pulls
 
 
 def test_empty_image_of_an_earlier_failure_is_made_again(
