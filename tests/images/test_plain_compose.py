@@ -129,7 +129,10 @@ def test_own_certificate_serves_and_a_wrong_one_changes_nothing(site: PlainCompo
     now = datetime.now(UTC)
     both = make_certificate(site.compose_folder, now - timedelta(days=1), now + timedelta(days=9))
     site.settings |= {"TLS_CERT_FILE": both.name, "TLS_KEY_FILE": both.name}
+    before = site.compose("ps", "--quiet", "relay", "sshd", "sim1")
     site.compose("up", "--detach", "--wait")
+    # No robot's session has ended.
+    assert site.compose("ps", "--quiet", "relay", "sshd", "sim1") == before
     site.wait("served", lambda: served(site).strip() in both.read_text(), "nginx")
     good = both.read_text()
     both.write_text(good[: len(good) // 2])

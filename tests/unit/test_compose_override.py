@@ -45,3 +45,21 @@ def test_example_changes_what_it_says(tmp_path: Path) -> None:
     assert after["networks"]["data"]["internal"]
     assert after["networks"]["data"]["ipam"]["config"] == [{"subnet": "10.213.3.0/24"}]
     assert after["volumes"]["mysql"]["driver_opts"]["device"] == "/srv/robotether/mysql"
+
+
+def test_another_certificate_makes_nginx_alone_anew(tmp_path: Path) -> None:
+    """Compose makes anew all that depends on a service whose settings changed; robots' sessions are elsewhere."""
+    shutil.copy(COMPOSE / "compose.yaml", tmp_path)
+    (tmp_path / ".env").write_text("COMPOSE_PROFILES=demo,demo-more\n")
+    before = config(tmp_path)["services"]
+    for name in ("TLS_CERT_FILE", "TLS_KEY_FILE"):
+        with (tmp_path / ".env").open("a") as file:
+            file.write(f"{name}=./own.pem\n")
+    after = config(tmp_path)["services"]
+    anew = {name for name in after if after[name] != before[name]}
+    assert anew == {"certificate"}
+    while more := {
+        name for name in after if anew & set(after[name].get("depends_on", ())) and name not in anew
+    }:
+        anew |= more
+    assert anew == {"certificate", "nginx"}
