@@ -444,11 +444,30 @@ def _close(connection: fabric.Connection) -> None:
         connection.close()
 
 
+class Connection(fabric.Connection):  # type: ignore[misc] # fabric has no types
+    """A connection whose end wakes all who wait for it, also when its jump host's connection has ended first.
+
+    paramiko closes the channel beneath before it wakes them, and a channel of a connection that has ended raises.
+    """
+
+    def open_gateway(self) -> paramiko.Channel:
+        """Return the channel through the jump host."""
+        channel = super().open_gateway()
+        close = channel.close
+
+        def close_quietly() -> None:
+            with suppress(OSError, EOFError):
+                close()
+
+        channel.close = close_quietly
+        return channel
+
+
 def _connection(
     target: Target, gateway: fabric.Connection | None, check: HostKeyCheck, identities: Identities
 ) -> fabric.Connection:
     """Make a connection that asks neither files nor the environment about anything."""
-    connection = fabric.Connection(
+    connection = Connection(
         target.host,
         user=target.user,
         port=target.port,

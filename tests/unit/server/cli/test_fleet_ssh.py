@@ -128,6 +128,16 @@ def test_no_key_at_all(network: ShellNetwork, connections: SshConnections) -> No
     assert "ssh-keygen" in refused(network, connections).detail
 
 
+def test_channel_of_a_lost_jump_host_ends_without_an_error(
+    network: ShellNetwork, connections: SshConnections
+) -> None:
+    """Whoever waits for the robot is woken after the channel is closed."""
+    connection = connections.open(target_of(network))
+    connection.gateway.transport.packetizer.close()
+    connection.transport.sock.close()
+    assert connection.transport.sock.closed
+
+
 def test_jump_host_that_is_away_is_asked_once(
     network: ShellNetwork, connections: SshConnections
 ) -> None:
