@@ -74,6 +74,8 @@ def log_in(database: Database) -> Credential:
 @asynccontextmanager
 async def robot_of(relay: RelayServer, mode: Mode = "guard_off") -> AsyncIterator[FakeRobot]:
     """Have sim1 online and well."""
+    # A database that was too slow for the first question answers one of the next.
+    await until(lambda: "sim1" in relay.relay.fleet.known.by_name, "the relay knows sim1")
     sim1 = relay.relay.fleet.known.by_name["sim1"]
     robot = FakeRobot(sim1.id, SESSION_KEY, mode)
     await robot.start(relay.relay.session_port)
