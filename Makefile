@@ -18,7 +18,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 comma := ,
 
-.PHONY: help demo up down docker images robot-host-image test-hosts ready test test-release test-unit test-images test-e2e test-running test-ansible test-server lint check check-lint check-unit coverage mutants bench experiments enrol-times screenshots venv frontend-test docs clean
+.PHONY: help demo up down docker images robot-host-image test-hosts ready compiled-tests test test-release test-unit test-images test-e2e test-running test-ansible test-server lint check check-lint check-unit coverage mutants bench experiments enrol-times screenshots venv frontend-test docs clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -50,12 +50,17 @@ $(VENV)/.complete: requirements/dev.txt tools/ensure_venv
 	@tools/ensure_venv $(VENV)
 
 # Beside each other: what waits for a network or a disk, and what needs a processor.
-ready: lint frontend-test images test-hosts robot-host-image
+ready: lint frontend-test images test-hosts robot-host-image compiled-tests
+
+# Else each worker compiles each test file for itself, as they all start at once.
+compiled-tests: venv
+	@$(PYTEST) --collect-only -q tests benchmarks/tests >/dev/null
 
 test: ## everything that any change may break: checks, unit, images, end to end, playbooks (some 15 minutes on two cores)
 	@[ -n "$$CI" ] || tools/ensure_docker  # its questions, which several jobs at once cannot ask
 	@$(MAKE) --no-print-directory --jobs=4 --output-sync=target ready
-	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-unit test-running test-ansible
+	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-unit
+	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory --jobs=2 --output-sync=target test-running test-ansible
 
 test-release: venv images robot-host-image ## before a release, after make test: long tests, experiments in small, server.yml, site.yml (some 40 minutes)
 	@tools/ensure_test_hosts
@@ -99,9 +104,9 @@ test-e2e: venv images ## a browser and programs over a running stack of its own
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 300 -m "not release" tests/e2e
 
-test-running: venv images ## the tests of images and end to end in one go, with two stacks less to start
+test-running: venv images ## the tests of images and end to end in one go, with fewer stacks to start
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 300 -m "not release" tests/images tests/e2e
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) -n 3 $(ENDS_AFTER) 300 -m "not release" tests/images tests/e2e
 
 test-ansible: venv images robot-host-image ## playbooks and install line on hosts that boot systemd, against a stack of their own
 	@tools/ensure_test_hosts

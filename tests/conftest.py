@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from stack import Stack
 
-# Begun in this order, before all others: of two workers that take file after file, none is to run alone at the end
+# Begun in this order, before all others: of workers that take file after file, none is to run alone at the end
 # because of one that takes minutes.
 LONGEST_FIRST = (
     "ansible/test_enroll.py",
@@ -17,23 +17,34 @@ LONGEST_FIRST = (
     "ansible/test_bad_inputs.py",
     "ansible/test_agent_deb.py",
     "ansible/test_collection.py",
+    "e2e/test_cells.py",
     "e2e/test_control.py",
-    "e2e/test_panels.py",
-    "e2e/test_truth.py",
-    "e2e/test_stop.py",
-    "e2e/test_driving.py",
     "e2e/test_recovery.py",
-    "e2e/test_every_page.py",
-    "e2e/test_accessibility.py",
-    "e2e/test_fleet_page.py",
-    "e2e/test_attacks_on_tunnels.py",
+    "images/test_secrets.py",
+    "e2e/test_direct.py",
+    "e2e/test_panels.py",
+    "images/test_jump_ends.py",
+    "images/test_certificate.py",
+    "e2e/test_truth.py",
+    "images/test_jump.py",
+    "e2e/test_layout.py",
     "images/test_swarm.py",
     "images/test_standby.py",
     "images/test_upgrade.py",
     "images/test_plain_compose.py",
-    "images/test_acme.py",
-    "images/test_jump_ends.py",
+    "e2e/test_stop.py",
+    "e2e/test_sight.py",
+    "images/test_compose.py",
+    "e2e/test_driving.py",
+    "e2e/test_inputs.py",
+    "e2e/test_every_page.py",
+    "e2e/test_accessibility.py",
+    "e2e/test_fleet_page.py",
+    "images/test_key_lookup.py",
+    "e2e/test_video.py",
     "images/test_sshd.py",
+    "images/test_acme.py",
+    "e2e/test_attacks_on_tunnels.py",
     "e2e/test_api.py",
 )
 
