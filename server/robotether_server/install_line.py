@@ -19,7 +19,7 @@ from time import monotonic
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
-from robotether_server.problems import FieldInvalid, SiteCertificateUnavailable
+from robotether_server.problems import FieldInvalid, SiteCertificateUnavailable, reason_in
 from robotether_server.settings import SiteAddressSettings
 
 HTTPS_PORT = 443
@@ -177,7 +177,7 @@ def learn_certificate(endpoint: tuple[str, int], host: str) -> Certificate:
     except (OSError, ValueError) as error:
         raise SiteCertificateUnavailable(
             f"cannot determine this site's certificate: {endpoint[0]}:{endpoint[1]} does not show one "
-            f"({error}); try again, and see the log of nginx"
+            f"({reason_in(error)}); try again, and see the log of nginx"
         ) from error
 
 

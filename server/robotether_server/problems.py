@@ -7,6 +7,8 @@ A detail is for the person who asked, so it must never hold a secret or another 
 from __future__ import annotations
 
 import re
+import ssl
+import subprocess
 from collections.abc import Sequence
 from http import HTTPStatus
 
@@ -62,6 +64,19 @@ _ASKS = (
     (re.compile(r"^it must be one of "), "choose one of "),
     (re.compile(r"^it must be "), "enter "),
 )
+
+
+def reason_in(error: Exception) -> str:
+    """Return why a file, a program or a connection failed, in words for people: no class, no path, no object."""
+    if isinstance(error, ssl.SSLError):
+        # One that no handshake raised has none.
+        reason = getattr(error, "reason", None) or "no reason is known"
+        return f"TLS fails: {reason.replace('_', ' ').lower()}"
+    if isinstance(error, TimeoutError | subprocess.TimeoutExpired):
+        return "no answer in time"
+    if isinstance(error, UnicodeError):
+        return "it is no text"
+    return getattr(error, "strerror", None) or "no reason is known"
 
 
 class SettingsError(Problem, code="settings_invalid"):

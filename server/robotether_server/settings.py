@@ -12,7 +12,7 @@ from ipaddress import IPv6Address, ip_network
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_origin, get_type_hints
 
-from robotether_server.problems import SettingsError
+from robotether_server.problems import SettingsError, reason_in
 
 T = TypeVar("T")
 
@@ -78,7 +78,7 @@ class Variable:
             return Path(path).read_text(encoding="utf-8").strip()
         except (OSError, UnicodeDecodeError) as error:
             raise SettingsError(
-                f"cannot read {self.name}_FILE={path!r}: {error}; it must be a readable text file"
+                f"cannot read {self.name}_FILE={path!r}: {reason_in(error)}; it must be a readable text file"
             ) from error
 
 

@@ -128,8 +128,10 @@ def test_own_certificate_serves_and_a_wrong_one_changes_nothing(site: PlainCompo
     """Files beside compose.yaml. `up` says that one is wrong, and all others run on, also when they are new."""
     now = datetime.now(UTC)
     both = make_certificate(site.compose_folder, now - timedelta(days=1), now + timedelta(days=9))
-    site.settings |= {"TLS_CERT_FILE": both.name, "TLS_KEY_FILE": both.name}
+    # Compose makes a service anew that was last made with --no-deps.
+    site.compose("up", "--detach", "--wait")
     before = site.compose("ps", "--quiet", "relay", "sshd", "sim1")
+    site.settings |= {"TLS_CERT_FILE": both.name, "TLS_KEY_FILE": both.name}
     site.compose("up", "--detach", "--wait")
     # No robot's session has ended.
     assert site.compose("ps", "--quiet", "relay", "sshd", "sim1") == before

@@ -30,6 +30,7 @@ from invoke.exceptions import CommandTimedOut, ThreadException
 from robotether_server.cli import fleet_ssh
 from robotether_server.cli.common import JSON, print_json, print_table
 from robotether_server.cli.fleet_ssh import FleetProblem, SshConnections
+from robotether_server.problems import reason_in
 
 T = TypeVar("T")
 MAX_LINE_LENGTH = 16 * 1024
@@ -176,7 +177,8 @@ def run_on(
     except CommandTimedOut as error:
         raise FleetProblem(f"timed out after {timeout_s:g} s") from error
     except (ThreadException, OSError, EOFError, paramiko.SSHException) as error:
-        raise FleetProblem(f"the connection broke: {error}") from error
+        log.debug("the connection broke", exc_info=error)
+        raise FleetProblem("the connection broke while the command ran") from error
     if result.exited == ENDED_WITHOUT_STATUS:
         raise FleetProblem("the connection broke before the command ended")
     return int(result.exited)
@@ -321,7 +323,7 @@ class FleetRun:
         except Exception as error:
             # The border of one robot: the others go on.
             log.exception("robot %s", robot)
-            problem = f"failed: {error!r}"
+            problem = f"failed: {reason_in(error)} (see the log)"
         kept_out, kept_err = (sink if isinstance(sink, Captured) else None for sink in (out, err))
         return Outcome(robot, status, monotonic() - begun, problem, kept_out, kept_err)
 

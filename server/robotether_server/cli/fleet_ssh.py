@@ -28,7 +28,7 @@ import paramiko
 from cryptography.exceptions import UnsupportedAlgorithm
 from paramiko.auth_strategy import AuthStrategy, InMemoryPrivateKey
 
-from robotether_server.problems import Problem
+from robotether_server.problems import Problem, reason_in
 
 USER_CONFIG = Path("~/.ssh/config")
 ALIAS = "robotether-"
@@ -113,7 +113,8 @@ def directives(path: Path, depth: int = 0) -> Iterator[tuple[str, list[str]]]:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise FleetProblem(
-            f"cannot read {path}: {error}; write it with: robotether ssh-config, or name another with --ssh-config"
+            f"cannot read {path}: {reason_in(error)}; write it with: robotether ssh-config, or name another with "
+            "--ssh-config"
         ) from error
     for line in text.splitlines():
         keyword, arguments = words(line)
@@ -179,7 +180,8 @@ def _openssh(*command: str) -> subprocess.CompletedProcess[str]:
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise FleetProblem(f"cannot ask {command[0]}: {error}; install OpenSSH's client") from error
+        why = reason_in(error)
+        raise FleetProblem(f"cannot ask {command[0]}: {why}; install OpenSSH's client") from error
 
 
 def _target(name: str, said: dict[str, list[str]], jump: Target | None) -> Target:
@@ -257,7 +259,9 @@ def add_known(path: Path, name: str, key: KnownKey) -> None:
         with path.open("a", encoding="utf-8") as file:
             file.write("\n" * broken + f"{name} {key.type} {key.encoded}\n")
     except OSError as error:
-        raise FleetProblem(f"cannot save the key of {name} in {path}: {error}") from error
+        raise FleetProblem(
+            f"cannot save the key of {name} in {path}: {reason_in(error)}"
+        ) from error
 
 
 _writing = Lock()

@@ -26,6 +26,7 @@ from robotether_server.problems import (
     SettingsError,
     StoreProblem,
     StoreUnavailable,
+    reason_in,
 )
 from robotether_server.settings import DatabaseSettings
 
@@ -252,7 +253,7 @@ def tls_options(settings: DatabaseSettings) -> dict[str, Any]:
         return {"ssl": ssl.create_default_context(cafile=settings.ca_file)}
     except OSError as error:
         raise SettingsError(
-            f"cannot use DB_CA_FILE={str(settings.ca_file)!r}: {error}; "
+            f"cannot use DB_CA_FILE={str(settings.ca_file)!r}: {reason_in(error)}; "
             "it must be a readable file of certificates in PEM"
         ) from error
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import ssl
+
 import pytest
 from robotether_server import problems
-from robotether_server.problems import HttpProblem, Problem, TicketExpired
+from robotether_server.problems import HttpProblem, Problem, TicketExpired, reason_in
 
 
 def tree(kind: type[Problem]) -> list[type[Problem]]:
@@ -46,3 +49,20 @@ def test_problem_is_rendered_as_in_the_contract() -> None:
 def test_http_errors_have_codes_too(status: int, code: str) -> None:
     """What HTTP names, the code names alike."""
     assert HttpProblem(status, "x").as_dict()["code"] == code
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (FileNotFoundError(2, "No such file or directory", "/secret/path"), "No such file"),
+        (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER] x (_ssl.c:1007)"), "TLS fails"),
+        (TimeoutError(), "no answer in time"),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), "it is no text"),
+        (ZeroDivisionError("<object at 0x7f12>"), "no reason is known"),
+    ],
+)
+def test_reasons_hold_nothing_of_python(error: Exception, told: str) -> None:
+    """People get a sentence, and the log the rest."""
+    reason = reason_in(error)
+    assert told in reason
+    assert not re.search(r"0x|<|Error|_ssl|Errno|/secret", reason)
