@@ -6,6 +6,7 @@ import asyncio
 import socket
 from collections.abc import Sequence
 
+from robotether_agent.describe_error import SILENT_ADVICE
 from robotether_agent.doctor import FAIL, Finding, fail, ok, skipped, warning
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import EnrolmentStore
@@ -33,6 +34,7 @@ from robotether_agent.status import (
 )
 from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import (
+    SILENT,
     SshFiles,
     child_environment,
     host_key_command,
@@ -210,7 +212,8 @@ async def _problem_at(target: SshAddress, store: EnrolmentStore) -> AgentProblem
         except FileNotFoundError:
             return SshMissing("cannot look at the SSH ports: there is no OpenSSH client (ssh)")
         except asyncio.TimeoutError:
-            return ServerUnreachable(f"cannot reach SSH at {target}: no answer in {TIMEOUT_S:g} s")
+            why = f"cannot reach SSH at {target}: {SILENT}"
+            return ServerUnreachable(why, advice=SILENT_ADVICE)
     files = SshFiles((), store.known_hosts, store.known_hosts)
     return why_not_connected(words.splitlines(), status, target, files)
 

@@ -61,10 +61,13 @@ INCOMPATIBLE = re.compile(
     r"Unable to negotiate|no matching .* found|Bad configuration option|unknown option|"
     r"unsupported option|Protocol major versions differ"
 )
+# After the connection and the first words, as on a path that loses large packets.
+FALLS_SILENT = re.compile(r"Connection to .* timed out|timed out during banner exchange")
+SILENT = "it begins to answer, and then falls silent"
 UNREACHABLE = re.compile(
     r"connect to (?:host|address) .*: |Could not resolve hostname|during banner exchange|"
     r"kex_exchange_identification|ssh_exchange_identification|banner line|"
-    r"Connection (?:closed|reset|timed out)|Connection to .* timed out|Broken pipe"
+    r"Connection (?:closed|reset|timed out)|Broken pipe"
 )
 PORT_TAKEN = re.compile(r"remote port forwarding failed for listen port|[Pp]ort forwarding failed")
 
@@ -267,6 +270,7 @@ _BEFORE_CONFIG: tuple[tuple[re.Pattern[str], type[AgentProblem], str, str | None
         None,
     ),
     (INCOMPATIBLE, SshIncompatible, "cannot talk to {target}: {line}", None),
+    (FALLS_SILENT, ServerUnreachable, f"cannot reach SSH at {{target}}: {SILENT}", SILENT_ADVICE),
     (
         UNREACHABLE,
         ServerUnreachable,

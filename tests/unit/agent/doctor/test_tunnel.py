@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 
 import pytest
@@ -72,6 +73,23 @@ async def test_one_port_is_enough(settings, cloud):
     (both_closed,) = await tunnel.check_ssh(both, None, ())
     assert (both_closed.state, both_closed.detail.count("refused")) == (FAIL, 1)
     assert both_closed.step == f"ssh {cloud.other_ports[0]}, {cloud.ssh.port}"
+
+
+async def test_a_path_that_loses_large_packets(settings, cloud, monkeypatch):
+    """The server's first words come, and its long list of algorithms never does: no firewall is to blame."""
+    monkeypatch.setattr(tunnel, "TIMEOUT_S", 0.5)
+    cloud.ssh.stop()
+
+    async def greet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"SSH-2.0-OpenSSH_10.0\r\n")
+        await reader.read()
+        writer.close()
+
+    async with await asyncio.start_server(greet, "127.0.0.1", cloud.ssh.port):
+        (found,) = await tunnel.check_ssh(settings, None, ())
+    assert found.state == FAIL
+    assert "begins to answer, and then falls silent" in found.detail
+    assert "MTU" in found.advice
 
 
 async def test_each_cell_is_checked(cloud, place):
