@@ -51,11 +51,12 @@ async def run_checks(settings: Settings) -> AsyncIterator[Finding]:
     yield server.check_certificate(seen, pinned)
     yield server.check_clock(seen, datetime.now(timezone.utc), is_pinned=pinned is not None)
     yield server.check_answer(seen)
-    yield tunnel.check_join(settings, status)
+    join = tunnel.check_join(settings, status)
+    yield join
     ssh = await tunnel.check_ssh(settings, seen.ssh, (name, port))
     for finding in ssh:
         yield finding
-    above = (name, port, *ssh)
+    above = (name, port, join, *ssh)
     yield tunnel.check_service(systemd.state(), status, last, above)
     yield await check_rosbridge(settings)
     yield await check_rosapi(settings)

@@ -45,7 +45,7 @@ from robotether_agent.tunnel.openssh import (
 # A little more than the client's own ConnectTimeout.
 TIMEOUT_S = 13.0
 START = "sudo systemctl start robotether-agent"
-ABOVE = "what stands above; the agent tries again by itself, or start it then: " + START
+AS_ABOVE = "what stands above"
 
 
 def check_join(settings: Settings, status: Status | None) -> Finding:
@@ -77,6 +77,8 @@ async def check_ssh(
     except AgentProblem as problem:
         return [fail("ssh", problem.message, problem.advice)]
     access = known.ssh if known else announced
+    if access is None and settings.ssh_ports:
+        access = SshAccess("tunnel", None, settings.ssh_ports)
     if access is None:
         return [skipped("ssh", "the server has not said at which ports robots connect")]
     targets = _targets(settings, access)
@@ -108,7 +110,11 @@ def check_service(
     """
     if status is None and last is not None and ended_by_problem(last) and state != "active":
         if is_said(last.problem, above):
-            return fail("service", f"the agent has stopped for that [{last.problem_code}]", ABOVE)
+            return fail(
+                "service",
+                f"the agent has stopped for that [{last.problem_code}]",
+                f"{AS_ABOVE}, then: {START}",
+            )
         reason = f"the agent has stopped: {last.problem} [{last.problem_code}]"
         return fail("service", reason, last.advice or START)
     if state not in {None, "active"}:
@@ -154,7 +160,8 @@ def check_session(status: Status | None, above: Sequence[Finding] = ()) -> Findi
     if status is None:
         return skipped("connection", "no agent runs")
     if has_problem(status) and is_said(status.problem, above):
-        return fail("connection", f"the agent waits for that [{status.problem_code}]", ABOVE)
+        advice = f"{AS_ABOVE}; the agent tries again by itself"
+        return fail("connection", f"the agent waits for that [{status.problem_code}]", advice)
     if has_problem(status):
         return fail(
             "connection",

@@ -120,6 +120,7 @@ async def test_after_another_host_key_doctor_status_and_log_agree(make_cloud, st
         assert "SOMEBODY MAY BE POSING AS THE SERVER" in text
         assert "remove" in text
     assert "stopped" in shown
+    assert found["service"].advice.endswith("then: sudo systemctl start robotether-agent")
     assert found["service"].detail == "the agent has stopped for that [host_key_changed]"
     assert cloud.joins[-1]["host_key_refused"] is True
 
