@@ -9,7 +9,7 @@ const topic = (name, type = "sensor_msgs/msg/LaserScan") => ({ name, type });
 const names = (topics) => topics.map(({ name }) => name);
 const choose = (kind, driveTopic, ...topics) => chooseTopic(kind, topics, { driveTopic });
 
-const CASES = JSON.parse(readFileSync(new URL("../../../../tests/cases/ros_graphs.json", import.meta.url), "utf8"));
+const CASES = JSON.parse(readFileSync(new URL("ros_graphs.json", import.meta.url), "utf8"));
 
 for (const { why, drive_topic: driveTopic, topics, own, odometry, cameras } of CASES) {
   test(`of one graph page and agent choose the same: ${why}`, () => {
