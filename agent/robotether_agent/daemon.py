@@ -28,7 +28,6 @@ from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
     AgentProblem,
     KeyRefused,
-    Retry,
     ServerBusy,
     ServerKeyChanged,
     ServerUnreachable,
@@ -112,6 +111,8 @@ class Agent:
                 await first_of(self._keep_guard(), first_of(*self._work()), in_order=True)
             except AgentProblem as problem:
                 self._status_writer.report_problem(problem, "stopped")
+                if isinstance(problem, ServerKeyChanged):
+                    await self._enroller.report_host_key()
                 raise
             finally:
                 self._status_writer.set(
@@ -189,9 +190,7 @@ class Agent:
         except ServerBusy:
             # That is the server. Whole fleets that also ask the web now are what would keep it busy.
             raise
-        except (ServerUnreachable, ServerKeyChanged) as problem:
-            if problem.retry is Retry.NEVER:
-                await self._enroller.report_host_key()
+        except (ServerUnreachable, ServerKeyChanged):
             self._enroller.doubt_address()
             raise
         finally:

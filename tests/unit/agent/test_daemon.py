@@ -142,6 +142,7 @@ async def test_later_join_does_not_pin_again(make_cloud, start_agent):
     with pytest.raises(ServerKeyChanged, match="at the first join were"):
         await agent.until(lambda _: False, "the agent ends")
     assert (agent.settings.state_dir / "known_hosts").read_text() == pinned
+    assert cloud.joins[-1]["host_key_refused"] is True
 
 
 async def test_unreachable_server_is_tried_again(make_cloud, start_agent):
