@@ -18,6 +18,7 @@ from datetime import UTC, datetime
 
 import agent_memory
 import behind_video
+import comebacks
 import drive_page
 import operations_rate
 import recovery
@@ -57,6 +58,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
     "input_latency": lambda demo, effort: drive_page.measure_input(demo, 5 if effort.quick else drive_page.PRESSES),
     "drive_page": lambda demo, effort: drive_page.measure(demo, 3 if effort.quick else drive_page.SECONDS),
     "recovery": lambda _, effort: recovery.measure(effort.times(recovery.REPEAT, 2)),
+    "comebacks": lambda demo, effort: comebacks.measure(demo, comebacks.PROGRAMS[: 1 if effort.quick else None]),
     "stopping": lambda demo, effort: stopping.measure(demo, effort.times(10, 1)),
     "operations_rate": lambda _demo, _effort: operations_rate.measure(),
     "agent_memory": lambda _demo, _effort: agent_memory.measure(),

@@ -17,12 +17,16 @@ def with_words(container: Container, words: str) -> list[int]:
 
     Whole: a health check of `-m sim_robot.healthcheck` is no `-m sim_robot`, and is gone a moment later.
     """
+    return matching(container, rf"(?<!\S){re.escape(words)}(?!\S)")
+
+
+def matching(container: Container, pattern: str) -> list[int]:
+    """Those in whose name and command, with a space between, the pattern is found, the oldest first."""
     table = container.top(ps_args="-eo pid,comm,args")["Processes"]
-    told = re.compile(rf"(?<!\S){re.escape(words)}(?!\S)")
     found = [
         int(pid)
         for pid, *named in table
-        if told.search(" ".join(named)) and "tini" not in named[-1]
+        if re.search(pattern, " ".join(named)) and "tini" not in named[-1]
     ]
     return sorted(filter(_lives, found), key=_started)
 
