@@ -149,7 +149,7 @@ export class Buttons {
   cell(action, place) {
     const { name } = action.button;
     const state = make("small");
-    const press = make("button", { type: "button", "data-testid": `button-${place}` }, make("span", {}, name), state);
+    const press = make("button", { type: "button", title: name, "data-testid": `button-${place}` }, make("span", {}, name), state);
     const yes = make("button", { type: "button", class: "main", "data-testid": `button-${place}-yes` }, texts.yes(name));
     const no = make("button", { type: "button", "data-testid": `button-${place}-no` }, texts.no);
     const question = make("span", { class: "button-sure", role: "group", "aria-label": texts.yes(name) }, yes, no);

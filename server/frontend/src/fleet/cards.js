@@ -9,6 +9,7 @@ import { fleet as texts } from "../texts/fleet.js";
 const LOW_PERCENT = 20;
 // What is hovered of a card, whose link covers its text, and of a row.
 const HOVERED = { card: ["name"], row: ["presence", "stopped-row"] };
+const MAY_BE_CUT = { card: ["drivers", "site"], row: ["name", "drivers", "site"] };
 
 // `written` gives a time as it is shown.
 export function presenceText({ state, online, since }, written = localTime) {
@@ -92,6 +93,11 @@ export function fillCard(card, robot) {
   fillRow(card, "observers", robot.observers ? texts.watching(robot.observers) : "");
   fillRow(card, "site", robot.site ?? "");
   fillRow(card, "health", healthText(robot));
+  titleWhatIsCut(card);
+}
+
+function titleWhatIsCut(card) {
+  for (const element of MAY_BE_CUT[card.dataset.kind].map((name) => part(card, name))) setTitle(element, element.textContent);
 }
 
 function fillData(card, robot) {
