@@ -448,7 +448,7 @@ def _close(connection: fabric.Connection) -> None:
         connection.close()
 
 
-class Connection(fabric.Connection):  # type: ignore[misc] # fabric has no types
+class JumpedConnection(fabric.Connection):  # type: ignore[misc] # fabric has no types
     """A connection whose end wakes all who wait for it, also when its jump host's connection has ended first.
 
     paramiko closes the channel beneath before it wakes them, and a channel of a connection that has ended raises.
@@ -471,7 +471,7 @@ def _connection(
     target: Target, gateway: fabric.Connection | None, check: HostKeyCheck, identities: Identities
 ) -> fabric.Connection:
     """Make a connection that asks neither files nor the environment about anything."""
-    connection = Connection(
+    connection = JumpedConnection(
         target.host,
         user=target.user,
         port=target.port,

@@ -126,9 +126,9 @@ def in_memory(service: dict[str, Any]) -> set[str]:
 
 
 def kept(service: dict[str, Any]) -> set[str]:
-    """Volumes, but for those that Swarm has otherwise: secrets, and what the service acme gets."""
+    """Volumes, but for those that Swarm has otherwise: secrets, and what acme and tools/backup get."""
     names = {one for one in service.get("volumes", []) if isinstance(one, str)}
-    return {name for name in names if not name.startswith("acme_")}
+    return {name for name in names if not name.startswith(("acme_", "backup_"))}
 
 
 @pytest.mark.parametrize(("file", "name"), BOTH)

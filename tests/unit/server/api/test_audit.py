@@ -7,6 +7,7 @@ import io
 import json
 import re
 from collections.abc import Iterator
+from http import HTTPStatus
 from typing import Any
 from urllib.parse import quote
 
@@ -227,7 +228,9 @@ def test_no_odd_text_is_answered_in_the_databases_words(
             for at, sent in asked:
                 answer = who.ask(method, at, sent)
                 assert answer.status_code < 500, (method, at, sent, answer.text)
-                assert not DATABASES_WORDS.search(answer.text), (method, at, sent, answer.text)
+                # Another answer has random texts, which spell anything.
+                said = answer.text if answer.status_code >= HTTPStatus.BAD_REQUEST else ""
+                assert not DATABASES_WORDS.search(said), (method, at, sent, said)
         # 409: one of them was accepted.
         done = who.ask(method, numbered(root, path), body)
         assert done.status_code in {200, 201, 202, 204, 409}, (method, path, done.text)

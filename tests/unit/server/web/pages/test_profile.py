@@ -124,7 +124,7 @@ def test_a_key_is_added_and_deleted(ann: Browser) -> None:
 def test_a_key_without_a_name_gets_its_comment(ann: Browser) -> None:
     """As people paste it."""
     send(ann, "/profile/ssh-keys", name="", public_key=public_key(1))
-    assert "Delete SSH key comment" in ann.ask("GET", "/profile").text
+    assert "Delete SSH key robot" in ann.ask("GET", "/profile").text
 
 
 def test_what_is_no_key_comes_back(ann: Browser) -> None:
