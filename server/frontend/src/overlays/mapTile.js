@@ -6,6 +6,7 @@ import { map as texts } from "../texts/video.js";
 
 const ZOOMS = [4, 8, 16, 32, 64, 128]; // pixels a metre
 const USUAL = 3;
+const SMALL_STEPS = 2; // by which the small map shows more around the robot, as it has a quarter of the width
 
 export class MapTile {
   // `world` as of world.js; `memory()` gives {zoom, scan, path, map} as the person left it, or undefined; `onMemory` gets it
@@ -19,7 +20,7 @@ export class MapTile {
     this.canvas = part(element, "picture");
     this.canvas.setAttribute("aria-label", texts.label);
     const { zoom } = memory() ?? {};
-    this.zoom = zoom in ZOOMS ? zoom : USUAL;
+    this.zoom = Math.max(0, (zoom in ZOOMS ? zoom : USUAL) - (small ? SMALL_STEPS : 0));
     this.parts = partsOf(memory());
     if (!small) this.listen();
   }
