@@ -36,7 +36,7 @@ docker:
 	@[ -n "$$IMAGES_ARE_BUILT" ] || { tools/ensure_docker && tools/ensure_base_image; }
 
 images: docker ## build all images
-	@[ -n "$$IMAGES_ARE_BUILT" ] || tools/build demo
+	@[ -n "$$IMAGES_ARE_BUILT" ] || tools/build demo ros2_robot
 
 robot-host-image: docker
 	@[ -n "$$IMAGES_ARE_BUILT" ] || tools/ensure_robot_host_image

@@ -91,6 +91,15 @@ target "sim_robot" {
   tags       = ["${REGISTRY}robotether/sim_robot:${TAG}"]
   secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
 }
+# A robot with a real ROS 2 graph, for the tests.
+target "ros2_robot" {
+  labels     = labels("ros2_robot", "A robot with a real ROS 2 graph, for tests")
+  context    = "."
+  contexts   = { "local.invalid/robotether/sim_robot" = "target:sim_robot" }
+  dockerfile = "images/ros2_robot/Dockerfile"
+  tags       = ["${REGISTRY}robotether/ros2_robot:${TAG}"]
+  secret     = CA_BUNDLE != "" ? ["id=ca,src=${CA_BUNDLE}"] : []
+}
 target "agent" {
   labels     = labels("agent", "The agent, for robots that run everything in containers")
   context    = "."

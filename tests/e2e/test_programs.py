@@ -95,23 +95,6 @@ def test_tutorial_prints_why_it_is_refused(
     assert "Traceback" not in untrusted.stderr + stopped.stderr
 
 
-async def test_messages_pass_unchanged(program: Program) -> None:
-    """What rosbridge sends back is what was sent, whatever characters it has."""
-    text = 'quotes " and \\ and é and 日本 and \u2028' + "x" * 100_000
-    async with program.connect("sim1") as socket:
-        await open_echo(socket)
-        assert await echo(socket, text) == text
-
-
-async def test_binary_passes(program: Program) -> None:
-    """A CBOR subscription brings binary frames."""
-    async with program.connect("sim1") as socket:
-        await socket.send_json({"op": "subscribe", "topic": "/pose", "compression": "cbor"})
-        frame = await asyncio.wait_for(socket.receive(), 5)
-        assert frame.type is aiohttp.WSMsgType.BINARY
-        assert b"linear_velocity" in frame.data
-
-
 async def test_broken_json_leaves_the_connection_alive(program: Program) -> None:
     """Rubbish gets a status error and the next message works."""
     async with program.connect("sim1") as socket:

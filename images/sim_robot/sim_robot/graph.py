@@ -31,12 +31,12 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class TopicMessage:
-    """One published message; `wire` keeps what it was encoded to, so that it is encoded once."""
+    """One published message; `wire` keeps what it was encoded to, by the topic's name there."""
 
     topic: str
     key: str
     values: Values
-    wire: dict[tuple[str, str], str | bytes] = field(default_factory=dict)
+    wire: dict[str, str] = field(default_factory=dict)
 
 
 Callback = Callable[[TopicMessage], None]

@@ -7,18 +7,14 @@ client that lets too many of them pile up is cut off by server.py.
 """
 
 import asyncio
-import base64
 import json
-import struct
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import cbor2
-
 from sim_robot.graph import Graph, Node, TopicMessage
-from sim_robot.messages import MessageTypes, SimRobotProblem, Values, finite_or_none
+from sim_robot.messages import SimRobotProblem, finite_or_none
 
 NODE_NAME = "/rosbridge_websocket"
 STATUS_LEVELS = ("info", "warning", "error", "none")  # from talkative to silent
@@ -26,21 +22,6 @@ TOPICS_LIMIT = 1000
 MESSAGES_LIMIT = 1000
 BYTES_LIMIT = 16 * 1024 * 1024
 QUEUE_LIMIT = 1000  # whatever queue_length a client asks for
-NONE, CBOR = "none", "cbor"
-COMPRESSIONS = (NONE, CBOR)
-
-# RFC 8746, little-endian: item type -> tag, struct format
-_TYPED_ARRAYS = {
-    "uint16": (69, "H"),
-    "uint32": (70, "I"),
-    "uint64": (71, "Q"),
-    "int8": (72, "b"),
-    "int16": (77, "h"),
-    "int32": (78, "i"),
-    "int64": (79, "q"),
-    "float32": (85, "f"),
-    "float64": (86, "d"),
-}
 
 Id = str | int | None
 
@@ -168,7 +149,6 @@ class SubscribeRequest:
 
     throttle_ms: int
     queue_length: int
-    compression: str
 
 
 class Subscription:
@@ -182,12 +162,6 @@ class Subscription:
     def __len__(self) -> int:
         """Count the requests."""
         return len(self._requests)
-
-    @property
-    def compression(self) -> str:
-        """How messages are encoded: CBOR as soon as one request asks for it."""
-        wanted = {request.compression for request in self._requests.values()}
-        return CBOR if CBOR in wanted else NONE
 
     def add(self, identity: str | int | None, request: SubscribeRequest) -> None:
         """Add a request, or replace the one with this id."""
@@ -236,10 +210,12 @@ class Client:
         if STATUS_LEVELS.index(level) >= STATUS_LEVELS.index(self.level):
             self.reply({"op": "status", "level": level, "msg": text}, identity)
 
-    def deliver(self, message: TopicMessage, topic: str, compression: str) -> None:
-        """Queue a topic message."""
-        frame = publish_frame(self.graph.types, message, topic, compression)
-        self.outbox.put_message(frame)
+    def deliver(self, message: TopicMessage, topic: str) -> None:
+        """Queue a message for a client that knows the topic as `topic`; what several get is encoded once."""
+        if topic not in message.wire:
+            frame = {"op": "publish", "topic": topic, "msg": message.values}
+            message.wire[topic] = to_json(frame)
+        self.outbox.put_message(message.wire[topic])
 
     def check_limit(self) -> None:
         """Raise SimRobotProblem when the client may not hold one more topic."""
@@ -258,53 +234,9 @@ class Client:
         self.subscriptions.clear()
 
 
-def publish_frame(
-    types: MessageTypes, message: TopicMessage, topic: str, compression: str
-) -> str | bytes:
-    """Encode a message for a client that knows the topic as `topic`."""
-    known = message.wire.get((topic, compression))
-    if known is None:
-        known = _encode(types, message, topic, compression)
-        message.wire[topic, compression] = known
-    return known
-
-
 def to_json(value: Any) -> str:
     """Write compact JSON; NaN and infinity become null."""
     try:
         return json.dumps(value, separators=(",", ":"), allow_nan=False)
     except ValueError:
         return json.dumps(finite_or_none(value), separators=(",", ":"))
-
-
-def _encode(
-    types: MessageTypes, message: TopicMessage, topic: str, compression: str
-) -> str | bytes:
-    frame: Values = {"op": "publish", "topic": topic, "msg": message.values}
-    if compression == CBOR:
-        return cbor2.dumps(frame | {"msg": _cbor_values(types, message.key, message.values)})
-    return to_json(frame)
-
-
-def _cbor_values(types: MessageTypes, key: str, values: Values) -> Values:
-    return {
-        name: _cbor_field(types, field_type, values[name]) for name, field_type in types.fields(key)
-    }
-
-
-def _cbor_field(types: MessageTypes, field_type: str, value: Any) -> Any:
-    item_type, bracket, _ = field_type.partition("[")
-    if bracket and item_type == "uint8":
-        return base64.b64decode(value)
-    if bracket:
-        return _cbor_array(types, item_type, value)
-    if types.is_message(field_type):
-        return _cbor_values(types, field_type, value)
-    return value
-
-
-def _cbor_array(types: MessageTypes, item_type: str, items: list[Any]) -> Any:
-    if item_type in _TYPED_ARRAYS:
-        tag, code = _TYPED_ARRAYS[item_type]
-        return cbor2.CBORTag(tag, struct.pack(f"<{len(items)}{code}", *items))
-    return [_cbor_field(types, item_type, item) for item in items]

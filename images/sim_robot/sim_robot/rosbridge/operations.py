@@ -15,8 +15,6 @@ from typing import Any, TypeVar
 from sim_robot.graph import Graph, TopicMessage, full_name
 from sim_robot.messages import SimRobotProblem
 from sim_robot.rosbridge.client import (
-    COMPRESSIONS,
-    NONE,
     STATUS_LEVELS,
     Client,
     SubscribeRequest,
@@ -104,7 +102,7 @@ def publish(client: Client, operation: dict[str, Any]) -> None:
 def subscribe(client: Client, operation: dict[str, Any]) -> None:
     """Add one subscription of the client to the topic.
 
-    `throttle_rate` (ms) and `queue_length` act as in the real rosbridge, `compression` may be none or cbor.
+    `throttle_rate` (ms) and `queue_length` act as in the real rosbridge; `compression` is none.
     `fragment_size` is checked and has no effect. A latched message comes at once, as to each new subscriber.
     """
     as_written = get_text(operation, "topic")
@@ -141,22 +139,20 @@ def unsubscribe(client: Client, operation: dict[str, Any]) -> None:
 
 
 def _request(operation: dict[str, Any]) -> SubscribeRequest:
-    compression = get_optional_text(operation, "compression") or NONE
-    if compression not in COMPRESSIONS:
+    compression = get_optional_text(operation, "compression") or "none"
+    if compression != "none":
         raise OperationProblem(
-            f"cannot send with compression {compression!r:.40}:"
-            f" the simulated robot has {' and '.join(COMPRESSIONS)}"
+            f"the simulated robot cannot send with compression {compression!r:.40}"
         )
     return SubscribeRequest(
         throttle_ms=get_count(operation, "throttle_rate"),
         queue_length=get_count(operation, "queue_length"),
-        compression=compression,
     )
 
 
 def _deliver(client: Client, topic: str, as_written: str, message: TopicMessage) -> None:
     # The client knows the topic by the name that it wrote, which may lack the leading slash.
-    client.deliver(message, as_written, client.subscriptions[topic].compression)
+    client.deliver(message, as_written)
 
 
 def call_service(client: Client, operation: dict[str, Any]) -> None:
