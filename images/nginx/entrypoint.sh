@@ -8,6 +8,9 @@ set -eu
 
 readonly HOST="${PUBLIC_HOST:-localhost}"
 readonly PORT="${PUBLIC_PORT:-443}"
+# The cells to which requests are forwarded, one IP:PORT a line.
+readonly CELLS=/run/nginx/peers/cells
+readonly ASK_FOR_CELLS_EVERY_S=2
 
 fail() {
   echo "cannot start nginx: $*" >&2
@@ -23,6 +26,40 @@ serve_peers() {
   (umask 077 && sha256sum "$OWN/peer_key.pem" | sed 's/^\([0-9a-f]*\) .*/proxy_set_header Robotether-Peer \1;/' > /run/nginx/peers/proof)
   ln -s /etc/nginx/peer-server.conf /run/nginx/peers/server.conf
   ln -s /etc/nginx/peer-forward.conf /run/nginx/peers/forward.conf
+  : > "$CELLS"
+  write_cells
+}
+
+# For each cell an upstream, as only that keeps connections; what asks for an upgrade ends its own, and gets none of them.
+# A cell that is not in the list gets a connection for each request. The other side keeps one that is idle for 30 s.
+# shellcheck disable=SC2016 # nginx's variables
+write_cells() {
+  {
+    awk '{ print "upstream cell" NR " { server " $0 "; keepalive 16; keepalive_timeout 20s; }" }' "$CELLS"
+    echo 'map $upgrade$upstream_http_x_robotether_cell $kept_cell {'
+    echo '    default $upstream_http_x_robotether_cell;'
+    awk '{ print "    \"" $0 "\" cell" NR ";" }' "$CELLS"
+    echo '}'
+  } > /run/nginx/peers/server-cells.conf
+}
+
+# One that is gone stays in the list: it may come back, and each reload leaves old workers behind with what is open.
+learn_cells() { # fails without a new one
+  # shellcheck disable=SC2016 # nginx's variable
+  relay=$(sed -n 's/^set \$relay_inside \(.*\);/\1/p' /etc/nginx/parts.conf)
+  curl --silent --fail --noproxy '*' --max-time 2 "http://$relay/cells" |
+    grep -E '^([0-9.]+|\[[0-9a-f:]+\]):[0-9]+$' | sort -u - "$CELLS" > "$CELLS.new"
+  if cmp -s "$CELLS.new" "$CELLS"; then return 1; fi
+  mv "$CELLS.new" "$CELLS"
+}
+
+watch_cells() {
+  while sleep "$ASK_FOR_CELLS_EVERY_S"; do
+    if learn_cells; then
+      write_cells
+      nginx -t -q && nginx -s reload
+    fi
+  done
 }
 
 # For the redirect from port 80.
@@ -58,6 +95,7 @@ main() {
   # A socket of a former nginx that was killed would keep this one from listening.
   rm -f /run/nginx/tls.sock
   watch_certificates &
+  if [ -e "$CELLS" ]; then watch_cells & fi
   exec nginx
 }
 

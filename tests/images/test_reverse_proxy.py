@@ -8,21 +8,18 @@ import re
 import socket
 import ssl
 import subprocess
-import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any
 
-import docker
 import pytest
 from docker.models.containers import Container
 from image_names import ensure_built, image
 from inside import run_inside
 from local_network import insecure_tls
+from nginx_alone import Containers, address_in
 from openssh_server import wait_until
 from tls_front import openssl
 
@@ -81,40 +78,23 @@ class Site:
     """Our nginx on a network with the proxy and the parts, and on one with people."""
 
     folder: Path
-    engine: docker.DockerClient
-    running: ExitStack
+    containers: Containers
 
     def __post_init__(self) -> None:
-        self.people, self.inside = self.network(), self.network()
+        self.people, self.inside = self.containers.network(), self.containers.network()
         [config] = self.inside.attrs["IPAM"]["Config"]
-        self.stack = self.start(
+        self.stack = self.containers.start(
             self.inside, image("nginx"), BEHIND,
             environment={"PUBLIC_HOST": HOST, "TRUSTED_PROXIES": config["Subnet"]},
         )  # fmt: skip
         self.people.connect(self.stack)
-        self.start(self.inside, image("server"), "web", "relay", command=["python3", "-c", PARTS])
+        self.containers.start(
+            self.inside, image("server"), "web", "relay", command=["python3", "-c", PARTS]
+        )
         healthy = "/usr/lib/robotether/healthy"
         wait_until(lambda: run_inside(self.stack, healthy).returncode == 0, self.stack.logs)
         shown = run_inside(self.stack, "cat", "/etc/nginx/tls/cert.pem").stdout
         (self.folder / "robotether.pem").write_text(shown)
-
-    def network(self) -> Any:
-        """A new network."""
-        made = self.engine.networks.create(f"robotether-proxy-{uuid.uuid4().hex[:8]}")
-        self.running.callback(made.remove)
-        made.reload()
-        return made
-
-    def start(self, network: Any, name: str, *aliases: str, **options: Any) -> Container:
-        """A container that others on its network find under these names."""
-        own = self.engine.api.create_endpoint_config(aliases=list(aliases))
-        container: Container = self.engine.containers.create(
-            name, tmpfs={"/run/nginx": "uid=33,gid=33"}, network=network.name,
-            networking_config={network.name: own}, **options,
-        )  # fmt: skip
-        self.running.callback(partial(container.remove, force=True, v=True))
-        container.start()
-        return container
 
     @property
     def visitor(self) -> str:
@@ -124,8 +104,7 @@ class Site:
 
     def address(self, container: Container) -> str:
         """Where people reach a container."""
-        container.reload()
-        return str(container.attrs["NetworkSettings"]["Networks"][self.people.name]["IPAddress"])
+        return address_in(self.people, container)
 
     def file(self, name: str, text: str) -> Path:
         """A file for a container."""
@@ -174,7 +153,9 @@ class Site:
     ) -> Container:
         """A proxy between people and the stack."""
         mounts = {str(file): {"bind": place, "mode": "ro"} for file, place in files.items()}
-        made = self.start(self.inside, name, volumes=mounts, entrypoint=entrypoint, user=user)
+        made = self.containers.start(
+            self.inside, name, volumes=mounts, entrypoint=entrypoint, user=user
+        )
         self.people.connect(made)
         return made
 
@@ -184,9 +165,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """Our nginx with stubs behind it."""
     ensure_built("nginx", "server")
     with ExitStack() as running:
-        engine = docker.from_env()
-        running.callback(engine.close)
-        yield Site(tmp_path_factory.mktemp("site"), engine, running)
+        yield Site(tmp_path_factory.mktemp("site"), Containers(running))
 
 
 @pytest.fixture(scope="module", params=["nginx", pytest.param("caddy", marks=pytest.mark.release)])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Awaitable, Callable, Collection, Iterable
 from dataclasses import dataclass
 
 from aiohttp import web
@@ -125,8 +125,10 @@ def peer_app(
     return app
 
 
-def inside_app(metrics: Metrics, store_up: Callable[[], bool]) -> web.Application:
-    """Make the application for health checks and Prometheus, which nginx does not know."""
+def inside_app(
+    metrics: Metrics, store_up: Callable[[], bool], cells: Callable[[], Iterable[str]]
+) -> web.Application:
+    """Make the application for health checks, Prometheus, and nginx's list of `cells` that it forwards to."""
 
     async def healthz(_request: web.Request) -> web.Response:
         # A database that is away is no reason to restart the relay: what is open goes on.
@@ -135,8 +137,12 @@ def inside_app(metrics: Metrics, store_up: Callable[[], bool]) -> web.Applicatio
     async def show_metrics(_request: web.Request) -> web.Response:
         return web.Response(body=metrics.render(), headers={"Content-Type": CONTENT_TYPE_LATEST})
 
+    async def list_cells(_request: web.Request) -> web.Response:
+        return web.Response(text="".join(f"{address}\n" for address in cells()))
+
     app = web.Application()
     app.router.add_get("/healthz", healthz)
+    app.router.add_get("/cells", list_cells)
     app.router.add_get("/metrics", show_metrics)
     return app
 

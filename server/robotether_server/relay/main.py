@@ -381,7 +381,7 @@ class Relay:
         )
         self._public = public_app(self.metrics, handlers, cors, forwarding)
         self._make_peers(handlers, cors)
-        self._inside = inside_app(self.metrics, lambda: self.fleet.store_up)
+        self._inside = inside_app(self.metrics, lambda: self.fleet.store_up, self.peers.addresses)
 
     def _make_peers(self, handlers: Handlers, cors: Cors) -> None:
         """Serve other cells, and follow them, if this one has what to show them."""

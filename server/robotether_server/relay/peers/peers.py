@@ -52,6 +52,10 @@ class Peers:
         """How many cells are connected."""
         return len(self._connected)
 
+    def addresses(self) -> list[str]:
+        """Where the cells that are connected have their peer listeners."""
+        return [peer.address for peer in self._connected.values()]
+
     def robot_count(self) -> int:
         """How many robots they have."""
         return sum(len(peer.robots) for peer in self._connected.values())

@@ -1,0 +1,44 @@
+"""Containers beside our nginx on networks of their own, without the other parts of the stack."""
+
+from __future__ import annotations
+
+import uuid
+from contextlib import ExitStack
+from functools import partial
+from typing import Any
+
+import docker
+from docker.models.containers import Container
+
+
+class Containers:
+    """What `running` removes when it ends."""
+
+    def __init__(self, running: ExitStack) -> None:
+        self._running = running
+        self._engine = docker.from_env()
+        running.callback(self._engine.close)
+
+    def network(self) -> Any:
+        """A new network."""
+        made = self._engine.networks.create(f"robotether-nginx-{uuid.uuid4().hex[:8]}")
+        self._running.callback(made.remove)
+        made.reload()
+        return made
+
+    def start(self, network: Any, name: str, *aliases: str, **options: Any) -> Container:
+        """A container that others on its network find under these names."""
+        own = self._engine.api.create_endpoint_config(aliases=list(aliases))
+        container: Container = self._engine.containers.create(
+            name, tmpfs={"/run/nginx": "uid=33,gid=33"}, network=network.name,
+            networking_config={network.name: own}, **options,
+        )  # fmt: skip
+        self._running.callback(partial(container.remove, force=True, v=True))
+        container.start()
+        return container
+
+
+def address_in(network: Any, container: Container) -> str:
+    """Where others on the network reach a container."""
+    container.reload()
+    return str(container.attrs["NetworkSettings"]["Networks"][network.name]["IPAddress"])
