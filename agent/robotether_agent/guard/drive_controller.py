@@ -3,34 +3,20 @@
 Made by the guard's process, called by client proxies, run as one task. It alone decides what is published. Of each
 topic only the newest command waits when rosbridge is busy, and not beyond its age. It must never send a zero where
 nobody has driven through this guard.
-
-The `Authorizer` says who may drive now, by key, fence, stop, session and the agent's ticks. Pure. It is asked at each
-handshake and again for each command, so that a right that ended is gone at once. The newest number that anybody
-showed counts, in this session or before: the lease's line and the driver's handshake come on two channels, in either
-order. An older number never counts.
 """
 
 from __future__ import annotations
 
 import asyncio
-import hmac
 import json
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol
 
-from robotether_common.guard import (
-    FENCE_HEADER,
-    FENCE_REFUSED,
-    KEY_HEADER,
-    MODE_HEADER,
-    REFUSED_KINDS,
-    STAMP,
-    RefusedKind,
-)
-from robotether_common.session import MAX_FENCE
+from robotether_common.guard import REFUSED_KINDS, STAMP, RefusedKind
 
 from robotether_agent.guard.agent_messages import LISTENERS_UNKNOWN, GuardConfig
+from robotether_agent.guard.authorizer import Authorizer
 from robotether_agent.guard.drive_messages import (
     SHAPES,
     CheckedCommand,
@@ -45,7 +31,6 @@ from robotether_agent.guard.drive_messages import (
     zero,
 )
 from robotether_agent.guard.topics import (
-    Authorization,
     CommandSource,
     Deadman,
     Driven,
@@ -58,7 +43,6 @@ from robotether_agent.guard.topics import (
 
 # A timestamp may lie ahead by the drift of two clocks; more is a mistake, which would hide an age.
 AHEAD_MS = 100.0
-AGENT_SILENT_S = 1.0
 # Time after its last use for which a topic counts as driven.
 DRIVEN_FOR_S = 10.0
 # Time within which rosbridge and ROS register a topic that was advertised.
@@ -67,112 +51,6 @@ REGISTERED_WITHIN_S = 2.0
 UNREGISTERED_AFTER_S = 12.0
 
 log = logging.getLogger(__name__)
-
-
-class NotAuthorized(Exception):  # noqa: N818 - as its neighbour Refused
-    """A handshake gets the HTTP `status` and this text."""
-
-    def __init__(self, status: int, why: str) -> None:
-        super().__init__(why)
-        self.status = status
-
-
-class Authorizer:
-    """Decides who may drive now, by what the agent has reported of rights."""
-
-    def __init__(self, now: float, fence: int = 0) -> None:
-        """Begin with the newest number of the guard before this one, which nobody holds."""
-        self.key = ""
-        self.direct = False
-        self.stopped = False
-        self.exiting = False
-        self.fence = fence
-        self._held = False
-        self._session = False
-        self._agent_at = now
-
-    @property
-    def silent_at(self) -> float:
-        """When the agent counts as silent."""
-        return self._agent_at + AGENT_SILENT_S
-
-    def on_agent_message(self, now: float) -> None:
-        """Note that the agent is alive."""
-        self._agent_at = now
-
-    def session(self, *, up: bool) -> None:
-        """Note that the session with the server is up, or is lost."""
-        if not up:
-            self._held = False
-        self._session = up
-
-    def lease(self, fence: int, *, held: bool) -> None:
-        """Note the server's newest number; not `held`: it and all before it are over."""
-        if fence > self.fence:
-            self.fence, self._held = fence, held
-        elif fence == self.fence and not held:
-            self._held = False
-
-    def stop(self) -> None:
-        """Stop the robot, which ends the lease."""
-        self.stopped, self._held = True, False
-
-    def release(self) -> None:
-        """Let the next lease drive."""
-        self.stopped = False
-
-    def authorize(self, headers: Mapping[str, str]) -> Authorization:
-        """Return what a handshake may do, or raise NotAuthorized."""
-        key = headers.get(KEY_HEADER)
-        if key is None and self.direct:
-            return Authorization("direct")
-        if not self.key or not hmac.compare_digest(_bytes(key), _bytes(self.key)):
-            raise NotAuthorized(403, "cannot join rosbridge: only the server may, with its key")
-        if headers.get(MODE_HEADER) == "observe":
-            return Authorization("observe")
-        if headers.get(MODE_HEADER) != "drive":
-            raise NotAuthorized(
-                403, f"cannot join rosbridge: {MODE_HEADER} is neither drive nor observe"
-            )
-        return self._authorize_driver(_fence(headers.get(FENCE_HEADER, "")))
-
-    def check(self, authorization: Authorization, fence: object, now: float) -> None:
-        """Raise Refused unless a drive message with this `fence` may move the robot now."""
-        if self.stopped:
-            raise Refused("stopped", "the robot is stopped; a driver must release it")
-        if self.exiting or not self._session or now >= self.silent_at:
-            raise Refused("held", "the robot's agent or its session with the server is down")
-        if not self.holds(authorization):
-            raise Refused("fence", "somebody else has control, or your control has ended")
-        if authorization.mode == "drive" and (
-            type(fence) is not int or fence != authorization.fence
-        ):
-            raise Refused("fence", "its fence is not that of the connection's lease")
-
-    def holds(self, authorization: Authorization) -> bool:
-        """Return whether a connection's right to drive still holds, apart from holds that pass."""
-        if authorization.mode == "direct":
-            return self.direct and not self._held
-        return authorization.mode == "drive" and self._held and authorization.fence == self.fence
-
-    def keeps(self, authorization: Authorization) -> bool:
-        """Return whether a connection may stay: a driver whose lease is over may do nothing more."""
-        if authorization.mode == "direct":
-            return self.direct and self._session
-        return authorization.mode == "observe" or self.holds(authorization)
-
-    def _authorize_driver(self, fence: int) -> Authorization:
-        if self.stopped:
-            raise NotAuthorized(FENCE_REFUSED, "cannot drive: the robot is stopped")
-        if not self._session or self.exiting:
-            raise NotAuthorized(
-                FENCE_REFUSED, "cannot drive: the robot's session with the server is down"
-            )
-        if fence > self.fence:
-            self.fence, self._held = fence, True
-        if fence != self.fence or not self._held:
-            raise NotAuthorized(FENCE_REFUSED, f"cannot drive: lease {fence} is over")
-        return Authorization("drive", fence)
 
 
 class Publisher(Protocol):
@@ -589,14 +467,3 @@ def _publish(topic: Topic, command: CheckedCommand, identity: MessageId) -> byte
 
 def _json(message: Mapping[str, object]) -> bytes:
     return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
-
-
-def _bytes(key: str | None) -> bytes:
-    return (key or "").encode(errors="surrogateescape")
-
-
-def _fence(text: str) -> int:
-    # isdecimal takes digits of all scripts; int() would too.
-    if text.isascii() and text.isdecimal() and 0 < int(text[:20]) <= MAX_FENCE:
-        return int(text[:20])
-    raise NotAuthorized(403, f"cannot drive: {FENCE_HEADER} is no number of a lease")

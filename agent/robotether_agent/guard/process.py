@@ -29,7 +29,8 @@ from robotether_agent.guard.agent_messages import (
     StopRequest,
     parse,
 )
-from robotether_agent.guard.drive_controller import Authorizer, DriveController
+from robotether_agent.guard.authorizer import Authorizer
+from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.fences import FenceFile, FenceStore
 from robotether_agent.guard.latch import Latch, StopFile
 from robotether_agent.guard.rosbridge import CmdVelPublisher, SubscriberWatch, new_http

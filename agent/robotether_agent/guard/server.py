@@ -24,7 +24,8 @@ from robotether_common.guard import DISK_REFUSED, KEY_HEADER, RefusedKind
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.guard.agent_messages import GuardConfig
-from robotether_agent.guard.drive_controller import Authorizer, DriveController, NotAuthorized
+from robotether_agent.guard.authorizer import Authorizer, NotAuthorized
+from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.drive_messages import (
     DriveTopics,
     MessageId,

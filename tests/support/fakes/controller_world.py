@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from robotether_agent.guard.agent_messages import GuardConfig
-from robotether_agent.guard.drive_controller import Authorizer, DriveController
+from robotether_agent.guard.authorizer import Authorizer
+from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.drive_messages import drive_message
 from robotether_agent.guard.topics import Authorization, Driven, MotionFile
 from robotether_common.guard import RefusedKind

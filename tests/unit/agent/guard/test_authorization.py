@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.drive_controller import AGENT_SILENT_S, Authorizer, NotAuthorized
+from robotether_agent.guard.authorizer import AGENT_SILENT_S, Authorizer, NotAuthorized
 from robotether_agent.guard.drive_messages import Refused
 from robotether_agent.guard.topics import Authorization
 

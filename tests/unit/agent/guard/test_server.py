@@ -14,7 +14,8 @@ from fake_rosbridge import FakeRosbridge
 from guard_process import KEY, GuardClient
 from robotether_agent.guard import server as server_module
 from robotether_agent.guard.agent_messages import GuardConfig
-from robotether_agent.guard.drive_controller import Authorizer, DriveController
+from robotether_agent.guard.authorizer import Authorizer
+from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.fences import FenceFile, FenceStore
 from robotether_agent.guard.rosbridge import CmdVelPublisher, new_http
 from robotether_agent.guard.server import MAX_DIRECT_CONNECTIONS, Server
