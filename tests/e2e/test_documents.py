@@ -96,6 +96,8 @@ def test_reference_comes_from_the_code(page: Page, stack: Stack) -> None:
 @pytest.fixture
 def readers_world(stack: Stack) -> Iterator[None]:
     """Have the reader's robot there, and another one to remove; leave nothing of what the reader makes."""
+    if "ann" in stack.admin.users():  # of a test before
+        stack.admin.remove("users", "ann")
     stack.robotether("robot", "add", "turtle", "--mac", MAC)
     stack.robotether("robot", "add", "spare", "--mac", f"{MAC[:-2]}57")
     yield

@@ -362,7 +362,7 @@ def test_a_drive_that_ends_is_told_and_saved(
     dora.get_by_test_id("control-leave").click()
     headline = dora.get_by_test_id("summary-headline")
     expect(headline).to_have_text(re.compile(r"^Your drive: \d+ s, \d+\.\d m$"), timeout=15_000)
-    expect(dora.get_by_test_id("summary-ended")).to_have_text("by you")
+    expect(dora.get_by_test_id("summary-ended")).to_have_text("you gave up control")
     expect(dora.get_by_test_id("summary-latency")).to_have_text(
         re.compile(r"^\d+ ms; 95 % within \d+ ms$")
     )
