@@ -54,7 +54,7 @@ ready: lint frontend-test images test-hosts robot-host-image compiled-tests
 
 # Else each worker compiles each test file for itself, as they all start at once.
 compiled-tests: venv
-	@$(PYTEST) --collect-only -q --snapshot-warn-unused tests benchmarks/tests >/dev/null
+	@said=$$($(PYTEST) --collect-only -q --snapshot-warn-unused tests benchmarks/tests) || { echo "$$said"; exit 1; }
 
 test: ## everything that any change may break: checks, unit, images, end to end, playbooks (some 15 minutes on two cores)
 	@[ -n "$$CI" ] || tools/ensure_docker  # its questions, which several jobs at once cannot ask

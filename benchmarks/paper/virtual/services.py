@@ -21,7 +21,7 @@ from typing import Any, cast
 import asyncssh
 from aiohttp import WSMsgType, web
 from robotether_agent.clock import robot_time
-from robotether_agent.guard.drive_controller import Authorizer, NotAuthorized
+from robotether_agent.guard.authorizer import Authorizer, NotAuthorized
 from robotether_agent.guard.topics import Authorization
 from robotether_common.frames import HEADER, JPEG, MAX_CREDITS, PATH, STAMPED
 from robotether_common.guard import DEFAULT_MS, REFUSED_KINDS, STAMP
