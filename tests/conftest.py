@@ -18,6 +18,7 @@ LONGEST_FIRST = (
     "ansible/test_agent_deb.py",
     "ansible/test_collection.py",
     "e2e/test_cells.py",
+    "e2e/test_ros2.py",
     "e2e/test_control.py",
     "e2e/test_recovery.py",
     "images/test_secrets.py",
