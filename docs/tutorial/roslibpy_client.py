@@ -28,6 +28,7 @@ from typing import Any
 
 import roslibpy
 from roslibpy.comm import RosBridgeClientFactory
+from twisted.logger import globalLogBeginner
 
 PERIOD_S = 0.05  # the robot stops by itself when no command comes for half a second
 ZEROS = 5
@@ -173,8 +174,9 @@ def main() -> None:
         sys.exit(f"usage: python {sys.argv[0]} https://HOST ROBOT TOKEN")
     logging.basicConfig(format="%(message)s")
     logging.getLogger("roslibpy").setLevel(logging.INFO)
-    # Twisted logs a traceback for each message that follows the end of a connection.
+    # Twisted logs a traceback for each message after the end of a connection, also when roslibpy's log is closed.
     logging.getLogger("twisted").disabled = True
+    globalLogBeginner.beginLoggingTo([], redirectStandardIO=False)
     with connected(server, robot, token) as ros:
         odometry = Odometry(ros)
         start = odometry.position()
