@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import aiohttp
 
 from robotether_agent.fields import FieldError, printable
+from robotether_agent.files import MACHINE_FAULTS
 
 log = logging.getLogger(__name__)
 
@@ -52,6 +53,7 @@ UNKNOWN = Cause("it fails in a way that this program does not know; log_level = 
 CUT = Cause("it cuts the connection")
 SILENT_END = Cause("it closes the connection without an answer")
 NO_ROUTE = "no route leads there"
+FORBIDDEN = Cause("this machine's own rules forbid it", "see its firewall (nft list ruleset)")
 BY_ERRNO: Mapping[int, Cause] = {
     errno.ENETUNREACH: Cause(NO_ROUTE, NETWORK_ADVICE),
     errno.ENETDOWN: Cause("this robot's network is down", NETWORK_ADVICE),
@@ -63,16 +65,9 @@ BY_ERRNO: Mapping[int, Cause] = {
     errno.EPIPE: CUT,
     errno.ESHUTDOWN: CUT,
     errno.ETIMEDOUT: Cause("the connection fell silent", SILENT_ADVICE),
-    errno.EACCES: Cause(
-        "this machine's own rules forbid it", "see its firewall (nft list ruleset)"
-    ),
-    errno.EPERM: Cause("this machine's own rules forbid it", "see its firewall (nft list ruleset)"),
-    errno.EMFILE: Cause(
-        "this program has too many files and connections open",
-        "restart it (sudo systemctl restart robotether-agent), and report it if that returns",
-    ),
-    errno.ENFILE: Cause("this machine has too many files open", "see what holds them: sudo lsof"),
-    errno.ENOMEM: Cause("this machine has no memory left", "see what takes it: free, top"),
+    errno.EACCES: FORBIDDEN,
+    errno.EPERM: FORBIDDEN,
+    **{number: Cause(*fault) for number, fault in MACHINE_FAULTS.items()},
     errno.ENOBUFS: Cause("this machine has no memory left for its network", "free, top, ss -s"),
 }
 # Exceptions that come without a number, too.

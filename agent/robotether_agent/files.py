@@ -18,17 +18,21 @@ READ_ONLY = (
     "the disk is read-only",
     "mount it writable; Linux does that to a disk or memory card that fails (dmesg)",
 )
-DISK_FAULTS: Mapping[int, tuple[str, str]] = {
-    errno.EROFS: READ_ONLY,
-    errno.ENOSPC: ("the disk is full", FULL_ADVICE),
-    errno.EDQUOT: ("this user's share of the disk is full", FULL_ADVICE),
-    errno.EIO: ("the disk fails", "see dmesg, and replace the disk or memory card"),
+# What keeps this machine from opening anything, a file or a connection: why, and what to do about it.
+MACHINE_FAULTS: Mapping[int, tuple[str, str]] = {
     errno.EMFILE: (
-        "this program has too many files open",
+        "this program has too many files and connections open",
         "restart it (sudo systemctl restart robotether-agent), and report it if that returns",
     ),
     errno.ENFILE: ("this machine has too many files open", "see what holds them: sudo lsof"),
     errno.ENOMEM: ("this machine has no memory left", "see what takes it: free, top"),
+}
+DISK_FAULTS: Mapping[int, tuple[str, str]] = {
+    **MACHINE_FAULTS,
+    errno.EROFS: READ_ONLY,
+    errno.ENOSPC: ("the disk is full", FULL_ADVICE),
+    errno.EDQUOT: ("this user's share of the disk is full", FULL_ADVICE),
+    errno.EIO: ("the disk fails", "see dmesg, and replace the disk or memory card"),
 }
 NO_INODES = (
     "the disk has no inode left",

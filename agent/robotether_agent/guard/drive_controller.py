@@ -207,7 +207,7 @@ class DriveController:
         if names is None:
             log.warning(LISTENERS_UNKNOWN)
             status = {"op": "status", "level": "error", "msg": LISTENERS_UNKNOWN}
-            self.on_rosbridge_message(json.dumps(status).encode())
+            self.on_rosbridge_message(_json(status))
         self.unheard = names
         self._changed()
 

@@ -111,10 +111,8 @@ def refusal(head: bytes, proxy: Proxy, where: str) -> AgentProblem | None:
     why = f"{proxy} answers {status} {said}".rstrip()
     if status in GATEWAY_FAILURES:
         why = f"{why}: it cannot reach that itself"
-    if status == HTTPStatus.GATEWAY_TIMEOUT:
-        return NoAnswer(f"cannot reach {where}: {why}", advice=advice_on(status))
-    advice = advice_on(status)
-    return ServerUnreachable(f"cannot reach {where}: {why}", advice=advice)
+    kind = NoAnswer if status == HTTPStatus.GATEWAY_TIMEOUT else ServerUnreachable
+    return kind(f"cannot reach {where}: {why}", advice=advice_on(status))
 
 
 def advice_on(status: int) -> str:
