@@ -56,6 +56,15 @@ apt_install() {
   apt_get install -y -qq --no-install-recommends "$@" >/dev/null
 }
 
+# For tools/backup and tools/restore: programs beside the database, and in the volumes that a backup holds.
+in_database() { # one of MariaDB's programs, and its arguments
+  tools/compose exec -T mysql "$1" --defaults-file=/etc/mysql/mariadb.cnf "${@:2}"
+}
+
+in_volumes() { # command, which sees the volumes in /backup and the record in /record
+  tools/compose --progress quiet run --rm --no-deps --no-TTY --quiet-pull backup "$@"
+}
+
 # A user whom ensure_docker has just put into the group docker does not have it in this login: use it for this script.
 with_docker_group() { # the script's own arguments
   if [ -w /var/run/docker.sock ] || [ -n "${ROBOTETHER_IN_GROUP:-}" ]; then return; fi

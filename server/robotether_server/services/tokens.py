@@ -23,7 +23,7 @@ MAX_DAYS = 3650
 # Of a join token.
 MAX_USES = 10000
 MAX_HOURS = 8760
-MAX_LIFETIME = dt.timedelta(hours=8760)
+MAX_LIFETIME = dt.timedelta(hours=MAX_HOURS)
 # The random end of the label of an invitation: a robot may be invited again.
 SUFFIX_BYTES = 3
 
