@@ -166,7 +166,7 @@ def test_a_lab_page_gets_tickets_from_its_backend(lab: Page, stack: Stack) -> No
 
 
 def test_the_documented_lines_drive_and_show_video(lab: Page, stack: Stack) -> None:
-    """As they stand, where the page has a stick and a canvas, and its backend gives tickets."""
+    """The lines work unchanged on a page with a stick, a canvas and a backend that gives tickets."""
     assert FIRST_LINES is not None
     lab.evaluate(
         "document.body.append(document.createElement('canvas'));"

@@ -141,13 +141,13 @@ def run_for_reader(stack: Stack, command: str, folder: Path) -> None:
 
 @pytest.mark.usefixtures("readers_world")
 def test_commands_of_the_documents_run(stack: Stack, tmp_path: Path) -> None:
-    """Each ends without an error, in the order of the pages, or stands in NOT_RUN, which has no others."""
+    """Every command ends without an error, in the order of the pages, or NOT_RUN lists it; NOT_RUN lists no other."""
     pin = PIN.search(stack.robotether("robot", "invite", "--host", f"localhost:{stack.https_port}"))
     assert pin is not None
     host = stack.url.removeprefix("https://")
     failed, skipped = [], set()
-    commands = [one for page in documented.pages() for one in documented.commands(page)]
-    for command in dict.fromkeys(IN_WEB.sub("", one) for one in commands):
+    commands = [command for page in documented.pages() for command in documented.commands(page)]
+    for command in dict.fromkeys(IN_WEB.sub("", command) for command in commands):
         if reasons := {why for why, begins in NOT_RUN.items() if re.match(begins, command)}:
             skipped |= reasons
             continue

@@ -330,7 +330,7 @@ def test_drive_on_a_card_drives_and_watch_watches(fleet: Page, stack: Stack) -> 
 
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
 def test_the_fleet_fits_a_phone(fleet: Page) -> None:
-    """As cards and as a table, whose Stop buttons stay on the screen; filters unfold by one button."""
+    """Neither view scrolls sideways, Stop stays on the screen, and one button unfolds the filters."""
     expect_no_sideways_scroll(fleet)
     expect(fleet.get_by_test_id("show-online")).to_be_hidden()
     fleet.get_by_test_id("fleet-filters").click()

@@ -7,6 +7,7 @@ import select
 import subprocess
 from pathlib import Path
 
+from robotether_common.join import JOIN_NAMESPACE, join_message
 from stack import Stack
 
 
@@ -38,9 +39,9 @@ class RobotKey:
 
     def join_body(self, mac: str, **fields: object) -> dict[str, object]:
         """The body of a join, with the proof of the key."""
-        words = ["ssh-keygen", "-q", "-Y", "sign", "-n", "robotether-join", "-f", str(self.file)]
-        key = " ".join(self.public.split()[:2])
-        message = f"{fields.get('token', '-')} {mac} {key}\n"
+        words = ["ssh-keygen", "-q", "-Y", "sign", "-n", JOIN_NAMESPACE, "-f", str(self.file)]
+        token = str(fields["token"]) if "token" in fields else None
+        message = join_message(token, mac, " ".join(self.public.split()[:2]))
         done = subprocess.run(words, input=message, check=True, capture_output=True, text=True)
         proof = {"mac": mac, "public_key": self.public, "signature": done.stdout}
         return {**proof, "hostname": self.name, "agent_version": "0.1.0", **fields}

@@ -29,7 +29,7 @@ class PlainCompose:
     """A copy of this checkout, with a name and ports of its own on the command line."""
 
     def __init__(self, folder: Path, ports_of: PlainCompose | None = None) -> None:
-        """With `ports_of` it takes the place of another one, of the same images, under its address."""
+        """With `ports_of`, this stack replaces another: the same images at the same address."""
         self._folder = folder / "robotether"
         self._name = f"robotether-test-{uuid.uuid4().hex[:8]}"
         self._programs = folder / "programs"

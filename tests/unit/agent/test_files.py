@@ -66,7 +66,7 @@ def test_a_failed_write_leaves_nothing(place):
     ],
 )
 def test_a_disk_that_half_works_is_told_by_its_fault(place, mount, before, told):
-    """Each has advice of its own; these are real file systems, in mounts of their own."""
+    """Each fault has its own advice. The file systems are real, in mount namespaces."""
     script = (
         f"mount -t tmpfs -o {mount} tmpfs {place} && cd {place} && {{ {before}; }} && "
         f"exec {sys.executable} -c 'import sys; sys.path[:] = sys.argv[1:]; from pathlib import Path; "

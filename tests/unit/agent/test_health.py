@@ -78,7 +78,7 @@ async def test_goes_down_and_comes_back(watch, services):
 async def test_video_server_is_asked_by_http_seldom_and_missed_at_once(
     watch, services, monkeypatch
 ):
-    """Each request is a line in ROS's log; that its port is closed shows without one."""
+    """ROS logs each request, and a closed port shows without one."""
     monkeypatch.setattr(health_module, "SELDOM", 10_000)
     health = watch("ws://127.0.0.1:9", services.http_url)
     await until(health, lambda report: report.video == "ok")
@@ -152,7 +152,7 @@ async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
 async def test_images_of_another_robot_or_of_depth_are_no_video_of_this_one(
     watch, nowhere, monkeypatch
 ):
-    """And however often rosapi is asked, over how many connections stays the same."""
+    """However often rosapi is asked, the number of connections stays the same."""
     monkeypatch.setattr(health_module, "SELDOM", 1)
     topics = {f"/{name}/cmd_vel": "geometry_msgs/msg/Twist" for name in ("r1", "r2")}
     topics["/r1/front/compressed"] = "sensor_msgs/msg/CompressedImage"

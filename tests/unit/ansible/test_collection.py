@@ -186,7 +186,7 @@ def untagged(tasks: list[dict[str, Any]]) -> Iterator[str]:
 
 @pytest.mark.parametrize("playbook", PLAYBOOKS)
 def test_each_playbook_can_be_run_in_part(playbook: str) -> None:
-    """Each of its steps has a tag, or those of its role have, and the roles' READMEs name them."""
+    """Each step of a playbook, or of its role, has a tag, and the roles' READMEs name the tags."""
     plays = yaml.safe_load((ANSIBLE / "playbooks" / f"{playbook}.yml").read_text())
     steps = [step for play in plays for part in STEPS for step in play.get(part, [])]
     of_roles = {step["role"] for step in steps if "role" in step and "tags" not in step}

@@ -98,12 +98,12 @@ async def test_a_cause_is_said_once_with_its_own_advice(run, changes, step, word
     assert found[step].state == FAIL
     assert words in found[step].advice
     reason = found[step].detail.rpartition(": ")[2]
-    assert [name for name, one in found.items() if reason in one.detail] == [step]
-    assert not any("firewall" in one.advice for one in found.values())
+    assert [name for name, finding in found.items() if reason in finding.detail] == [step]
+    assert not any("firewall" in finding.advice for finding in found.values())
 
 
 async def test_after_another_host_key_doctor_status_and_log_agree(make_cloud, start_agent):
-    """Each names the cause and what to do; that the agent is to be started is told by none."""
+    """Each names the cause and what to do; none only says to start the agent."""
     cloud = await make_cloud()
     agent = start_agent(cloud, shell_address="none")
     await agent.until_connected()

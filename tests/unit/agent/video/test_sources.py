@@ -250,6 +250,14 @@ async def test_the_topic_that_rosbridge_is_asked_for(run, monkeypatch, topics, a
         await eventually(lambda: bool(rosbridge.subscribed(follows)), lambda: str(rosbridge.got))
 
 
+async def publish_png(rosbridge: TopicRosbridge, format_: str) -> None:
+    """Send an image that is no JPEG, once somebody has subscribed to the camera."""
+    topic = "/camera/image_raw/compressed"
+    await eventually(lambda: bool(rosbridge.subscribed(topic)), lambda: str(rosbridge.got))
+    png = base64.b64encode(b"\x89PNG").decode()
+    await rosbridge.publish(topic, image(1, data=png, format=format_))
+
+
 async def test_a_rosbridge_without_such_frames_tells_why(run):
     async with TopicRosbridge({"/camera/image_raw": "sensor_msgs/Image"}) as rosbridge:
         running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
@@ -257,10 +265,7 @@ async def test_a_rosbridge_without_such_frames_tells_why(run):
             await asyncio.wait_for(running, 5)
         rosbridge.topics = IMAGES
         running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
-        topic = "/camera/image_raw/compressed"
-        await eventually(lambda: bool(rosbridge.subscribed(topic)), lambda: str(rosbridge.got))
-        png = base64.b64encode(b"\x89PNG").decode()
-        await rosbridge.publish(topic, image(1, data=png, format="png"))
+        await publish_png(rosbridge, "png")
         with pytest.raises(SourceDownError, match="format 'png', not JPEG"):
             await asyncio.wait_for(running, 5)
 
@@ -284,7 +289,7 @@ def early_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
 async def test_a_camera_that_has_compressed_images_alone_comes_from_rosbridge(
     run, mode, topics, wanted, follows
 ):
-    """And the next time at once."""
+    """The second time the agent asks rosbridge at once."""
     async with FakeVideoServer(mode) as server, TopicRosbridge(topics) as rosbridge:
         rosbridge.publishers = []
         request = SourceRequest(wanted, 70, None, None, 15.0)
@@ -303,10 +308,7 @@ async def test_a_camera_that_has_compressed_images_alone_comes_from_rosbridge(
 async def test_a_camera_whose_compressed_images_are_no_jpeg_names_their_format(run):
     async with FakeVideoServer("ends") as server, TopicRosbridge(IMAGES) as rosbridge:
         running, _ = run(source_settings(server.url, rosbridge.url))
-        topic = "/camera/image_raw/compressed"
-        await eventually(lambda: bool(rosbridge.subscribed(topic)), lambda: str(rosbridge.got))
-        png = base64.b64encode(b"\x89PNG").decode()
-        await rosbridge.publish(topic, image(1, data=png, format="16UC1; png compressed"))
+        await publish_png(rosbridge, "16UC1; png compressed")
         with pytest.raises(SourceDownError, match="format '16UC1; png compressed', not JPEG"):
             await asyncio.wait_for(running, 5)
 

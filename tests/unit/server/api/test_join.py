@@ -246,7 +246,7 @@ def refused(database: Database) -> list[RefusedJoin]:
 def test_a_refused_join_is_kept_until_it_is_let_in(
     program: Browser, database: Database, robot: RobotSigner
 ) -> None:
-    """With its reason, once for each machine, and in no audit log."""
+    """A machine has one record with the newest reason, and the audit log has none."""
     for _ in range(3):
         program.ask("POST", "/api/v1/join", json=robot.join(MAC, "rj_wrong"))
     (found,) = refused(database)
