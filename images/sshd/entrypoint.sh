@@ -97,10 +97,15 @@ start_beside_sshd() {
   as_jump_watch sh -c "$keep_running" loop /usr/lib/robotether/jump-watch &
   as_tunnel_watch sh -c "$keep_running" loop /usr/lib/robotether/tunnel-watch &
   # A worker outlives a master that was killed, and keeps its port. Nothing else runs as this user but this loop, which
-  # kills all but itself.
-  # shellcheck disable=SC2016 # $? is the inner shell's
-  (raise_open_files && as_nginx sh -c 'while :; do kill -s KILL -- -1; nginx -c "$1"; echo "nginx ended with $?; starting it again" >&2; sleep 1; done 2>&1' \
-    loop "$PROXY_PROTOCOL") &
+  # kills all but itself until none is left: the kernel closes the port of a killed worker a moment later.
+  # shellcheck disable=SC2016 # $? and $1 are the inner shell's
+  readonly keep_nginx='while :; do
+    while kill -s KILL -- -1 2>/dev/null; do sleep 0.1; done
+    nginx -c "$1"
+    echo "nginx ended with $?; starting it again" >&2
+    sleep 1
+  done'
+  (raise_open_files && as_nginx sh -c "$keep_nginx" loop "$PROXY_PROTOCOL") 2>&1 &
   # Fails while the database is away, and leaves the cache as it is then.
   as_keylookup sh -c 'while :; do /usr/lib/robotether/authorized-keys cache; sleep 60; done' &
 }
