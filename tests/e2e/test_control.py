@@ -66,10 +66,6 @@ def ben(page_users: PageUsers, ann: Page) -> Page:
     return page
 
 
-def _moving(pose: dict[str, float]) -> bool:
-    return pose["linear_velocity"] > 0.1
-
-
 def _ask(asking: Page, asked: Page) -> None:
     asking.get_by_test_id("control-ask").click()
     expect(asked.get_by_test_id("question")).to_be_visible()
@@ -82,9 +78,7 @@ def _assert_drives_only_after_a_word(page: Page, stack: Stack) -> None:
         page.keyboard.press("w", delay=500)
         assert [seen for seen in watch.commands() if seen.msg["linear"]["x"] != 0] == []
         page.get_by_test_id("control-arm").click()
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(page, watch)
         page.keyboard.up("w")
         watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
 
@@ -319,8 +313,7 @@ def test_a_key_that_was_held_for_too_long_has_to_be_pressed_anew(
         page.wait_for_timeout(500)
         assert [seen for seen in watch.commands() if seen.msg["linear"]["x"] != 0] == []
         page.keyboard.up("w")
-        page.keyboard.down("w")
-        watch.wait_pose("moving by a new press", _moving)
+        page_holds.drive(page, watch)
         page.keyboard.up("w")
 
 
@@ -397,8 +390,7 @@ def test_a_drive_enters_the_list_when_the_robot_moved(
     take_control(ann)
     expect_armed(ann)
     with SimWatch(stack, ROBOT) as watch:
-        ann.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(ann, watch)
         ann.keyboard.up("w")
     fence = _newest_fence(stack)
     ann.get_by_test_id("control-leave").click()
@@ -427,16 +419,12 @@ def test_control_that_was_given_up_is_free(ann: Page, ben: Page) -> None:
 def test_a_new_policy_ends_a_motion_and_not_the_drive(ann: Page, stack: Stack) -> None:
     """The page comes back by itself, and what was held before moves nothing more until it is pressed anew."""
     with SimWatch(stack, ROBOT) as watch:
-        expect_armed(ann)
-        ann.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(ann, watch)
         # The page opens its connection anew.
         with ann.expect_websocket(lambda socket: "/ros?" in socket.url):
             stack.admin.set_robot(ROBOT, {"policy.limits.subscriptions": 99})
         expect_live(ann, seconds=10)
         watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
         ann.keyboard.up("w")
-        expect_armed(ann)
-        ann.keyboard.down("w")
-        watch.wait_pose("moving again", _moving)
+        page_holds.drive(ann, watch)
         ann.keyboard.up("w")

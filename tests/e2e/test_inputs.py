@@ -105,9 +105,7 @@ def test_what_is_held_through_a_cut_moves_nothing_until_pressed_anew(
         stick.move_a_little(step % 2)
 
     with SimWatch(stack, "sim2") as watch:
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(page, watch)
     with _cut(page, stack, "sim2"):
         stick.push()
         go_on(0)
@@ -121,9 +119,7 @@ def test_what_is_held_through_a_cut_moves_nothing_until_pressed_anew(
         _assert_no_motion(watch, go_on, since=time.monotonic())
         page.mouse.up()
         page.keyboard.up("w")
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving by a new press of W", _moving)
+        page_holds.drive(page, watch)
         page.keyboard.up("w")
         watch.wait_pose("standing", _standing)
         expect_armed(page)
@@ -166,9 +162,7 @@ def test_what_may_swallow_the_release_stops_the_robot(
     """Where the browser may keep the keyup for itself W is let go, and its repeats do not drive on."""
     drive_live(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(page, watch)
         swallow(page)
         watch.wait_pose("standing", _standing, seconds=1)
         _assert_no_motion(watch, lambda _: page.keyboard.down("w"), since=time.monotonic())
@@ -179,9 +173,7 @@ def test_a_frozen_page_does_not_drive_on_when_it_thaws(page: Page, stack: Stack)
     """After two seconds in which the page ran no timer the robot stands, although W was never released."""
     drive_live(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(page, watch)
         page.evaluate("{ const end = Date.now() + 2000; while (Date.now() < end); }")
         thawed = time.monotonic()
         watch.wait_pose("standing", _standing, seconds=1)
@@ -228,9 +220,7 @@ def test_a_tab_that_the_browser_slows_down_drives_no_more(
     """The robot stands within a second, and W, which was never released, does not drive when the tab is awake."""
     drive_live(page, stack, "sim1")
     with SimWatch(stack, "sim1") as watch:
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(page, watch)
         slow(page)
         watch.wait_pose("standing", _standing, seconds=1)
         _assert_no_motion(watch, lambda _: page.keyboard.down("w"), since=time.monotonic())

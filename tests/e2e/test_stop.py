@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 
+import page_holds
 import pytest
 from page_users import PageUsers, release_all
 from pages import (
@@ -108,10 +109,6 @@ def _expect_released(page: Page) -> None:
     released.to_have_attribute("data-stop", "none", timeout=5_000)
 
 
-def _moving(pose: dict[str, float]) -> bool:
-    return pose["linear_velocity"] > 0.1
-
-
 def _standing(pose: dict[str, float]) -> bool:
     return pose["linear_velocity"] == 0
 
@@ -125,9 +122,7 @@ def test_an_observers_stop_is_seen_by_the_driver_at_once(
         page.evaluate(NOTE_TIMES)
     with SimWatch(stack, ROBOT) as watch:
         ann.bring_to_front()
-        expect_armed(ann)
-        ann.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(ann, watch)
         with Stopwatch() as stopwatch:
             olga.get_by_test_id("stop").dispatch_event("pointerdown", {"button": 0})
             pressed = time.monotonic()
@@ -178,8 +173,7 @@ def test_a_release_has_to_be_held(page_users: PageUsers, ann: Page, stack: Stack
     expect_mode(ann, "drive")
     expect_armed(ann)
     with SimWatch(stack, ROBOT) as watch:
-        ann.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(ann, watch)
         ann.keyboard.up("w")
 
 

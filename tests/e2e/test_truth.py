@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import page_holds
 import processes
 import pytest
 from page_users import PageUsers, release_all
@@ -40,10 +41,6 @@ def _drivable(stack: Stack) -> None:
     """The robots are there, and nobody else drives them, or the page would only watch."""
     for name in ("sim1", "sim2"):
         stack.wait_until_drivable(name)
-
-
-def _moving(pose: dict[str, float]) -> bool:
-    return pose["linear_velocity"] > 0.1
 
 
 def _expect_shown(page: Page, name: str, words: str, seconds: float = 10) -> None:
@@ -76,9 +73,7 @@ def test_a_frozen_picture_holds_driving_until_pressed_anew(page: Page, stack: St
     drive_live(page, stack, ROBOT)
     page.evaluate(NOTE_STATES)
     with SimWatch(stack, ROBOT) as watch:
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(page, watch)
         with frozen_cameras(stack, ROBOT):
             _expect_shown(page, "held", "The video is frozen.", seconds=5)
             expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
@@ -94,9 +89,7 @@ def test_a_frozen_picture_holds_driving_until_pressed_anew(page: Page, stack: St
         page.keyboard.down("w")
         _assert_still(watch, back_at)
         page.keyboard.up("w")
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving by a new press", _moving)
+        page_holds.drive(page, watch)
         page.keyboard.up("w")
 
 
@@ -110,9 +103,7 @@ def test_a_driver_may_go_on_without_the_picture_until_it_is_back(page: Page, sta
             page.keyboard.press("Enter")
             _expect_shown(page, "blind", "You cannot see")
             expect(page.get_by_test_id("state")).to_be_focused()
-            expect_armed(page)
-            page.keyboard.down("w")
-            watch.wait_pose("moving without a picture", _moving)
+            page_holds.drive(page, watch)
             page.keyboard.up("w")
         _expect_shown(page, "live", "Ready to drive.", seconds=10)
         with frozen_cameras(stack, ROBOT):
@@ -190,9 +181,7 @@ def test_offline_and_online_again(page: Page, stack: Stack) -> None:
     """Without this machine's network the page says so at once, and comes back; what was held does not drive on."""
     drive_live(page, stack, ROBOT)
     with SimWatch(stack, ROBOT) as watch:
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(page, watch)
         page.context.set_offline(True)
         state = page.get_by_test_id("state")
         expect(state).to_have_attribute(
@@ -258,9 +247,7 @@ def test_a_robot_that_reboots_in_mid_drive_waits_for_a_new_press(
     drive_live(page, stack, "sim2")
     sim = stack.container("sim2")
     with SimWatch(stack, "sim2") as watch:
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving", _moving)
+        page_holds.drive(page, watch)
     if power == "lost":
         sim.kill()
     else:
@@ -281,7 +268,5 @@ def test_a_robot_that_reboots_in_mid_drive_waits_for_a_new_press(
         page.keyboard.down("w")
         _assert_still(watch, since=0)
         page.keyboard.up("w")
-        expect_armed(page)
-        page.keyboard.down("w")
-        watch.wait_pose("moving by a new press", _moving)
+        page_holds.drive(page, watch)
         page.keyboard.up("w")

@@ -7,14 +7,20 @@ stretch of time without that: it looks, and takes another one if there was.
 note(page)
 hold something, and see what the robot does
 if had_to_let_go(page): let go, and hold it once more
+
+`drive` is that for a key and a robot that has to move.
 """
 
 from __future__ import annotations
 
+from pages import expect_armed
 from playwright.sync_api import Page
+from sim_watch import SimWatch
 
 # As of gamepad.js, which looks in each frame; teleop.js, by its timer, waits 100 ms longer.
 LOOK_MS = 250
+# Maximum number of presses that a busy machine may spoil one after the other.
+MAX_PRESSES = 5
 
 _NOTE = """() => {
   const state = document.querySelector('[data-testid=state]');
@@ -46,3 +52,20 @@ def had_to_let_go(page: Page) -> bool:
     """Tell whether there was, since it was last begun to look, what makes a page let go."""
     noted = page.evaluate("window.noted()")
     return bool(noted["held"] or noted["longestMs"] > LOOK_MS)
+
+
+def drive(page: Page, watch: SimWatch, key: str = "w") -> None:
+    """Hold a key that drives forward until the robot moves; it stays down."""
+    for _ in range(MAX_PRESSES):
+        expect_armed(page)
+        note(page)
+        page.keyboard.down(key)
+        try:
+            watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)
+        except AssertionError:
+            if not had_to_let_go(page):
+                raise
+            page.keyboard.up(key)
+        else:
+            return
+    raise AssertionError(f"the page let go of each of {MAX_PRESSES} presses")
