@@ -1,4 +1,4 @@
-"""The shape of the packages: which way imports go, and that folders of tests mirror those of the sources."""
+"""Names in the product, and folders of tests that mirror its packages. pyproject.toml has the rules of imports."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
-from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -20,108 +19,11 @@ PACKAGES = {
     "agent": ROOT / "agent" / "robotether_agent",
     "sim_robot": ROOT / "images" / "sim_robot" / "sim_robot",
 }
-# A layer may import from itself and from those before it. Names that no layer claims are `base`.
-LAYERS = ("base", "db", "services", "api", "web", "relay", "cli")
-MAY_IMPORT = {
-    "base": {"base", "db"},  # migrate and the like stand beside its users
-    "db": {"base", "db"},
-    "services": {"base", "db", "services"},
-    "api": {"base", "db", "services", "api"},
-    "web": {"base", "db", "services", "api", "web"},
-    "relay": {"base", "db", "relay"},
-    "cli": {"base", "db", "services", "cli"},
-}
-# The agent's. What is in none of these folders is base, but for what puts the parts together.
-AGENT_TOP = ("cli", "daemon", "doctor", "health", "__main__")
-AGENT_MAY_IMPORT = {
-    "base": {"base"},
-    "net": {"base", "net"},
-    "enrolment": {"base", "net", "enrolment"},
-    "tunnel": {"base", "net", "enrolment", "tunnel"},
-    "guard": {"base", "guard"},
-    "video": {"base", "video"},
-}
-FOUNDATION = ("problems", "settings", "tickets", "identity")
 
 
 @cache
 def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
-
-
-def modules(package: Path) -> dict[str, Path]:
-    """Every module of a package by its dotted name."""
-    found = {}
-    for path in sorted(package.rglob("*.py")):
-        parts = path.relative_to(package.parent).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
-
-
-def imports(path: Path, known: dict[str, Path]) -> set[str]:
-    """The package's own modules that one of them imports when it is loaded."""
-    found: set[str] = set()
-    for node in ast.walk(tree(path)):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: a relative import"
-            base = str(node.module)
-            named = {f"{base}.{alias.name}" for alias in node.names}
-            # `from package import module` needs the module, not the package's own names.
-            found |= {name if name in known else base for name in named}
-    return found & set(known)
-
-
-def graph(name: str) -> dict[str, set[str]]:
-    known = modules(PACKAGES[name])
-    return {module: imports(path, known) - {module} for module, path in known.items()}
-
-
-def layer(module: str) -> str:
-    parts = module.split(".")
-    return parts[1] if len(parts) > 1 and parts[1] in LAYERS else "base"
-
-
-@pytest.mark.parametrize("name", PACKAGES)
-def test_no_imports_in_a_circle(name: str) -> None:
-    """Every package can be read from the bottom to the top."""
-    TopologicalSorter(graph(name)).prepare()
-
-
-def test_servers_imports_go_one_way() -> None:
-    """Settings and problems, the database, services, the API, then web and cli; the relay meets none of these four."""
-    wrong = [
-        f"{module} imports {imported}"
-        for module, imported_modules in graph("server").items()
-        for imported in imported_modules
-        if layer(imported) not in MAY_IMPORT[layer(module)]
-    ]
-    assert wrong == []
-
-
-def agent_layer(module: str) -> str:
-    part = [*module.split("."), ""][1]
-    return "top" if part in AGENT_TOP else part if part in AGENT_MAY_IMPORT else "base"
-
-
-def test_agents_imports_go_one_way() -> None:
-    """From what it stands on to the network, enrolment, the tunnel and the daemon; guard and video stand beside."""
-    wrong = [
-        f"{module} imports {imported}"
-        for module, imported_modules in graph("agent").items()
-        for imported in imported_modules
-        if agent_layer(module) != "top"
-        and agent_layer(imported) not in AGENT_MAY_IMPORT[agent_layer(module)]
-    ]
-    assert wrong == []
-
-
-def test_servers_foundation_imports_no_database() -> None:
-    """What the database layer stands on does not need it."""
-    links = graph("server")
-    for module in FOUNDATION:
-        assert all(layer(name) == "base" for name in links[f"robotether_server.{module}"]), module
 
 
 @pytest.mark.parametrize("name", PACKAGES)
