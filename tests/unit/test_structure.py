@@ -1,4 +1,4 @@
-"""Names in the product, and folders of tests that mirror its packages. pyproject.toml has the rules of imports."""
+"""Names in the product, the order of its scripts, and the folders of tests. pyproject.toml has the order of Python."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,40 @@ PACKAGES = {
 @cache
 def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
+
+
+# The folders of the scripts by rank: one imports from itself and from those of lower ranks.
+SCRIPT_RANKS = ("texts", "client", "dom", "control input overlays topics", "fleet video", "pages")
+SCRIPT_RANK = {folder: rank for rank, row in enumerate(SCRIPT_RANKS) for folder in row.split()}
+SCRIPTS_ROOT = ROOT / "server" / "frontend" / "src"
+SCRIPTS = [*SCRIPTS_ROOT.rglob("*.js")]
+SCRIPT_IMPORT = re.compile(r'(?:\bfrom |\bimport |\bimport\()"(\.[^"]+)"')
+
+
+def script_graph() -> dict[Path, set[Path]]:
+    """What each script imports, types in comments too."""
+    return {
+        path: {
+            (path.parent / name).resolve()
+            for name in SCRIPT_IMPORT.findall(path.read_text(encoding="utf-8"))
+        }
+        for path in SCRIPTS
+    }
+
+
+def test_scripts_imports_go_one_way() -> None:
+    """Texts, the public client, the document, the parts of a page, pages; no import in a circle."""
+    links = script_graph()
+    assert set().union(*links.values()) <= set(links)
+    wrong = [
+        f"{path.relative_to(SCRIPTS_ROOT)} imports {imported.relative_to(SCRIPTS_ROOT)}"
+        for path, imports_of_it in links.items()
+        for imported in imports_of_it
+        if imported.parent != path.parent
+        and SCRIPT_RANK[imported.parent.name] >= SCRIPT_RANK[path.parent.name]
+    ]
+    assert sorted(wrong) == []
+    TopologicalSorter(links).prepare()
 
 
 @pytest.mark.parametrize("name", PACKAGES)
@@ -81,7 +116,6 @@ WHOLE = set(" ".join(BANNED_NAMES).split())
 SINGULAR = " ".join(BANNED_WORDS).split()
 FORMS = {f"{one}{end}" for one in SINGULAR for end in ("", "s", "es")} | {"deliveries"}
 PRODUCT = [path for package in PACKAGES.values() for path in package.rglob("*.py")]
-SCRIPTS = [*(ROOT / "server" / "frontend" / "src").rglob("*.js")]
 EXPORT = re.compile(r"^export (?:async )?(?:function\*?|class|const|let) (\w+)", re.MULTILINE)
 
 

@@ -52,6 +52,10 @@ export class Api {
   }
 }
 
+// That of the login of a page of the server's own.
+/** @returns {string} */
+export const csrfToken = () => /** @type {HTMLMetaElement} */ (document.querySelector('meta[name="csrf-token"]')).content;
+
 // Gives what `ask` does.
 export async function readAnswer(answer) {
   const { status, ok } = answer;

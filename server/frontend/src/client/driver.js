@@ -2,7 +2,7 @@
 // It must never send anything but zero that its program has not said within the last 0.3 s, nor start again by itself
 // after it had to stop: then the program has to say zero first, as a person has to let go of the stick.
 
-import { STILL, Teleop } from "../input/teleop.js";
+import { STILL, Teleop } from "./teleop.js";
 
 const GOOD_FOR_MS = 300;
 const NAME = "program";

@@ -1,13 +1,13 @@
 // robotether-client: a robot behind Robotether, for pages of others (docs/reference/client.md). Bundled into
 // dist/robotether-client.js; the drive page is made of the same parts.
 
-import { csrfToken } from "../pages/page.js";
 import { reasons } from "../texts/common.js";
-import { Api, TicketRefused, framesUrl, requestTicket, rosUrl, streamUrl } from "./api.js";
+import { Api, TicketRefused, csrfToken, framesUrl, requestTicket, rosUrl, streamUrl } from "./api.js";
 import { GIVE_UP } from "./connection.js";
 import { Driver } from "./driver.js";
 import { DriveTypeQuery } from "./driveType.js";
 import { FrameStream } from "./frames.js";
+import { Painter, imageOf } from "./painter.js";
 import { Session } from "./session.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
@@ -275,19 +275,19 @@ export { FrameStream, TicketRefused };
 // Shows frames in an <img> or on a <canvas> of the page, one at a time.
 // Gives the function that shows {jpeg} and settles when it is to be seen; it rejects for what is no image.
 function showOn(element) {
-  if (element.localName === "canvas") return ({ jpeg }) => draw(element, jpeg);
+  if (element.localName === "canvas") return canvasShower(element);
   if (element.localName === "img") return imageShower(element);
   throw new TypeError(`cannot show video in <${element.localName}>: give an <img> or a <canvas>`);
 }
 
-const blobOf = (jpeg) => new Blob([jpeg], { type: "image/jpeg" });
-
-async function draw(canvas, jpeg) {
-  const bitmap = await createImageBitmap(blobOf(jpeg));
-  if (canvas.width !== bitmap.width) canvas.width = bitmap.width;
-  if (canvas.height !== bitmap.height) canvas.height = bitmap.height;
-  canvas.getContext("2d").drawImage(bitmap, 0, 0);
-  bitmap.close();
+// The canvas stays as the page has it until the first frame.
+function canvasShower(canvas) {
+  /** @type {Painter | undefined} */
+  let painter;
+  return async ({ jpeg }) => {
+    painter ??= new Painter(canvas);
+    await painter.show(jpeg);
+  };
 }
 
 function imageShower(img) {
@@ -295,7 +295,7 @@ function imageShower(img) {
   let shown = null;
   return async ({ jpeg }) => {
     const before = shown;
-    shown = URL.createObjectURL(blobOf(jpeg));
+    shown = URL.createObjectURL(imageOf(jpeg));
     try {
       await load(img, shown);
     } finally {

@@ -7,9 +7,19 @@ import { driveMessage, openLink } from "./rosbridge.js";
 import { RttProbe, median } from "./rtt.js";
 
 /**
- * @typedef {import("../input/teleop.js").Twist} Twist
- * @typedef {import("../control/driveMode.js").Control} Control
+ * @typedef {import("./teleop.js").Twist} Twist
  * @typedef {{t_ms: number}} Stamp the timestamp of a command in the relay's time
+ */
+
+/**
+ * Who drives, and whether the robot is stopped (docs/reference/protocols.md, "Control").
+ * @typedef {{
+ *   driver: {user: string, since: string, fence: number} | null,
+ *   waiting: {user: string, passes_at: string} | null,
+ *   reserved: {user: string, until: string} | null,
+ *   stopped: {by: string, at: string, confirmed: boolean} | null,
+ *   guard: string,
+ * }} Control
  */
 
 const BACKLOG_BYTES = 2048; // about half a second of drive commands

@@ -2,12 +2,19 @@
 // It must never let anything but zero through while driving is held, nor let what was held through it drive on.
 
 // Of who only watches.
-/** @type {ReturnType<typeof import("../input/controls.js").setUpControls>} */
+/**
+ * @type {{
+ *   arm: (armed: boolean) => void,
+ *   watch: (free: boolean) => void,
+ *   useType: (type: string) => string,
+ *   held: () => boolean,
+ * } & Record<"disarm" | "letGo" | "halt", () => void>}
+ */
 export const NO_CONTROLS = { arm() {}, watch() {}, disarm() {}, letGo() {}, halt() {}, useType: () => "", held: () => false };
 
 export class Arming {
   // `output` as of teleop.js; it is one itself, for the controls' teleop. `interlock` is a VideoInterlock.
-  /** @param {{interlock: VideoInterlock, output: import("../input/teleop.js").Output}} options */
+  /** @param {{interlock: VideoInterlock, output: import("../client/teleop.js").Output}} options */
   constructor({ interlock, output }) {
     this.interlock = interlock;
     this.output = output;
@@ -58,7 +65,7 @@ export class Arming {
   }
 
   // Each command asks anew whether the person can see: a timer may be late.
-  /** @type {(twist: import("../input/teleop.js").Twist, timestamp: number) => void} */
+  /** @type {(twist: import("../client/teleop.js").Twist, timestamp: number) => void} */
   publish(twist, timestamp) {
     this.interlock.check();
     const still = !twist.forward && !twist.left && !twist.turn;

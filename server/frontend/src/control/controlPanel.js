@@ -1,12 +1,12 @@
 // What a person reads of connection, control and stops, and what they can do about it: the banner, who drives, and questions.
 // The markup is the server's (drive.html); what can be done is driveMode.js's to say.
 
-import { api, serverClock } from "../pages/calls.js";
-import { byTestId, keepFocus, localTime, part, setText } from "../pages/page.js";
-import { NEW_MS, isNew, markNew } from "../pages/presses.js";
+import { api, serverClock } from "../dom/calls.js";
+import { byTestId, keepFocus, localTime, part, setText } from "../dom/page.js";
+import { NEW_MS, isNew, markNew } from "../dom/presses.js";
 import { connection, control as texts, driveMode as notes, logIn, states } from "../texts/common.js";
 
-/** @typedef {import("./driveMode.js").Control} Control */
+/** @typedef {import("../client/session.js").Control} Control */
 
 const TICK_MS = 500;
 const FRESH_MS = 8000; // a note over the picture goes by itself

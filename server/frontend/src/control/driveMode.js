@@ -3,19 +3,10 @@
 // somebody drives, in another window of this person's included, and never arm the controls when control comes at a
 // moment that the person does not choose.
 
-import { LocalStore } from "../pages/page.js";
+import { LocalStore } from "../dom/page.js";
 
 const OF_A_STOP = ["robot_stopped", "stopped_meanwhile"]; // notes that its release ends
-/**
- * Who drives, and whether the robot is stopped (docs/reference/protocols.md, "Control").
- * @typedef {{
- *   driver: {user: string, since: string, fence: number} | null,
- *   waiting: {user: string, passes_at: string} | null,
- *   reserved: {user: string, until: string} | null,
- *   stopped: {by: string, at: string, confirmed: boolean} | null,
- *   guard: string,
- * }} Control
- */
+/** @typedef {import("../client/session.js").Control} Control */
 
 /** @type {Control} */
 const NOTHING = { driver: null, waiting: null, reserved: null, stopped: null, guard: "unknown" };

@@ -1,7 +1,7 @@
 // The summary of this page's last drive: in words, and as a file.
 
-import { api } from "../pages/calls.js";
-import { download, make, part, setText, shortNumber, sizeText } from "../pages/page.js";
+import { api } from "../dom/calls.js";
+import { download, make, part, setText, shortNumber, sizeText } from "../dom/page.js";
 import { summary as texts, endReasons, refusals } from "../texts/panels.js";
 
 const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });

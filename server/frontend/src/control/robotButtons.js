@@ -1,7 +1,7 @@
 // The robot's buttons (settings.buttons): what a press does, and what is known of it. Pure but for its timers.
 // It must send nothing unless this page drives, and nothing twice that waits for its answer.
 
-import { make, onPress, part, setText } from "../pages/page.js";
+import { make, onPress, part, setText } from "../dom/page.js";
 import { buttons as texts } from "../texts/panels.js";
 
 const ASKING_MS = 10_000; // a question that is forgotten must not be there to be hit later

@@ -1,8 +1,8 @@
 // The drive page's Stop button, what is known of the stop, and the button to hold for its release.
 
-import { api } from "../pages/calls.js";
-import { byTestId, keepFocus, localTime, part, setText, TEXT, matches } from "../pages/page.js";
-import { markNew } from "../pages/presses.js";
+import { api } from "../dom/calls.js";
+import { byTestId, keepFocus, localTime, part, setText, TEXT, matches } from "../dom/page.js";
+import { markNew } from "../dom/presses.js";
 import { release as releaseTexts, stop as texts } from "../texts/common.js";
 import { Stopping, sameStop } from "./stopping.js";
 

@@ -16,7 +16,7 @@ export class Stopping {
     this.send = send;
     this.post = post;
     this.onChange = onChange;
-    /** @type {import("./driveMode.js").Control["stopped"]} */
+    /** @type {import("../client/session.js").Control["stopped"]} */
     this.stopped = null;
     /** @type {"idle" | "asked" | "heard" | "unheard" | "failed" | "refused"} */
     this.state = "idle"; // "asked": no answer yet; "heard": the server has it

@@ -2,11 +2,11 @@
 // the table; here it is only filled in.
 
 import { ReloadStore } from "../control/driveMode.js";
-import { part, setText, localTime, utcTimestamp } from "../pages/page.js";
+import { part, setText, localTime, utcTimestamp } from "../dom/page.js";
+import { batteryText, isLow } from "../overlays/battery.js";
 import { stop as stopTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
 
-const LOW_PERCENT = 20;
 // What is hovered of a card, whose link covers its text, and of a row.
 const HOVERED = { card: ["name"], row: ["presence", "stopped-row"] };
 const MAY_BE_CUT = { card: ["drivers", "site"], row: ["name", "drivers", "site"] };
@@ -26,9 +26,6 @@ export function utcText(robot) {
   return [robot.since && presenceText(robot, utcTimestamp), stopped, !robot.online && robot.offline_reason].filter(Boolean).join("\n");
 }
 
-// Not of one whose level is unknown.
-export const isLow = (battery) => Boolean(battery) && battery.percent !== null && !battery.charging && battery.percent < LOW_PERCENT;
-
 // What keeps a robot from being used, or soon will.
 export function attention({ online, offline_reason: reason, ros, video, battery, control }) {
   if (!online) return [reason || texts.offlineUnknown];
@@ -42,13 +39,6 @@ export function attention({ online, offline_reason: reason, ros, video, battery,
 }
 
 export const healthText = (robot) => attention(robot).join(", ");
-
-export function batteryText({ online, battery }) {
-  if (!online || !battery) return "";
-  const text = texts.battery(battery.percent);
-  if (battery.charging) return texts.charging(text);
-  return isLow(battery) ? texts.low(text) : text;
-}
 
 // Who drives, or is about to, and who asks for it.
 export function driverText({ control }) {

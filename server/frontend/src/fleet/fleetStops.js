@@ -1,8 +1,8 @@
 // The fleet page's Stop buttons: that of one robot, those of all robots that this user manages or of a site, and what became of it.
 
 import { AGAIN_MS, Stopping, TRIES, refusal } from "../control/stopping.js";
-import { api, stopAll } from "../pages/calls.js";
-import { localTime, make, part, setText } from "../pages/page.js";
+import { api, stopAll } from "../dom/calls.js";
+import { localTime, make, part, setText } from "../dom/page.js";
 import { stop as stopTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
 

@@ -1,7 +1,7 @@
 // A robot's small picture on the fleet page: taken again while it is on the screen, and let go when it is not.
 
 import { readRefusal, snapshotUrl } from "../client/api.js";
-import { localTime, part, setText } from "../pages/page.js";
+import { localTime, part, setText } from "../dom/page.js";
 import { because } from "../texts/common.js";
 import { thumb as texts } from "../texts/fleet.js";
 

@@ -1,6 +1,6 @@
 // Search, filters, order and the choice of cards or table. What is chosen stands in the page's address.
 
-import { LocalStore, foldFilters, part, setText } from "../pages/page.js";
+import { LocalStore, foldFilters, part, setText } from "../dom/page.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { fromQuery, isFiltered, sitesOf, toQuery } from "./filters.js";
 

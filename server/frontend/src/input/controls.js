@@ -1,13 +1,13 @@
 // Joins sticks, keyboard, gamepad and limits to teleop.js, and lets go of all that is held when the page may be out of sight.
 
 import { isSteered } from "../client/rosbridge.js";
-import { TYPING, matches, onPress, part, setText } from "../pages/page.js";
+import { TYPING, matches, onPress, part, setText } from "../dom/page.js";
 import { limits as texts } from "../texts/common.js";
 import { hints } from "../texts/inputs.js";
 import { GamepadPanel } from "./gamepadPanel.js";
 import { FieldFocus, Keyboard } from "./keyboard.js";
 import { Sticks } from "./sticks.js";
-import { Teleop } from "./teleop.js";
+import { Teleop } from "../client/teleop.js";
 
 // `limits` as of settings.js; `choices` as of page.js, of this robot's controls; `kind`, `output`, `onTake` and `onWanted` as of
 // teleop.js; `onStop()` comes from a gamepad's stop button. Gives {arm, watch, disarm, letGo, halt, useType, held}; `watch(free)` lets a press take the control, if that is free;

@@ -1,6 +1,6 @@
 // The gamepad on the page: which one drives, what its sticks and buttons do, and the settings of this device for it.
 
-import { LocalStore, byTestId, part, setText } from "../pages/page.js";
+import { LocalStore, byTestId, part, setText } from "../dom/page.js";
 import * as texts from "../texts/inputs.js";
 import { DEAD_ZONE, Gamepad, GamepadLoop, MAX_POLL_GAP_MS, MOTIONS, fits, madeOf, usualProfile } from "./gamepad.js";
 import { Learner, stepsOf } from "./gamepadLearn.js";

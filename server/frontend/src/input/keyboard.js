@@ -3,7 +3,7 @@
 // it sees while it counts does, never the repeats of a key that is down already, nor a key that is meant for a field of the
 // page.
 
-import { TEXT, matches } from "../pages/page.js";
+import { TEXT, matches } from "../dom/page.js";
 
 const INPUT = "keyboard";
 const FORWARD = { forward: 1 };

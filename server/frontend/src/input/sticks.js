@@ -1,7 +1,7 @@
 // The joysticks on the screen: one for everything, at the left or at the right, or a left one to drive and a right one to
 // turn. What a person likes is kept for each robot; one that goes sideways starts with two, as one cannot tell it to.
 
-import { byTestId, part } from "../pages/page.js";
+import { byTestId, part } from "../dom/page.js";
 import { hints } from "../texts/inputs.js";
 
 // What the position of a stick asks for.

@@ -1,7 +1,7 @@
 // The robot from above in a tile of its own, which follows it. Drawn once a frame of the page at most, and only after
 // something changed.
 
-import { part, setText } from "../pages/page.js";
+import { part, setText } from "../dom/page.js";
 import { map as texts } from "../texts/video.js";
 
 const ZOOMS = [4, 8, 16, 32, 64, 128]; // pixels a metre

@@ -1,8 +1,8 @@
 // Battery and diagnostics of the robot, beside the video. The battery is what the server says, as on the fleet page.
 
-import { batteryText, isLow } from "../fleet/cards.js";
-import { make, part, setText } from "../pages/page.js";
+import { make, part, setText } from "../dom/page.js";
 import { battery as batteryTexts, diagnostics as texts } from "../texts/video.js";
+import { batteryText, chargeHealth } from "./battery.js";
 import { Subscriptions } from "./subscriptions.js";
 
 const MOST_ROWS = 60;
@@ -56,14 +56,6 @@ export class Overlays {
 
 function row({ name, level, message }) {
   return make("li", { "data-level": level }, make("strong", {}, `${texts.levels[level]}: ${name}`), ` ${message}`);
-}
-
-const FAIR_PERCENT = 40;
-
-function chargeHealth({ online, battery }) {
-  if (!online || !battery || battery.percent === null) return "";
-  if (isLow(battery)) return "poor";
-  return battery.percent >= FAIR_PERCENT || battery.charging ? "good" : "fair";
 }
 
 // The robot's diagnostics (REP-107): the newest of each name, and the worst of all. Pure.

@@ -1,7 +1,7 @@
 // The numbers of the drive page: speed as asked for and as measured, the age of the video, the round trip and its parts.
 
 import { poseReader, speedReader } from "../client/rosbridge.js";
-import { byTestId, part, setText } from "../pages/page.js";
+import { byTestId, part, setText } from "../dom/page.js";
 import { readings as texts, latency } from "../texts/common.js";
 import { Subscriptions } from "./subscriptions.js";
 

@@ -1,7 +1,7 @@
 // The page that adds a robot: fetches itself again and again, and puts in place what changed of step 3.
 
 import { PointerPause } from "../fleet/list.js";
-import { localTimestamp, part, setText } from "./page.js";
+import { localTimestamp, part, setText } from "../dom/page.js";
 
 const EVERY_MS = 2000;
 // Each fetch counts as a use of the login, and a page that nobody touches must not keep it.

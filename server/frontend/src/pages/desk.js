@@ -1,8 +1,8 @@
 // What pages of lists and forms need of a script: buttons that copy, times and days of the reader's own zone, and Drive.
 
 import { offerDrive } from "../fleet/cards.js";
-import { foldFilters, localTimestamp, setText } from "./page.js";
-import { Presses } from "./presses.js";
+import { foldFilters, localTimestamp, setText } from "../dom/page.js";
+import { Presses } from "../dom/presses.js";
 
 const SHOWN_MS = 2000;
 const DAY_LENGTH = 10;

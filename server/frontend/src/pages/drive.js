@@ -18,9 +18,9 @@ import { Discovery } from "../topics/discovery.js";
 import { Topics } from "../topics/topicList.js";
 import { ObserverConnection } from "../topics/topicProbe.js";
 import { View } from "../video/view.js";
-import { LoginUse, api } from "./calls.js";
-import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, part, setText } from "./page.js";
-import { Presses } from "./presses.js";
+import { LoginUse, api } from "../dom/calls.js";
+import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, part, setText } from "../dom/page.js";
+import { Presses } from "../dom/presses.js";
 import { driveSettings } from "./settings.js";
 
 const CHECK_MS = 50;

@@ -9,9 +9,9 @@ import { Batch, PointerPause, RobotList, Seldom } from "../fleet/list.js";
 import { Snapshots, Queue, Thumbs } from "../fleet/thumbs.js";
 import { Toolbar } from "../fleet/toolbar.js";
 import { feed as feedTexts } from "../texts/common.js";
-import { LoginUse } from "./calls.js";
-import { byTestId, part, setText } from "./page.js";
-import { Presses } from "./presses.js";
+import { LoginUse } from "../dom/calls.js";
+import { byTestId, part, setText } from "../dom/page.js";
+import { Presses } from "../dom/presses.js";
 
 const ARRANGE_EVERY_MS = 1000;
 

@@ -1,6 +1,6 @@
 // The ends of grants: shown and typed in the reader's own time, sent in UTC, as the page has them without this script.
 
-import { make } from "./page.js";
+import { make } from "../dom/page.js";
 
 const MINUTE_MS = 60_000;
 

@@ -1,6 +1,6 @@
 // Shows one probe of a topic: its newest message, how often it comes, and one of its numbers over the last minute.
 
-import { make, setText, shortNumber, sizeText } from "../pages/page.js";
+import { make, setText, shortNumber, sizeText } from "../dom/page.js";
 import { topics as texts } from "../texts/panels.js";
 import { preview } from "./fields.js";
 import { TopicProbe, MEASURE_MS } from "./topicProbe.js";

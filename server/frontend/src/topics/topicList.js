@@ -1,7 +1,7 @@
 // The list of the robot's topics, and probes of one or two of them. Nothing is asked of the robot while the list is
 // closed or the page is hidden.
 
-import { make, part, setText } from "../pages/page.js";
+import { make, part, setText } from "../dom/page.js";
 import { topics as texts } from "../texts/panels.js";
 import { Inspector } from "./inspector.js";
 

@@ -1,6 +1,7 @@
 // One camera in its place: its stream, the age of its frames, and a text when there are none.
 
-import { part, setText } from "../pages/page.js";
+import { Painter } from "../client/painter.js";
+import { part, setText } from "../dom/page.js";
 import { frame as texts } from "../texts/video.js";
 
 export class CameraTile {
@@ -154,44 +155,6 @@ export class CameraTile {
     return [rate === null ? "" : texts.rate(rate), quality ? texts.quality(quality) : "", texts.size(this.size)].filter(Boolean);
   }
 }
-
-// Draws JPEGs on a canvas, turned as the camera needs it. Decoding happens beside the page's own work, one frame at a time.
-export class Painter {
-  // `decode(jpeg)` gives a promise of what drawImage takes.
-  constructor(canvas, { decode = decodeBeside } = {}) {
-    this.canvas = canvas;
-    this.decode = decode;
-    this.context = canvas.getContext("2d", { alpha: false });
-    this.turned = 0;
-  }
-
-  // Gives the frame's own size; rejects for what is no image.
-  async show(jpeg) {
-    const image = await this.decode(jpeg);
-    const { width, height } = image;
-    this.draw(image);
-    image.close();
-    return { width, height };
-  }
-
-  draw(image) {
-    const { width, height } = image;
-    const across = this.turned % 180 !== 0;
-    this.fit(across ? height : width, across ? width : height);
-    const { canvas, context } = this;
-    context.setTransform(1, 0, 0, 1, canvas.width / 2, canvas.height / 2);
-    context.rotate((this.turned * Math.PI) / 180);
-    context.drawImage(image, -width / 2, -height / 2);
-  }
-
-  // A canvas that is given its size anew is empty, so only for a new one.
-  fit(width, height) {
-    if (this.canvas.width !== width) this.canvas.width = width;
-    if (this.canvas.height !== height) this.canvas.height = height;
-  }
-}
-
-const decodeBeside = (jpeg) => createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
 
 // Pictures a second, over the last two seconds. Pure.
 const SPAN_MS = 2000;

@@ -1,7 +1,7 @@
 // The buttons over the video's upper edge: one for each source, camera or map, that may be the main one.
 // A button stays the same one as long as its source does, and none is moved for another: a finger or the focus may be on it.
 
-import { make, onPress, part, setText } from "../pages/page.js";
+import { make, onPress, part, setText } from "../dom/page.js";
 
 export const NUMBER_KEYS = 4; // of the sources, as of viewActionOf in view.js
 

@@ -1,7 +1,7 @@
 // The places of the video: makes a tile for what is shown, ends what is not, and says which is the main one.
 // What is not seen has no stream.
 
-import { onPress, part, setText } from "../pages/page.js";
+import { onPress, part, setText } from "../dom/page.js";
 import { frame as texts } from "../texts/video.js";
 import { MapTile } from "../overlays/mapTile.js";
 import { CameraTile } from "./cameraTile.js";

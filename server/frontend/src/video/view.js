@@ -7,7 +7,7 @@ import { LaserRing } from "../overlays/laserRing.js";
 import { MapTile } from "../overlays/mapTile.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
-import { Choices, TEXT, byTestId, download, matches, onPress, part, setText } from "../pages/page.js";
+import { Choices, TEXT, byTestId, download, matches, onPress, part, setText } from "../dom/page.js";
 import { video as texts } from "../texts/video.js";
 import { cameraTopics, offeredCameras } from "../topics/discovery.js";
 import { chooseTopic } from "../topics/ownTopics.js";

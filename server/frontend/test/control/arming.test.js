@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { Teleop } from "../../src/input/teleop.js";
+import { Teleop } from "../../src/client/teleop.js";
 import { Arming, VideoInterlock } from "../../src/control/arming.js";
 
 const FORWARD = { forward: 1, left: 0, turn: 0 };

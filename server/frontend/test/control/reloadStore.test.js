@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { ReloadStore } from "../../src/control/driveMode.js";
-import { LocalStore } from "../../src/pages/page.js";
+import { LocalStore } from "../../src/dom/page.js";
 
 let store, clock, arrival;
 

@@ -3,7 +3,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { stop } from "../../src/texts/common.js";
 import { StopBar, stopOnSpace } from "../../src/control/stopBar.js";
-import { api } from "../../src/pages/calls.js";
+import { api } from "../../src/dom/calls.js";
 import { FakeElement } from "./fakes.js";
 
 let stops, clicks, window;

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { batteryText, driverText, healthText, presenceText, utcText } from "../../src/fleet/cards.js";
+import { driverText, healthText, presenceText, utcText } from "../../src/fleet/cards.js";
+import { batteryText } from "../../src/overlays/battery.js";
 
 test("a card says since when, and what keeps a robot from being used", () => {
   const since = "2026-01-01T12:03:00Z";

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Presses } from "../../src/pages/presses.js";
+import { Presses } from "../../src/dom/presses.js";
 
 // As much of the document as presses see: what an element is, and which control it is part of.
 const element = (control, selectors = []) => {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Choices, LocalStore, asksForKeys, shortNumber, sizeText } from "../../src/pages/page.js";
+import { Choices, LocalStore, asksForKeys, shortNumber, sizeText } from "../../src/dom/page.js";
 
 // As the browser's, in memory.
 function storage() {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
 
-import { api, ServerClock } from "../../src/pages/calls.js";
+import { api, ServerClock } from "../../src/dom/calls.js";
 
 const { document, fetch } = globalThis;
 

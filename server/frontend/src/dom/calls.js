@@ -1,7 +1,6 @@
 // Asks the server's API to do something, with the login of this page, and keeps that login while somebody uses the page.
 
-import { Api } from "../client/api.js";
-import { csrfToken } from "./page.js";
+import { Api, csrfToken } from "../client/api.js";
 
 export const api = new Api({
   headers: () => ({ "X-CSRFToken": csrfToken() }),

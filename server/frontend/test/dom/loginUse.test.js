@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { LoginUse } from "../../src/pages/calls.js";
+import { LoginUse } from "../../src/dom/calls.js";
 
 const MINUTE = 60_000;
 

@@ -1,8 +1,5 @@
 // What all pages share: small helpers around the document, and what the browser keeps for the next visit.
 
-/** @returns {string} */
-export const csrfToken = () => /** @type {HTMLMetaElement} */ (document.querySelector('meta[name="csrf-token"]')).content;
-
 export const part = (root, name) => root.querySelector(`[data-part="${name}"]`);
 
 export const byTestId = (root, name) => root.querySelector(`[data-testid="${name}"]`);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { mixed } from "../../src/input/teleop.js";
+import { mixed } from "../../src/client/teleop.js";
 
 const LIMITS = {
   linear: 0.5,
