@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.drives.drive_path import stamped
-from robotether_server.relay.rosbridge.message_validator import MessageValidator
 from robotether_server.robot_settings import DEFAULTS, Limits
 from sections import Section
 

@@ -56,8 +56,8 @@ SUBJECTS = {
     "policy": Subject(
         # The table itself is data, which is not changed; these apply it.
         (
-            f"{RELAY}rosbridge/message_validator.py",
-            f"{RELAY}rosbridge/operations.py",
+            f"{RELAY}channels/rosbridge/message_validator.py",
+            f"{RELAY}channels/rosbridge/operations.py",
             "robotether_common/ros.py",
         ),
         (*RELAY_TESTS, "tests/unit/common/test_ros.py"),

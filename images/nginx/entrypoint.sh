@@ -18,7 +18,7 @@ fail() {
 }
 
 # Other cells of the site, if it has a certificate for them. The relay makes the same hash of the key
-# (relay/peers/peer_keys.py).
+# (relay/cells/keys.py).
 serve_peers() {
   rm -rf /run/nginx/peers
   mkdir /run/nginx/peers

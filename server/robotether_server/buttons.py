@@ -147,7 +147,7 @@ def _made(given: GivenButton) -> Button:
 
 
 def _check(value: Any, path: str, depth: int) -> None:
-    """Refuse what the relay would not pass on (relay/rosbridge/operations.py), or no robot reads."""
+    """Refuse what the relay would not pass on (relay/channels/rosbridge/operations.py), or no robot reads."""
     if depth > MAX_FIELDS_DEPTH:
         raise FieldInvalid(
             f"cannot use {path}: it is nested more than {MAX_FIELDS_DEPTH} deep", path

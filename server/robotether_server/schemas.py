@@ -138,7 +138,7 @@ GLOBS_SCHEMA = {
     "description": "Names, in which * stands for any text",
 }
 GivenGlobs = Annotated[Globs, Meta(extra_json_schema=GLOBS_SCHEMA, extra={"read": read_globs})]
-# As the relay takes names in messages (relay/rosbridge/operations.py), with their first `/`.
+# As the relay takes names in messages (relay/channels/rosbridge/operations.py), with their first `/`.
 RosName = Annotated[
     str,
     Meta(

@@ -18,13 +18,16 @@ import atheris
 sys.path[:0] = [str(Path(__file__).resolve().parents[2] / name) for name in ("common", "server")]
 with atheris.instrument_imports(include=["robotether_common", "robotether_server", "json"]):
     from robotether_common.ros import Globs
-    from robotether_server.relay.drives.drive_path import stamped
-    from robotether_server.relay.rosbridge.message_validator import (
+    from robotether_server.relay.channels.rosbridge.message_validator import (
         MessageRefusedError,
         MessageValidator,
         ValidatedMessage,
     )
-    from robotether_server.relay.rosbridge.operations import OPERATIONS, ROSAPI_LOOKUPS_OF_DRIVERS
+    from robotether_server.relay.channels.rosbridge.operations import (
+        OPERATIONS,
+        ROSAPI_LOOKUPS_OF_DRIVERS,
+    )
+    from robotether_server.relay.drives.drive_path import stamped
     from robotether_server.robot_settings import LevelPolicy, Limits
 
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])

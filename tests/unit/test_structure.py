@@ -108,6 +108,7 @@ ALLOWED = {
     ("moves", "guard/drive_messages.py"): "of a robot",
     ("picture_bytes", "robotether_server/"): "a column of SQL",
     ("pictures", "robotether_server/"): "a column of SQL",
+    ("records", "relay/records/"): "of the database, the audit and drives",
     ("switch", "robotether_agent/cli.py"): "a command of the program",
     ("take", "relay/control/"): "an action of the API",
     ("tls_front", "robotether_server/settings.py"): "TLS_FRONT's field",

@@ -22,8 +22,8 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from robotether_server import problems
 from robotether_server.api import description
+from robotether_server.relay.channels.rosbridge.operations import OPERATIONS
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.rosbridge.operations import OPERATIONS
 from robotether_server.settings import VARIABLES, Variable
 
 ROOT = Path(__file__).resolve().parents[2]

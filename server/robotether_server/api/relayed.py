@@ -1,4 +1,4 @@
-"""What the relay answers under /api/v1 (relay/control/control_api.py, relay/events.py): nginx leads it there.
+"""What the relay answers under /api/v1 (relay/control/control_api.py, relay/channels/events.py): nginx leads it there.
 
 Described here, as one API has one description; nothing of it is handled here.
 """

@@ -9,15 +9,17 @@ unbounded buffer for anybody.
     observers    log, audit and metrics of what happens
     metrics      the numbers for Prometheus
 
-    events       the fleet as operators see it, as server-sent events
-    video/       a robot's cameras: the frames protocol, multipart streams, web_video_server passed through
-    rosbridge/   an operator's WebSocket joined to a robot's rosbridge; every message is checked and written again
+    cells/       the site's other machines: who has which robot, forwarding, drain, rebalancing
+    channels/    what people connect to, each kind a folder or module that imports from no other kind:
+                 events     the fleet as operators see it, as server-sent events
+                 rosbridge  a WebSocket joined to a robot's rosbridge; every message is checked and written again
+                 video      a robot's cameras: the frames protocol, multipart streams, web_video_server passed through
     drives/      a driver's commands on their way, and what the drive came to, for its record
     control/     who drives, who waits, who stopped; leases, stops, and the requests for them
     auth/        who asks and what for: tickets, logins, tokens, and the live connections that they opened
     robots/      robots' sessions over TCP, what is known of each robot, and the way to its ports
-    db/          the database on threads of its own: reads robots and rights, writes what happens
+    records/     the database on threads of its own: reads robots and rights, writes what happens
     http/        sockets, close reasons, and `timing`: rates, silence, clocks
 
-Each folder imports only from those below it; events, video and rosbridge not from each other, nor robots and db.
+Each folder imports only from those below it, and robots and records not from each other.
 """

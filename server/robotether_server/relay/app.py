@@ -15,15 +15,15 @@ from aiohttp.http_exceptions import HttpProcessingError
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from robotether_server.problems import PROBLEM_JSON, HttpProblem, OriginRefused, Problem, Throttled
+from robotether_server.relay.cells.feed import FLEET_PATH, PeerFeedHandler
+from robotether_server.relay.cells.forwarding import Forwarding
+from robotether_server.relay.cells.keys import PROOF_HEADER, PeerKeys
+from robotether_server.relay.channels.events import EventsHandler
+from robotether_server.relay.channels.rosbridge.handler import RosbridgeHandler
+from robotether_server.relay.channels.video.frames_handler import FramesHandler
+from robotether_server.relay.channels.video.handler import VideoHandler
 from robotether_server.relay.control.control_api import ControlApi
-from robotether_server.relay.events import EventsHandler
 from robotether_server.relay.metrics import Metrics
-from robotether_server.relay.peers.forwarding import Forwarding
-from robotether_server.relay.peers.peer_feed import FLEET_PATH, PeerFeedHandler
-from robotether_server.relay.peers.peer_keys import PROOF_HEADER, PeerKeys
-from robotether_server.relay.rosbridge.handler import RosbridgeHandler
-from robotether_server.relay.video.frames_handler import FramesHandler
-from robotether_server.relay.video.handler import VideoHandler
 
 log = logging.getLogger(__name__)
 # For aiohttp's server, in place of its own.

@@ -35,40 +35,40 @@ from robotether_server.relay.app import (
 from robotether_server.relay.auth.access import Access
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
-from robotether_server.relay.cell_drain import CellDrain, DrainRules
-from robotether_server.relay.cells import Cells
+from robotether_server.relay.cells.cells import Cells
+from robotether_server.relay.cells.dialer import PeerDialer
+from robotether_server.relay.cells.drain import CellDrain, DrainRules
+from robotether_server.relay.cells.feed import PeerFeed, PeerFeedHandler
+from robotether_server.relay.cells.forwarding import Forwarding
+from robotether_server.relay.cells.keys import PeerKeys, read_peer_keys
+from robotether_server.relay.cells.peers import Peers
+from robotether_server.relay.cells.rebalancing import BalanceRules, Rebalancing
+from robotether_server.relay.channels.events import EventsHandler, FleetEvents
+from robotether_server.relay.channels.rosbridge.bridge import Traffic
+from robotether_server.relay.channels.rosbridge.handler import BridgeRules, RosbridgeHandler
+from robotether_server.relay.channels.video.feed_link import FeedConnector
+from robotether_server.relay.channels.video.feeds import Feeds
+from robotether_server.relay.channels.video.frames_handler import FramesHandler
+from robotether_server.relay.channels.video.handler import VideoHandler
+from robotether_server.relay.channels.video.viewers import VideoContext
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.control_api import ControlApi, OtherCells
-from robotether_server.relay.db.database import RelayDatabase
-from robotether_server.relay.db.event_writer import EventWriter
-from robotether_server.relay.db.fleet import Fleet
-from robotether_server.relay.db.journal import Journal
 from robotether_server.relay.drives.viewer_stats import ViewerStats
-from robotether_server.relay.events import EventsHandler, FleetEvents
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.event_loop import EventLoop, watched
 from robotether_server.relay.http.sockets import RobotSocket, refuse_redirects
 from robotether_server.relay.http.timing import DRIVER_LIMITS, LivenessLimits
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver
-from robotether_server.relay.peers.forwarding import Forwarding
-from robotether_server.relay.peers.peer_dialer import PeerDialer
-from robotether_server.relay.peers.peer_feed import PeerFeed, PeerFeedHandler
-from robotether_server.relay.peers.peer_keys import PeerKeys, read_peer_keys
-from robotether_server.relay.peers.peers import Peers
-from robotether_server.relay.rebalancing import BalanceRules, Rebalancing
+from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.records.event_writer import EventWriter
+from robotether_server.relay.records.fleet import Fleet
+from robotether_server.relay.records.journal import Journal
 from robotether_server.relay.robots.demand import MEDIA_KEPT_S, USE_KEPT_S, Demand
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
 from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
-from robotether_server.relay.rosbridge.bridge import Traffic
-from robotether_server.relay.rosbridge.handler import BridgeRules, RosbridgeHandler
-from robotether_server.relay.video.feed_link import FeedConnector
-from robotether_server.relay.video.feeds import Feeds
-from robotether_server.relay.video.frames_handler import FramesHandler
-from robotether_server.relay.video.handler import VideoHandler
-from robotether_server.relay.video.viewers import VideoContext
 from robotether_server.settings import RelaySettings, load
 from robotether_server.tickets import TicketSigner
 

@@ -22,8 +22,8 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from robotether_server.backups import age_s, last_backup
-from robotether_server.relay.rosbridge.bridge import Traffic
-from robotether_server.relay.video.feeds import FeedTraffic
+from robotether_server.relay.channels.rosbridge.bridge import Traffic
+from robotether_server.relay.channels.video.feeds import FeedTraffic
 
 
 class Metrics:

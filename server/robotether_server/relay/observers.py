@@ -12,11 +12,11 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import AuditEntry, SessionEntry, Snapshot
-from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
 from robotether_server.relay.drives.drive_path import DriveLog
 from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.sessions import Change, utc_now
-from robotether_server.relay.rosbridge.handler import ConnectionReport
 
 log = logging.getLogger(__name__)
 

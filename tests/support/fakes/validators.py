@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from robotether_server.relay.rosbridge.message_validator import (
+from robotether_server.relay.channels.rosbridge.message_validator import (
     MessageRefusedError,
     MessageValidator,
     ValidatedMessage,

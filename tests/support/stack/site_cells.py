@@ -23,8 +23,8 @@ from relay_server import (
     until,
 )
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.cells.keys import CERTIFICATE, KEY, PROOF_HEADER, PeerKeys
 from robotether_server.relay.main import Relay
-from robotether_server.relay.peers.peer_keys import CERTIFICATE, KEY, PROOF_HEADER, PeerKeys
 from tls_front import openssl
 
 

@@ -18,8 +18,8 @@ from fake_robot import FakeRobot, Mode
 from msgspec import structs
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
 from robotether_server.db.fleet import RelayRobot, RelayUser
+from robotether_server.relay.channels.rosbridge import message_validator
 from robotether_server.relay.main import Timing
-from robotether_server.relay.rosbridge import message_validator
 from robotether_server.robot_settings import Limits
 from syrupy.assertion import SnapshotAssertion
 from transcripts import Transcript

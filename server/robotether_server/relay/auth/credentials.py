@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from robotether_server.db.credentials import digest
 from robotether_server.db.fleet import Credential, RelayUser
 from robotether_server.problems import StoreUnavailable, Throttled
-from robotether_server.relay.db.database import RelayDatabase
+from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.tickets import CredentialKind
 
 KEEP_S = 3.0

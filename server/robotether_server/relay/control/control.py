@@ -15,10 +15,10 @@ from robotether_server.db.grants import includes
 from robotether_server.relay.control.leases import Driver, Now, Reserved
 from robotether_server.relay.control.leasing import Leasing, now
 from robotether_server.relay.control.stops import Stops
-from robotether_server.relay.db.database import RelayDatabase
-from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.sessions import Change, SessionRegistry
 from robotether_server.times import rfc3339
 

@@ -19,10 +19,10 @@ from robotether_server.db.fleet import AuditEntry, RelayRobot, RelayUser
 from robotether_server.problems import RecordMissing, RecordRefused, StoreProblem
 from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.control.leases import Driver, HeldError, Lease, Now, Passed
-from robotether_server.relay.db.database import RelayDatabase
-from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
 

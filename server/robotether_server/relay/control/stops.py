@@ -21,9 +21,9 @@ from dataclasses import dataclass
 from robotether_server.db.control import MAX_NAME, Stop, StopEntry, StopId
 from robotether_server.db.fleet import AuditEntry, RelayRobot
 from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
-from robotether_server.relay.db.event_writer import EventWriter
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.sessions import Change, SessionRegistry, utc_now
 from robotether_server.times import rfc3339

@@ -25,8 +25,8 @@ from relay_server import (
 )
 from robotether_server.db.control import Stop, StopEntry
 from robotether_server.db.fleet import Entry, FormerSessions, RelayUser
-from robotether_server.relay.db.journal import Journal
 from robotether_server.relay.main import Listen, run
+from robotether_server.relay.records.journal import Journal
 from stopwatch import Stopwatch
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 
 import pytest
+from robotether_server.relay.channels.rosbridge.bridge import Traffic
+from robotether_server.relay.channels.video.feeds import FeedTraffic
 from robotether_server.relay.metrics import Metrics
-from robotether_server.relay.rosbridge.bridge import Traffic
-from robotether_server.relay.video.feeds import FeedTraffic
 
 
 @pytest.fixture

@@ -13,14 +13,14 @@ from relay_server import MemoryDatabase, utc
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import AuditEntry, Entry, RelayRobot, SessionEntry, Snapshot
 from robotether_server.relay.auth.connections import Connection
-from robotether_server.relay.db.event_writer import EventWriter
+from robotether_server.relay.channels.rosbridge.bridge import Traffic
+from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
 from robotether_server.relay.drives.drive_path import DriveLog
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import GuardCounts, RelayObserver
+from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.sessions import Change, GuardReport, Presence
-from robotether_server.relay.rosbridge.bridge import Traffic
-from robotether_server.relay.rosbridge.handler import ConnectionReport
 
 CONNECTED, DISCONNECTED = utc(2026, 1, 1, 12, 3), utc(2026, 1, 1, 12, 30)
 ONLINE = Presence(online=True, since=CONNECTED, address="198.51.100.7")

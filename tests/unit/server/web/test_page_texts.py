@@ -14,9 +14,9 @@ from robotether_common.guard import REFUSED_KINDS
 from robotether_common.session import ByeCode
 from robotether_server.db.audit import AuditEvent
 from robotether_server.db.robots import Robot
+from robotether_server.relay.channels.rosbridge.message_validator import Kind
 from robotether_server.relay.drives.drive_path import GUARD
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.rosbridge.message_validator import Kind
 from robotether_server.web.page_texts import (
     DRIVES,
     EVENTS,

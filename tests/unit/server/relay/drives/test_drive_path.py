@@ -15,6 +15,7 @@ from fake_operator import FakeOperator
 from relay_clients import PUBLISH
 from relay_server import FAST, until, utc
 from robotether_server.db.control import DriveEntry
+from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.drives.drive_path import (
     LATENCY_STEP,
     MAX_LATENCY_MS,
@@ -30,7 +31,6 @@ from robotether_server.relay.drives.drive_path import (
     stamped,
 )
 from robotether_server.relay.drives.viewer_stats import ViewerCounts
-from robotether_server.relay.rosbridge.message_validator import MessageValidator
 from robotether_server.robot_settings import DEFAULTS
 from stopwatch import Stopwatch
 

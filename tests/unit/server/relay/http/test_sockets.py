@@ -16,6 +16,7 @@ from aiohttp.test_utils import TestServer
 from fake_robot import HOST, WAIT_S
 from relay_clients import closing
 from relay_server import until
+from robotether_server.relay.channels.video.frame_protocol import WHOLE_BINARY, websocket_header
 from robotether_server.relay.http import sockets as module
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.sockets import (
@@ -26,7 +27,6 @@ from robotether_server.relay.http.sockets import (
     ViewerSocket,
     refuse_redirects,
 )
-from robotether_server.relay.video.frame_protocol import WHOLE_BINARY, websocket_header
 from stopwatch import Stopwatch
 
 OFFLINE = CloseReason(4503, "robot_offline", "robot sim1 is offline")

@@ -1,0 +1,145 @@
+"""This relay's cell and the others of the site: writes its own heartbeat and reads all cells, each second.
+
+`main` runs it. While the database is away all stays as it was last read.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from datetime import datetime
+
+from robotether_server.db import cells
+from robotether_server.db.cells import ALIVE_S, Cell, SshAddresses
+from robotether_server.problems import StoreProblem, StoreUnavailable
+from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.robots.sessions import utc_now
+from robotether_server.settings import CellSettings
+
+log = logging.getLogger(__name__)
+
+POLL_EVERY_S = 1.0
+# What was read longer ago says nothing of how many robots the others have.
+CURRENT_S = 3.0
+
+
+class Cells:
+    """What is known of the site's cells; listeners are notified when anything but the number of robots changes."""
+
+    def __init__(
+        self,
+        settings: CellSettings,
+        database: RelayDatabase,
+        robots: Callable[[], int],
+        *,
+        region_of: Callable[[int], str | None] = lambda _: None,
+        poll_every_s: float = POLL_EVERY_S,
+        started_at: datetime | None = None,
+    ) -> None:
+        self._settings = settings
+        self._database = database
+        self._robots = robots
+        self._region_of = region_of
+        self._poll_every_s = poll_every_s
+        self._started_at = started_at or utc_now()
+        self._listeners: list[Callable[[], None]] = []
+        self._known: Mapping[str, Cell] = {}
+        self._problem: str | None = None
+        self._settled_at = self._read_at = 0.0
+
+    @property
+    def name(self) -> str:
+        """This cell's name."""
+        return self._settings.name
+
+    @property
+    def draining(self) -> bool:
+        """Whether this cell is taken out of service."""
+        own = self._known.get(self.name)
+        return own is not None and own.draining
+
+    def peers(self) -> list[Cell]:
+        """The other cells that can be reached, alive or not."""
+        others = (cell for cell in self._known.values() if cell.name != self.name)
+        return [cell for cell in others if cell.peer_address is not None]
+
+    def addresses(self, robot_id: int, first: str | None = None) -> list[SshAddresses]:
+        """Where a robot of this cell connects, the best first: here, unless its region is another; last if this drains.
+
+        With `first`, at the cell of that name, or here if it cannot reach that one.
+        """
+        region = self._region_of(robot_id)
+        return cells.sort_for(
+            robot_id, self._known.values(), first or self.name, second=self.name, region=region
+        )
+
+    @property
+    def robots_leave(self) -> bool:
+        """Whether robots go from here to others: this cell is drained, and another one takes them."""
+        return self.draining and any(cell.is_listed for cell in self._known.values())
+
+    def surplus(self, robot_id: int | None = None) -> tuple[int, str]:
+        """Return how many robots this cell has more than the emptiest that takes robots, and that one's name.
+
+        With `robot_id`, than the emptiest of the robot's region, if there is one. 0 while this is not known.
+        """
+        region = None if robot_id is None else self._region_of(robot_id)
+        emptiest = cells.find_emptiest(self._known.values(), region=region)
+        if emptiest is None or emptiest.name == self.name or not self._is_current:
+            return 0, self.name
+        return self._robots() - emptiest.robots, emptiest.name
+
+    @property
+    def _is_current(self) -> bool:
+        now = asyncio.get_running_loop().time()
+        return now >= self._settled_at and now - self._read_at < CURRENT_S
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Notify this of changes from now on."""
+        self._listeners.append(listener)
+
+    async def run(self) -> None:
+        """Poll for ever."""
+        while True:
+            await self.poll()
+            await asyncio.sleep(self._poll_every_s)
+
+    async def poll(self) -> None:
+        """Write the heartbeat, and read all cells."""
+        try:
+            found = await self._database.heartbeat(self._settings, self._robots(), self._started_at)
+        except StoreUnavailable:
+            # `fleet` says in the log that the database is away.
+            self._settled_at = asyncio.get_running_loop().time() + ALIVE_S
+        except StoreProblem as problem:
+            self._report(problem.detail)
+        except Exception:
+            log.exception("cannot write this cell's heartbeat; cells stay as they were last read")
+        else:
+            self._report(None)
+            self._update({cell.name: cell for cell in found})
+
+    def _update(self, found: Mapping[str, Cell]) -> None:
+        self._read_at = asyncio.get_running_loop().time()
+        if self._read_at < self._settled_at:
+            # The others could not write either, while the database was away.
+            found = {name: self._still_alive(cell) for name, cell in found.items()}
+        before, self._known = self._known, found
+        if _without_counts(before) != _without_counts(found):
+            for listener in self._listeners:
+                listener()
+
+    def _still_alive(self, cell: Cell) -> Cell:
+        before = self._known.get(cell.name)
+        return replace(cell, is_alive=cell.is_alive or (before is not None and before.is_alive))
+
+    def _report(self, problem: str | None) -> None:
+        if problem is not None and problem != self._problem:
+            log.error("%s", problem)
+        self._problem = problem
+
+
+def _without_counts(known: Mapping[str, Cell]) -> list[Cell]:
+    return [replace(cell, robots=0) for cell in known.values()]

@@ -1,0 +1,52 @@
+"""Decides which requests the relay of another cell answers: those for a robot that it has.
+
+`app` asks before any handler. nginx passes the request on as it came, to the other cell's nginx, whose relay checks it.
+So what is forwarded never passes this relay. Strangers are refused here: a forward may cost both cells a TLS handshake.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+from aiohttp import web
+
+from robotether_server.db.fleet import Snapshot
+from robotether_server.relay.auth.access import Access, request_of
+from robotether_server.relay.cells.peers import Peers
+
+FORWARDED = re.compile(
+    r"/robots/(?P<robot>[^/]+)/.+|/api/v1/robots/(?P<controlled>[^/]+)/(?P<action>stop|release|lease|control)"
+)
+# The named locations of images/nginx/peer-forward.conf. When the other cell does not answer, a stop begins here.
+LOCATION, STOP_LOCATION = "@cell", "@cell_or_here"
+CELL_HEADER = "X-Robotether-Cell"
+
+
+class Forwarding:
+    """Sends nginx to the cell that has the robot."""
+
+    def __init__(self, peers: Peers, snapshot: Callable[[], Snapshot], access: Access) -> None:
+        self._peers = peers
+        self._snapshot = snapshot
+        self._access = access
+
+    async def answer(self, request: web.Request) -> web.Response | None:
+        """Return what has nginx forward the request; None: it is answered here."""
+        found = FORWARDED.fullmatch(request.path)
+        if found is None or not self._peers.count():
+            return None
+        robot = self._snapshot().by_name.get(found["robot"] or found["controlled"])
+        peer = None if robot is None else self._peers.owner(robot.id)
+        if peer is None:
+            return None
+        stops = found["action"] == "stop"
+        asked = request_of(request.headers, request.cookies, request.query)
+        if not await self._access.is_vouched_for(replace(asked, stops=stops)):
+            return None
+        location = STOP_LOCATION if stops else LOCATION
+        # No content: nginx would take its type for that of the forwarded answer.
+        return web.Response(
+            status=204, headers={"X-Accel-Redirect": location, CELL_HEADER: peer.address}
+        )

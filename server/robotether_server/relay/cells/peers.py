@@ -1,0 +1,155 @@
+"""What the other cells report: which robots they have, and who stopped robots.
+
+`dialer` feeds it. A cell counts as long as it is connected; then what it reported is forgotten, and its robots
+count as offline. Its stops stay. A robot belongs to the cell with its newest session (the highest epoch), and an older
+session here ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from robotether_server.relay.cells.messages import (
+    PeerHello,
+    PeerMessage,
+    PeerRobot,
+    PeerStop,
+    PeerStopEnd,
+)
+from robotether_server.relay.control.stops import CONFIRMED_WITHIN_S, Stops
+from robotether_server.relay.robots.sessions import Change, SessionRegistry
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(eq=False)
+class Peer:
+    """A cell that is connected. `address` is its peer listener, an IP address with its port."""
+
+    name: str
+    address: str
+    robots: dict[int, PeerRobot] = field(default_factory=dict)
+
+
+class Peers:
+    """The cells that are connected, with the robots that each has."""
+
+    def __init__(
+        self, registry: SessionRegistry, stops: Stops, changed: Callable[[int], None]
+    ) -> None:
+        self._registry = registry
+        self._stops = stops
+        self._changed = changed
+        self._connected: dict[str, Peer] = {}
+        # Of the robots whose guard somebody waits for.
+        self._reported: dict[int, asyncio.Event] = {}
+
+    def count(self) -> int:
+        """How many cells are connected."""
+        return len(self._connected)
+
+    def addresses(self) -> list[str]:
+        """Where the cells that are connected have their peer listeners."""
+        return [peer.address for peer in self._connected.values()]
+
+    def robot_count(self) -> int:
+        """How many robots they have."""
+        return sum(len(peer.robots) for peer in self._connected.values())
+
+    def connected(self, name: str, address: str) -> Peer:
+        """A cell is connected."""
+        log.info("cell %s is connected at %s", name, address)
+        peer = self._connected[name] = Peer(name, address)
+        return peer
+
+    def disconnected(self, peer: Peer) -> None:
+        """A cell is gone, as far as this one knows."""
+        log.warning("cell %s is gone, with %d robots", peer.name, len(peer.robots))
+        if self._connected.get(peer.name) is peer:
+            del self._connected[peer.name]
+        for robot_id in peer.robots:
+            self._on_offline(robot_id)
+
+    def on_message(self, peer: Peer, message: PeerMessage) -> None:
+        """A cell reported something."""
+        match message:
+            case PeerRobot(robot_id, online=True):
+                peer.robots[robot_id] = message
+                self._end_older_session(robot_id)
+                self._changed(robot_id)
+                if (reported := self._reported.pop(robot_id, None)) is not None:
+                    reported.set()
+            case PeerRobot(robot_id):
+                if peer.robots.pop(robot_id, None) is not None:
+                    self._on_offline(robot_id)
+            case PeerStop():
+                self._stops.learn(message.stop)
+            case PeerStopEnd(robot_id):
+                self._stops.learn_end(robot_id, message.stop_id)
+            case PeerHello():
+                pass
+
+    def owner(self, robot_id: int) -> Peer | None:
+        """Return the cell that has the robot, None when it is this one, or none."""
+        found = max(
+            self._having(robot_id), key=lambda peer: peer.robots[robot_id].epoch, default=None
+        )
+        own = self._registry.presence(robot_id)
+        if found is None or (own.online and own.epoch >= found.robots[robot_id].epoch):
+            return None
+        return found
+
+    def described(self, robot_id: int) -> dict[str, Any] | None:
+        """Return what the robot's cell reports of it; None: no other cell has the robot."""
+        if (peer := self.owner(robot_id)) is None:
+            return None
+        described, stop = peer.robots[robot_id].object, self._stops.shown(robot_id)
+        control = described.get("control") or {}
+        if stop is None or control.get("stopped"):
+            return described
+        # A robot is stopped when any cell says so; that one does not know yet.
+        stopped = {"by": stop.by, "at": stop.at, "confirmed": False}
+        return described | {"control": control | {"stopped": stopped}}
+
+    def confirmation(self, robot_id: int) -> Awaitable[bool] | None:
+        """Wait shortly until the guard of a robot at another cell has its stop; None: no other cell has the robot."""
+        return None if self.owner(robot_id) is None else self._confirmation(robot_id)
+
+    async def _confirmation(self, robot_id: int) -> bool:
+        try:
+            async with asyncio.timeout(CONFIRMED_WITHIN_S):
+                while not self._is_confirmed(robot_id):
+                    await self._reported.setdefault(robot_id, asyncio.Event()).wait()
+        except TimeoutError:
+            return False
+        return True
+
+    def on_robot_change(self, change: Change) -> None:
+        """Something happened to a robot here; its epoch is known once its agent has said hello."""
+        if change.what == "updated":
+            # The others hear of this change before they hear of the end.
+            asyncio.get_running_loop().call_soon(self._end_older_session, change.robot_id)
+
+    def _having(self, robot_id: int) -> Iterable[Peer]:
+        return (peer for peer in self._connected.values() if robot_id in peer.robots)
+
+    def _is_confirmed(self, robot_id: int) -> bool:
+        described = self.described(robot_id) or {}
+        return bool(((described.get("control") or {}).get("stopped") or {}).get("confirmed"))
+
+    def _end_older_session(self, robot_id: int) -> None:
+        own, peer = self._registry.presence(robot_id), self.owner(robot_id)
+        # Without an epoch nobody knows which is the older; the connection of that one times out.
+        if own.online and own.epoch and peer is not None:
+            self._registry.end_links(
+                robot_id, "superseded", f"a newer session of this robot is at cell {peer.name}"
+            )
+
+    def _on_offline(self, robot_id: int) -> None:
+        if self.owner(robot_id) is None:
+            self._registry.seen_elsewhere(robot_id)
+        self._changed(robot_id)

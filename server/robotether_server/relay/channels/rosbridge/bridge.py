@@ -1,0 +1,448 @@
+"""Passes messages between one operator's WebSocket and one robot's rosbridge.
+
+`rosbridge` makes a `Bridge` a connection, after `access` has let the operator in. What it sends to
+the robot is what its `MessageValidator` has written again, and nothing else. It never parses what comes from a
+robot, and a message makes no task, no timer and no queue entry of its own, unless a side is full. Reading on one side
+waits for writing on the other, so that a connection's memory is bounded by the socket buffers. Tens of thousands of
+small messages fit in there: other connections have a turn in between. Only a stop must not wait: while a message of the
+operator's does, a few more are read.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections import Counter, deque
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from aiohttp import WebSocketError, WSCloseCode, WSMsgType
+from aiohttp.http_websocket import WSMessageNoDecodeText
+
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.channels.rosbridge.message_validator import (
+    FLOOD_AFTER_S,
+    MIN_FLOOD_PER_S,
+    STOP,
+    MessageRefusedError,
+    MessageValidator,
+    ValidatedMessage,
+    is_stop,
+    status_error,
+)
+from robotether_server.relay.control.control import Control
+from robotether_server.relay.drives.drive_path import CommandTimestamps, DriveLease, DrivePath
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.sockets import (
+    SEND_BUFFER_BYTES,
+    OperatorConnection,
+    OperatorSocket,
+    RobotSocket,
+)
+from robotether_server.relay.http.timing import Excess, Liveness, LivenessLimits
+
+# A tunnel that dies closes rosbridge's connection and the robot's session in either order; wait
+# so long for the second, to report to the operator which of the two it was.
+LINK_GRACE_S = 0.3
+# After so many messages of one side everybody else has a turn: a socket with messages that wait never lets go.
+MESSAGES_A_TURN = 64
+# How much is read ahead of a message that waits, to find a stop; one more message may go beyond the bytes.
+MAX_AHEAD, MAX_AHEAD_BYTES = 1000, SEND_BUFFER_BYTES
+# Of large messages that all observers have not taken yet; with copies and what comes next the relay holds three times
+# that.
+MAX_OBSERVERS_BYTES = 128 * 1024 * 1024
+PASSED_ON = frozenset((WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG))
+
+
+@dataclass
+class Traffic:
+    """What all bridges have passed on since the start; `metrics` reads it."""
+
+    messages_to_robot: int = 0
+    messages_to_client: int = 0
+    bytes_to_robot: int = 0
+    bytes_to_client: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+    # Observers that take a large message now: its bytes, and since when. The slowest is the first.
+    taking: dict[Bridge, tuple[int, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RobotEnd:
+    """The robot's end of a connection; `lease` is that of a driver."""
+
+    socket: RobotSocket
+    lease: DriveLease | None = None
+
+
+class Bridge(OperatorConnection):
+    """Passes messages between an operator and a robot until something ends it."""
+
+    def __init__(
+        self,
+        robot: str,
+        *,
+        validator: MessageValidator,
+        operator: OperatorSocket,
+        own: OwnOperations,
+        limits: LivenessLimits,
+        message_limit: int,
+        traffic: Traffic,
+    ) -> None:
+        super().__init__(robot)
+        self._validator = validator
+        self._operator = operator
+        self._own = own
+        self._limits = limits
+        self._message_limit = message_limit
+        self._traffic = traffic
+        self._robot: RobotSocket | None = None
+        self._drive: DrivePath | None = None
+        self._loop = asyncio.get_running_loop()
+        self._timestamps = CommandTimestamps(time.monotonic())
+        self._received_at = self._loop.time()
+        # Read while one before them waited, and how many bytes they have.
+        self._ahead: deque[WSMessageNoDecodeText] = deque()
+        self._ahead_bytes = 0
+        # The validator does not see these.
+        self._pings = Excess(self._received_at, per_s=MIN_FLOOD_PER_S, for_s=FLOOD_AFTER_S)
+        self._bytes_to_robot = 0
+        self._bytes_to_client = 0
+        # By kind, for the records.
+        self.refused: Counter[str] = Counter()
+
+    @property
+    def bytes_passed(self) -> int:
+        """How many bytes of messages went either way."""
+        return self._bytes_to_robot + self._bytes_to_client
+
+    async def run(self, connect: Callable[[], Awaitable[RobotEnd]]) -> CloseReason:
+        """Reach the robot and pass messages; return why that ended. `farewell` comes next."""
+        if self._ended.done():
+            return self._ended.result()
+        return await self._run_until_ended(self._work(connect))
+
+    async def close_reason_of_gone(self) -> CloseReason:
+        """Return why a connection that is gone ended, by the frames that nobody has read yet."""
+        code = await self._operator.goodbye_code()
+        if code is None:
+            return close_reasons.client_vanished(self._name)
+        return self._close_reason_by_code(code)
+
+    async def farewell(self, close_reason: CloseReason) -> None:
+        """Notify both sides that it ended."""
+        await asyncio.gather(self._leave_robot(), self._operator.finish(close_reason))
+
+    def release(self) -> None:
+        """Let the robot go, also when the operator vanished and nobody could say farewell."""
+        if self._robot is not None:
+            self._robot.drop()
+
+    async def _leave_robot(self) -> None:
+        if self._robot is not None:
+            await self._robot.leave()
+
+    async def _work(self, connect: Callable[[], Awaitable[RobotEnd]]) -> CloseReason:
+        robot_end = await connect()
+        self._robot = robot = robot_end.socket
+        parts = [
+            self._pump_to_robot(robot),
+            self._pump_to_client(robot),
+            self._watch(robot),
+            self._ping(),
+            self._send_control_updates(),
+        ]
+        if robot_end.lease is not None:
+            self._drive = DrivePath(robot_end.lease, robot, self._timestamps, self._count_to_robot)
+            parts.append(self._send_commands(self._drive))
+        return await self._run_together(*parts)
+
+    async def _pump_to_robot(self, robot: RobotSocket) -> CloseReason:
+        count = 0
+        while True:
+            count = await _next_turn(count)
+            message = self._next_ahead() if self._ahead else await self._receive()
+            if message.type not in PASSED_ON:
+                return self._close_reason_by_operator(message.type, message.data)
+            work = self._handle(robot, message)
+            if self._may_wait(robot, message):
+                work = self._reading_ahead(work)
+            if (close_reason := await work) is not None:
+                return close_reason
+
+    async def _receive(self) -> WSMessageNoDecodeText:
+        message = await self._operator.receive()
+        self._received_at = self._loop.time()
+        return message
+
+    def _next_ahead(self) -> WSMessageNoDecodeText:
+        message = self._ahead.popleft()
+        if message.type in PASSED_ON:
+            self._ahead_bytes -= len(message.data)
+        return message
+
+    def _may_wait(self, robot: RobotSocket, message: WSMessageNoDecodeText) -> bool:
+        waiting = robot.waiting_bytes() or self._operator.waiting_bytes()
+        return bool(waiting) or len(message.data) >= SEND_BUFFER_BYTES
+
+    async def _reading_ahead(
+        self, work: Coroutine[Any, Any, CloseReason | None]
+    ) -> CloseReason | None:
+        """Do what waits until one of the sides has room; a stop that comes meanwhile does not wait."""
+        working, reading = asyncio.create_task(work), asyncio.create_task(self._read_ahead())
+        try:
+            await asyncio.wait({working})
+        finally:
+            working.cancel()
+            # Leaves in the socket what is not in `_ahead`.
+            reading.cancel()
+            await asyncio.gather(working, reading, return_exceptions=True)
+        if not reading.cancelled():
+            reading.result()
+        return working.result()
+
+    async def _read_ahead(self) -> None:
+        while len(self._ahead) < MAX_AHEAD and self._ahead_bytes < MAX_AHEAD_BYTES:
+            message = await self._receive()
+            if message.type in PASSED_ON and is_stop(message.data):
+                self._own.answer(STOP, {})
+                continue
+            self._ahead.append(message)
+            if message.type not in PASSED_ON:
+                return
+            self._ahead_bytes += len(message.data)
+
+    async def _handle(
+        self, robot: RobotSocket, message: WSMessageNoDecodeText
+    ) -> CloseReason | None:
+        if message.type is WSMsgType.PING or message.type is WSMsgType.PONG:
+            await self._on_ping_or_pong(message.type, message.data)
+            return None
+        try:
+            await self._pass_on(robot, message.data)
+        except ConnectionError:
+            return await self._close_reason_by_robot("its connection broke")
+        return None
+
+    async def _on_ping_or_pong(self, kind: WSMsgType, payload: bytes) -> None:
+        if self._pings.add(self._received_at, 1):
+            raise ConnectionClosedError(close_reasons.client_floods(self._name))
+        if kind is WSMsgType.PING:
+            await self._operator.pong(payload)
+        else:
+            self._on_pong(payload)
+
+    def _on_pong(self, payload: bytes) -> None:
+        sent_at = self._timestamps.pong(payload)
+        if sent_at is not None and self._drive is not None:
+            self._drive.log.round_trip((time.monotonic() - sent_at) * 1000)
+
+    async def _pass_on(self, robot: RobotSocket, data: bytes) -> None:
+        try:
+            checked = self._validator.check(data)
+        except MessageRefusedError as refused:
+            self.refused[refused.kind] += 1
+            self._traffic.refused[refused.kind] += 1
+            if refused.floods:
+                raise ConnectionClosedError(close_reasons.client_floods(self._name)) from refused
+            if refused.answer is not None:
+                await self._send_to_client(refused.answer, WSMsgType.TEXT)
+            return
+        if checked.own is not None:
+            await self._do_own(checked.operation, checked.own)
+            return
+        if self._drive is not None:
+            self._drive.log.message()
+        await self._send_to_robot(robot, checked)
+
+    async def _send_to_robot(self, robot: RobotSocket, checked: ValidatedMessage) -> None:
+        if checked.drive is None or self._drive is None:
+            self._count_to_robot(len(checked.data))
+            await robot.send_frame(checked.data, WSMsgType.TEXT)
+            return
+        complaint = await self._drive.submit(checked.drive)
+        if complaint is not None:
+            answer = status_error(complaint, checked.drive.message.get("id"))
+            await self._send_to_client(answer, WSMsgType.TEXT)
+
+    async def _do_own(self, operation: str, own: Mapping[str, Any]) -> None:
+        answer = self._own.answer(operation, own)
+        # Behind data that waits it would come late, and keep what comes from the client waiting.
+        if answer is not None and not self._operator.waiting_bytes():
+            await self._send_to_client(answer, WSMsgType.TEXT)
+
+    async def _send_control_updates(self) -> CloseReason:
+        with self._own.watched():
+            while True:
+                await self._send_to_client(await self._own.next_update(), WSMsgType.TEXT)
+
+    async def _send_commands(self, drive: DrivePath) -> CloseReason:
+        try:
+            return await drive.run()
+        except ConnectionError:
+            return await self._close_reason_by_robot("its connection broke")
+
+    async def _pump_to_client(self, robot: RobotSocket) -> CloseReason:
+        traffic, count = self._traffic, 0
+        while True:
+            count = await _next_turn(count)
+            message = await robot.receive()
+            if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
+                traffic.messages_to_client += 1
+                traffic.bytes_to_client += len(message.data)
+                if self._drive is None and len(message.data) > SEND_BUFFER_BYTES:
+                    await self._send_to_observer(message.data, message.type)
+                else:
+                    await self._send_to_client(message.data, message.type)
+            elif message.type is WSMsgType.PING:
+                # Why it broke is what is read next.
+                with suppress(ConnectionError):
+                    await robot.pong(message.data)
+            elif message.type is not WSMsgType.PONG:
+                return await self._close_reason_of_robot(message.type, message.data)
+
+    async def _send_to_observer(self, data: bytes, kind: WSMsgType) -> None:
+        """Send a large message; the slowest observers go when all together have too much to take."""
+        taking, now = self._traffic.taking, self._loop.time()
+        taking[self] = len(data), now
+        while sum(size for size, _ in taking.values()) > MAX_OBSERVERS_BYTES:
+            slowest = next(iter(taking))
+            _, since = taking.pop(slowest)
+            slowest.end(close_reasons.client_slow(slowest._name, round(now - since, 1)))
+        try:
+            await self._send_to_client(data, kind)
+        finally:
+            taking.pop(self, None)
+
+    async def _send_to_client(self, data: bytes, kind: WSMsgType) -> None:
+        self._bytes_to_client += len(data)
+        try:
+            await self._operator.send_frame(data, kind)
+        except ConnectionError as exc:
+            raise ConnectionClosedError(close_reasons.client_vanished(self._name)) from exc
+
+    def _count_to_robot(self, size: int) -> None:
+        self._traffic.messages_to_robot += 1
+        self._traffic.bytes_to_robot += size
+        self._bytes_to_robot += size
+
+    async def _watch(self, robot: RobotSocket) -> CloseReason:
+        limits, loop = self._limits, self._loop
+        liveness = Liveness(limits, loop.time())
+        while True:
+            await asyncio.sleep(limits.check_every_s)
+            verdict = liveness.check(
+                loop.time(),
+                received_at=self._received_at,
+                to_client=(self._bytes_to_client, self._operator.waiting_bytes()),
+                to_robot=(self._bytes_to_robot, robot.waiting_bytes()),
+            )
+            if verdict == "client_silent":
+                return close_reasons.client_silent(self._name, limits.silent_after_s)
+            if verdict == "client_slow":
+                return close_reasons.client_slow(self._name, limits.slow_after_s)
+            if verdict == "robot_slow":
+                why = f"it took nothing for {limits.slow_after_s:g} s"
+                return close_reasons.rosbridge_down(self._name, why)
+
+    async def _ping(self) -> CloseReason:
+        """Ping the client; apart from the watch, because a client that takes nothing holds this up."""
+        while True:
+            await asyncio.sleep(self._limits.ping_every_s)
+            # Behind data that waits a ping would only wait too.
+            if self._operator.waiting_bytes() and not self._limits.strict:
+                continue
+            await self._operator.ping(self._timestamps.ping(time.monotonic()))
+
+    def _close_reason_by_operator(self, kind: WSMsgType, data: Any) -> CloseReason:
+        if kind is WSMsgType.CLOSE:
+            return self._close_reason_by_code(data)
+        if isinstance(data, WebSocketError):
+            return _close_reason_of_broken(data, "you", self._operator.message_limit)
+        return close_reasons.client_vanished(self._name)
+
+    def _close_reason_by_code(self, code: int) -> CloseReason:
+        gave_up = code == close_reasons.GIVE_UP
+        of_intent = close_reasons.control_given_up if gave_up else close_reasons.client_left
+        return of_intent(self._name)
+
+    async def _close_reason_of_robot(self, kind: WSMsgType, data: object) -> CloseReason:
+        if kind is WSMsgType.CLOSE:
+            return close_reasons.rosbridge_down(self._name, "it closed the connection")
+        if isinstance(data, WebSocketError):
+            sender, limit = f"robot {self._name}", self._message_limit
+            return _close_reason_of_broken(data, sender, limit)
+        return await self._close_reason_by_robot("its connection broke")
+
+    async def _close_reason_by_robot(self, why: str) -> CloseReason:
+        await asyncio.sleep(LINK_GRACE_S)
+        return close_reasons.rosbridge_down(self._name, why)
+
+
+async def _next_turn(count: int) -> int:
+    """Count a message that is about to be read; let everybody else go first now and then."""
+    if count >= MESSAGES_A_TURN:
+        await asyncio.sleep(0)
+        return 1
+    return count + 1
+
+
+def _close_reason_of_broken(error: WebSocketError, sender: str, limit: int) -> CloseReason:
+    if error.code == WSCloseCode.MESSAGE_TOO_BIG:
+        return close_reasons.message_too_big(limit, sender)
+    return close_reasons.protocol_broken(sender)
+
+
+class OwnOperations:
+    """What one connection may ask of the relay itself: clock syncs, the control object, and the stop.
+
+    Only a client that sends clock syncs gets any of these, so that other rosbridge clients never see them. None reaches
+    a robot, and none waits for the database. What comes from a robot passes unread, so a robot can write the same
+    operations: the key in a client's clock syncs, which no robot sees, shows which ones are the relay's.
+    """
+
+    def __init__(self, control: Control, robot: RelayRobot, user: str, address: str | None) -> None:
+        self._control = control
+        self._robot = robot
+        self._user = user
+        self._address = address
+        self._clock_syncs = False
+        self._key: dict[str, object] = {}
+        self._update_due = asyncio.Event()
+
+    def watched(self) -> AbstractContextManager[None]:
+        """Be notified of changes inside the block."""
+        return self._control.watched(self._robot.id, self._changed)
+
+    def answer(self, operation: str, own: Mapping[str, Any]) -> bytes | None:
+        """Do what the client asks; return the answer."""
+        if operation == "robotether.stop":
+            self._control.stops.stop(self._robot, self._user, address=self._address)
+            # Its answer, also where it changes nothing: whoever repeats a stop must learn that it came.
+            self._changed()
+            return None
+        self._key = {"key": own["key"]} if "key" in own else {}
+        if not self._clock_syncs:
+            self._clock_syncs = True
+            self._update_due.set()
+        relay_ms = round(time.monotonic() * 1000, 3)
+        return _written(operation, t_ms=own.get("t_ms"), relay_ms=relay_ms, **self._key)
+
+    async def next_update(self) -> bytes:
+        """Wait until there is something to send; return the control object's message."""
+        await self._update_due.wait()
+        self._update_due.clear()
+        control = self._control.describe(self._robot.id)
+        return _written("robotether.control", control=control, **self._key)
+
+    def _changed(self) -> None:
+        if self._clock_syncs:
+            self._update_due.set()
+
+
+def _written(operation: str, **members: object) -> bytes:
+    return json.dumps({"op": operation, **members}, separators=(",", ":")).encode()

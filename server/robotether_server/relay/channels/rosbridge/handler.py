@@ -1,0 +1,249 @@
+"""Answers /robots/NAME/ros: authorizes an operator, reaches the robot, and runs a `Bridge`.
+
+What concerns ticket, origin or name is refused over HTTP; browsers cannot read such an answer's
+body, so all that concerns the robot is reported after the upgrade, as a close code with a reason.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+
+from aiohttp import web
+
+from robotether_server.db.control import DriveEntry
+from robotether_server.db.fleet import Credential
+from robotether_server.problems import HttpProblem, StoreUnavailable
+from robotether_server.relay.auth.access import HandlerContext, Permit, request_of
+from robotether_server.relay.auth.connections import Connection
+from robotether_server.relay.channels.rosbridge.bridge import (
+    Bridge,
+    OwnOperations,
+    RobotEnd,
+    Traffic,
+)
+from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
+from robotether_server.relay.control.control import Control
+from robotether_server.relay.control.leases import Driver
+from robotether_server.relay.control.leasing import now
+from robotether_server.relay.drives.drive_path import DriveCounters, DriveLease, DriveLog
+from robotether_server.relay.drives.viewer_stats import ViewerStats
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.sockets import OperatorSocket
+from robotether_server.relay.http.timing import LivenessLimits
+from robotether_server.relay.robots.robot_dialer import RobotDialer
+from robotether_server.relay.robots.sessions import utc_now
+
+# What an observer may say is short, and parsing it holds up everybody else.
+OBSERVER_LIMIT = 64 * 1024
+
+
+@dataclass(frozen=True)
+class BridgeRules:
+    """What is the same for all bridges of a relay."""
+
+    limits: LivenessLimits
+    driver_limits: LivenessLimits
+    message_limit: int
+    traffic: Traffic
+
+
+@dataclass(frozen=True)
+class ConnectionReport:
+    """What `observers` learns of a connection; ending None: it has reached the robot."""
+
+    connection: Connection
+    address: str | None
+    close_reason: CloseReason | None = None
+    lasted_s: float = 0.0
+    drive: DriveLog | None = None
+    refused: Mapping[str, int] = field(default_factory=dict)
+
+
+class RosbridgeHandler:
+    """Answers /robots/NAME/ros."""
+
+    def __init__(
+        self,
+        context: HandlerContext,
+        control: Control,
+        *,
+        rules: BridgeRules,
+        report: Callable[[ConnectionReport], None],
+        viewer_stats: ViewerStats,
+    ) -> None:
+        self._context = context
+        self._control = control
+        self._rules = rules
+        self._report = report
+        self._viewer_stats = viewer_stats
+        self._dialer = RobotDialer(
+            context.client, context.tunnel_host, context.registry, rules.message_limit
+        )
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Join an operator's WebSocket to the robot until one of them ends."""
+        if not web.WebSocketResponse().can_prepare(request):
+            raise HttpProblem(426, "cannot open rosbridge: connect with a WebSocket")
+        asked = request_of(request.headers, request.cookies, request.query)
+        permit = self._context.access.for_rosbridge(asked, request.match_info["name"])
+        observes = permit.use == "observe"
+        operator = OperatorSocket(OBSERVER_LIMIT if observes else self._rules.message_limit)
+        await self._serve(operator, permit, request)
+        return operator
+
+    async def _serve(self, operator: OperatorSocket, permit: Permit, request: web.Request) -> None:
+        robot, user = permit.robot, permit.user
+        address = request.headers.get("X-Forwarded-For")
+        bridge = self._bridge(operator, permit, address)
+        connection = Connection(
+            user.id, user.name, robot, permit.use, bridge.end, level=permit.level
+        )
+        if (why := self._context.connections.no_room(connection)) is not None:
+            bridge.end(close_reasons.too_many_connections(why))
+        gone = partial(bridge.end, close_reasons.rights_ended(robot.name))
+        try:
+            # Before anything waits: a right that ends in the meantime must end this connection. And before a lease: its
+            # line comes to the agent behind the one that asks for quick heartbeats.
+            with (
+                self._context.connections.joined(connection),
+                self._context.credentials.held(permit.credential, gone),
+                self._context.usage.counted(robot.id),
+            ):
+                await operator.open(request)
+                close_reason = await OperatorSession(
+                    bridge,
+                    connection,
+                    permit.credential,
+                    self._context,
+                    self._control,
+                    self._dialer,
+                    self._report,
+                    self._viewer_stats,
+                    address,
+                ).run()
+            await bridge.farewell(close_reason)
+        finally:
+            bridge.release()
+
+    def _bridge(self, operator: OperatorSocket, permit: Permit, address: str | None) -> Bridge:
+        robot, rules = permit.robot, self._rules
+        policy = robot.settings.policy
+        return Bridge(
+            robot.name,
+            validator=MessageValidator(
+                policy.of(permit.level), robot.settings.guard.drive_topics, policy.limits
+            ),
+            operator=operator,
+            own=OwnOperations(self._control, robot, permit.user.name, address),
+            limits=rules.limits if permit.use == "observe" else rules.driver_limits,
+            message_limit=rules.message_limit,
+            traffic=rules.traffic,
+        )
+
+
+@dataclass
+class OperatorSession:
+    """One connection from its upgrade to its ending: lease, way to the robot, and reports."""
+
+    bridge: Bridge
+    connection: Connection
+    credential: Credential
+    context: HandlerContext
+    control: Control
+    dialer: RobotDialer
+    report: Callable[[ConnectionReport], None]
+    viewer_stats: ViewerStats
+    address: str | None
+    drive: DriveLog | None = None
+
+    async def run(self) -> CloseReason:
+        """Pass messages until the end; the lease is over before anybody is notified."""
+        loop = asyncio.get_running_loop()
+        begun_at, close_reason = (
+            loop.time(),
+            close_reasons.client_vanished(self.connection.robot.name),
+        )
+        try:
+            close_reason = await self.bridge.run(self._connect_robot)
+        except asyncio.CancelledError:
+            # aiohttp cancels the handler of a connection that is gone, also before it has read
+            # the close frame of a client that does not wait for ours.
+            self._end_lease()
+            close_reason = await self.bridge.close_reason_of_gone()
+            raise
+        finally:
+            self._end_lease()
+            self._send_report(close_reason, loop.time() - begun_at)
+        return close_reason
+
+    async def _connect_robot(self) -> RobotEnd:
+        if self.connection.use != "drive":
+            socket, lease = await self.dialer.open(self.connection.robot, None), None
+        else:
+            # A page that waits for an offline robot must not use numbers up.
+            self.dialer.check_online(self.connection.robot)
+            await self._check_credential()
+            driver = await self.control.leasing.begin(self.connection)
+            socket = await self.dialer.open(self.connection.robot, driver.fence)
+            lease = self._lease(driver)
+        self.context.connections.connected(self.connection)
+        self._send_report()
+        return RobotEnd(socket, lease)
+
+    async def _check_credential(self) -> None:
+        """Let nobody drive with a ticket whose login or token has ended since; `held` alone would a second later."""
+        name = self.connection.robot.name
+        try:
+            holds = await self.context.credentials.holds(self.credential)
+        except StoreUnavailable as problem:
+            raise ConnectionClosedError(close_reasons.lease_unavailable(name)) from problem
+        if not holds:
+            raise ConnectionClosedError(close_reasons.rights_ended(name))
+
+    def _lease(self, driver: Driver) -> DriveLease:
+        robot, guard = self.connection.robot, self.connection.robot.settings.guard
+        entry = DriveEntry(
+            robot.id, robot.name, self.connection.user, driver.fence, utc_now(), self.address
+        )
+        self.drive = DriveLog(entry, guard.deadman_ms / 1000, self.bridge.refused, self._counters())
+        presence, link = (
+            self.context.registry.presence(robot.id),
+            self.context.registry.session_of(robot.id),
+        )
+        guarded = link is not None and presence.guard_mode == "on"
+        return DriveLease(
+            fence=driver.fence,
+            max_age_s=guard.max_age_ms / 1000,
+            clock=link.clock if link is not None and guarded else None,
+            log=self.drive,
+            on_command=lambda: driver.on_command(now()),
+        )
+
+    def _counters(self) -> DriveCounters:
+        robot_id, user_id = self.connection.robot.id, self.connection.user_id
+        registry = self.context.registry
+        return DriveCounters(
+            passed_bytes=lambda: self.bridge.bytes_passed,
+            robot_rtt_ms=lambda: registry.presence(robot_id).rtt_ms,
+            viewer_counts=partial(self.viewer_stats.of, robot_id, user_id),
+        )
+
+    def _end_lease(self) -> None:
+        if self.connection.use == "drive":
+            self.control.leasing.end(self.connection)
+
+    def _send_report(self, close_reason: CloseReason | None = None, lasted_s: float = 0.0) -> None:
+        self.report(
+            ConnectionReport(
+                self.connection,
+                self.address,
+                close_reason,
+                lasted_s,
+                self.drive,
+                self.bridge.refused,
+            )
+        )

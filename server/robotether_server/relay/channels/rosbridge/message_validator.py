@@ -1,0 +1,335 @@
+"""Checks every message from a client against the list of operations, and writes it again for the robot.
+
+An operation that is not in `operations`, or a field that its entry does not name, never reaches a robot: rosbridge
+takes `message_intervall` from any message, and would wait so long before everything that it sends. A robot's settings
+say which names each level may use.
+
+Each connection has a `MessageValidator`; `bridge` asks it for every message and sends what it returns and
+nothing else. So what was checked and what is sent are one: the client's own bytes must never go
+on, since the robot could read another operation in them than this parser did.
+
+A refusal is a sentence for the client, in rosbridge's own `status` operation, and the connection
+goes on. Messages from the robot never come here.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
+from functools import lru_cache
+from typing import Any, Literal, NamedTuple
+
+from robotether_common.guard import STAMP
+from robotether_common.ros import Globs
+
+from robotether_server.relay.channels.rosbridge.operations import (
+    OPERATIONS,
+    ROSAPI_LOOKUPS,
+    ROSAPI_LOOKUPS_OF_DRIVERS,
+    FieldRefusedError,
+    NotJsonError,
+    Operation,
+    Right,
+    identity,
+    read_json,
+    scalars,
+    speeds,
+    write_json,
+)
+from robotether_server.relay.drives.drive_path import DriveCommand
+from robotether_server.relay.http.timing import Excess, RateLimiter
+from robotether_server.robot_settings import LevelPolicy, Limits
+
+Kind = Literal["topic", "service", "operation", "shape", "rate", "size", "subscriptions", "json"]
+
+ANSWERS_PER_S = 10
+# Names whose right is remembered; clients use few.
+KNOWN_NAMES = 256
+KB = 1024
+# A message of one KB, or of so many values, takes as long to read as a small one does at all.
+VALUES_AS_ONE = 64
+# Who only looks has less to say; and there may be many of them.
+OBSERVERS_SHARE = 10
+# Who is refused as much again as it may send, for so long, floods; even refusals cost the others time.
+FLOOD_AFTER_S = 3.0
+MIN_FLOOD_PER_S = 100
+# A stop passes whatever else its sender floods the relay with. It is short, and its name spelt out.
+STOP, MAX_STOP_BYTES = "robotether.stop", 256
+STOP_WORD = f'"{STOP}"'.encode()
+TOO_MANY = "cannot pass message: there are too many of them; send less often"
+HIDING = frozenset(("fragment", "png"))
+# Refused before they count against what may be sent; all other refusals do.
+TOO_MUCH: Collection[Kind] = ("rate", "size")
+
+
+class MessageRefusedError(Exception):
+    """The message may not go to the robot.
+
+    `answer` is the status message for the client, None when it had enough of them this second; `floods` says that
+    it was refused for its amount so often that the connection should end.
+    """
+
+    def __init__(self, kind: Kind, why: str, answer: bytes | None, *, floods: bool = False) -> None:
+        super().__init__(why)
+        self.kind = kind
+        self.answer = answer
+        self.floods = floods
+
+
+class ValidatedMessage(NamedTuple):
+    """A message that passed. `data` goes to the robot, as a text message.
+
+    With `drive`, what `stamped` makes of it goes in its place. With `own`, the operation is for
+    the relay, `data` is empty, and `own` has its fields.
+    """
+
+    data: bytes
+    operation: str
+    drive: DriveCommand | None = None
+    own: Mapping[str, Any] | None = None
+
+
+class _RefusalError(Exception):
+    """What is wrong, before it is known whether the client is notified."""
+
+    def __init__(self, kind: Kind, why: str, message_id: object = None) -> None:
+        super().__init__(why)
+        self.kind: Kind = kind
+        self.why = why
+        self.message_id = message_id
+
+
+class MessageValidator:
+    """Checks the messages of one connection."""
+
+    def __init__(
+        self,
+        policy: LevelPolicy,
+        drive_topics: Globs,
+        limits: Limits,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        now = clock()
+        self._clock = clock
+        self._drives = policy.drives
+        self._max_bytes = limits.message_kb * KB
+        self._subscriptions = Subscriptions(limits.subscriptions)
+        per_s = limits.messages_per_s / (1 if policy.drives else OBSERVERS_SHARE)
+        # The largest text must fit in what may come at once.
+        self._at_once = max(int(per_s), limits.message_kb + 1)
+        self._messages = RateLimiter(now, per_s=per_s, at_once=self._at_once)
+        self._answers = RateLimiter(now, per_s=ANSWERS_PER_S, at_once=ANSWERS_PER_S)
+        self._refused = Excess(now, per_s=max(per_s, MIN_FLOOD_PER_S), for_s=FLOOD_AFTER_S)
+        self._is_drive_topic = lru_cache(KNOWN_NAMES)(drive_topics.match)
+        self._allowed: Mapping[Right, Callable[[str], bool]] = {
+            "subscribe": lru_cache(KNOWN_NAMES)(policy.subscribe.match),
+            "publish": lru_cache(KNOWN_NAMES)(policy.publish.match),
+            "call": lru_cache(KNOWN_NAMES)(policy.call.match),
+            "serve": lru_cache(KNOWN_NAMES)(policy.serve.match),
+        }
+
+    def check(self, data: bytes) -> ValidatedMessage:
+        """Return what may go on in place of the message; raise MessageRefusedError when nothing may."""
+        try:
+            return self._check(data)
+        except _RefusalError as refusal:
+            now = self._clock()
+            answered = self._answers.allow(now)
+            answer = status_error(refusal.why, refusal.message_id) if answered else None
+            is_too_much = refusal.kind in TOO_MUCH
+            floods = is_too_much and self._refused.add(now, 1 + len(data) // KB)
+            raise MessageRefusedError(refusal.kind, refusal.why, answer, floods=floods) from None
+
+    def _check(self, data: bytes) -> ValidatedMessage:
+        passes = self._check_amount(data)
+        message = _read(data)
+        operation = message.get("op")
+        if not passes and operation != STOP:
+            raise _RefusalError("rate", TOO_MANY)
+        entry = OPERATIONS.get(operation) if isinstance(operation, str) else None
+        if entry is None or not isinstance(operation, str):
+            raise _RefusalError("operation", _unknown(operation), message.get("id"))
+        written = _fields_of(operation, entry, message)
+        if entry.own:
+            return ValidatedMessage(b"", operation, own=written)
+        self._check_right(entry, written)
+        if operation == "publish":
+            return self._publish(written)
+        return ValidatedMessage(write_json(written), operation)
+
+    def _check_amount(self, data: bytes) -> bool:
+        """Return whether the message may pass whatever it is; if not, it still may be a stop."""
+        size = len(data)
+        if size > self._max_bytes:
+            limit = self._max_bytes // KB
+            raise _RefusalError(
+                "size", f"cannot pass message: it has over {limit} KB, the robot's limit"
+            )
+        cost = 1 if size < KB else _cost(data)
+        if cost > self._at_once:
+            raise _RefusalError(
+                "size", "cannot pass message: it has too many values for one message"
+            )
+        if self._messages.allow(self._clock(), cost):
+            return True
+        if not _may_be_stop(data):
+            raise _RefusalError("rate", TOO_MANY)
+        return False
+
+    def _check_right(self, entry: Operation, written: Mapping[str, Any]) -> None:
+        if entry.right is None or entry.named_by is None:
+            return
+        name = written[entry.named_by]
+        if not (self._allowed[entry.right](name) or self._always(entry, written, name)):
+            kind: Kind = "topic" if entry.named_by == "topic" else "service"
+            why = f"cannot {entry.says} {name}: {self._missing_right(entry.right)}"
+            raise _RefusalError(kind, why, written.get("id"))
+        if entry.right == "subscribe":
+            self._count_subscription(written)
+
+    def _always(self, entry: Operation, written: Mapping[str, Any], name: str) -> bool:
+        """Whether it passes without a glob: a driver's drive topics, everybody's look-ups."""
+        if entry.right == "publish":
+            return self._drives and self._is_drive_topic(name)
+        look_ups = ROSAPI_LOOKUPS_OF_DRIVERS if self._drives else ROSAPI_LOOKUPS
+        if written["op"] == "call_service" and name in look_ups:
+            _check_plain_values(written)
+            return True
+        return False
+
+    def _missing_right(self, right: Right) -> str:
+        if right != "subscribe" and not self._drives:
+            return (
+                "an observing connection only subscribes and calls rosapi's look-ups of the graph"
+            )
+        return "the robot's policy does not let you; an admin changes it on the robot's page"
+
+    def _count_subscription(self, written: Mapping[str, Any]) -> None:
+        topic, subscription_id = written["topic"], written.get("id")
+        if written["op"] == "unsubscribe":
+            self._subscriptions.remove(topic, subscription_id)
+        elif not self._subscriptions.add(topic, subscription_id):
+            max_count = len(self._subscriptions)
+            why = f"cannot subscribe to {topic}: this connection has {max_count} subscriptions, the robot's limit"
+            raise _RefusalError("subscriptions", why, subscription_id)
+
+    def _publish(self, written: dict[str, Any]) -> ValidatedMessage:
+        stamp_ms = written.pop(STAMP, None)
+        topic = written["topic"]
+        if not self._is_drive_topic(topic):
+            return ValidatedMessage(write_json(written), "publish")
+        try:
+            speed, turn = speeds(written.get("msg", {}))
+        except FieldRefusedError as exc:
+            raise _RefusalError(
+                "shape", f"cannot publish to {topic}: msg {exc}", written.get("id")
+            ) from exc
+        data = write_json(written)
+        command = DriveCommand(topic, written, data, stamp_ms, speed, turn)
+        return ValidatedMessage(data, "publish", command)
+
+
+def is_stop(data: bytes) -> bool:
+    """Return whether the message is the operation with which a client stops the robot."""
+    if not _may_be_stop(data):
+        return False
+    try:
+        return read_json(data).get("op") == STOP
+    except NotJsonError:
+        return False
+
+
+def status_error(text: str, message_id: object) -> bytes:
+    """Build rosbridge's status message; `message_id` is the id of the message it answers."""
+    status: dict[str, object] = {"op": "status", "level": "error"}
+    with suppress(FieldRefusedError):
+        status["id"] = identity(message_id)
+    status["msg"] = text
+    return json.dumps(status).encode()
+
+
+def _read(data: bytes) -> dict[str, Any]:
+    try:
+        return read_json(data)
+    except NotJsonError as exc:
+        raise _RefusalError("json", f"cannot read message: not JSON: {exc}") from exc
+
+
+def _fields_of(operation: str, entry: Operation, message: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the message's known fields, checked; a field that is null counts as absent."""
+    written: dict[str, Any] = {"op": operation}
+    for name, check in entry.checks:
+        value = message.get(name)
+        if value is None and name != entry.named_by:
+            continue
+        try:
+            written[name] = check(value)
+        except FieldRefusedError as exc:
+            why = f"cannot pass {operation}: its field {name} {exc}"
+            raise _RefusalError("shape", why, message.get("id")) from exc
+    return written
+
+
+def _check_plain_values(written: Mapping[str, Any]) -> None:
+    """Look-ups take plain values; so an observer sends no object inside another."""
+    try:
+        scalars(written.get("args", {}))
+    except FieldRefusedError as exc:
+        why = f"cannot pass call_service: its field args {exc}"
+        raise _RefusalError("shape", why, written.get("id")) from exc
+
+
+def _cost(data: bytes) -> int:
+    """Say for how many messages a large one counts: reading it holds up everybody else so long."""
+    values = data.count(b",") + data.count(b"{") + data.count(b"[")
+    return 1 + len(data) // KB + values // VALUES_AS_ONE
+
+
+def _may_be_stop(data: bytes) -> bool:
+    return len(data) <= MAX_STOP_BYTES and STOP_WORD in data
+
+
+def _unknown(operation: object) -> str:
+    if not isinstance(operation, str):
+        return "cannot pass a message without op: it does not say what to do"
+    if operation in HIDING:
+        return f"cannot pass {operation}: its content cannot be checked; send messages whole"
+    return f"cannot pass {operation[:64]}: the relay knows no such operation"
+
+
+class Subscriptions:
+    """The topics that one connection has subscribed, counted as rosbridge counts them.
+
+    At most so many; a topic may be subscribed several times, each under an id of its own.
+    """
+
+    def __init__(self, max_count: int) -> None:
+        self._max_count = max_count
+        self._ids: dict[str, set[str | int | None]] = {}
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, topic: str, subscription_id: str | int | None) -> bool:
+        """Count a subscription, an old one again for nothing; False when there are too many."""
+        ids = self._ids.get(topic, set())
+        if subscription_id in ids:
+            return True
+        if self._count >= self._max_count:
+            return False
+        self._ids.setdefault(topic, ids).add(subscription_id)
+        self._count += 1
+        return True
+
+    def remove(self, topic: str, subscription_id: str | int | None) -> None:
+        """Forget the subscription; without an id, all of the topic."""
+        ids = self._ids.get(topic, set())
+        gone = set(ids) if subscription_id is None else ids & {subscription_id}
+        ids -= gone
+        self._count -= len(gone)
+        if not ids:
+            self._ids.pop(topic, None)

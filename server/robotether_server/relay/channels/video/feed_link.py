@@ -1,0 +1,239 @@
+"""The WebSocket to a robot's frames service, from which one feed gets its frames.
+
+`main` gives `Feeds` the way to start one a feed. It opens the connection, opens it again when it breaks
+while the robot is there, asks for the robot's clock, and sends the robot what the feed requests and has received.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from dataclasses import dataclass
+
+from aiohttp import (
+    ClientConnectorError,
+    ClientError,
+    ClientSession,
+    WSMsgType,
+    WSServerHandshakeError,
+)
+from robotether_common.frames import HEADER, MAX_FRAME_BYTES, PATH, StreamRequest
+from yarl import URL
+
+from robotether_server.relay.channels.video.feeds import Feed
+from robotether_server.relay.channels.video.frame_protocol import (
+    BrokenFramesError,
+    SenderClock,
+    clock_sync_text,
+    credit_text,
+    parse_clock_sync_answer,
+    parse_status,
+    parse_text,
+    stream_request_text,
+)
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.sockets import RobotSocket, connect_robot
+from robotether_server.relay.http.timing import RateLimiter, delays
+from robotether_server.relay.robots.demand import OPENS_WITHIN_S, RETRY_S
+from robotether_server.relay.robots.robot_dialer import connect_timeout_s
+from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+
+log = logging.getLogger(__name__)
+
+AGAIN_WITHIN_S = 10.0
+FIRST_PAUSE_S = 0.2
+# A connection that held for so long was none that breaks again and again.
+STEADY_S = 10.0
+CLOCK_SYNC_EVERY_S = 1.0
+# Clock syncs go out all the time: nothing at all for so long is a connection that is dead.
+SILENT_AFTER_S = 8.0
+# Viewers come together, and one may change its request with a slider.
+REQUEST_EVERY_S = 0.1
+# Beside frames, which come for credits: an answer to each clock sync, a status at each change, and some. Reading
+# without a limit would starve everybody else.
+MESSAGES_PER_S = 50
+MESSAGES_AT_ONCE = 100
+TOO_MANY = 429
+SERVER_ERRORS = 500
+LINK_BROKE = {
+    "op": "status",
+    "state": "down",
+    "detail": "the robot's video connection broke; trying again",
+    "source": None,
+    "quality": None,
+    "width": None,
+    "height": None,
+    "fps": None,
+}
+
+
+@dataclass(frozen=True)
+class FeedConnector:
+    """The way to all robots' frames services."""
+
+    client: ClientSession
+    tunnel_host: str
+    registry: SessionRegistry
+
+    def start(self, feed: Feed) -> asyncio.Task[CloseReason]:
+        """Start to bring a feed its frames; the task returns why there are no more."""
+        return asyncio.create_task(FeedLink(feed, self).run(), name=f"feed {feed.robot.name}")
+
+
+class FeedLink:
+    """Brings one feed its frames."""
+
+    def __init__(self, feed: Feed, connector: FeedConnector) -> None:
+        self._feed = feed
+        self._connector = connector
+        self._clock = SenderClock()
+        self._received_s = 0.0
+
+    async def run(self) -> CloseReason:
+        """Bring frames until there is no way to the robot; return why."""
+        within_s, pauses = OPENS_WITHIN_S, delays(FIRST_PAUSE_S)
+        while True:
+            try:
+                socket = await self._dial(within_s)
+            except ConnectionClosedError as exc:
+                return exc.close_reason
+            opened_s = time.monotonic()
+            try:
+                await self._listen(socket)
+            finally:
+                socket.drop()
+            self._feed.on_status(dict(LINK_BROKE))
+            within_s = AGAIN_WITHIN_S
+            if time.monotonic() - opened_s > STEADY_S:
+                pauses = delays(FIRST_PAUSE_S)
+            await pause(next(pauses))
+
+    async def _listen(self, socket: RobotSocket) -> None:
+        """Pass on what comes until the connection breaks."""
+        name = self._feed.robot.name
+        self._clock, self._received_s = SenderClock(), time.monotonic()
+        self._feed.on_connected()
+        sending = asyncio.create_task(self._send_due(socket), name=f"feed {name} sends")
+        try:
+            await self._read(socket)
+            log.info("robot %s: the connection of a feed broke", name)
+        except ConnectionError as exc:
+            log.info("robot %s: the connection of a feed broke: %r", name, exc)
+        except BrokenFramesError as exc:
+            log.warning("robot %s: broke the frames protocol: %s", name, exc)
+        finally:
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
+
+    async def _read(self, socket: RobotSocket) -> None:
+        now_s = time.monotonic()
+        limiter = RateLimiter(now_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE)
+        while True:
+            message = await socket.receive()
+            self._received_s = now_s = time.monotonic()
+            if message.type is WSMsgType.BINARY:
+                self._feed.on_frame(message.data, now_s, self._clock)
+                continue
+            if not limiter.allow(now_s):
+                raise BrokenFramesError(f"more than {MESSAGES_PER_S} messages a second")
+            if message.type is WSMsgType.TEXT:
+                self._on_text(message.data, now_s)
+            elif message.type is WSMsgType.PING:
+                await socket.pong(message.data)
+            elif message.type is not WSMsgType.PONG:
+                return
+
+    def _on_text(self, data: bytes, now_s: float) -> None:
+        message = parse_text(data)
+        if message["op"] == "beat":
+            self._clock.on_answer(now_s, *parse_clock_sync_answer(message))
+        elif message["op"] == "status":
+            self._feed.on_status(parse_status(message))
+
+    async def _send_due(self, socket: RobotSocket) -> None:
+        """Send what is due: stream requests, credits and clock syncs; drop a connection on which nothing comes."""
+        sent_request: StreamRequest | None = None
+        sent_request_s = synced_s = -CLOCK_SYNC_EVERY_S
+        try:
+            while True:
+                now_s = time.monotonic()
+                if now_s - self._received_s > SILENT_AFTER_S:
+                    break
+                # Before the first credit: a frame whose timestamp nobody can convert is of no use.
+                if now_s - synced_s >= CLOCK_SYNC_EVERY_S:
+                    synced_s = now_s
+                    await _send(socket, clock_sync_text(now_s * 1000))
+                request = self._feed.stream_request()
+                if (
+                    request is not None
+                    and request != sent_request
+                    and now_s - sent_request_s >= REQUEST_EVERY_S
+                ):
+                    sent_request, sent_request_s = request, now_s
+                    await _send(socket, stream_request_text(request))
+                if sent_request is not None and (credit := self._feed.credit()) is not None:
+                    await _send(socket, credit_text(*credit))
+                hurries = request is not None and request != sent_request
+                await self._due(REQUEST_EVERY_S if hurries else CLOCK_SYNC_EVERY_S)
+        except ConnectionError:
+            log.debug("robot %s: a feed's connection does not take anything", self._feed.robot.name)
+        socket.drop()
+
+    async def _due(self, within_s: float) -> None:
+        try:
+            async with asyncio.timeout(within_s):
+                await self._feed.due.wait()
+        except TimeoutError:
+            return
+        self._feed.due.clear()
+
+    async def _dial(self, within_s: float) -> RobotSocket:
+        """Open the connection; ConnectionClosedError when the robot has none to offer."""
+        robot, loop = self._feed.robot, asyncio.get_running_loop()
+        deadline = loop.time() + within_s
+        while True:
+            presence = self._connector.registry.presence(robot.id)
+            if not presence.online:
+                raise ConnectionClosedError(
+                    close_reasons.robot_offline(robot.name, presence.since, utc_now())
+                )
+            try:
+                async with asyncio.timeout(connect_timeout_s(presence)):
+                    return await self._connect()
+            except ClientConnectorError:
+                why = "the tunnel has no port for it"
+            except WSServerHandshakeError as exc:
+                # web_video_server knows no such path; other servers of video answer any path.
+                if exc.status < SERVER_ERRORS and exc.status != TOO_MANY:
+                    raise ConnectionClosedError(close_reasons.frames_unknown(robot.name)) from exc
+                why = f"it answered HTTP {exc.status}"
+            except TimeoutError:
+                why = "no answer in time"
+            except (ClientError, OSError):
+                why = "the robot refuses the connection"
+            if loop.time() > deadline:
+                raise ConnectionClosedError(close_reasons.video_down(robot.name, why))
+            await asyncio.sleep(RETRY_S)
+
+    async def _connect(self) -> RobotSocket:
+        connector, feed = self._connector, self._feed
+        url = URL.build(
+            scheme="ws",
+            host=connector.tunnel_host,
+            port=feed.robot.video_port,
+            path=PATH,
+            query={"topic": feed.topic},
+        )
+        limit = HEADER.size + MAX_FRAME_BYTES
+        return await connect_robot(connector.client, url, limit)
+
+
+async def pause(pause_s: float) -> None:
+    """Wait before the next connection; tests look at how long."""
+    await asyncio.sleep(pause_s)
+
+
+async def _send(socket: RobotSocket, text: bytes) -> None:
+    await socket.send_frame(text, WSMsgType.TEXT)

@@ -1,0 +1,288 @@
+"""One feed a robot and camera, whatever the number of viewers: the newest frame, and credits for the robot.
+
+`frames_handler` and `streams` join feeds; a `FeedLink` brings each its frames. Only the newest frame is kept, and
+each viewer takes it when it can: nothing queues here, and who is slow skips frames and slows no one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import reduce
+from typing import Protocol
+
+from robotether_common.frames import JPEG, MAX_CREDITS, SEQUENCES, StreamRequest
+
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.channels.video.frame_protocol import (
+    BrokenFramesError,
+    Frame,
+    SenderClock,
+    combined,
+    parse_frame,
+)
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.robots.sessions import Change
+
+log = logging.getLogger(__name__)
+
+# A page that is loaded again, or that swaps its cameras, finds its feed again; within 1 s it is closed.
+LINGER_S = 0.5
+# Of one robot, whose agent has room for 8 cameras: who leaves one after the other must not use that up.
+MAX_LINGERING = 2
+# What a new viewer is shown at once.
+FRESH_S = 1.0
+
+
+@dataclass
+class FeedTraffic:
+    """What all feeds have passed on since the start; `metrics` reads it."""
+
+    frames_in: int = 0
+    bytes_in: int = 0
+    frames_out: int = 0
+    bytes_out: int = 0
+    skipped: int = 0
+
+
+class Viewer(Protocol):
+    """Somebody who follows a feed."""
+
+    @property
+    def stream_request(self) -> StreamRequest | None:
+        """What it wants to see; None: it has not said so yet."""
+
+    def notify(self) -> None:
+        """There is a newer frame, or another status; must not wait."""
+
+    def end(self, close_reason: CloseReason) -> None:
+        """The feed is over."""
+
+
+class Feed:
+    """The newest frame of one camera of one robot, and its viewers."""
+
+    def __init__(self, robot: RelayRobot, topic: str, traffic: FeedTraffic) -> None:
+        self.robot = robot
+        self.topic = topic
+        self.newest: Frame | None = None
+        self.status: dict[str, object] | None = None
+        # None as long as nobody knows whether the robot has such a service; then why it has not.
+        self.opened: asyncio.Future[CloseReason | None] = asyncio.get_running_loop().create_future()
+        # Something is to be sent to the robot.
+        self.due = asyncio.Event()
+        self._traffic = traffic
+        self._viewers: set[Viewer] = set()
+        self._untaken: deque[int] = deque()
+        self._credits_due = 0
+        self._credits_open = 0
+        self._taken: int | None = None
+        # What the robot's numbers lack to ours, which continue when its agent restarts.
+        self._shift: int | None = 0
+
+    def join(self, viewer: Viewer) -> None:
+        """Notify this viewer of what is new."""
+        self._viewers.add(viewer)
+        self.due.set()
+
+    def leave(self, viewer: Viewer) -> None:
+        """Notify it no more."""
+        self._viewers.discard(viewer)
+        self.due.set()
+
+    @property
+    def watched(self) -> bool:
+        """Whether there is a viewer."""
+        return bool(self._viewers)
+
+    def end(self, close_reason: CloseReason) -> None:
+        """Notify all viewers that it is over."""
+        if not self.opened.done():
+            self.opened.set_result(close_reason)
+        for viewer in list(self._viewers):
+            viewer.end(close_reason)
+
+    def taken(self, sequence: int) -> None:
+        """A viewer has this frame, or waits for one after it; the quickest counts."""
+        if sequence not in self._untaken:
+            return
+        self._taken = sequence
+        while self._untaken.popleft() != sequence:
+            self._credits_due += 1
+        self._credits_due += 1
+        self.due.set()
+
+    def fresh(self, now_s: float) -> bool:
+        """Return whether the newest frame came so lately that somebody new shall see it."""
+        return self.newest is not None and now_s - self.newest.received_s < FRESH_S
+
+    def sent(self, frame: Frame, skipped: int) -> None:
+        """A viewer was sent this frame, and so many before it were not."""
+        self._traffic.frames_out += 1
+        self._traffic.bytes_out += len(frame.message)
+        self._traffic.skipped += skipped
+
+    def stream_request(self) -> StreamRequest | None:
+        """What all viewers want together."""
+        requests = [
+            viewer.stream_request for viewer in self._viewers if viewer.stream_request is not None
+        ]
+        return reduce(combined, requests) if requests else None
+
+    def on_connected(self) -> None:
+        """There is a new connection to the robot, on which nothing is open yet."""
+        self._untaken.clear()
+        self._credits_open = 0
+        self._taken = None
+        self._credits_due = MAX_CREDITS
+        self._shift = 0 if self.newest is None else None
+        if not self.opened.done():
+            self.opened.set_result(None)
+
+    def credit(self) -> tuple[int, int | None] | None:
+        """Take what credit is to be given now, with the robot's own number of the newest that was taken."""
+        frames, self._credits_due = self._credits_due, 0
+        if not frames:
+            return None
+        self._credits_open += frames
+        taken = None if self._taken is None else (self._taken - (self._shift or 0)) % SEQUENCES
+        return frames, taken
+
+    def on_frame(self, data: bytes, now_s: float, clock: SenderClock) -> None:
+        """A frame came, with a timestamp on the robot's clock."""
+        codec, sequence, timestamp_ms = parse_frame(data)
+        if not self._credits_open:
+            raise BrokenFramesError("more frames came than were requested")
+        self._credits_open -= 1
+        timestamp_s = clock.ours(now_s, timestamp_ms)
+        if self._shift is None:
+            last = 0 if self.newest is None else self.newest.sequence
+            self._shift = (last + 1 - sequence) % SEQUENCES
+        sequence = (sequence + self._shift) % SEQUENCES
+        self._untaken.append(sequence)
+        if codec != JPEG or timestamp_s is None:
+            # Nobody here can show it, or know how old it is.
+            self.taken(sequence)
+            return
+        self._traffic.frames_in += 1
+        self._traffic.bytes_in += len(data)
+        position = 0 if self.newest is None else self.newest.position + 1
+        self.newest = Frame(
+            data, sequence=sequence, position=position, timestamp_s=timestamp_s, received_s=now_s
+        )
+        self._notify()
+
+    def on_status(self, status: dict[str, object]) -> None:
+        """The robot reported how its source is."""
+        self.status = status
+        self._notify()
+
+    def _notify(self) -> None:
+        for viewer in list(self._viewers):
+            self._notify_one(viewer)
+
+    def _notify_one(self, viewer: Viewer) -> None:
+        try:
+            viewer.notify()
+        except Exception:
+            # One viewer's defect must not cost the others their frames.
+            log.exception("robot %s: a viewer failed", self.robot.name)
+            viewer.end(close_reasons.relay_failed())
+
+
+StartFeed = Callable[[Feed], "asyncio.Task[CloseReason]"]
+
+
+class Feeds:
+    """All feeds, by robot and topic. `start` starts the task that brings a feed its frames."""
+
+    def __init__(self, start: StartFeed) -> None:
+        self.traffic = FeedTraffic()
+        self._start = start
+        self._feeds: dict[tuple[int, str], Feed] = {}
+        self._tasks: dict[Feed, asyncio.Task[CloseReason]] = {}
+        # A task that is cancelled needs some time to end.
+        self._all: set[asyncio.Task[CloseReason]] = set()
+
+    @contextmanager
+    def followed(self, robot: RelayRobot, topic: str, viewer: Viewer) -> Iterator[Feed]:
+        """Follow a camera inside the block; the last one's end closes the feed."""
+        feed = self._feeds.get((robot.id, topic)) or self._opened(robot, topic)
+        feed.join(viewer)
+        try:
+            yield feed
+        finally:
+            feed.leave(viewer)
+            if not feed.watched:
+                self._let_linger(feed)
+
+    def count(self) -> int:
+        """How many feeds there are."""
+        return len(self._feeds)
+
+    def on_robot_change(self, change: Change) -> None:
+        """Something happened to a robot; with its link end its feeds."""
+        if change.what == "disconnected":
+            for feed in list(self._feeds.values()):
+                if feed.robot.id == change.robot_id:
+                    feed.end(close_reasons.link_lost(feed.robot.name))
+                    self._close(feed)
+
+    async def close(self) -> None:
+        """Close all feeds; the relay stops."""
+        for feed in list(self._feeds.values()):
+            self._close(feed)
+        await asyncio.gather(*self._all, return_exceptions=True)
+
+    def _opened(self, robot: RelayRobot, topic: str) -> Feed:
+        feed = Feed(robot, topic, self.traffic)
+        self._feeds[robot.id, topic] = feed
+        task = self._tasks[feed] = self._start(feed)
+        self._all.add(task)
+        task.add_done_callback(lambda done: self._done(feed, done))
+        return feed
+
+    def _done(self, feed: Feed, task: asyncio.Task[CloseReason]) -> None:
+        self._all.discard(task)
+        self._forget(feed)
+        if task.cancelled():
+            return
+        if (problem := task.exception()) is not None:
+            log.error("robot %s: a feed failed", feed.robot.name, exc_info=problem)
+            feed.end(close_reasons.relay_failed())
+            return
+        close_reason = task.result()
+        log.info(
+            "robot %s: feed of %r ended: %s", feed.robot.name, feed.topic[:100], close_reason.reason
+        )
+        feed.end(close_reason)
+
+    def _let_linger(self, feed: Feed) -> None:
+        robot_id = feed.robot.id
+        lingering = [
+            each for each in self._feeds.values() if each.robot.id == robot_id and not each.watched
+        ]
+        if len(lingering) > MAX_LINGERING:
+            self._close(feed)
+        else:
+            asyncio.get_running_loop().call_later(LINGER_S, self._close_unwatched, feed)
+
+    def _close_unwatched(self, feed: Feed) -> None:
+        if not feed.watched:
+            self._close(feed)
+
+    def _close(self, feed: Feed) -> None:
+        task = self._forget(feed)
+        if task is not None:
+            task.cancel()
+
+    def _forget(self, feed: Feed) -> asyncio.Task[CloseReason] | None:
+        """Let the next viewer open a new one."""
+        if self._feeds.get((feed.robot.id, feed.topic)) is feed:
+            del self._feeds[feed.robot.id, feed.topic]
+        return self._tasks.pop(feed, None)

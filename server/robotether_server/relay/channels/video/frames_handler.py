@@ -1,0 +1,231 @@
+"""Answers /robots/NAME/video/frames: a camera's frames over a WebSocket, by the viewer's credits.
+
+What concerns ticket, origin or name is refused over HTTP; all that concerns the robot is reported after the
+upgrade, as a close code with a reason. What is due is written at once when nothing waits in this program,
+and else when that is gone: the newest answer to a clock sync, the newest status, the newest frame.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from typing import Any
+
+from aiohttp import WSMsgType, web
+from robotether_common.frames import MAX_CREDITS, MAX_TEXT_BYTES, StreamRequest
+
+from robotether_server.problems import HttpProblem
+from robotether_server.relay.auth.access import Permit, request_of
+from robotether_server.relay.channels.video.feeds import Feed
+from robotether_server.relay.channels.video.frame_protocol import (
+    BrokenFramesError,
+    parse_clock_sync,
+    parse_credit,
+    parse_stream_request,
+    parse_text,
+    text_message,
+)
+from robotether_server.relay.channels.video.viewers import (
+    Cursor,
+    VideoContext,
+    connection_of,
+    counted,
+    topic_of,
+)
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.sockets import OperatorConnection, ViewerSocket
+from robotether_server.relay.http.timing import Liveness, LivenessLimits, RateLimiter
+from robotether_server.relay.robots.sessions import utc_now
+
+# Two texts a frame at 60 frames a second, and some.
+MESSAGES_PER_S = 200
+MESSAGES_AT_ONCE = 400
+
+
+class FramesHandler:
+    """Answers /robots/NAME/video/frames."""
+
+    def __init__(self, context: VideoContext, limits: LivenessLimits) -> None:
+        self._context = context
+        self._limits = limits
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Show one camera to one viewer until one of them ends."""
+        if not web.WebSocketResponse().can_prepare(request):
+            raise HttpProblem(426, "cannot open frames: connect with a WebSocket")
+        topic = topic_of(request)
+        asked = request_of(request.headers, request.cookies, request.query)
+        permit = await self._context.access.for_frames(asked, request.match_info["name"])
+        socket = ViewerSocket(MAX_TEXT_BYTES)
+        session = FramesSession(socket, permit, self._context, self._limits)
+        connection = connection_of(permit, topic, session.end)
+        if (why := self._context.connections.no_room(connection)) is not None:
+            session.end(close_reasons.too_many_connections(why))
+        # Before anything waits: a right that ends in the meantime must end this connection.
+        with counted(self._context, permit, connection):
+            await socket.open(request)
+            close_reason = await session.run(topic)
+        await socket.finish(close_reason)
+        return socket
+
+
+class FramesSession(OperatorConnection):
+    """One viewer of one camera, from the upgrade to the end."""
+
+    def __init__(
+        self, socket: ViewerSocket, permit: Permit, context: VideoContext, limits: LivenessLimits
+    ) -> None:
+        super().__init__(permit.robot.name)
+        self._socket = socket
+        self._permit = permit
+        self._context = context
+        self._limits = limits
+        self._received_s = time.monotonic()
+        self._limiter = RateLimiter(
+            self._received_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE
+        )
+        self.stream_request: StreamRequest | None = None
+        self._credits = 0
+        # Numbers of frames that were sent and not yet taken.
+        self._under_way: deque[int] = deque(maxlen=MAX_CREDITS)
+        self._clock_sync_ms: float | None = None
+        self._sent_status: dict[str, object] | None = None
+        self._written = 0
+        self._blocked = asyncio.Event()
+        # From `run` on.
+        self._feed: Feed
+        self._cursor: Cursor
+
+    def notify(self) -> None:
+        """The feed has something new."""
+        self._push()
+
+    async def run(self, topic: str) -> CloseReason:
+        """Show the camera; return why that ended."""
+        robot, user = self._permit.robot, self._permit.user
+        presence = self._context.registry.presence(robot.id)
+        if not presence.online:
+            self.end(close_reasons.robot_offline(robot.name, presence.since, utc_now()))
+        if self._ended.done():
+            return self._ended.result()
+        with (
+            self._context.feeds.followed(robot, topic, self) as self._feed,
+            self._context.viewer_stats.viewing(robot.id, user.id),
+        ):
+            self._cursor = Cursor(self._feed, time.monotonic())
+            return await self._run_until_ended(self._work())
+
+    async def _work(self) -> CloseReason:
+        return await self._run_together(
+            self._read(), self._push_again(), self._watch(), self._ping()
+        )
+
+    async def _read(self) -> CloseReason:
+        while True:
+            message = await self._socket.receive()
+            self._received_s = time.monotonic()
+            if not self._limiter.allow(self._received_s):
+                return close_reasons.frames_broken(f"more than {MESSAGES_PER_S} messages a second")
+            if message.type is WSMsgType.TEXT:
+                self._on_text(message.data)
+            elif message.type is WSMsgType.PING:
+                await self._socket.pong(message.data)
+            elif message.type is WSMsgType.CLOSE:
+                return close_reasons.client_left(self._name)
+            elif message.type is WSMsgType.ERROR:
+                return close_reasons.frames_broken("a message is over 4 KiB, or no WebSocket")
+            elif message.type in {WSMsgType.CLOSING, WSMsgType.CLOSED}:
+                return close_reasons.client_vanished(self._name)
+
+    def _on_text(self, data: bytes) -> None:
+        try:
+            self._handle(parse_text(data))
+        except BrokenFramesError as exc:
+            raise ConnectionClosedError(close_reasons.frames_broken(str(exc))) from exc
+        self._push()
+
+    def _handle(self, message: dict[str, Any]) -> None:
+        operation = message["op"]
+        if operation == "credit":
+            self._on_credit(*parse_credit(message))
+        elif operation == "beat":
+            self._clock_sync_ms = parse_clock_sync(message)
+        elif operation == "want":
+            self.stream_request = parse_stream_request(message)
+            self._feed.due.set()
+
+    def _on_credit(self, frames: int, taken: int | None) -> None:
+        if self.stream_request is None:
+            raise BrokenFramesError("want comes before credit")
+        self._credits = min(self._credits + frames, MAX_CREDITS)
+        if taken is None and self._under_way:
+            # A client that does not say which.
+            taken = self._under_way[min(frames, len(self._under_way)) - 1]
+        if taken is not None and taken in self._under_way:
+            while self._under_way.popleft() != taken:
+                pass
+            self._feed.taken(taken)
+
+    def _push(self) -> None:
+        """Write what is due, unless something still waits in this program: then it would wait, too."""
+        while not self._socket.waiting_bytes():
+            message = self._next_message()
+            if message is None:
+                return
+            self._written += len(message)
+            self._socket.write_message(message)
+        self._blocked.set()
+
+    async def _push_again(self) -> CloseReason:
+        while True:
+            await self._blocked.wait()
+            self._blocked.clear()
+            await self._socket.drained()
+            self._push()
+
+    def _next_message(self) -> bytes | None:
+        if self._ended.done():
+            return None
+        if self._clock_sync_ms is not None:
+            t_ms, self._clock_sync_ms = self._clock_sync_ms, None
+            sender_ms = round(time.monotonic() * 1000, 3)
+            return text_message({"op": "beat", "t_ms": t_ms, "sender_ms": sender_ms})
+        if self._feed.status is not None and self._feed.status is not self._sent_status:
+            self._sent_status = self._feed.status
+            return text_message(self._sent_status)
+        return self._next_frame()
+
+    def _next_frame(self) -> bytes | None:
+        frame = self._cursor.next() if self._credits else None
+        if frame is None:
+            return None
+        self._credits -= 1
+        self._under_way.append(frame.sequence)
+        self._cursor.sent(frame)
+        self._context.viewer_stats.count(self._permit.robot.id, self._permit.user.id, frame.size)
+        return frame.message
+
+    async def _watch(self) -> CloseReason:
+        limits = self._limits
+        liveness = Liveness(limits, time.monotonic())
+        while True:
+            await asyncio.sleep(limits.check_every_s)
+            verdict = liveness.check(
+                time.monotonic(),
+                received_at=self._received_s,
+                to_client=(self._written, self._socket.waiting_bytes()),
+                to_robot=(0, 0),
+            )
+            if verdict == "client_silent":
+                return close_reasons.client_silent(self._name, limits.silent_after_s)
+            if verdict == "client_slow":
+                return close_reasons.client_slow(self._name, limits.slow_after_s)
+
+    async def _ping(self) -> CloseReason:
+        while True:
+            await asyncio.sleep(self._limits.ping_every_s)
+            # Behind data that waits a ping would only wait too.
+            if not self._socket.waiting_bytes():
+                await self._socket.ping()

@@ -1,0 +1,201 @@
+"""Answers /robots/NAME/video/...: streams from a robot's web_video_server as it is, or out of a feed.
+
+The robot gets nothing that shows who asks: neither cookie nor ticket nor token. The operator's
+browser gets nothing from the robot but the frame, as `headers` says: a robot's page could
+otherwise act on our site in its viewer's name. What is on the way is bounded by the socket buffers
+of both sides. `frames_handler` answers /video/frames.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from urllib.parse import parse_qsl
+
+from aiohttp import ClientConnectorError, ClientError, ClientResponse, ClientTimeout, web
+from robotether_common.frames import QOS, QOS_NAME, no_frames
+from yarl import URL
+
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.problems import (
+    HttpProblem,
+    NoFrames,
+    RobotOffline,
+    TooManyConnections,
+    VideoDown,
+)
+from robotether_server.relay.auth.access import Permit, request_of
+from robotether_server.relay.channels.video.headers import (
+    check_destination,
+    headers_for_robot,
+    headers_for_viewer,
+)
+from robotether_server.relay.channels.video.streams import Streams, is_for_feed
+from robotether_server.relay.channels.video.viewers import VideoContext, connection_of, counted
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.robots.demand import OPENS_WITHIN_S, RETRY_S
+from robotether_server.relay.robots.robot_dialer import connect_timeout_s
+from robotether_server.relay.robots.sessions import Presence, utc_now
+
+log = logging.getLogger(__name__)
+
+VIEWER_SLOW_AFTER_S = 10.0
+# web_video_server answers for a snapshot when there is a frame, and never for a topic that nothing publishes.
+HEADERS_WITHIN_S = 8.0
+# ... and a stream of such a topic would stay open without end.
+SILENT_AFTER_S = 30.0
+# With 101 the connection would be a pipe on which anything passes, to nginx and beyond.
+ANSWERS = range(200, 600)
+ESCAPED_SLASH = re.compile("%2F", re.IGNORECASE)
+
+
+class VideoHandler:
+    """Answers /robots/NAME/video/..."""
+
+    def __init__(self, context: VideoContext) -> None:
+        self._context = context
+        self._streams = Streams(context)
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Answer one request until either side ends."""
+        if request.method not in {"GET", "HEAD"}:
+            raise HttpProblem(405, f"cannot {request.method} video: it can only be read")
+        check_destination(request.headers)
+        asked = request_of(request.headers, request.cookies, request.query)
+        permit = await self._context.access.for_video(asked, request.match_info["name"])
+
+        def cut(_why: CloseReason | None = None) -> None:
+            # aiohttp cancels the handler of a connection that is gone.
+            if request.transport is not None:
+                request.transport.abort()
+
+        # A ticket is what a page of another site asks with, which may then show the frame.
+        embeddable = asked.ticket is not None
+        connection = connection_of(permit, request.query.get("topic", ""), cut)
+        if (why := self._context.connections.no_room(connection)) is not None:
+            raise TooManyConnections(f"cannot show video of robot {permit.robot.name}: {why}")
+        with counted(self._context, permit, connection):
+            return await self._answer(request, permit, embeddable=embeddable)
+
+    async def _answer(
+        self, request: web.Request, permit: Permit, *, embeddable: bool
+    ) -> web.StreamResponse:
+        presence = self._presence(permit.robot)
+        if is_for_feed(request):
+            answer = await self._streams.show(request, permit, embeddable=embeddable)
+            if answer is not None:
+                return answer
+        return await self._pass_on(request, permit.robot, presence, embeddable=embeddable)
+
+    def _presence(self, robot: RelayRobot) -> Presence:
+        presence = self._context.registry.presence(robot.id)
+        if not presence.online:
+            raise RobotOffline(
+                close_reasons.offline_sentence(robot.name, presence.since, utc_now())
+            )
+        return presence
+
+    async def _pass_on(
+        self, request: web.Request, robot: RelayRobot, presence: Presence, *, embeddable: bool
+    ) -> web.StreamResponse:
+        async with self._asked_robot(request, robot, presence) as answer:
+            headers = headers_for_viewer(
+                answer.headers,
+                embeddable=embeddable,
+                destination=request.headers.get("Sec-Fetch-Dest", "empty"),
+            )
+            response = web.StreamResponse(status=answer.status, headers=headers)
+            await response.prepare(request)
+            if request.method == "GET":
+                await _stream(answer, response, request, robot.name)
+            return response
+
+    @asynccontextmanager
+    async def _asked_robot(
+        self, request: web.Request, robot: RelayRobot, presence: Presence
+    ) -> AsyncIterator[ClientResponse]:
+        path = path_for_robot(request.rel_url.raw_path, request.rel_url.raw_query_string)
+        url = URL(f"http://{self._context.tunnel_host}:{robot.video_port}{path}", encoded=True)
+        timeout = ClientTimeout(
+            total=None, sock_connect=connect_timeout_s(presence), sock_read=SILENT_AFTER_S
+        )
+        try:
+            async with asyncio.timeout(HEADERS_WITHIN_S):
+                answer = await self._ask(request, url, timeout)
+        except (ClientError, OSError) as exc:
+            raise _no_answer(robot, presence, request.query.get("topic", ""), exc) from exc
+        try:
+            if answer.status not in ANSWERS:
+                why = f"its web_video_server answers with status {answer.status}"
+                raise VideoDown(f"cannot show video of robot {robot.name}: {why}")
+            yield answer
+        finally:
+            # Not `release`, which would first read a stream that has no end.
+            answer.close()
+
+    async def _ask(self, request: web.Request, url: URL, timeout: ClientTimeout) -> ClientResponse:
+        """Ask the robot, whose media connection may open only for this."""
+        deadline_s = time.monotonic() + OPENS_WITHIN_S
+        while True:
+            try:
+                return await self._context.client.request(
+                    request.method,
+                    url,
+                    headers=headers_for_robot(request.headers),
+                    allow_redirects=False,
+                    timeout=timeout,
+                )
+            except ClientConnectorError:
+                if time.monotonic() > deadline_s:
+                    raise
+            await asyncio.sleep(RETRY_S)
+
+
+def path_for_robot(raw_path: str, raw_query: str) -> str:
+    """Return what the robot is asked for: less our prefix, less the ticket, and with its slashes as they are.
+
+    web_video_server undoes no escapes, and finds no topic under %2Fcamera, which many clients write. Who asks for a
+    topic and names no QoS gets that of sensors.
+    """
+    _, _, _, _, *rest = raw_path.split("/", 4)
+    path = "/" + "".join(rest)
+    parts = [part for part in raw_query.split("&") if part and not _names(part, "ticket")]
+    if any(_names(part, "topic") for part in parts) and not any(
+        _names(part, QOS_NAME) for part in parts
+    ):
+        parts.append(QOS)
+    return f"{path}?{ESCAPED_SLASH.sub('/', '&'.join(parts))}" if parts else path
+
+
+def _names(part: str, wanted: str) -> bool:
+    """Return whether a part of a query has this name as `access` reads it: in any spelling."""
+    return any(name == wanted for name, _ in parse_qsl(part, keep_blank_values=True))
+
+
+def _no_answer(robot: RelayRobot, presence: Presence, topic: str, error: Exception) -> VideoDown:
+    """Return why nothing was answered: where a topic has no frame, web_video_server closes or keeps the connection."""
+    cannot = f"cannot show video of robot {robot.name}"
+    is_down = presence.video == "down" or isinstance(error, ClientConnectorError)
+    if topic and not is_down:
+        return NoFrames(f"{cannot}: {no_frames(topic)}")
+    return VideoDown(f"{cannot}: its web_video_server does not answer")
+
+
+async def _stream(
+    answer: ClientResponse, response: web.StreamResponse, request: web.Request, robot: str
+) -> None:
+    try:
+        async for chunk in answer.content.iter_any():
+            async with asyncio.timeout(VIEWER_SLOW_AFTER_S):
+                await response.write(chunk)
+    except (ClientError, ConnectionError, TimeoutError) as exc:
+        # The text may hold what the robot sent.
+        log.info("robot %s: video ended: %r", robot, str(exc) or "the viewer did not take it")
+        # The answer is cut short, and the viewer must not take it for whole.
+        if request.transport is not None:
+            request.transport.abort()

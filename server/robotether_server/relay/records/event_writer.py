@@ -1,0 +1,173 @@
+"""Writes robots' sessions and audit lines in the background, and keeps them while it cannot.
+
+`main` reports to it and never waits. What cannot be written is kept and tried again; the queue is
+bounded, holds a session once with its newest state, and says in the log when it has to drop one.
+What people were told is also in the journal until it is written, for a relay that is killed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import OrderedDict
+from collections.abc import Sequence
+
+from robotether_server.db.control import DriveEntry, StopEntry
+from robotether_server.db.fleet import Entry, FormerSessions, SessionEntry
+from robotether_server.problems import StoreProblem, StoreUnavailable
+from robotether_server.relay.http.timing import delays
+from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.records.journal import Journal, JournalEntry
+
+log = logging.getLogger(__name__)
+
+MAX_WAITING = 10_000
+BATCH = 100
+
+
+class EventWriter:
+    """A bounded queue of entries, and the task that writes them."""
+
+    def __init__(
+        self,
+        database: RelayDatabase,
+        max_waiting: int = MAX_WAITING,
+        journal: Journal | None = None,
+    ) -> None:
+        self._database = database
+        self._max_waiting = max_waiting
+        self._journal = journal
+        self._waiting: OrderedDict[int, Entry] = OrderedDict()
+        # What the database is about to accept.
+        self._writing: Sequence[Entry] = ()
+        self._wake = asyncio.Event()
+        self._idle = asyncio.Event()
+        self._idle.set()
+        self.dropped = 0
+
+    def restore(self) -> list[StopEntry]:
+        """Write what the relay before this one did not; return the stops, which only `stops` can take over.
+
+        Before anything is added: what ends the drives and leases that it left open comes behind these.
+        """
+        former = [] if self._journal is None else self._journal.read()
+        if former:
+            log.warning("%d entries of the relay before this one wait", len(former))
+        for entry in former:
+            if not isinstance(entry, StopEntry):
+                self._queue(entry)
+        return [entry for entry in former if isinstance(entry, StopEntry)]
+
+    def add(self, entry: Entry) -> None:
+        """Write the entry soon; adding a session again writes its newest state."""
+        self._queue(entry)
+        if self._journal is not None and isinstance(entry, JournalEntry):
+            self._journal.add(entry)
+            if self._journal.needs_rewrite(len(self._waiting) + len(self._writing)):
+                waiting = (*self._writing, *self._waiting.values())
+                self._journal.rewrite(each for each in waiting if isinstance(each, JournalEntry))
+
+    def waiting(self) -> int:
+        """How many entries are not written yet."""
+        return len(self._waiting)
+
+    async def run(self) -> None:
+        """Write for ever."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            await self._write_all()
+            self._idle.set()
+
+    async def flush(self, within_s: float) -> None:
+        """Wait until all is written, at most so long."""
+        try:
+            async with asyncio.timeout(within_s):
+                await self._idle.wait()
+        except TimeoutError:
+            log.warning("%d entries were not written to the database", len(self._waiting))
+
+    def close(self) -> None:
+        """Let the journal go."""
+        if self._journal is not None:
+            self._journal.close()
+
+    def _queue(self, entry: Entry) -> None:
+        self._waiting[id(entry)] = entry
+        if len(self._waiting) > self._max_waiting:
+            self._drop_oldest()
+        self._idle.clear()
+        self._wake.set()
+
+    async def _write_all(self) -> None:
+        pauses = delays()
+        failing = False
+        while self._waiting:
+            batch = [self._waiting.popitem(last=False)[1] for _ in range(self._batch_size())]
+            self._writing = batch
+            try:
+                await self._write(batch)
+            except StoreUnavailable as problem:
+                self._put_back(batch)
+                if not failing:
+                    log.warning("%s; %d entries wait", problem.detail, len(self._waiting))
+                failing = True
+                await asyncio.sleep(next(pauses))
+            else:
+                if failing:
+                    log.warning("the database accepts entries again")
+                failing, pauses = False, delays()
+                self._writing = ()
+                if self._journal is not None and not self._waiting:
+                    self._journal.clear()
+
+    def _batch_size(self) -> int:
+        return min(BATCH, len(self._waiting))
+
+    async def _write(self, batch: Sequence[Entry]) -> None:
+        try:
+            await self._write_together(batch)
+        except StoreUnavailable:
+            raise
+        except Exception:  # noqa: BLE001  # reported by `_write_alone`, for the entry that caused it
+            # One entry that cannot be written must not keep the others from it; a stop may be among them.
+            for entry in batch:
+                await self._write_alone(entry)
+
+    async def _write_together(self, batch: Sequence[Entry]) -> None:
+        for position, row_id in (await self._database.write(batch)).items():
+            _set_row(batch[position], row_id)
+
+    async def _write_alone(self, entry: Entry) -> None:
+        try:
+            await self._write_together([entry])
+        except StoreUnavailable:
+            self._queue(entry)
+        except StoreProblem as problem:
+            log.warning("cannot write %r: %s; dropped", entry, problem.detail)
+            self.dropped += 1
+        except Exception:
+            log.exception("cannot write %r; dropped", entry)
+            self.dropped += 1
+
+    def _put_back(self, batch: Sequence[Entry]) -> None:
+        for entry in reversed(batch):
+            self._waiting[id(entry)] = entry
+            self._waiting.move_to_end(id(entry), last=False)
+        self._writing = ()
+
+    def _drop_oldest(self) -> None:
+        if self.dropped == 0:
+            log.error("too many entries wait for the database; from now on the oldest are dropped")
+        # A stop must outlive the relay; there is at most one entry a robot. And nobody else ends what the relay before
+        # this one left open; that is the oldest entry.
+        kept = StopEntry | FormerSessions
+        oldest = (key for key, each in self._waiting.items() if not isinstance(each, kept))
+        if (key := next(oldest, None)) is not None:
+            self.dropped += 1
+            del self._waiting[key]
+
+
+def _set_row(entry: Entry, row_id: int) -> None:
+    if isinstance(entry, SessionEntry | DriveEntry):
+        entry.row_id = row_id

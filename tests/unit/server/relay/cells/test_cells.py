@@ -1,0 +1,189 @@
+"""What a relay knows of the cells, from records that a test changes."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import pytest
+from relay_server import MemoryDatabase, cell_settings, running_relay, until
+from robotether_server.db.cells import Cell
+from robotether_server.problems import RecordExists
+from robotether_server.relay.cells import cells as relay_cells
+from robotether_server.relay.cells.cells import Cells
+
+OTHER = Cell("b", "b.example", 443, (2222,), "b.example:8444", "0.1.0", 3, False, True)
+
+
+class Count:
+    """How often it was notified."""
+
+    def __init__(self) -> None:
+        self.times = 0
+
+    def notify(self) -> None:
+        self.times += 1
+
+
+@pytest.fixture
+def memory_database() -> MemoryDatabase:
+    """Records with another cell."""
+    memory_database = MemoryDatabase()
+    memory_database.cells["b"] = OTHER
+    return memory_database
+
+
+@pytest.fixture
+def count() -> Count:
+    """A listener."""
+    return Count()
+
+
+@pytest.fixture
+def cells(memory_database: MemoryDatabase, count: Count) -> Cells:
+    """Cell a, which is polled by hand."""
+    cells = Cells(cell_settings("a", "a.example", "a.example:8444"), memory_database, lambda: 2)
+    cells.listen(count.notify)
+    return cells
+
+
+async def test_it_writes_its_own_and_knows_the_others(cells, memory_database):
+    """Peers are the others; robots of this cell stay here while it is in service."""
+    await cells.poll()
+    assert (memory_database.cells["a"].robots, cells.name) == (2, "a")
+    assert cells.peers() == [OTHER]
+    assert [one.host for one in cells.addresses(7)] == ["a.example", "b.example"]
+
+
+async def test_a_draining_cell_sends_its_robots_elsewhere(cells, memory_database):
+    """It knows by its own row."""
+    await cells.poll()
+    assert not cells.draining
+    memory_database.cells["a"] = replace(memory_database.cells["a"], draining=True)
+    await cells.poll()
+    assert cells.draining
+    assert [one.host for one in cells.addresses(7)] == ["b.example", "a.example"]
+
+
+async def test_a_robot_that_is_sent_elsewhere_comes_back_if_it_cannot_get_there(
+    cells, memory_database
+):
+    """A third cell would send it on to the one that it cannot reach, and so to and fro."""
+    memory_database.cells["c"] = replace(OTHER, name="c", host="c.example")
+    await cells.poll()
+    found = {tuple(one.host for one in cells.addresses(each, "b")) for each in range(20)}
+    assert found == {("b.example", "a.example", "c.example")}
+
+
+async def test_robots_of_another_region_go_there_next(memory_database):
+    """While a cell of it is alive."""
+    memory_database.cells["b"] = replace(OTHER, region="us")
+    settings = cell_settings("a", "a.example", region="eu")
+    cells = Cells(settings, memory_database, lambda: 2, region_of={7: "eu", 8: "us"}.get)
+    await cells.poll()
+    found = {each: [one.host for one in cells.addresses(each)] for each in (7, 8, 9)}
+    here = ["a.example", "b.example"]
+    assert found == {7: here, 8: ["b.example", "a.example"], 9: here}
+    memory_database.cells["b"] = replace(OTHER, region="us", is_alive=False)
+    await cells.poll()
+    assert [one.host for one in cells.addresses(8)] == ["a.example"]
+
+
+async def test_a_dead_peer_is_still_one_and_one_without_an_address_is_none(cells, memory_database):
+    """The link to it is tried until it is back."""
+    memory_database.cells["b"] = replace(OTHER, is_alive=False)
+    memory_database.cells["c"] = replace(OTHER, name="c", peer_address=None)
+    await cells.poll()
+    assert [one.name for one in cells.peers()] == ["b"]
+    assert [one.host for one in cells.addresses(7)] == ["a.example", "b.example"]
+
+
+async def test_listeners_hear_of_changes_but_not_of_counts(cells, memory_database, count):
+    """A list that is the same is sent to no robot again."""
+    await cells.poll()
+    assert count.times == 1
+    memory_database.cells["b"] = replace(OTHER, robots=4)
+    await cells.poll()
+    assert count.times == 1
+    memory_database.cells["b"] = replace(OTHER, is_alive=False)
+    await cells.poll()
+    assert count.times == 2
+
+
+async def test_without_the_database_all_stays_as_it_was(cells, memory_database, count):
+    """The others could not write their heartbeats either, and get a while for it."""
+    await cells.poll()
+    memory_database.down = True
+    await cells.poll()
+    memory_database.down = False
+    memory_database.cells["b"] = replace(OTHER, is_alive=False)
+    await cells.poll()
+    assert [one.host for one in cells.addresses(7)] == ["a.example", "b.example"]
+    assert count.times == 1
+
+
+async def test_a_cell_that_does_not_come_back_with_the_database_is_dead(
+    cells, memory_database, monkeypatch
+):
+    """The while ends."""
+    monkeypatch.setattr(relay_cells, "ALIVE_S", 0.0)
+    await cells.poll()
+    memory_database.down = True
+    await cells.poll()
+    memory_database.down = False
+    memory_database.cells["b"] = replace(OTHER, is_alive=False)
+    await cells.poll()
+    assert [one.host for one in cells.addresses(7)] == ["a.example"]
+
+
+class Taken(MemoryDatabase):
+    """Records in which another relay has this cell's name."""
+
+    async def heartbeat(self, *_: object) -> list[Cell]:
+        raise RecordExists("cannot take part as cell a: another relay has this name")
+
+
+async def test_a_name_that_another_relay_has_is_reported_once(caplog):
+    """Whoever set up two machines with the same name finds it in the log."""
+    cells = Cells(cell_settings("a"), Taken(), lambda: 0)
+    for _ in range(3):
+        await cells.poll()
+    errors = [record.message for record in caplog.records if record.levelno == logging.ERROR]
+    assert errors == ["cannot take part as cell a: another relay has this name"]
+
+
+async def test_a_relay_polls_by_itself(memory_database):
+    """From its start on."""
+    async with running_relay(memory_database, cell=cell_settings("a", "a.example")) as relay:
+        assert relay.relay.cells.addresses(7)[0].host == "a.example"
+        memory_database.cells["b"] = replace(OTHER, is_alive=False)
+        await until(lambda: len(relay.relay.cells.addresses(7)) == 1, "b is gone")
+
+
+async def test_surplus_is_against_the_emptiest_cell(memory_database):
+    """Of the robot's region, where that has one; nothing is known of the others while the database is away."""
+    memory_database.cells["b"] = replace(OTHER, region="us")
+    memory_database.cells["c"] = replace(OTHER, name="c", robots=1)
+    memory_database.cells["d"] = replace(OTHER, name="d", robots=0, is_alive=False)
+    settings = cell_settings("a", "a.example", region="eu")
+    cells = Cells(settings, memory_database, lambda: 9, region_of={7: "eu", 8: "us"}.get)
+    assert cells.surplus() == (0, "a")
+    await cells.poll()
+    assert cells.surplus() == (8, "c")
+    assert {robot_id: cells.surplus(robot_id) for robot_id in (7, 8, 9)} == {
+        7: (0, "a"),
+        8: (6, "b"),
+        9: (8, "c"),
+    }
+    memory_database.down = True
+    await cells.poll()
+    assert cells.surplus() == (0, "a")
+
+
+async def test_an_old_count_is_no_surplus(cells, memory_database, monkeypatch):
+    """The other cell may have got robots since."""
+    memory_database.cells["b"] = replace(OTHER, robots=0)
+    await cells.poll()
+    assert cells.surplus() == (2, "b")
+    monkeypatch.setattr(relay_cells, "CURRENT_S", 0.0)
+    assert cells.surplus() == (0, "a")

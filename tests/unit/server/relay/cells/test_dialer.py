@@ -1,0 +1,84 @@
+"""How a cell finds the others: whom it accepts, and how soon it is back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from fake_robot import HOST
+from relay_server import until
+from robotether_server.relay.cells.keys import read_peer_keys
+from site_cells import PeerListener, make_peer_keys
+from stopwatch import Stopwatch
+
+
+def move(cell, to, address):
+    """Write another peer address for a cell, as a relay that is elsewhere does."""
+    for database in (cell.database, to.database):
+        settings = database.cells[to.name]
+        database.cells[to.name] = replace(settings, peer_address=address)
+    to.relay._settings = replace(
+        to.relay._settings, cell=replace(to.relay._settings.cell, peer_address=address)
+    )
+    to.relay.cells._settings = to.relay._settings.cell
+
+
+async def test_a_cell_that_is_back_is_connected_within_a_second(site, cell_a, cell_b):
+    """However long it was away."""
+    async with cell_b.listener.cut():
+        await until(lambda: cell_a.relay.peers.count() == 0, "it is away")
+    with Stopwatch() as stopwatch:
+        await site.connected()
+    assert stopwatch.s < 1.5
+
+
+async def test_a_cell_that_moves_is_found(site, cell_a, cell_b, keys_dir, peer_keys):
+    """Its row has the new address; and a cell that is removed is left."""
+    listener = PeerListener(keys_dir, peer_keys.proof)
+    await listener.start()
+    listener.relay_port = cell_b.relay.peer_port
+    move(cell_a, cell_b, f"{HOST}:{listener.port}")
+    await until(
+        lambda: (
+            (peer := cell_a.relay.peers._connected.get("b")) is not None
+            and peer.address == f"{HOST}:{listener.port}"
+        ),
+        "a follows b there",
+    )
+    await listener.stop()
+    await until(lambda: cell_a.relay.peers.count() == 0, "it is away")
+
+
+async def test_another_cell_at_the_address_is_none(site, cell_a, cell_b, caplog):
+    """Such as this one itself; the log says so once."""
+    move(cell_a, cell_b, f"{HOST}:{cell_a.listener.port}")
+    await until(lambda: "a answers there; check PEER_ADDRESS" in caplog.text, "the log says so")
+    await until(lambda: cell_a.relay.peers.count() == 0, "nobody is followed")
+
+
+async def test_a_name_without_an_address_is_reported(site, cell_a, cell_b, caplog):
+    """The cell is tried again, and the others are not held up."""
+    move(cell_a, cell_b, "no-such-host.invalid:8444")
+    await until(lambda: "cannot reach cell b at no-such-host.invalid" in caplog.text, "it says so")
+
+
+@pytest.mark.parametrize("side", ["listener", "dialer"])
+async def test_only_the_sites_own_certificate_is_accepted(site, cell_a, cell_b, tmp_path, side):
+    """Neither at the listener nor by it, though the name is the same."""
+    folder = make_peer_keys(tmp_path)
+    foreign = read_peer_keys(folder)
+    if side == "listener":
+        listener = PeerListener(folder, cell_b.listener._proof)
+        await listener.start()
+        listener.relay_port = cell_b.relay.peer_port
+        move(cell_a, cell_b, f"{HOST}:{listener.port}")
+    else:
+        cell_a.relay._peer_dialer._client.connector._ssl = foreign.tls
+        async with cell_b.listener.cut():
+            await until(lambda: cell_a.relay.peers.count() == 0, "it is away")
+        listener = None
+    await until(lambda: cell_a.relay.peers.count() == 0, "b is not followed")
+    with pytest.raises(AssertionError):
+        await until(lambda: cell_a.relay.peers.count() == 1, "it is", within_s=1.5)
+    if listener is not None:
+        await listener.stop()

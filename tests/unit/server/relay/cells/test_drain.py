@@ -1,0 +1,206 @@
+"""A cell that is taken out of service, with robots on real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from datetime import timedelta
+
+import pytest
+from fake_robot import FakeRobot, RobotSession
+from relay_clients import closing, configured, ended
+from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, running_relay, until
+from robotether_server.db.cells import Cell
+from robotether_server.relay.cells.drain import DrainRules
+from robotether_server.relay.main import Timing
+from robotether_server.relay.robots.sessions import utc_now
+
+QUICK = DrainRules(robots_per_s=50, drives_last_s=60, stays_s=0)
+OTHER = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 3, False, True)
+DRAINED = replace(OTHER, name="a", host="a.example", draining=True)
+ROBOTS = {8: "sim2", 9: "sim3"}
+# What is used stays so for 10 s; nothing here waits for that.
+CELL = cell_settings("a", "a.example")
+
+
+@pytest.fixture
+def memory_database(memory_database: MemoryDatabase) -> MemoryDatabase:
+    """Three robots, and another cell that takes them."""
+    memory_database.cells["b"] = OTHER
+    for robot_id, name in ROBOTS.items():
+        memory_database.add_robot(robot_id, name, u1="drive", u2="observe")
+    return memory_database
+
+
+def timing(**changes: float) -> Timing:
+    return replace(FAST, drain=replace(QUICK, **changes))
+
+
+def set_draining(memory_database: MemoryDatabase, *, on: bool) -> None:
+    memory_database.cells["a"] = replace(memory_database.cells["a"], draining=on)
+
+
+async def session_of(relay, robot_id: int) -> RobotSession:
+    session = RobotSession(robot_id, kind="session", session_key=SESSION_KEY)
+    await session.connect(relay.relay.session_port)
+    return await configured(session)
+
+
+async def test_robots_are_told_where_to_go_and_leave(memory_database, sim1):
+    """Each gets a list with this cell last before its bye; its other connections end with it."""
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        robot = FakeRobot(sim1.id, SESSION_KEY)
+        await robot.start(relay.relay.session_port)
+        assert [one["host"] for one in robot.session.configs[-1]["cells"]] == [
+            "a.example",
+            "b.example",
+        ]
+        set_draining(memory_database, on=True)
+        assert await ended(robot.session) == await ended(robot.media) == "cell_draining"
+        assert [one["host"] for one in robot.session.configs[-1]["cells"]] == [
+            "b.example",
+            "a.example",
+        ]
+        await until(lambda: not relay.relay.registry.online_count(), "nobody is left")
+        await robot.stop()
+
+
+async def test_unused_robots_leave_first_and_the_driven_last(memory_database, sim1, http):
+    """A driver drives on, who watches loses the link, and a robot that nobody uses goes before both."""
+    left = []
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        robot, watched = FakeRobot(sim1.id, SESSION_KEY), FakeRobot(8, SESSION_KEY)
+        await robot.start(relay.relay.session_port)
+        await watched.start(relay.relay.session_port)
+        idle = await session_of(relay, 9)
+        relay.relay.registry.listen(
+            lambda change: left.append(change.robot_id) if change.what == "disconnected" else None
+        )
+        driver = await http.ws_connect(relay.ros_url(sim1))
+        observer = await http.ws_connect(relay.ros_url(memory_database.robots[8], "observe"))
+        await until(lambda: robot.clients and watched.clients, "both are connected")
+        set_draining(memory_database, on=True)
+        assert (await closing(observer))[0] == 4505
+        await until(lambda: len(left) == 2, "two have left")
+        assert left == [9, 8]
+        assert relay.relay.registry.presence(sim1.id).online
+        await driver.close()
+        assert await ended(robot.session) == "cell_draining"
+        for each in (robot, watched):
+            await each.stop()
+        await idle.close()
+
+
+async def test_a_drive_ends_when_its_time_is_over(memory_database, sim1, http):
+    """The machine goes down for some reason."""
+    async with running_relay(memory_database, timing(drives_last_s=0.2), CELL) as relay:
+        robot = FakeRobot(sim1.id, SESSION_KEY)
+        await robot.start(relay.relay.session_port)
+        driver = await http.ws_connect(relay.ros_url(sim1))
+        await until(lambda: robot.clients, "the driver is connected")
+        set_draining(memory_database, on=True)
+        assert (await closing(driver))[0] == 4505
+        assert await ended(robot.session) == "cell_draining"
+        await robot.stop()
+
+
+async def test_nobody_begins_to_drive(memory_database, sim1, http):
+    """A robot that has yet to leave would take the drive along."""
+    memory_database.cells["a"] = DRAINED
+    async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
+        robot = FakeRobot(sim1.id, SESSION_KEY)
+        await robot.start(relay.relay.session_port)
+        reason = "cannot let you drive sim1: its server goes out of service; try again shortly"
+        assert await closing(await http.ws_connect(relay.ros_url(sim1))) == (4510, reason)
+        async with http.ws_connect(relay.ros_url(sim1, "observe")):
+            await until(lambda: robot.clients, "one may still observe")
+        await robot.stop()
+
+
+async def test_one_drives_while_no_other_cell_takes_robots(memory_database, sim1, http):
+    """They died during the drain, which goes on when one is back."""
+    memory_database.cells |= {"a": DRAINED, "b": replace(OTHER, is_alive=False)}
+    async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
+        robot = FakeRobot(sim1.id, SESSION_KEY)
+        await robot.start(relay.relay.session_port)
+        async with http.ws_connect(relay.ros_url(sim1)):
+            await until(lambda: relay.relay.control.driver(sim1.id), "somebody drives")
+        memory_database.cells["b"] = OTHER
+        await until(lambda: relay.relay.cells.robots_leave, "b is back")
+        assert (await closing(await http.ws_connect(relay.ros_url(sim1))))[0] == 4510
+        await robot.stop()
+
+
+async def test_a_drain_goes_on_when_another_cell_is_back(memory_database):
+    """Robots have waited for it."""
+    memory_database.cells |= {"a": DRAINED, "b": replace(OTHER, is_alive=False)}
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        session = await session_of(relay, 8)
+        memory_database.cells["b"] = OTHER
+        assert await ended(session) == "cell_draining"
+        await session.close()
+
+
+async def test_a_drive_that_began_while_no_other_took_robots_has_its_time(
+    memory_database, sim1, http
+):
+    """From when another cell is back, and not from the drain's begin."""
+    memory_database.cells |= {"a": DRAINED, "b": replace(OTHER, is_alive=False)}
+    async with running_relay(memory_database, timing(drives_last_s=0.6), CELL) as relay:
+        robot = FakeRobot(sim1.id, SESSION_KEY)
+        await robot.start(relay.relay.session_port)
+        driver = await http.ws_connect(relay.ros_url(sim1))
+        await until(lambda: robot.clients, "the driver is connected")
+        await asyncio.sleep(0.7)
+        memory_database.cells["b"] = OTHER
+        await until(lambda: relay.relay.cells.robots_leave, "b is back")
+        began = asyncio.get_running_loop().time()
+        assert (await closing(driver))[0] == 4505
+        assert asyncio.get_running_loop().time() - began > 0.3
+        await robot.stop()
+
+
+async def test_a_robot_leaves_though_the_clock_was_set_back(memory_database):
+    """It has been here from before the drain, if by the clock only in an hour."""
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        relay.relay.registry._clock = lambda: utc_now() + timedelta(hours=1)
+        session = await session_of(relay, 8)
+        set_draining(memory_database, on=True)
+        assert await ended(session) == "cell_draining"
+        await session.close()
+
+
+@pytest.mark.parametrize("change", [{"stays_s": 60}, {}])
+async def test_a_robot_that_could_go_nowhere_stays(memory_database, change):
+    """It has come to a drained cell, so that it found no other; or there is none."""
+    memory_database.cells["a"] = DRAINED
+    if not change:
+        memory_database.cells["b"] = replace(OTHER, is_alive=False)
+    async with running_relay(memory_database, timing(**change), CELL) as relay:
+        first, second = await session_of(relay, 8), await session_of(relay, 9)
+        await until(lambda: first.pings > 3, "time passes")
+        assert (first.bye, second.bye) == (None, None)
+        for each in (first, second):
+            await each.close()
+
+
+async def test_a_cell_that_is_put_back_keeps_the_rest(memory_database):
+    """And its robots hear of it again."""
+    memory_database.cells["a"] = DRAINED
+    async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
+        session = await session_of(relay, 8)
+        assert session.configs[0]["cells"][0]["host"] == "b.example"
+        set_draining(memory_database, on=False)
+        await until(lambda: len(session.configs) == 2, "it is told")
+        assert session.configs[1]["cells"][0]["host"] == "a.example"
+        assert session.bye is None
+        await session.close()
+
+
+async def test_a_relay_that_starts_in_a_drained_cell_goes_on_with_it(memory_database):
+    """The row says so."""
+    memory_database.cells["a"] = DRAINED
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        session = await session_of(relay, 8)
+        assert await ended(session) == "cell_draining"
+        await session.close()

@@ -1,0 +1,73 @@
+"""The lines between cells, without a network."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from relay_server import utc
+from robotether_server.db.control import Stop
+from robotether_server.relay.cells.messages import (
+    BrokenPeerMessageError,
+    PeerHello,
+    PeerRobot,
+    PeerStop,
+    PeerStopEnd,
+    build,
+    parse,
+)
+
+# To the microsecond: it names the stop.
+NOON = utc(2026, 1, 1, 12, 0, 0, 123456)
+MESSAGES = {
+    '{"type":"hello","cell":"a"}': PeerHello("a"),
+    '{"type":"robot","robot_id":7,"epoch":12,"online":true,"object":{"ros":"ok"}}': PeerRobot(
+        7, 12, online=True, object={"ros": "ok"}
+    ),
+    '{"type":"stop","robot_id":7,"at":"2026-01-01T12:00:00.123456Z","by":"ben","reason":null}': PeerStop(
+        7, NOON, "ben"
+    ),
+    '{"type":"released","robot_id":7,"at":"2026-01-01T12:00:00.123456Z","by":"ben"}': PeerStopEnd(
+        7, NOON, "ben"
+    ),
+}
+
+
+@pytest.mark.parametrize("text", MESSAGES)
+def test_messages_are_read_as_they_were_written(text):
+    """Both ways, to the microsecond."""
+    assert build(MESSAGES[text]) == text
+    assert parse(text) == MESSAGES[text]
+
+
+def test_a_stop_and_its_end_name_the_same():
+    """When and by whom."""
+    stop = PeerStop(7, NOON, "ben", "smoke").stop
+    assert stop == Stop(7, NOON, "ben", "smoke")
+    assert stop.id == PeerStopEnd(7, NOON, "ben").stop_id
+
+
+def test_what_a_newer_cell_says_is_passed_over():
+    """A type that is not known here, or a member."""
+    assert parse('{"type":"weather","robot_id":7}') is None
+    assert parse('{"type":"hello","cell":"a","weather":"fine"}') == PeerHello("a")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"type":7}',
+        '{"type":"hello"}',
+        '{"type":"robot","robot_id":"7","epoch":1,"online":true,"object":{}}',
+        '{"type":"stop","robot_id":7,"at":"noon","by":"ben"}',
+        json.dumps({"type": "released", "robot_id": 7}),
+        "[" * 10_000,
+    ],
+)
+def test_what_breaks_the_contract_is_no_message(text):
+    """It must not be taken for one of a newer cell."""
+    with pytest.raises(BrokenPeerMessageError):
+        parse(text)

@@ -1,0 +1,269 @@
+"""What cells know of each other's robots and stops, through whole relays and real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from fake_robot import RobotSession
+from relay_clients import configured, ended
+from relay_server import SESSION_KEY, until
+from robotether_server.db.control import Stop
+from robotether_server.relay.cells.messages import PeerRobot
+from robotether_server.relay.cells.peers import Peers
+from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+from site_cells import SiteCell
+
+
+async def session(cell: SiteCell, robot_id: int, epoch: int) -> RobotSession:
+    """A bare session that says its epoch."""
+    opened = RobotSession(robot_id, kind="session", session_key=SESSION_KEY)
+    await opened.connect(cell.relay.session_port)
+    await configured(opened)
+    opened.send(type="hello", hostname="x", agent_version="0.2.0", guard="on", epoch=epoch)
+    return opened
+
+
+async def test_a_robot_of_another_cell_is_shown_as_that_cell_sees_it(site, cell_a, cell_b, sim1):
+    """All that sessions and connections know; when it leaves, it is offline since then."""
+    robot = await cell_b.robot(sim1)
+    await until(lambda: cell_a.shown(sim1)["ros"] == "ok", "a shows its health")
+    await until(lambda: cell_a.shown(sim1) == cell_b.shown(sim1), "and all else")
+    assert cell_a.shown(sim1)["address"] == "198.51.100.7"
+    assert cell_a.owner(sim1) == "b"
+    assert cell_b.owner(sim1) is None
+    await robot.stop()
+    await until(lambda: not cell_a.shown(sim1)["online"], "a shows it offline")
+    assert cell_a.shown(sim1)["since"] is not None
+    assert cell_a.owner(sim1) is None
+
+
+async def test_clients_of_any_cell_follow_all_robots(site, cell_a, cell_b, sim1):
+    """A change at another cell is an event here."""
+    with cell_a.relay.fleet_events.subscribed(1) as subscriber:
+        subscriber.first_event()
+        robot = await cell_b.robot(sim1)
+        online = []
+        while not online:
+            await subscriber.wait(5)
+            online = [robot for _, robot in subscriber.pop_events() if robot["online"]]
+    assert online[0]["name"] == "sim1"
+    await robot.stop()
+
+
+async def test_an_older_session_ends_when_a_newer_begins_at_another_cell(
+    site, cell_a, cell_b, sim1
+):
+    """The robot belongs to the cell with the higher epoch at once; the older one is superseded."""
+    older = await session(cell_a, sim1.id, 1000)
+    await until(lambda: cell_b.owner(sim1) == "a", "b knows of it")
+    newer = await session(cell_b, sim1.id, 1001)
+    assert await ended(older) == "superseded"
+    await until(lambda: cell_a.owner(sim1) == "b", "it belongs to b")
+    await until(lambda: cell_b.owner(sim1) is None, "as b knows")
+    await newer.close()
+    await older.close()
+
+
+async def test_a_session_that_comes_late_ends_itself(site, cell_a, cell_b, sim1):
+    """Its hello says that it is older than the one at another cell, which goes on."""
+    newer = await session(cell_b, sim1.id, 1001)
+    await until(lambda: cell_a.relay.peers.robot_count() == 1, "a knows of it")
+    await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
+    older = await session(cell_a, sim1.id, 1000)
+    assert await ended(older) == "superseded"
+    assert not newer.closed.is_set()
+    assert cell_a.owner(sim1) == "b"
+    for each in (newer, older):
+        await each.close()
+
+
+async def test_a_session_without_an_epoch_is_nobodys_older(site, cell_a, cell_b, sim1):
+    """An agent of before cells may have been restarted; the dead session times out by itself."""
+    dead = await session(cell_a, sim1.id, 1000)
+    await until(lambda: cell_b.owner(sim1) == "a", "b knows of it")
+    plain = await session(cell_b, sim1.id, 0)
+    await until(lambda: cell_b.relay.registry.presence(sim1.id).agent_version, "it said hello")
+    assert cell_b.owner(sim1) == "a"
+    await dead.close()
+    await until(lambda: cell_a.owner(sim1) == "b", "it belongs to b")
+    assert not plain.closed.is_set()
+    await plain.close()
+
+
+@pytest.mark.parametrize("how", ["cut", "frozen"])
+async def test_robots_of_a_cell_that_is_gone_are_offline(site, cell_a, cell_b, sim1, how):
+    """Whether its connection breaks or falls silent; its stops stay, and all is back when it is."""
+    cell_b.relay.control.stops.stop(sim1, "ben")
+    robot = await cell_b.robot(sim1)
+    await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
+    if how == "cut":
+        async with cell_b.listener.cut():
+            await until(lambda: cell_a.owner(sim1) is None, "b is gone")
+            assert not cell_a.shown(sim1)["online"]
+            assert cell_a.relay.control.stops.of(sim1.id).by == "ben"
+    else:
+        with cell_b.listener.frozen():
+            await until(lambda: cell_a.owner(sim1) is None, "b is gone")
+    await until(lambda: cell_a.owner(sim1) == "b", "b is back")
+    await robot.stop()
+
+
+async def test_a_robot_that_was_stopped_offline_is_stopped_wherever_it_connects(
+    site, cell_a, cell_b, sim1
+):
+    """Also with the database away."""
+    cell_a.database.down = cell_b.database.down = True
+    cell_a.relay.control.stops.stop(sim1, "ben", reason="smoke")
+    await until(lambda: cell_b.relay.control.stops.of(sim1.id), "b knows of it")
+    robot = await cell_b.robot(sim1)
+    await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped")
+    assert cell_b.relay.control.stops.of(sim1.id).reason == "smoke"
+    cell_a.database.down = cell_b.database.down = False
+    await robot.stop()
+
+
+async def test_a_stop_reaches_a_robot_of_another_cell_and_is_confirmed(site, cell_a, cell_b, sim1):
+    """The cell where it began waits for the guard's word as the robot's own cell reports it."""
+    robot = await cell_b.robot(sim1)
+    await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
+    cell_a.relay.control.stops.stop(sim1, "ben")
+    waiting = cell_a.relay.peers.confirmation(sim1.id)
+    assert waiting is not None
+    assert await waiting
+    assert robot.session.stopped_by == "ben"
+    assert cell_a.shown(sim1)["control"]["stopped"]["by"] == "ben"
+    assert cell_b.relay.peers.confirmation(sim1.id) is None
+    await robot.stop()
+
+
+class AskedStops:
+    """Stops that remember whose was asked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    def shown(self, robot_id: int) -> None:
+        self.asked.append(robot_id)
+
+
+async def test_who_waits_for_a_guard_looks_when_its_robot_is_reported():
+    """After a stop of a whole fleet all wait, and each robot is reported."""
+    stops = AskedStops()
+    peers = Peers(SessionRegistry(), stops, lambda _: None)
+    peer = peers.connected("b", "b.example:8444")
+
+    def report(robot_id: int, *, confirmed: bool) -> None:
+        described = {"control": {"stopped": {"confirmed": confirmed}}}
+        peers.on_message(peer, PeerRobot(robot_id, 1, online=True, object=described))
+
+    for robot_id in (7, 8):
+        report(robot_id, confirmed=False)
+    waiting = asyncio.ensure_future(peers.confirmation(7))
+    await asyncio.sleep(0)
+    stops.asked.clear()
+    report(8, confirmed=True)
+    for _ in range(3):
+        await asyncio.sleep(0)
+    assert stops.asked == []
+    report(7, confirmed=True)
+    assert await waiting
+
+
+async def test_a_stop_comes_by_the_database_while_cells_are_apart(site, cell_a, cell_b, sim1):
+    """The other one has written it, and cannot say so."""
+    robot = await cell_b.robot(sim1)
+    async with cell_a.listener.cut():
+        await until(lambda: cell_b.relay.peers.count() == 0, "b is alone")
+        cell_b.database.stops.append(Stop(sim1.id, utc_now(), "ben"))
+        await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped")
+    await robot.stop()
+
+
+async def test_no_answer_of_the_database_keeps_later_stops_or_robots_out(
+    *, site, cell_a, cell_b, sim1, monkeypatch
+):
+    """Such as one that a mistake in a statement gets."""
+    asked = []
+
+    async def broken(robot_id=None):
+        asked.append(robot_id)
+        raise LookupError
+
+    async with cell_a.listener.cut():
+        await until(lambda: cell_b.relay.peers.count() == 0, "b is alone")
+        with monkeypatch.context() as broken_database:
+            broken_database.setattr(cell_b.database, "stored_control", broken)
+            robot = await cell_b.robot(sim1)
+            await until(lambda: None in asked, "b asked for the stops of others")
+        cell_b.database.stops.append(Stop(sim1.id, utc_now(), "ben"))
+        await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped")
+    await robot.stop()
+
+
+async def test_a_release_ends_a_stop_at_all_cells(site, cell_a, cell_b, sim1):
+    """One that began at another cell than the robot's, and is written as ended by both."""
+    robot = await cell_b.robot(sim1)
+    cell_a.relay.control.stops.stop(sim1, "ben")
+    await until(lambda: robot.session.stopped, "the robot is stopped")
+    await cell_b.relay.control.stops.release(sim1, "ann")
+    await until(lambda: cell_a.relay.control.stops.of(sim1.id) is None, "a knows")
+    # A connection that is new reports all stops again.
+    async with cell_a.listener.cut(), cell_b.listener.cut():
+        await until(lambda: cell_a.relay.peers.count() == 0, "they are apart")
+    await site.connected()
+    await asyncio.sleep(0.1)
+    assert cell_a.relay.control.stops.of(sim1.id) is None
+    assert cell_b.relay.control.stops.of(sim1.id) is None
+    assert not robot.session.stopped
+    await robot.stop()
+
+
+async def test_a_stop_that_a_release_did_not_see_outlives_a_partition(site, cell_a, cell_b, sim1):
+    """While the cells are apart, one stops the robot and the other releases it from the stop before."""
+    robot = await cell_b.robot(sim1)
+    cell_b.relay.control.stops.stop(sim1, "ann")
+    await until(lambda: cell_a.relay.control.stops.of(sim1.id), "a knows")
+    async with cell_a.listener.cut(), cell_b.listener.cut():
+        await until(
+            lambda: cell_a.relay.peers.count() + cell_b.relay.peers.count() == 0, "they are apart"
+        )
+        cell_a.relay.control.stops.stop(sim1, "ben")
+        await cell_b.relay.control.stops.release(sim1, "carl")
+        assert not robot.session.stopped
+    await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped again")
+    await until(lambda: cell_a.relay.control.stops.known(sim1.id).ended, "a knows of the release")
+    stops = [cell.relay.control.stops.known(sim1.id) for cell in (cell_a, cell_b)]
+    assert [[stop.by for stop in each.in_force.values()] for each in stops] == [["ben"], ["ben"]]
+    await robot.stop()
+
+
+async def test_a_stop_that_only_the_database_has_is_read_with_the_session(
+    site, cell_a, cell_b, sim1
+):
+    """The cells cannot reach each other, and the robot goes from one to the other."""
+    async with cell_a.listener.cut(), cell_b.listener.cut():
+        await until(lambda: cell_b.relay.peers.count() == 0, "they are apart")
+        cell_a.relay.control.stops.stop(sim1, "ben")
+        cell_a.database.stops.append(cell_a.relay.control.stops.of(sim1.id))
+        cell_a.database.fences[sim1.id] = 41
+        robot = await cell_b.robot(sim1)
+        assert robot.session.leases[0] == {"type": "lease", "fence": 41, "held": False}
+        assert robot.session.stopped_by == "ben"
+    await robot.stop()
+
+
+async def test_a_robot_connects_without_the_database_too(site, cell_b, sim1):
+    """What other cells reported counts then."""
+    cell_b.database.down = True
+    robot = await cell_b.robot(sim1)
+    assert not robot.session.stopped
+    cell_b.database.down = False
+    await robot.stop()
+
+
+async def test_a_stop_before_the_robots_row_is_read_is_kept(site, cell_b, sim1):
+    """Rows are read once a second, and stops come at once."""
+    stop = Stop(99, cell_b.relay.registry._clock(), "ben")
+    cell_b.relay.control.stops.learn(stop)
+    assert cell_b.relay.control.stops.of(99) == stop

@@ -1,0 +1,138 @@
+"""A cell that has more robots than another, with robots on real sockets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import timedelta
+
+import pytest
+from fake_robot import FakeRobot, RobotSession
+from relay_clients import configured, ended
+from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, running_relay, until
+from robotether_server.db.cells import Cell
+from robotether_server.relay.cells.rebalancing import BalanceRules
+from robotether_server.relay.main import Timing
+from robotether_server.relay.robots.sessions import utc_now
+
+EMPTY = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 0, False, True)
+RULES = BalanceRules(robots=0, share=0, robots_per_s=50, look_every_s=0.05, stays_s=0.3)
+CELL = cell_settings("a", "a.example")
+
+
+@pytest.fixture
+def memory_database(memory_database: MemoryDatabase) -> MemoryDatabase:
+    """Three robots, and a cell without any."""
+    memory_database.cells["b"] = EMPTY
+    for robot_id, name in {8: "sim2", 9: "sim3"}.items():
+        memory_database.add_robot(robot_id, name, u1="drive")
+    return memory_database
+
+
+def timing(**changes: float) -> Timing:
+    return replace(FAST, balance=replace(RULES, **changes))
+
+
+async def session_of(relay, robot_id: int, kind: str = "session") -> RobotSession:
+    session = RobotSession(robot_id, kind=kind, session_key=SESSION_KEY)
+    await session.connect(relay.relay.session_port)
+    return await configured(session)
+
+
+async def stay(*sessions: RobotSession) -> None:
+    """Let more time pass than robots must have been there."""
+    seen = [session.pings for session in sessions]
+    await until(
+        lambda: all(one.pings > 1 + pings for one, pings in zip(sessions, seen, strict=True)),
+        "time passes",
+    )
+    assert [session.bye for session in sessions] == [None] * len(sessions)
+
+
+async def test_robots_go_until_cells_are_about_even(memory_database, sim1):
+    """Each to the cell with the fewest, which it is told before its bye."""
+    async with running_relay(memory_database, timing(robots=1), CELL) as relay:
+        sessions = [await session_of(relay, each) for each in (sim1.id, 8, 9)]
+        await until(lambda: sum(one.bye is not None for one in sessions) == 2, "two have gone")
+        gone = [one for one in sessions if one.bye is not None]
+        assert [await ended(one) for one in gone] == ["rebalanced", "rebalanced"]
+        for session in gone:
+            assert [cell["host"] for cell in session.configs[-1]["cells"]] == [
+                "b.example",
+                "a.example",
+            ]
+        await stay(*(one for one in sessions if one not in gone))
+        for session in sessions:
+            await session.close()
+
+
+async def test_a_robot_that_somebody_may_use_stays(memory_database, sim1, http):
+    """Whoever is connected to it would lose the connection; so might who works in its shell."""
+    with_shell = memory_database.robots[8]
+    memory_database.robots[8] = replace(with_shell, shell_port=with_shell.ros_port + 1)
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        watched = FakeRobot(sim1.id, SESSION_KEY)
+        await watched.start(relay.relay.session_port)
+        async with http.ws_connect(relay.ros_url(sim1)):
+            session, shell, idle = [
+                await session_of(relay, robot_id, kind)
+                for robot_id, kind in ((8, "session"), (8, "shell"), (9, "session"))
+            ]
+            assert await ended(idle) == "rebalanced"
+            await stay(watched.session, session)
+            assert shell.bye is None
+        for each in (session, shell, idle):
+            await each.close()
+        await watched.stop()
+
+
+async def test_a_robot_that_is_stopped_stays(memory_database):
+    """Whoever stops or releases it waits for its guard, which says nothing on the way."""
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        stops = relay.relay.control.stops
+        stops.stop(memory_database.robots[8], "ben")
+        session = await session_of(relay, 8)
+        await stay(session)
+        await stops.release(memory_database.robots[8], "ben")
+        assert await ended(session) == "rebalanced"
+        await session.close()
+
+
+async def test_a_cell_that_does_not_follow_this_one_gets_no_robots(memory_database):
+    """Here they would count as offline."""
+    memory_database.cells["b"] = replace(EMPTY, peer_address="b.example:8444")
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        session = await session_of(relay, 8)
+        await stay(session)
+        await session.close()
+
+
+async def test_a_robot_that_comes_back_at_once_is_left_alone(memory_database):
+    """It cannot reach the other cell; the next time may be better."""
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        session = await session_of(relay, 8)
+        assert await ended(session) == "rebalanced"
+        again = await session_of(relay, 8)
+        await stay(again)
+        await again.close()
+        later = await session_of(relay, 8)
+        assert await ended(later) == "rebalanced"
+        for each in (session, later):
+            await each.close()
+
+
+async def test_a_robot_goes_though_the_clock_was_set_back(memory_database):
+    """It has been here long enough, if by the clock only in an hour."""
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        relay.relay.registry._clock = lambda: utc_now() + timedelta(hours=1)
+        session = await session_of(relay, 8)
+        assert await ended(session) == "rebalanced"
+        await session.close()
+
+
+async def test_a_draining_cell_sends_all_by_its_own_rules(memory_database):
+    """And takes nobody back."""
+    memory_database.cells["a"] = replace(EMPTY, name="a", draining=True)
+    async with running_relay(memory_database, timing(), CELL) as relay:
+        session = await session_of(relay, 8)
+        await stay(session)
+        await session.close()

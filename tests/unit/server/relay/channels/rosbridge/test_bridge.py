@@ -1,0 +1,498 @@
+"""Messages between operators, a fake robot and the real relay, and what ends their connections."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import struct
+import time
+from dataclasses import replace
+
+import aiohttp
+import pytest
+from aiohttp import WSMsgType
+from fake_operator import FakeOperator
+from relay_clients import PUBLISH, audit_lines, closing, misbehaving
+from relay_server import FAST, MESSAGE_LIMIT, until
+from robotether_server import robot_settings
+from robotether_server.db.fleet import RelayRobot, RelayUser
+from robotether_server.relay.channels.rosbridge import bridge, message_validator
+from robotether_server.relay.channels.rosbridge.handler import OBSERVER_LIMIT
+from robotether_server.relay.channels.rosbridge.message_validator import STOP
+from robotether_server.relay.http.sockets import RobotSocket
+from stopwatch import Stopwatch
+
+BOB = RelayUser(2, "bob")
+
+
+async def test_text_passes_unchanged_both_ways(relay, robot, sim1, http):
+    """A text message reaches the robot with every byte as it was, and comes back so."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+    assert robot.received == [PUBLISH]
+
+
+async def test_a_binary_frame_is_read_as_text_is(relay, robot, sim1, http):
+    """JSON in a binary frame passes, rubbish is refused."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_bytes(bytes(range(256)))
+        assert (await socket.receive_json(timeout=5))["level"] == "error"
+        await socket.send_bytes(PUBLISH.encode())
+        assert await socket.receive_str(timeout=5) == PUBLISH
+    assert robot.received == [PUBLISH]
+
+
+async def test_an_observer_who_floods_is_closed_and_nobody_else(
+    relay, robot, sim1, http, monkeypatch
+):
+    """With a code that says so; the driver of the same robot goes on."""
+    monkeypatch.setattr(message_validator, "FLOOD_AFTER_S", 0.3)
+    async with (
+        http.ws_connect(relay.ros_url(sim1)) as ann,
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as bob,
+    ):
+        flood = asyncio.create_task(_flood(bob))
+        code, reason = await closing(bob)
+        await flood
+        assert (code, reason) == (1008, "you sent robot sim1 too much for too long")
+        await _driven_on(ann)
+
+
+async def _driven_on(socket: aiohttp.ClientWebSocketResponse) -> None:
+    """Publish until the robot has it: what this process kept of the driver's pongs makes the first commands old."""
+    async with asyncio.timeout(5):
+        while True:
+            await socket.send_str(PUBLISH)
+            if await socket.receive_str() == PUBLISH:
+                return
+            await asyncio.sleep(0.1)
+
+
+async def _flood(socket: aiohttp.ClientWebSocketResponse) -> None:
+    with contextlib.suppress(ConnectionError):
+        while not socket.closed:
+            for _ in range(100):
+                await socket.send_str('{"op":"subscribe","topic":"/a"}')
+            await asyncio.sleep(0.01)
+
+
+@pytest.fixture
+def wide(memory_database, sim1) -> RelayRobot:
+    """Robot sim1, to which drivers may publish all and as much as may be."""
+    policy = {"drive": {"publish": ["*"]}, "limits": {"message_kb": 10_240}}
+    wide = replace(sim1, settings=robot_settings.parse({"policy": policy}))
+    memory_database.robots = {sim1.id: wide}
+    return wide
+
+
+def large(size: int) -> str:
+    begin, end = '{"op":"publish","topic":"/map","msg":{"data":"', '"}}'
+    return begin + "x" * (size - len(begin) - len(end)) + end
+
+
+async def test_a_message_as_large_as_the_limit_passes(wide, relay, robot, http):
+    """10 MB to the byte is allowed, in both directions."""
+    message = large(MESSAGE_LIMIT)
+    async with http.ws_connect(relay.ros_url(wide), max_msg_size=0) as socket:
+        # To mask 10 MB takes the loop that the handshake with rosbridge needs, too.
+        await robot.connections(1)
+        await socket.send_str(message)
+        assert await socket.receive_str(timeout=20) == message
+
+
+async def test_a_message_over_the_limit_ends_that_connection_only(relay, robot, sim1, http):
+    """11 MB close the sender with 1009 and a reason; another operator does not notice."""
+    async with (
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as other,
+        http.ws_connect(relay.ros_url(sim1)) as socket,
+    ):
+        await robot.connections(2)
+        await socket.send_str(large(11 * 1024 * 1024))
+        assert await closing(socket) == (1009, "you sent a message over 10 MB")
+        await other.send_json({"op": "subscribe", "topic": "/a"})
+        assert await other.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
+
+
+async def test_an_observers_limit_is_small(relay, robot, sim1, http):
+    """Over 64 KB end an observer's connection, however few bytes of them have come."""
+    fitting = '{"op": "subscribe", "topic": "/a", "x": "' + "x" * (OBSERVER_LIMIT - 43) + '"}'
+    assert len(fitting) == OBSERVER_LIMIT
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        await socket.send_str(fitting)
+        assert await socket.receive_json(timeout=5) == {"op": "subscribe", "topic": "/a"}
+        # A frame's header that announces one byte more than the limit, and nothing of it.
+        socket._writer.transport.write(b"\x81\xff" + struct.pack("!Q", OBSERVER_LIMIT + 1))
+        assert await closing(socket) == (1009, "you sent a message over 64 KB")
+
+
+async def test_an_observer_gets_large_messages(relay, robot, sim1, http):
+    """The small limit is for what an observer says, and not for what the robot sends."""
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB), max_msg_size=0) as socket:
+        await until(lambda: robot.clients, "the observer has reached rosbridge")
+        await robot.send_to_clients(b"x" * MESSAGE_LIMIT)
+        assert len((await socket.receive(timeout=8)).data) == MESSAGE_LIMIT
+
+
+async def test_a_robots_message_over_the_limit_ends_with_1009(relay, robot, sim1, http):
+    """A robot that sends more than the limit ends the connection, and the reason names it."""
+    async with http.ws_connect(relay.ros_url(sim1), max_msg_size=0) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        await robot.send_to_clients(b"x" * (MESSAGE_LIMIT + 1))
+        assert await closing(socket) == (1009, "robot sim1 sent a message over 10 MB")
+
+
+@pytest.mark.parametrize("rubbish", ["{", "[" * 100_000])
+async def test_broken_json_is_answered_and_the_robot_not_bothered(
+    relay, robot, sim1, http, rubbish
+):
+    """Text that is no JSON object gets rosbridge's status error, and the connection goes on."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str(rubbish)
+        status = await socket.receive_json(timeout=5)
+        assert (status["op"], status["level"]) == ("status", "error")
+        assert status["msg"].startswith("cannot read message: not JSON")
+        assert relay.relay.traffic.refused == {"json": 1}
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+    assert robot.received == [PUBLISH]
+
+
+async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(
+    *, relay, robot, sim1, http, monkeypatch
+):
+    """Rosbridge's connection breaks a moment before the session: that is 4505, not 4504."""
+    # The moment below may be longer on a machine that stands still in it.
+    monkeypatch.setattr(bridge, "LINK_GRACE_S", 3.0)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        for client in list(robot.clients):
+            client._req.transport.abort()
+        # The moment between, in which the relay must not yet have judged.
+        await asyncio.sleep(0.1)
+        await robot.session.close()
+        assert (await closing(socket))[0] == 4505
+
+
+async def test_a_robot_that_breaks_off_mid_message(relay, sim1, http):
+    """Half a frame and a reset end with 4504; nothing of the half message arrives."""
+    robot = await misbehaving(relay, sim1, "drops_mid_message")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        assert (await closing(socket))[0] == 4504
+    await robot.stop()
+
+
+async def test_a_robot_that_reads_nothing_is_down(wide, relay, sim1, http):
+    """A rosbridge that takes nothing any more ends with 4504, and memory stays bounded."""
+    robot = await misbehaving(relay, sim1, "slow_reader")
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        message = large(1_000_000)
+        sending = asyncio.create_task(_send_until_closed(socket, message))
+        code, reason = await closing(socket)
+        assert (code, reason) == (
+            4504,
+            "rosbridge on robot sim1 does not answer: it took nothing for 4 s",
+        )
+        await sending
+    await robot.stop()
+
+
+async def test_a_stop_overtakes_what_waits_for_the_robot(wide, relay, sim1, http):
+    """What its sender sent before it can take seconds on a full line."""
+    robot = await misbehaving(relay, sim1, "slow_reader")
+    async with http.ws_connect(relay.ros_url(sim1), max_msg_size=0) as socket:
+        await robot.connections(1)
+        await socket.send_str(large(MESSAGE_LIMIT))
+        await socket.send_str(PUBLISH)
+        with Stopwatch() as stopwatch:
+            await socket.send_str('{"op": "robotether.stop"}')
+            assert (await closing(socket))[0] == 4003
+        assert stopwatch.s < 2
+    await robot.stop()
+
+
+async def test_a_stop_overtakes_what_its_sender_does_not_read(relay, robot, sim1, http):
+    """Neither refusals nor pongs hold it up; these have over 64 KB."""
+    async with http.ws_connect(relay.ros_url(sim1), max_msg_size=0) as socket:
+        await robot.connections(1)
+        transport = socket._response.connection.transport
+        transport.pause_reading()
+        await robot.send_to_clients(b"x" * MESSAGE_LIMIT)
+        await until(lambda: relay.relay.traffic.bytes_to_client, "it waits for the client")
+        for _ in range(10):
+            await socket.send_json({"op": "nope", "id": "\N{DEGREE SIGN}" * 1024})
+        for _ in range(80):
+            await socket.ping(b"x" * 125)
+        await socket.send_str('{"op": "robotether.stop"}')
+        stopped = relay.relay.control.describe
+        with Stopwatch() as stopwatch:
+            await until(lambda: stopped(sim1.id)["stopped"], "the robot is stopped")
+        assert stopwatch.s < 2
+        transport.abort()
+
+
+async def test_what_overtakes_is_a_stop_alone(wide, relay, sim1, http):
+    """All else arrives in the order in which it was sent, however much of it waited."""
+    robot = await misbehaving(relay, sim1, "slow_reader")
+    named = [f'{{"op":"advertise","topic":"/{n}","type":"{STOP}"}}' for n in range(1500)]
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await robot.connections(1)
+        sending = asyncio.create_task(_send_all(socket, [large(MESSAGE_LIMIT), *named]))
+        await until(lambda: relay.relay.traffic.bytes_to_robot, "the line is full")
+        (client,) = robot.clients
+        client._req.transport.resume_reading()
+        received = [await client.receive_str(timeout=20) for _ in range(1 + len(named))]
+        await sending
+    assert received[1:] == named
+    await robot.stop()
+
+
+async def _send_all(socket: aiohttp.ClientWebSocketResponse, messages: list[str]) -> None:
+    for message in messages:
+        await socket.send_str(message)
+
+
+async def _send_until_closed(socket: aiohttp.ClientWebSocketResponse, message: str) -> None:
+    try:
+        for _ in range(100):
+            await socket.send_str(message)
+    except ConnectionError:
+        return
+
+
+async def test_a_client_that_answers_pings_stays(relay, robot, sim1, http):
+    """Pongs alone keep a quiet connection open beyond the limit."""
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(socket.receive(), FAST.limits.silent_after_s + 0.5)
+        await socket.send_str(PUBLISH)
+        assert await socket.receive_str(timeout=5) == PUBLISH
+
+
+@pytest.mark.parametrize("kind", [WSMsgType.PING, WSMsgType.PONG])
+async def test_a_flood_of_pings_or_pongs_ends_it(*, relay, robot, sim1, http, monkeypatch, kind):
+    """They reach no check of messages, and answering them costs the others time, too."""
+    monkeypatch.setattr(bridge, "FLOOD_AFTER_S", 0.3)
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as bob:
+        flood = asyncio.create_task(_flood_with(bob, kind))
+        assert (await closing(bob))[0] == 1008
+        await flood
+
+
+async def _flood_with(socket: aiohttp.ClientWebSocketResponse, kind: WSMsgType) -> None:
+    with contextlib.suppress(ConnectionError):
+        while not socket.closed:
+            for _ in range(100):
+                await socket.send_frame(b"", kind)
+            await asyncio.sleep(0.01)
+
+
+@pytest.mark.parametrize("sender", ["client", "robot"])
+async def test_others_have_a_turn_between_what_comes_at_once(
+    *, relay, robot, sim1, http, monkeypatch, sender
+):
+    """Else who sends thousands of small messages holds up the commands of every driver."""
+    turns, seen = 0, []
+
+    async def count_turns() -> None:
+        nonlocal turns
+        while True:
+            await asyncio.sleep(0)
+            turns += 1
+
+    monkeypatch.setattr(bridge.Bridge, "_on_pong", lambda *_: seen.append(turns))
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        counting = asyncio.create_task(count_turns())
+        if sender == "client":
+            # Masked with zeros.
+            socket._writer.transport.write(b"\x8a\x80\0\0\0\0" * 2000)
+            await until(lambda: len(seen) >= 2000, "all pongs are read")
+        else:
+            send = bridge.Bridge._send_to_client
+            monkeypatch.setattr(
+                bridge.Bridge, "_send_to_client", lambda *args: seen.append(turns) or send(*args)
+            )
+            for client in robot.clients:
+                client._req.transport.write(b"\x81\x02{}" * 2000)
+            await until(lambda: len(seen) >= 2000, "all messages are passed on")
+        counting.cancel()
+    assert len(set(seen)) > 10
+
+
+async def test_a_robots_ping_is_answered(relay, robot, sim1, http, monkeypatch):
+    """As rosbridge expects, if it is set to ping; the operator sees nothing of it."""
+    pongs, pong = [], RobotSocket.pong
+    monkeypatch.setattr(
+        RobotSocket, "pong", lambda socket, payload: pongs.append(payload) or pong(socket, payload)
+    )
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+        for client in robot.clients:
+            await client.ping(b"hello")
+            await client.pong(b"unasked")
+        await robot.send_to_clients(b"{}")
+        assert await socket.receive_str(timeout=5) == "{}"
+    assert pongs == [b"hello"]
+
+
+async def test_a_clients_own_ping_is_answered(relay, robot, sim1, http):
+    """The relay answers pings of the client with the same payload."""
+    async with http.ws_connect(relay.ros_url(sim1), autoping=False) as socket:
+        await socket.ping(b"hello")
+        while (message := await socket.receive(timeout=5)).type is WSMsgType.PING:
+            pass
+        assert (message.type, message.data) == (WSMsgType.PONG, b"hello")
+
+
+async def test_a_client_that_never_reads_is_bounded_and_ends(relay, sim1, http):
+    """A flood to a client that does not read stops at the robot, and ends with client_slow."""
+    robot = await misbehaving(relay, sim1, "floods")
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+        socket._response.connection.transport.pause_reading()
+        await until(
+            lambda: b'client_slow"} 1.0' in relay.relay.metrics.render(), "the client is let go"
+        )
+        passed_on = relay.relay.traffic.bytes_to_client
+        socket._response.connection.transport.abort()
+    # All that the kernel's buffers on the way take, and no more.
+    assert passed_on < 40 * 1024 * 1024
+    await robot.stop()
+
+
+async def test_the_slowest_observer_goes_when_all_have_too_much_to_read(
+    relay, robot, sim1, http, monkeypatch
+):
+    """Else large messages to slow observers of many robots take all the memory; a driver's do not count."""
+    monkeypatch.setattr(bridge, "MAX_OBSERVERS_BYTES", int(1.5 * MESSAGE_LIMIT))
+    async with (
+        http.ws_connect(relay.ros_url(sim1)) as ann,
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as one,
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as other,
+    ):
+        await robot.connections(3)
+        transports = [socket._response.connection.transport for socket in (ann, one, other)]
+        for transport in transports:
+            transport.pause_reading()
+        sending = asyncio.create_task(robot.send_to_clients(b"x" * MESSAGE_LIMIT))
+        await until(lambda: b'client_slow"} 1.0' in relay.relay.metrics.render(), "one is let go")
+        assert len(relay.relay.traffic.taking) == 1
+        assert relay.relay.control.driver(sim1.id) == "ann"
+        for transport in transports:
+            transport.abort()
+        await sending
+    await until(lambda: not relay.relay.traffic.taking, "nobody takes anything")
+
+
+async def test_the_robot_learns_that_the_operator_left(relay, robot, sim1, http):
+    """Closing the operator's side closes rosbridge's connection at once."""
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await until(lambda: robot.clients, "the operator has reached rosbridge")
+    with Stopwatch() as stopwatch:
+        await until(lambda: not robot.clients, "rosbridge's connection is closed")
+    assert stopwatch.s < 0.5
+
+
+async def test_an_operator_who_vanishes_frees_the_robot(relay, robot, sim1, http):
+    """A reset of the operator's TCP closes rosbridge's connection at once."""
+    socket = await http.ws_connect(relay.ros_url(sim1))
+    await until(lambda: robot.clients, "the operator has reached rosbridge")
+    socket._response.connection.transport.abort()
+    with Stopwatch() as stopwatch:
+        await until(lambda: not robot.clients, "rosbridge's connection is closed")
+    assert stopwatch.s < 0.5
+    assert relay.relay.connections.count("drive") == 0
+
+
+@pytest.mark.parametrize(
+    ("frames", "name"),
+    [
+        ([struct.pack("!H", 1000)], "client_left"),
+        # As a browser's page closes without a code.
+        ([b""], "client_left"),
+        ([struct.pack("!H", 4000)], "control_given_up"),
+        ([], "client_vanished"),
+    ],
+)
+async def test_a_client_that_closes_and_cuts_has_left(
+    *, relay, robot, sim1, http, memory_database, frames, name
+):
+    """Who says goodbye and does not wait for the answer has not vanished."""
+    socket = await http.ws_connect(relay.ros_url(sim1))
+    await until(lambda: robot.clients, "the operator has reached rosbridge")
+    for frame in frames:
+        await socket.send_frame(frame, WSMsgType.CLOSE)
+    socket._response.connection.transport.abort()
+    await until(lambda: len(audit_lines(memory_database)) == 2, "the end is written")
+    assert audit_lines(memory_database)[1].details["end_code"] == name
+
+
+async def test_a_clock_sync_is_answered_with_the_relays_clock(relay, guarded, sim1, http):
+    """The page's own time comes back beside it; the robot sees nothing of it."""
+    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
+        before_ms = time.monotonic() * 1000
+        await ann.send(op="robotether.beat", t_ms=81.25)
+        answer = await ann.until("robotether.beat")
+        assert answer["t_ms"] == 81.25
+        # Rounded to microseconds.
+        assert before_ms - 0.001 <= answer["relay_ms"] <= time.monotonic() * 1000 + 0.001
+        # Who sends no key gets none.
+        assert "key" not in answer
+        assert "key" not in await ann.until("robotether.control")
+    assert guarded.received == []
+
+
+async def test_relay_shows_the_key_of_the_clock_syncs(relay, guarded, sim1, http):
+    """In all that it says itself, so that a client tells it from a robot that says the same."""
+    async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
+        for key in ("of the first", "of the second"):
+            await bob.send(op="robotether.beat", t_ms=1, key=key)
+            answer = await bob.until("robotether.beat")
+            assert answer["key"] == key
+        relay.relay.control.stops.stop(sim1, "carl")
+        while (told := await bob.until("robotether.control"))["control"]["stopped"] is None:
+            pass
+        assert told["key"] == "of the second"
+    assert guarded.received == []
+
+
+async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, http):
+    """An ordinary rosbridge client gets nothing that rosbridge would not send."""
+    async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
+        async with http.ws_connect(relay.ros_url(sim1)):
+            await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
+        await bob.send(op="subscribe", topic="/a")
+        assert (await bob.until("subscribe"))["topic"] == "/a"
+        assert bob.messages == []
+
+
+async def test_who_repeats_a_stop_is_answered_too(relay, guarded, sim1, http):
+    """A program that has no other word of it would stop the robot again and again."""
+    async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
+        await bob.send(op="robotether.beat", t_ms=1)
+        await bob.send(op="robotether.stop")
+        stopped = None
+        while not stopped or not stopped["confirmed"]:
+            stopped = (await bob.until("robotether.control"))["control"]["stopped"]
+        await bob.send(op="robotether.stop")
+        answer = await bob.until("robotether.control")
+        assert answer["control"]["stopped"]["by"] == "bob"
+
+
+async def test_an_observer_stops_the_robot_without_a_database(
+    relay, guarded, sim1, http, memory_database
+):
+    """The driver is closed with 4003, with the observer's name, while the database is away."""
+    async with (
+        FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob,
+        http.ws_connect(relay.ros_url(sim1)) as ann,
+    ):
+        await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
+        memory_database.down = True
+        with Stopwatch() as stopwatch:
+            await bob.send(op="robotether.stop")
+            code, reason = await closing(ann)
+        assert stopwatch.s < 0.3
+        assert code == 4003
+        assert reason.startswith("bob stopped sim1")
+        await until(lambda: guarded.session.stopped, "its guard has it")

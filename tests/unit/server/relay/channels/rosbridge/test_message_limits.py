@@ -1,0 +1,180 @@
+"""What a client may send of operations that pass: how often, how large, and how many subscriptions."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.relay.channels.rosbridge.message_validator import (
+    ANSWERS_PER_S,
+    MessageRefusedError,
+    MessageValidator,
+    Subscriptions,
+    ValidatedMessage,
+)
+from validators import Clock, check, refused, sent, validator
+
+
+def test_subscriptions_are_counted():
+    """Up to the robot's limit; the same one again, and one that was given up, count nothing."""
+    at = validator("observe", {"policy": {"limits": {"subscriptions": 2}}})
+    sent({"op": "subscribe", "topic": "/a", "id": "1"}, at)
+    sent({"op": "subscribe", "topic": "a", "id": "1"}, at)
+    sent({"op": "subscribe", "topic": "/a", "id": "2"}, at)
+    kind, answer = refused({"op": "subscribe", "topic": "/b", "id": "3"}, at)
+    assert kind == "subscriptions"
+    assert "has 2 subscriptions" in str(answer["msg"])
+    sent({"op": "unsubscribe", "topic": "/a"}, at)
+    sent({"op": "subscribe", "topic": "/b", "id": "3"}, at)
+
+
+@pytest.mark.parametrize(("level", "per_s"), [("drive", 50), ("observe", 5)])
+def test_the_rate_has_a_limit(level, per_s):
+    """A second's worth passes at once, then as many as the rate gives; an observer has a tenth."""
+    clock = Clock()
+    limits = {"messages_per_s": 50, "message_kb": 4}
+    at = validator(level, {"policy": {"limits": limits}}, clock)
+    message = {"op": "subscribe", "topic": "/a"}
+    for _ in range(per_s):
+        sent(message, at)
+    assert refused(message, at)[0] == "rate"
+    clock.now += 0.2
+    for _ in range(per_s // 5):
+        sent(message, at)
+    assert refused(message, at)[0] == "rate"
+
+
+def test_a_large_message_counts_as_many():
+    """Reading it holds up others as long as many small ones; the largest text always passes."""
+    limits = {"messages_per_s": 50, "message_kb": 100}
+    at = validator("manage", {"policy": {"limits": limits}})
+    large = {"op": "publish", "topic": "/a", "msg": {"data": "x" * 102_000}}
+    sent(large, at)
+    assert refused(large, at)[0] == "rate"
+    kind, answer = refused({**large, "msg": {"data": "x" * 102_400}}, at)
+    assert (kind, "over 100 KB" in str(answer["msg"])) == ("size", True)
+
+
+def test_many_values_count_more_than_a_text():
+    """A message of nothing but brackets takes longest to read, and has a bound of its own."""
+    at = validator("manage", {"policy": {"limits": {"messages_per_s": 50, "message_kb": 100}}})
+    sent({"op": "publish", "topic": "/a", "msg": {"data": [1.5] * 3000}}, at)
+    assert refused({"op": "publish", "topic": "/a", "msg": {"data": [1.5] * 3000}}, at)[0] == "rate"
+    kind, answer = refused({"op": "publish", "topic": "/a", "msg": {"data": [{}] * 10_000}}, at)
+    assert (kind, "too many values" in str(answer["msg"])) == ("size", True)
+
+
+def test_a_stop_alone_passes_at_any_rate():
+    """What only names it, in an id or a text, is held to the rate as everything else is."""
+    at = validator("observe", {"policy": {"limits": {"messages_per_s": 1, "message_kb": 1}}})
+    for _ in range(2):
+        sent({"op": "subscribe", "topic": "/a"}, at)
+    for message in (
+        {"op": "subscribe", "topic": "/a", "id": "robotether.stop"},
+        {"op": "status", "msg": "robotether.stop"},
+    ):
+        assert refused(message, at)[0] == "rate"
+    stop = {"op": "robotether.stop"}
+    assert check(stop, at) == ValidatedMessage(b"", "robotether.stop", own=stop)
+
+
+SMALL, LARGE = b'{"op":"subscribe","topic":"/a"}', b" " * 100_000
+STOP = b'{"op":"robotether.stop"}'
+
+
+def floods(at: MessageValidator, data: bytes) -> bool:
+    """Send a message; tell whether it is one too many."""
+    try:
+        at.check(data)
+    except MessageRefusedError as refusal:
+        return refusal.floods
+    return False
+
+
+def seconds_until_closed(data: bytes, per_s: int, *, within_s: int = 30) -> float | None:
+    """Send so many messages a second through an observer's validator of 200 a second; None: it is never closed."""
+    clock = Clock()
+    at = validator(clock=clock, settings={"policy": {"limits": {"message_kb": 1}}})
+    for count in range(per_s * within_s):
+        clock.now = 1000.0 + count / per_s
+        if floods(at, data):
+            return clock.now - 1000.0
+    return None
+
+
+@pytest.mark.parametrize(("data", "per_s"), [(SMALL, 1000), (SMALL, 20_000), (LARGE, 50)])
+def test_who_goes_on_sending_too_much_is_closed(data, per_s):
+    """Each refusal costs the relay time, so it does not go on refusing for ever."""
+    closed_after_s = seconds_until_closed(data, per_s)
+    assert closed_after_s is not None
+    assert 3 <= closed_after_s <= 6
+
+
+@pytest.mark.parametrize(("data", "per_s"), [(SMALL, 190), (SMALL, 300), (STOP, 2000), (LARGE, 1)])
+def test_who_sends_a_little_too_much_or_stops_is_not(data, per_s):
+    """Such messages are refused one by one; a stop is not even that."""
+    assert seconds_until_closed(data, per_s) is None
+
+
+def test_bursts_are_refused_and_close_nothing():
+    """What waited while a link stood still comes all at once."""
+    clock = Clock()
+    at = validator(clock=clock)
+    for _ in range(5):
+        assert not any(floods(at, SMALL) for _ in range(10_000))
+        clock.now += 5.0
+
+
+def test_answers_have_a_limit():
+    """Who sends rubbish is told ten times a second, and no more."""
+    clock = Clock()
+    at = validator(clock=clock)
+
+    def answers() -> int:
+        answered = 0
+        for _ in range(100):
+            with pytest.raises(MessageRefusedError) as refusal:
+                at.check(b"rubbish")
+            answered += refusal.value.answer is not None
+        return answered
+
+    assert answers() == ANSWERS_PER_S
+    clock.now += 1.0
+    assert answers() == ANSWERS_PER_S
+
+
+def test_each_id_of_a_topic_counts_once():
+    """The same subscription again changes nothing, also when there is room for no more."""
+    mine = Subscriptions(2)
+    assert [mine.add("/a", 1), mine.add("/a", 1), mine.add("/a", None)] == [True, True, True]
+    assert [mine.add("/b", 1), mine.add("/a", 2), mine.add("/a", 1)] == [False, False, True]
+    assert len(mine) == 2
+
+
+def test_one_is_given_up_by_its_id():
+    """Only that one makes room."""
+    mine = Subscriptions(2)
+    mine.add("/a", 1)
+    mine.add("/a", 2)
+    mine.remove("/a", 1)
+    assert len(mine) == 1
+    assert mine.add("/b", 1)
+    assert not mine.add("/a", 1)
+
+
+def test_without_an_id_all_of_the_topic_go():
+    """As rosbridge does it."""
+    mine = Subscriptions(3)
+    for subscription in (("/a", 1), ("/a", None), ("/b", 1)):
+        mine.add(*subscription)
+    mine.remove("/a", None)
+    assert len(mine) == 1
+
+
+def test_giving_up_what_there_is_not_changes_nothing():
+    """Neither the count nor what is kept."""
+    mine = Subscriptions(1)
+    mine.remove("/a", None)
+    mine.remove("/a", 1)
+    mine.add("/a", 1)
+    mine.remove("/a", 2)
+    mine.remove("/b", 1)
+    assert len(mine) == 1

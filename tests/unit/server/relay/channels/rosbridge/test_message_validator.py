@@ -1,0 +1,342 @@
+"""Which operations pass for which level, and what of them, and nothing beside in any spelling."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import pytest
+from robotether_common.ros import Globs
+from robotether_server.relay.channels.rosbridge.message_validator import (
+    MessageValidator,
+    status_error,
+)
+from robotether_server.relay.channels.rosbridge.operations import (
+    OPERATIONS,
+    ROSAPI_LOOKUPS_OF_DRIVERS,
+)
+from robotether_server.relay.drives.drive_path import stamped
+from robotether_server.robot_settings import DEFAULTS, Limits
+from validators import DRIVING, MANAGING, OBSERVING, check, name_of, refused, sent, validator
+
+RIGHTS_OF = {
+    "subscribe": "subscribe unsubscribe",
+    "publish": "advertise unadvertise publish",
+    "call": "call_service send_action_goal cancel_action_goal",
+    "serve": "advertise_service unadvertise_service service_response advertise_action unadvertise_action "
+    "action_feedback action_result action_status",
+    None: "status set_level robotether.beat robotether.stop",
+}
+
+
+def test_each_operation_needs_its_right():
+    """And there is no other operation."""
+    rights = {name: right for right, names in RIGHTS_OF.items() for name in names.split()}
+    assert {name: entry.right for name, entry in OPERATIONS.items()} == rights
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_what_has_a_right_has_a_name(name):
+    """Each operation is checked against a right by a field of its own, or concerns nobody."""
+    entry = OPERATIONS[name]
+    assert (entry.right is None) == (entry.named_by is None)
+    assert entry.named_by is None or entry.named_by in entry.fields
+    assert entry.own == name.startswith("robotether.")
+    assert entry.checks == tuple(entry.fields.items())
+
+
+def test_look_ups_write_nothing():
+    """A name that says that it changes something has no place among them."""
+    writing = re.compile("set|delete|add|remove|load|call|publish_|kill|write")
+    assert [name for name in ROSAPI_LOOKUPS_OF_DRIVERS if writing.search(name)] == []
+
+
+@pytest.mark.parametrize("level", ["observe", "drive", "manage"])
+@pytest.mark.parametrize("message", OBSERVING, ids=name_of)
+def test_everybody_may_send_what_only_looks(message, level):
+    """Operations that change nothing on the robot pass with all their fields."""
+    assert sent(message, validator(level)) == message
+
+
+@pytest.mark.parametrize("message", DRIVING, ids=name_of)
+def test_a_driver_publishes_on_drive_topics(message):
+    """They need not stand in the policy; an observer sends none of it."""
+    for level in ("drive", "manage"):
+        assert sent(message, validator(level)) == message
+    kind, answer = refused({**message, "id": "x1"}, validator())
+    assert (kind, answer["op"], answer["level"], answer["id"]) == ("topic", "status", "error", "x1")
+    assert "an observing connection only subscribes" in str(answer["msg"])
+
+
+@pytest.mark.parametrize("message", MANAGING, ids=name_of)
+def test_a_manager_sends_all(message):
+    """What managers may do by default, drivers may not unless the policy says so."""
+    assert sent(message, validator("manage")) == message
+    kind, answer = refused(message, validator("drive"))
+    assert kind == ("topic" if "topic" in message else "service")
+    assert "the robot's policy does not let you" in str(answer["msg"])
+
+
+def test_the_policy_says_which_names():
+    """Globs of the level decide, and nothing else."""
+    settings = {
+        "policy": {
+            "observe": {"subscribe": ["/pose", "/camera/*"]},
+            "drive": {"publish": ["/lights"], "call": ["/dock", "/arm/*"]},
+        }
+    }
+    observer, driver = validator("observe", settings), validator("drive", settings)
+    for topic, passes in {
+        "/pose": True,
+        "/camera/a/b": True,
+        "/secret": False,
+        "/posex": False,
+    }.items():
+        if passes:
+            sent({"op": "subscribe", "topic": topic}, observer)
+        else:
+            _, answer = refused({"op": "subscribe", "topic": topic}, observer)
+            assert str(answer["msg"]).startswith(f"cannot subscribe to {topic}: the robot's policy")
+    sent({"op": "publish", "topic": "/lights", "msg": {}}, driver)
+    sent({"op": "call_service", "service": "/arm/up"}, driver)
+    sent({"op": "send_action_goal", "action": "/dock"}, driver)
+    assert refused({"op": "publish", "topic": "/lights/x", "msg": {}}, driver)[0] == "topic"
+    assert refused({"op": "call_service", "service": "/reset"}, driver)[0] == "service"
+    assert refused({"op": "advertise_service", "service": "/dock"}, driver)[0] == "service"
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("pose", "/pose"), ("/pose", "/pose"), ("a/b_1", "/a/b_1"), ("/_hidden/1", "/_hidden/1")],
+)
+def test_a_missing_first_slash_is_added(name, meant):
+    """The robot gets the full name that was checked."""
+    assert sent({"op": "subscribe", "topic": name}, validator()) == {
+        "op": "subscribe",
+        "topic": meant,
+    }
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "/", "~pose", "~/pose", "/a//b", "//a", "/a/", "/a b", "/a\n", "/a/../b", "/ä", "/a#1",
+     "/" + "a" * 255, 7, None, ["/a"], {"a": 1}, "/a\x00", "{ns}/a", "/a/~b"],
+)  # fmt: skip
+def test_no_other_spelling_of_a_name_passes(name):
+    """The robot could read another name in it; so says the refusal."""
+    for level in ("observe", "manage"):
+        kind, answer = refused({"op": "subscribe", "topic": name}, validator(level))
+        assert kind == "shape"
+        assert "its field topic is no full name" in str(answer["msg"])
+
+
+@pytest.mark.parametrize(
+    "operation", ["fragment", "png", "auth", "unheard_of", "Publish", "", None, 7, ["publish"]]
+)
+@pytest.mark.parametrize("level", ["observe", "drive", "manage"])
+def test_nobody_sends_an_unknown_operation(operation, level):
+    """What hides something, and what is not in the list, does not pass."""
+    kind, answer = refused(
+        {"op": operation, "id": 3, "data": '{"op": "publish"}'}, validator(level)
+    )
+    assert (kind, answer["id"]) == ("operation", 3)
+    assert str(answer["msg"]).startswith("cannot pass ")
+
+
+@pytest.mark.parametrize("message", [*OBSERVING, *DRIVING, *MANAGING], ids=name_of)
+def test_only_known_fields_go_on(message):
+    """What rosbridge takes from any message, and what nobody knows, is left out."""
+    more = {"message_intervall": 3600, "png": "png", "msgs": {"op": "publish"}, "x": [[[]]]}
+    assert sent({**more, **message}, validator("manage")) == message
+
+
+@pytest.mark.parametrize("message", OBSERVING + DRIVING + MANAGING, ids=name_of)
+def test_a_field_of_another_type_is_named(message):
+    """The refusal tells which field it was."""
+    for name in message.keys() - {"op"}:
+        wrong: object = 7.5 if name in {"args", "msg", "values"} else {"a": {"op": "publish"}}
+        kind, answer = refused({**message, name: wrong}, validator("manage"))
+        assert kind == "shape"
+        assert str(answer["msg"]).startswith(f"cannot pass {message['op']}: its field {name} ")
+
+
+@pytest.mark.parametrize(
+    "operation", [name for name, entry in OPERATIONS.items() if entry.named_by is not None]
+)
+def test_the_field_that_says_what_is_needed(operation):
+    """Without topic, service or action there is nothing to check."""
+    assert refused({"op": operation}, validator("manage"))[0] == "shape"
+
+
+def test_a_field_that_is_null_counts_as_absent():
+    """Clients write null for what they do not want."""
+    message = {"op": "subscribe", "topic": "/pose", "type": None, "compression": None}
+    assert sent(message, validator()) == {"op": "subscribe", "topic": "/pose"}
+
+
+@pytest.mark.parametrize(
+    ("service", "levels"),
+    [
+        ("/rosapi/topics", {"observe", "drive"}),
+        ("rosapi/topics", {"observe", "drive"}),
+        ("/rosapi/topic_type", {"observe", "drive"}),
+        ("/rosapi/get_time", {"observe", "drive"}),
+        ("/rosapi/get_param", {"drive"}),
+        ("/rosapi/get_param_names", {"drive"}),
+        ("/rosapi/service_type", {"drive"}),
+        ("/rosapi/set_param", set()),
+        ("/rosapi/delete_param", set()),
+        ("/rosapi/set_logger_level", set()),
+        ("/rosapi/set_parameters", set()),
+        ("/rosapi/unheard_of", set()),
+        ("/rosapix/topics", set()),
+        ("/robot/rosapi/topics", set()),
+    ],
+)
+@pytest.mark.parametrize("level", ["observe", "drive"])
+def test_who_may_call_nothing_calls_look_ups(service, levels, level):
+    """An observer's look-ups ask no other node, which may hang; services that write, and unknown ones, are refused."""
+    message = {"op": "call_service", "service": service}
+    if level in levels:
+        assert sent(message, validator(level)) == {
+            **message,
+            "service": "/rosapi/" + service.rsplit("/")[-1],
+        }
+    else:
+        assert refused(message, validator(level))[0] == "service"
+
+
+def test_a_look_up_takes_plain_values():
+    """An observer sends no object inside another, in which an operation might hide."""
+    for args in ({"a": {}}, [[]], {"op": "publish"}, [{"op": "publish"}]):
+        message = {"op": "call_service", "service": "/rosapi/topics", "args": args}
+        assert refused(message, validator())[0] == "shape"
+        assert sent(message, validator("manage")) == message
+
+
+def test_our_own_operations_go_no_further():
+    """A beat's moment and a stop are for the relay."""
+    clock_sync = check({"op": "robotether.beat", "t_ms": 81, "x": 1}, validator())
+    assert (clock_sync.data, clock_sync.operation, clock_sync.drive) == (
+        b"",
+        "robotether.beat",
+        None,
+    )
+    assert clock_sync.own == {"op": "robotether.beat", "t_ms": 81.0}
+    keyed = check({"op": "robotether.beat", "t_ms": 81, "key": "k"}, validator())
+    assert keyed.own == {"op": "robotether.beat", "t_ms": 81.0, "key": "k"}
+    for key in (1, ["k"], "k" * 1025, "\ud800"):
+        assert refused({"op": "robotether.beat", "key": key}, validator())[0] in {"shape", "json"}
+    for t_ms in ("81", True, 1e300, [1]):
+        assert refused({"op": "robotether.beat", "t_ms": t_ms}, validator())[0] == "shape"
+    assert refused({"op": "robotether.control"}, validator("manage"))[0] == "operation"
+
+
+def test_a_drive_command_is_recognised():
+    """A publish to a drive topic comes with its moment and its speeds."""
+    message = {
+        "op": "publish",
+        "topic": "left/cmd_vel",
+        "msg": {"linear": {"x": 3, "y": 4}, "angular": {"z": -0.5}},
+        "robotether": {"t_ms": 12.5, "fence": 99},
+    }
+    checked = check(message, validator("drive"))
+    command = checked.drive
+    assert command is not None
+    assert (command.topic, command.stamp_ms) == ("/left/cmd_vel", 12.5)
+    assert (command.speed_m_s, command.turn_rad_s) == (5.0, 0.5)
+    assert "robotether" not in json.loads(checked.data)
+    assert json.loads(stamped(command, 81.25, 13)) == {
+        **message,
+        "topic": "/left/cmd_vel",
+        "robotether": {"t_ms": 81.25, "fence": 13},
+    }
+
+
+def test_other_publishes_are_no_commands():
+    """Their moment is left out: only the guard knows it."""
+    checked = check(
+        {"op": "publish", "topic": "/a", "msg": {"x": 1}, "robotether": {"t_ms": 1, "fence": 1}},
+        validator("manage"),
+    )
+    assert checked.drive is None
+    assert json.loads(checked.data) == {"op": "publish", "topic": "/a", "msg": {"x": 1}}
+
+
+@pytest.mark.parametrize(
+    ("msg", "reason"),
+    [({"data": "x"}, "is neither a Twist"), ({"linear": {"x": "1"}}, "no finite number")],
+)
+def test_a_drive_topic_takes_commands_only(msg, reason):
+    """Whatever the level, what is no command does not get near the wheels."""
+    for level in ("drive", "manage"):
+        kind, answer = refused({"op": "publish", "topic": "/cmd_vel", "msg": msg}, validator(level))
+        assert kind == "shape"
+        assert reason in str(answer["msg"])
+
+
+@pytest.mark.parametrize("stamp", [{}, {"t_ms": None}, {"t_ms": "1"}, 7, {"t_ms": 1e30}])
+def test_a_timestamp_is_a_number(stamp):
+    """A moment that cannot be read is no moment; the command goes nowhere."""
+    message = {"op": "publish", "topic": "/cmd_vel", "msg": {}, "robotether": stamp}
+    assert refused(message, validator("drive"))[0] == "shape"
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"{", b"[]", b"1", b"\xff\xfe", b"[" * 5000, b"{" + b"\xff" * 70_000 + b"}"]
+)
+def test_rubbish_passes_nobody(data):
+    """What is no JSON object is answered, and says so."""
+    for level in ("observe", "manage"):
+        kind, answer = refused(data, validator(level))
+        assert kind == "json"
+        assert str(answer["msg"]).startswith("cannot read message: not JSON")
+
+
+@pytest.mark.parametrize(
+    ("data", "passed"),
+    [
+        (
+            b'{"op": "publish", "op": "subscribe", "topic": "/a"}',
+            {"op": "subscribe", "topic": "/a"},
+        ),
+        (
+            b'{"op": "subscribe", "topic": "/b", "\\u0074opic": "/a"}',
+            {"op": "subscribe", "topic": "/a"},
+        ),
+        (
+            b'{"op": "publish", "topic": "/a", "msg": {"x": 1, "x": 2}}',
+            {"op": "publish", "topic": "/a", "msg": {"x": 2}},
+        ),
+    ],
+)
+def test_of_a_key_twice_the_last_is_checked_and_sent(data, passed):
+    """The robot gets it once; what comes first is neither checked nor sent."""
+    assert sent(data, validator("manage")) == passed
+    hidden = data.replace(b"/a", b"/cmd_vel").replace(b"subscribe", b"publish")
+    assert refused(hidden, validator("observe"))[0] == "topic"
+
+
+def test_a_status_carries_only_ids_that_rosbridge_knows():
+    """A text or number as id comes back; anything else does not."""
+    assert json.loads(status_error("x", "a"))["id"] == "a"
+    assert json.loads(status_error("x", 7))["id"] == 7
+    for no_id in ({"big": "thing"}, None, "x" * 2000, math.nan):
+        assert "id" not in json.loads(status_error("x", no_id))
+
+
+def test_names_are_looked_up_once():
+    """Many globs cost nothing for a topic that is published again and again."""
+    many = Globs([f"/x{number}*y" for number in range(64)])
+    policy, looks = DEFAULTS.policy.drive, []
+
+    class Counting(Globs):
+        def match(self, name: str) -> bool:
+            looks.append(name)
+            return many.match(name)
+
+    at = MessageValidator(policy, Counting(["/a"]), Limits())
+    for _ in range(3):
+        check({"op": "publish", "topic": "/x1y", "msg": {}}, at)
+    assert looks == ["/x1y"]

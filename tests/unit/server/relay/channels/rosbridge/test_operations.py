@@ -1,0 +1,264 @@
+"""What a client's message may hold: JSON that all parsers read alike, and fields of the types that are listed."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_server.relay.channels.rosbridge import operations
+from robotether_server.relay.channels.rosbridge.operations import (
+    MAX_DEPTH,
+    MAX_TEXT_LENGTH,
+    FieldRefusedError,
+    NotJsonError,
+    read_json,
+    write_json,
+)
+
+
+@pytest.mark.parametrize(
+    ("data", "meant"),
+    [
+        (b' {"a": 1}\n', {"a": 1}),
+        ('{"ü": "\\u00fc€"}'.encode(), {"ü": "ü€"}),
+        (b'{"a": "\\ud83d\\ude00"}', {"a": "\U0001f600"}),
+        (b'{"a": 18446744073709551615}', {"a": 2**64 - 1}),
+        (b'{"a": -9223372036854775808}', {"a": -(2**63)}),
+        (b'{"a": 0.12345678901234567890123456789}', {"a": 0.12345678901234568}),
+        (b'{"a": "0000000000000000000000000000000000"}', {"a": "0" * 34}),
+        (b'{"a": [{}, [], null, true]}', {"a": [{}, [], None, True]}),
+        (b'{"a": 1, "b": {"c": 1, "\\u0063": 2}, "a": 3}', {"a": 3, "b": {"c": 2}}),
+    ],
+)
+def test_a_json_object_is_read(data, meant):
+    """Whatever spelling JSON allows means what it says; of a key twice, the last counts."""
+    assert read_json(data) == meant
+    assert json.loads(write_json(read_json(data))) == meant
+
+
+@pytest.mark.parametrize(
+    ("data", "why"),
+    [
+        (b"", "truncated"),
+        (b"{'a': 1}", "keys must be strings"),
+        (b'{"a": 1} {"b": 2}', "trailing characters"),
+        (b'\xef\xbb\xbf{"a": 1}', "invalid character"),
+        (b'{"a": "\xed\xa0\x80"}', "not UTF-8"),
+        (b'{"a": "\xc0\xaf"}', "not UTF-8"),
+        (b'{"a": "\n"}', "invalid character"),
+        (b'{"a": "\\ud800"}', "truncated"),
+        (b'{"a": "\\ud800\\u0041"}', "surrogate"),
+        (b'{"\\udfff": 1}', "surrogate"),
+        (b"[{}]", "no object"),
+        (b'"{}"', "no object"),
+        (b'{"a": NaN}', "invalid character"),
+        (b'{"a": -Infinity}', "invalid character"),
+        (b'{"a": [1e999]}', "too large"),
+        (b'{"a": 18446744073709551616}', "64 bits"),
+        (b'{"a": -9223372036854775809}', "64 bits"),
+        (b'{"a": [{"b": 1e-7, "c": [18446744073709551616]}]}', "64 bits"),
+        (b'{"a": ' + b"9" * 100_000 + b"}", "too large"),
+        (b'{"a": ' + b"[" * MAX_DEPTH + b"]" * MAX_DEPTH + b"}", "nested more than"),
+        (b'{"a":' * 100_000 + b"1" + b"}" * 100_000, "nested too deep"),
+    ],
+)
+def test_what_some_parser_refuses_is_not_read(data, why):
+    """The reason stands in the error."""
+    with pytest.raises(NotJsonError, match=why):
+        read_json(data)
+
+
+def test_the_deepest_is_read():
+    """As deep as the limit says, whatever brackets stand in texts."""
+    data = b'{"a": ' + b"[" * (MAX_DEPTH - 1) + b"]" * (MAX_DEPTH - 1) + b', "b": "[[[[{{{{"}'
+    assert read_json(data)["b"] == "[[[[{{{{"
+    assert read_json(b'{"a": [' + b"{}," * 1000 + b"[]]}")
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+        lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+        max_leaves=20,
+    )
+)
+def test_what_is_read_and_written_stays_the_same(value):
+    """A value passes unchanged or not at all."""
+    try:
+        message = read_json(json.dumps({"a": value}).encode())
+    except NotJsonError:
+        return
+    # 1 and 1.0, 0.0 and -0.0 are equal, but not the same.
+    assert repr(message) == repr({"a": value})
+    for same in (read_json(write_json(message)), json.loads(write_json(message))):
+        assert repr(same) == repr(message)
+
+
+@given(st.binary() | st.text().map(str.encode))
+def test_any_bytes_are_read_or_refused(data):
+    """Nothing else comes out of it, and what is read is what another parser reads."""
+    with suppress(NotJsonError):
+        assert read_json(data) == json.loads(data.decode())
+
+
+@pytest.mark.parametrize("value", ["", "/pose", "ü\n\0", "x" * MAX_TEXT_LENGTH])
+def test_a_text_passes_as_it_is(value):
+    """Texts of any characters pass up to their length."""
+    assert operations.text(value) == value
+
+
+@pytest.mark.parametrize("value", [None, 1, ["a"], {}, "x" * (MAX_TEXT_LENGTH + 1)])
+def test_what_is_no_text_is_refused(value):
+    """Other types, and texts that are too long."""
+    with pytest.raises(FieldRefusedError):
+        operations.text(value)
+
+
+def test_numbers_have_bounds():
+    """Both ends pass, what lies outside or is no number does not."""
+    assert [operations.whole(0, 9)(value) for value in (0, 9)] == [0, 9]
+    assert operations.number(0, 9)(9) == 9.0
+    for value in (-1, 10, True, "1", None):
+        for check in (operations.whole(0, 9), operations.number(0, 9)):
+            with pytest.raises(FieldRefusedError):
+                check(value)
+    with pytest.raises(FieldRefusedError):
+        operations.whole(0, 9)(1.0)
+    with pytest.raises(FieldRefusedError):
+        operations.number(0, 9)(float("nan"))
+
+
+@pytest.mark.parametrize("value", ["C", "a ", None, 1, ["a"], {}])
+def test_only_the_listed_words_are_a_choice(value):
+    """One of the words passes, anything else does not."""
+    assert operations.choice("a", "b")("b") == "b"
+    with pytest.raises(FieldRefusedError):
+        operations.choice("a", "b")(value)
+
+
+@pytest.mark.parametrize("value", ["x1", 7, -(2**63), 2**63 - 1])
+def test_an_id_is_a_text_or_a_number(value):
+    """An id passes as it is."""
+    assert operations.identity(value) == value
+
+
+@pytest.mark.parametrize("value", [2**63, 1.5, True, None, [], {}])
+def test_what_is_no_id_is_refused(value):
+    """Other types and large numbers are no ids."""
+    with pytest.raises(FieldRefusedError):
+        operations.identity(value)
+
+
+@pytest.mark.parametrize(
+    "value", [{}, [], ["a", 1, None], {"topic": "/a", "depth": 5, "x": 1.5, "y": True, "z": None}]
+)
+def test_plain_values_pass_as_they_are(value):
+    """Objects and arrays of texts, numbers and truth values pass."""
+    assert operations.scalars(value) == value
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        "text",
+        {"a": {}},
+        {"a": []},
+        [[]],
+        [{}],
+        {"op": "publish"},
+        {"": 1},
+        {"a b": 1},
+        {"a\n": 1},
+        {"x": 2**63},
+    ],
+)
+def test_nothing_nested_or_unclear_passes(value):
+    """No inner object, no member `op`, no number that parsers disagree on."""
+    with pytest.raises(FieldRefusedError):
+        operations.scalars(value)
+
+
+@pytest.mark.parametrize(
+    ("check", "passes", "refused"),
+    [
+        (operations.flag, [True, False], [0, 1, "true", None]),
+        (operations.members, [{}, {"op": {"x": [1]}}], [[], "x", 1, None]),
+        (operations.payload, [{}, [], [{"op": 1}]], ["x", 1, None]),
+        (
+            operations.timestamp,
+            [0, -1.5, 2**53],
+            [2**60, True, "1", None, float("nan"), float("inf")],
+        ),
+    ],
+)
+def test_each_type_passes_as_it_is(check, passes, refused):
+    """And nothing of another type does."""
+    assert [check(value) for value in passes] == passes
+    for value in refused:
+        with pytest.raises(FieldRefusedError):
+            check(value)
+
+
+def test_a_stamp_is_its_timestamp():
+    """Whatever else stands beside it."""
+    assert operations.stamp({"t_ms": 12, "fence": 3}) == 12.0
+    for value in (None, 12, {}, {"t_ms": None}, {"t_ms": float("nan")}, [{"t_ms": 1}]):
+        with pytest.raises(FieldRefusedError):
+            operations.stamp(value)
+
+
+TWIST = {"linear": {"x": 3, "y": 4.0, "z": 0}, "angular": {"x": 0, "y": 0, "z": -2}}
+
+
+@pytest.mark.parametrize(
+    ("msg", "speed", "turn"),
+    [
+        (TWIST, 5.0, 2.0),
+        ({"linear": {"x": -1}}, 1.0, 0.0),
+        ({"angular": {}}, 0.0, 0.0),
+        ({}, 0.0, 0.0),
+        ({"header": {"frame_id": "base"}, "twist": TWIST}, 5.0, 2.0),
+        ({"header": {}}, 0.0, 0.0),
+        ({"drive": {"speed": -1.5, "steering_angle": 0.3}}, 1.5, None),
+        ({"header": {}, "drive": {}}, 0.0, None),
+    ],
+)
+def test_each_shape_has_its_speeds(msg, speed, turn):
+    """Speed and turn are lengths; what is missing is zero."""
+    assert operations.speeds(msg) == (speed, turn)
+
+
+@pytest.mark.parametrize(
+    "msg",
+    [
+        {"data": 1},
+        {"linear": TWIST["linear"], "twist": TWIST},
+        {"twist": TWIST, "drive": {}},
+        {"twist": {"linear": {}, "header": {}}},
+        {"linear": None},
+        {"linear": [1, 2, 3]},
+        {"linear": {"x": 1, "w": 1}},
+        {"linear": {"x": None}},
+        {"linear": {"x": True}},
+        {"linear": {"x": "1"}},
+        {"linear": {"x": float("inf")}},
+        {"linear": {"x": 1.7e308, "y": 1.7e308}},
+        {"linear": {"x": -1e10}},
+        {"twist": {"angular": {"z": 10**18}}},
+        {"drive": {"speed": 1, "jerk": 1e300}},
+        {"angular": {"z": float("nan")}},
+        {"twist": {"angular": {"z": []}}},
+        {"drive": {"speed": None}},
+        {"drive": {"speed": 1, "steering_angle": "left"}},
+        {"drive": {"velocity": 1}},
+        {"drive": 1},
+    ],
+)
+def test_what_is_no_command_is_refused(msg):
+    """Two shapes at once, unknown members, and anything that is no finite number, or no robot's."""
+    with pytest.raises(FieldRefusedError):
+        operations.speeds(msg)

@@ -1,0 +1,348 @@
+"""The live fleet: what one client is told, and the server-sent events that carry it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from contextlib import asynccontextmanager
+from dataclasses import replace
+
+import pytest
+from fake_robot import WAIT_S, FakeRobot
+from relay_server import SESSION_KEY, MemoryDatabase, until, utc
+from robotether_server.db.fleet import RelayUser, Snapshot
+from robotether_server.relay.auth.connections import Caps, Connections
+from robotether_server.relay.channels import events as module
+from robotether_server.relay.channels.events import FleetEvents
+from robotether_server.relay.robots.sessions import Change, Presence
+
+NOW = utc(2026, 1, 1, 12, 3)
+
+
+class Robots:
+    """A registry that says what a test told it."""
+
+    def __init__(self) -> None:
+        self.presences: dict[int, Presence] = {}
+
+    def presence(self, robot_id: int) -> Presence:
+        return self.presences.get(robot_id, Presence())
+
+
+class NoControl:
+    """Nobody drives, and nothing is stopped."""
+
+    def driver(self, _robot_id: int) -> None:
+        return None
+
+    def describe(self, _robot_id: int) -> dict[str, object]:
+        return {}
+
+
+@pytest.fixture
+def robots() -> Robots:
+    """What is known of the robots: nothing."""
+    return Robots()
+
+
+@pytest.fixture
+def fleet_events(memory_database: MemoryDatabase, robots: Robots) -> FleetEvents:
+    """Events over the newest rows and rights."""
+    return FleetEvents(
+        lambda: Snapshot(dict(memory_database.robots), dict(memory_database.grants)),
+        robots,
+        Connections(),
+        NoControl(),
+    )
+
+
+async def test_a_client_that_does_not_read_is_told_the_newest_state_only(
+    fleet_events, robots, sim1
+):
+    """However often a robot changes, one event waits for a slow client."""
+    with fleet_events.subscribed(1) as subscriber:
+        subscriber.first_event()
+        for turn in range(1000):
+            robots.presences[7] = Presence(ros="ok" if turn % 2 else "down", video="ok")
+            fleet_events.changed(7)
+        (event,) = subscriber.pop_events()
+        assert (event[0], event[1]["ros"], event[1]["video"]) == ("robot", "ok", "ok")
+        assert subscriber.pop_events() == []
+
+
+async def test_a_change_back_is_no_event(fleet_events, robots, sim1):
+    """What looks as the client saw it last is not told again."""
+    with fleet_events.subscribed(1) as subscriber:
+        subscriber.first_event()
+        fleet_events.changed(7)
+        assert subscriber.pop_events() == []
+
+
+async def test_a_subscriber_remembers_only_robots_of_its_user(fleet_events, memory_database):
+    """A change of a robot that the user may not see wakes nobody."""
+    memory_database.add_robot(8, "sim2")
+    with fleet_events.subscribed(1) as subscriber:
+        subscriber.first_event()
+        fleet_events.changed(8)
+        await subscriber.wait(0.01)
+        assert subscriber._pending == set()
+
+
+async def test_round_trips_are_told_seldom(fleet_events, robots, sim1, monkeypatch):
+    """Of many heartbeats one is told, the next when the time has come."""
+    with fleet_events.subscribed(1) as subscriber:
+        subscriber.first_event()
+        for rtt_ms in (1.0, 2.0, 3.0):
+            robots.presences[7] = Presence(rtt_ms=rtt_ms)
+            fleet_events.on_robot_change(Change("heartbeat", 7, robots.presences[7]))
+            assert len(subscriber.pop_events()) == (1 if rtt_ms == 1.0 else 0)
+        monkeypatch.setattr(module, "RTT_NOTIFY_EVERY_S", 0.0)
+        fleet_events.on_robot_change(Change("heartbeat", 7, robots.presences[7]))
+        assert [event[1]["rtt_ms"] for event in subscriber.pop_events()] == [3.0]
+
+
+async def test_other_changes_are_told_at_once(fleet_events, robots, sim1):
+    """Health and presence do not wait for the round trip's turn."""
+    with fleet_events.subscribed(1) as subscriber:
+        subscriber.first_event()
+        for ros in ("ok", "down", "ok"):
+            robots.presences[7] = Presence(online=True, ros=ros)
+            fleet_events.on_robot_change(Change("updated", 7, robots.presences[7]))
+            assert [event[1]["ros"] for event in subscriber.pop_events()] == [ros]
+
+
+async def test_a_change_wakes_who_waits(fleet_events, sim1):
+    """Waiting ends with a change or the end of the subscriber, and begins anew."""
+    with fleet_events.subscribed(1) as subscriber:
+        subscriber.first_event()
+        for happens in (lambda: fleet_events.changed(7), fleet_events.end_subscriptions):
+            waiting = asyncio.create_task(subscriber.wait(3600))
+            await asyncio.sleep(0)
+            assert not waiting.done()
+            happens()
+            await asyncio.wait_for(waiting, WAIT_S)
+        assert subscriber.ended
+
+
+def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots, sim1):
+    """An offline robot shows what the records know; a session that told its own wins."""
+    row = replace(sim1, agent_version="0.1.0")
+    assert fleet_events.describe(row)["agent_version"] == "0.1.0"
+    robots.presences[7] = Presence(online=True, agent_version="0.2.0")
+    assert fleet_events.describe(row)["agent_version"] == "0.2.0"
+
+
+class Events:
+    """A client's view of the stream."""
+
+    def __init__(self, answer) -> None:
+        self._content = answer.content
+
+    async def next(self, name: str | None = None) -> tuple[str, object]:
+        """The next event, or the next of that name."""
+        async with asyncio.timeout(5):
+            while True:
+                block = (await self._content.readuntil(b"\n\n")).decode()
+                if block.startswith(":"):
+                    continue
+                head, data = block.strip().split("\n")
+                event = head.removeprefix("event: ")
+                if name in {None, event}:
+                    return event, json.loads(data.removeprefix("data: "))
+
+    async def ended(self) -> None:
+        """Read until the relay ends the stream."""
+        await self._content.read()
+
+    async def robot_with(self, **expected) -> dict:
+        """The next robot event with these members."""
+        while True:
+            _, robot = await self.next("robot")
+            if expected.items() <= robot.items():
+                return robot
+
+
+@pytest.fixture
+def follow(relay, http, memory_database):
+    """Follow the fleet as a user, by login."""
+
+    @asynccontextmanager
+    async def following(user: RelayUser):
+        cookie = {
+            "Cookie": f"__Host-robotether_login={memory_database.add_credential('login', user)}"
+        }
+        async with http.get(f"{relay.url}/api/v1/events", headers=cookie) as answer:
+            assert answer.status == 200
+            assert answer.content_type == "text/event-stream"
+            yield Events(answer)
+
+    return following
+
+
+ANN, BOB, EVE = RelayUser(1, "ann"), RelayUser(2, "bob"), RelayUser(9, "eve")
+
+
+async def test_the_fleet_comes_first(relay, robot, sim1, follow):
+    """The first event has each robot that the user may see, complete."""
+    async with follow(ANN) as events:
+        name, fleet = await events.next()
+    assert name == "fleet"
+    (shown,) = fleet
+    rtt_ms = shown.pop("rtt_ms")
+    assert rtt_ms is None or 0 <= rtt_ms < 1000
+    assert shown.pop("since").endswith("Z")
+    assert shown == {
+        "name": "sim1",
+        "state": "active",
+        "online": True,
+        "end_code": None,
+        "offline_reason": None,
+        "address": "198.51.100.7",
+        "ros": "ok",
+        "video": "ok",
+        "drivers": [],
+        "observers": 0,
+        "agent_version": "0.1.0",
+        "site": None,
+        "battery": None,
+        "control": {
+            "driver": None,
+            "waiting": None,
+            "reserved": None,
+            "stopped": None,
+            "guard": "off",
+        },
+    }
+
+
+async def test_a_robots_battery_is_told(relay, robot, sim1, follow):
+    """What the agent says of the battery stands in the robot's object until it says that there is none."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        robot.session.send(type="vitals", battery={"percent": 80.6, "charging": True})
+        await events.robot_with(battery={"percent": 81, "charging": True})
+        robot.session.send(type="vitals", battery=None)
+        await events.robot_with(battery=None)
+
+
+async def test_a_robot_never_seen_has_no_since(relay, sim1, follow):
+    """A robot that has never connected is offline since null."""
+    async with follow(ANN) as events:
+        _, (shown,) = await events.next()
+    assert (shown["online"], shown["since"], shown["ros"]) == (False, None, "unknown")
+    assert shown["offline_reason"] == "This robot has not connected yet."
+
+
+async def test_coming_and_going_are_told(relay, sim1, follow):
+    """A robot that comes, tells its health and goes makes an event each."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        robot = FakeRobot(sim1.id, SESSION_KEY)
+        await robot.start(relay.relay.session_port)
+        await events.robot_with(online=True)
+        await events.robot_with(ros="ok", agent_version="0.1.0")
+        await robot.stop()
+        gone = await events.robot_with(online=False)
+        assert (gone["address"], gone["rtt_ms"], gone["ros"]) == (None, None, "unknown")
+        assert gone["end_code"] == "link_lost"
+        assert gone["offline_reason"].startswith("The tunnel was closed")
+
+
+async def test_drivers_and_observers_are_told(relay, robot, sim1, http, follow):
+    """Who drives is named, who observes is counted."""
+    async with follow(BOB) as events:
+        await events.next("fleet")
+        async with http.ws_connect(relay.ros_url(sim1)):
+            await events.robot_with(drivers=["ann"], observers=0)
+            async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)):
+                await events.robot_with(drivers=["ann"], observers=1)
+        await events.robot_with(drivers=[], observers=0)
+
+
+async def test_only_visible_robots_are_told(relay, robot, memory_database, follow):
+    """A user without a grant sees no robot, neither at first nor when it changes."""
+    memory_database.add_robot(8, "sim2", u9="observe")
+    await until(lambda: 8 in relay.relay.fleet.known.robots, "sim2 is known")
+    async with follow(EVE) as events:
+        _, fleet = await events.next("fleet")
+        assert [shown["name"] for shown in fleet] == ["sim2"]
+        robot.session.send(type="health", ros="down", video="down", detail="", ros_exposed=False)
+        await until(lambda: relay.relay.registry.presence(7).ros == "down", "sim1 changed")
+        memory_database.robots = {
+            **memory_database.robots,
+            8: replace(memory_database.robots[8], state="disabled"),
+        }
+        _, shown = await events.next()
+        assert (shown["name"], shown["state"]) == ("sim2", "disabled")
+
+
+async def test_a_new_grant_shows_a_robot_and_a_taken_one_removes_it(
+    relay, sim1, memory_database, follow
+):
+    """Robots come and go with the rights, while the client stays."""
+    async with follow(EVE) as events:
+        assert await events.next() == ("fleet", [])
+        memory_database.grants[9, sim1.id] = "observe"
+        assert (await events.robot_with())["name"] == "sim1"
+        del memory_database.grants[9, sim1.id]
+        assert await events.next() == ("removed", {"name": "sim1"})
+
+
+async def test_a_renamed_robot_is_removed_and_told_anew(relay, sim1, memory_database, follow):
+    """A page that goes by names sees the old one go."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
+        assert await events.next() == ("removed", {"name": "sim1"})
+        assert (await events.robot_with())["name"] == "turtle"
+
+
+async def test_a_token_works_too(relay, http, memory_database):
+    """Programs follow with a Bearer token."""
+    headers = {"Authorization": f"Bearer {memory_database.add_credential('token', ANN)}"}
+    async with http.get(f"{relay.url}/api/v1/events", headers=headers) as answer:
+        assert (await Events(answer).next())[0] == "fleet"
+
+
+async def test_nobody_is_told_without_a_login(relay, http):
+    """Without login or token the answer is 401 with a code."""
+    async with http.get(f"{relay.url}/api/v1/events") as answer:
+        assert (answer.status, (await answer.json())["code"]) == (401, "login_missing")
+
+
+async def test_logging_out_ends_the_stream(relay, memory_database, follow):
+    """The stream ends when the login that opened it is gone."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        await relay.relay.fleet.poll()
+        memory_database.credentials.clear()
+        async with asyncio.timeout(5):
+            await events.ended()
+
+
+async def test_a_database_that_is_away_ends_no_stream(relay, robot, memory_database, follow):
+    """With the database away the stream goes on telling."""
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        memory_database.down = True
+        await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
+        robot.session.send(type="health", ros="down", video="ok", detail="", ros_exposed=False)
+        await events.robot_with(ros="down")
+
+
+async def test_a_user_follows_so_many_times_at_once(
+    *, relay, memory_database, http, follow, monkeypatch
+):
+    """The client over the cap gets 429; another user's is not counted with it."""
+    monkeypatch.setattr(relay.relay.connections, "caps", Caps(per_user=1))
+    bob, token = RelayUser(2, "bob"), memory_database.add_credential("token", RelayUser(1, "ann"))
+    async with follow(RelayUser(1, "ann")) as events:
+        await events.next("fleet")
+        headers = {"Authorization": f"Bearer {token}"}
+        async with http.get(f"{relay.url}/api/v1/events", headers=headers) as answer:
+            assert (answer.status, (await answer.json())["code"]) == (429, "too_many_connections")
+        async with follow(bob) as others:
+            await others.next("fleet")
+    await until(lambda: relay.relay.fleet_events.subscriber_count() == 0, "both are gone")
+    async with follow(RelayUser(1, "ann")) as events:
+        await events.next("fleet")

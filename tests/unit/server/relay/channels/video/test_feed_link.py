@@ -1,0 +1,163 @@
+"""The relay's WebSocket to a robot's frames service: what it asks, and what it does when that goes wrong."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from relay_clients import closing
+from relay_server import until
+
+JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
+
+
+async def test_the_robot_is_asked_for_its_clock_before_the_first_credit(camera, watch):
+    """A frame whose moment nobody can tell would be of no use."""
+    await watch()
+    await camera.wait_for("credit")
+    assert [text["op"] for text in camera.texts] == ["beat", "want", "credit"]
+
+
+async def test_the_robot_is_asked_for_its_clock_again_and_again(camera, watch, monkeypatch):
+    """Clocks drift, and a link that is quicker later is known later."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.CLOCK_SYNC_EVERY_S", 0.05)
+    await watch()
+    await until(lambda: len(camera.of("beat")) > 3, "it is asked")
+
+
+async def test_without_viewers_no_frame_is_requested(camera, relay, sim1, http):
+    """As long as nobody has said what to see, the robot's cameras stay off."""
+    url = f"{relay.url}/robots/sim1/video/frames?topic=/a&ticket={relay.ticket(sim1)}"
+    async with http.ws_connect(url) as socket:
+        await camera.wait_for("beat")
+        assert camera.of("want") == camera.of("credit") == []
+        await socket.send_json({"op": "want"})
+        await camera.wait_for("credit", frames=2)
+
+
+async def test_requests_that_come_together_are_sent_once(camera, watch, monkeypatch):
+    """A slider that is dragged does not make the robot's camera start for each step."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.REQUEST_EVERY_S", 0.4)
+    viewer = await watch()
+    await camera.wait_for("want")
+    for quality in range(30, 80):
+        await viewer.want(quality_max=quality)
+        await viewer.socket.send_json({"op": "beat", "t_ms": quality})
+        await viewer.text("beat", t_ms=quality)
+    await camera.wait_for("want", quality_max=79)
+    assert len(camera.of("want")) <= 10
+
+
+async def test_the_topic_arrives_as_it_was_asked_for(camera, watch):
+    """Also with characters that mean something in a URL."""
+    topic = "/a b?c=d&e#f/é"
+    await watch(topic=topic)
+    await camera.wait_for("credit")
+    assert camera.topics == [topic]
+
+
+async def test_a_connection_on_which_nothing_comes_is_dropped(camera, watch, monkeypatch):
+    """A media connection that died without a word is opened anew."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.SILENT_AFTER_S", 0.2)
+    monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.CLOCK_SYNC_EVERY_S", 0.05)
+    camera.mode = "no_clock_sync"
+    viewer = await watch()
+    await viewer.text("status", state="down")
+    await until(lambda: len(camera.topics) > 1, "it is opened anew")
+
+
+@pytest.mark.parametrize(
+    "data", [b"short", b"\x01\x00\x00\x00\x00\x00\x00\x01" + b"\x7f\xff" * 4 + b"x"]
+)
+async def test_a_robot_that_breaks_the_protocol_is_asked_anew(camera, watch, data, caplog):
+    """The log names the robot, and the viewers stay."""
+    viewer = await watch()
+    await camera.wait_for("credit")
+    await camera.send_bytes(data)
+    await viewer.text("status", state="down")
+    await camera.wait_for("credit", taken=None)
+    await until(lambda: len(camera.topics) > 1, "it is opened anew")
+    assert "robot sim1: broke the frames protocol" in caplog.text
+
+
+async def test_a_robot_that_cannot_be_reached_again_ends_the_viewers(
+    camera, robot, watch, monkeypatch
+):
+    """After a while of trying, with the status down meanwhile."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.AGAIN_WITHIN_S", 0.3)
+    viewer = await watch()
+    await camera.wait_for("credit")
+    await robot._close_ports()
+    async with asyncio.timeout(5):
+        message = await viewer.socket.receive()
+        while message.type.name == "TEXT":
+            message = await viewer.socket.receive()
+    assert message.data == 4506
+    assert "frames_unknown" not in message.extra
+
+
+async def test_a_flood_from_the_robot_is_cut_off(camera, watch, caplog):
+    """A robot cannot keep the relay busy with texts: whoever drives another robot would feel it."""
+    viewer = await watch()
+    await camera.wait_for("credit")
+    for turn in range(400):
+        await camera.send_status(state="live", quality=turn % 100)
+    await viewer.text("status", state="down")
+    assert "messages a second" in caplog.text
+
+
+async def test_pings_of_the_robot_are_answered_and_counted(camera, watch, caplog):
+    """They are messages as others are."""
+    viewer = await watch()
+    await camera.wait_for("credit")
+    (socket,) = camera.connections
+    for _ in range(400):
+        await socket.ping()
+    await viewer.text("status", state="down")
+    assert "messages a second" in caplog.text
+
+
+async def test_a_robot_that_breaks_off_again_and_again_is_asked_less_often(
+    camera, watch, monkeypatch
+):
+    """Connections that hold for no time must not follow each other without a pause."""
+    pauses = []
+
+    async def paused(pause_s: float) -> None:
+        pauses.append(pause_s)
+
+    monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.pause", paused)
+    await watch()
+    for turn in range(1, 5):
+        await until(lambda turn=turn: len(camera.topics) == turn, "it is opened anew")
+        await camera.send_bytes(b"short")
+    await until(lambda: len(pauses) == 4, "it pauses")
+    assert pauses == sorted(set(pauses))
+
+
+async def test_a_connection_that_breaks_is_opened_again(camera, watch):
+    """The viewer is told and stays; numbers go on although the robot's begin anew."""
+    viewer = await watch()
+    await camera.wait_for("credit")
+    for _ in range(3):
+        await viewer.credit()
+        await camera.show(JPEG)
+        seen = await viewer.frame()
+    camera.texts.clear()
+    await camera.cut()
+    assert "broke" in (await viewer.text("status", state="down"))["detail"]
+    await camera.wait_for("credit", frames=2, taken=None)
+    camera.sequence = 0
+    await viewer.credit()
+    await camera.show(JPEG)
+    assert (await viewer.frame()).sequence == seen.sequence + 1
+    await viewer.credit()
+    await camera.wait_for("credit", taken=1)
+
+
+async def test_a_robot_without_a_video_port(robot, watch, monkeypatch):
+    """A tunnel to nothing is 4506."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.OPENS_WITHIN_S", 0.1)
+    await robot._close_ports()
+    code, reason = await closing((await watch()).socket)
+    assert (code, "frames_unknown" in reason) == (4506, False)

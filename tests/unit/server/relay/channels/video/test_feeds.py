@@ -1,0 +1,224 @@
+"""A feed and the books that it keeps of credits, without a network; and all feeds of a relay."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+import time
+
+import pytest
+from relay_server import until
+from robotether_common.frames import StreamRequest
+from robotether_server.relay.channels.video import feeds as feeds_module
+from robotether_server.relay.channels.video.feeds import Feed, Feeds, FeedTraffic
+from robotether_server.relay.channels.video.frame_protocol import (
+    BrokenFramesError,
+    SenderClock,
+)
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.robots.sessions import Change, Presence
+
+JPEG = b"\xff\xd8\xff\xd9"
+
+
+class Eye:
+    """A viewer that counts what it is told."""
+
+    def __init__(
+        self, stream_request: StreamRequest | None = None, *, breaks: bool = False
+    ) -> None:
+        self.stream_request = stream_request
+        self.on_status = 0
+        self.close_reasons: list[CloseReason] = []
+        self._breaks = breaks
+
+    def notify(self) -> None:
+        self.on_status += 1
+        if self._breaks:
+            raise RuntimeError("a defect of this viewer")
+
+    def end(self, close_reason: CloseReason) -> None:
+        self.close_reasons.append(close_reason)
+
+
+def clock() -> SenderClock:
+    """A robot's clock that is the relay's."""
+    clock = SenderClock()
+    clock.on_answer(time.monotonic(), 0.0, 0.0)
+    return clock
+
+
+def come(feed: Feed, sequence: int, *, codec: int = 1) -> None:
+    """Have the robot's frame of this number come."""
+    now_s = time.monotonic()
+    header = struct.pack("!BBHId", codec, 0, 70, sequence, now_s * 1000)
+    feed.on_frame(header + JPEG, now_s, clock())
+
+
+@pytest.fixture
+async def feed(sim1) -> Feed:
+    """A feed that has its connection and has told its first credit."""
+    feed = Feed(sim1, "/a", FeedTraffic())
+    feed.on_connected()
+    assert feed.credit() == (2, None)
+    return feed
+
+
+async def test_two_credits_are_open_and_no_more(feed):
+    """What came and is not taken counts as open."""
+    come(feed, 1)
+    assert feed.credit() is None
+    come(feed, 2)
+    assert feed.credit() is None
+    feed.taken(1)
+    assert feed.credit() == (1, 1)
+    assert feed.credit() is None
+
+
+async def test_who_has_the_newest_has_those_before_it(feed):
+    """A frame that was skipped is given back with the one after it, and once."""
+    come(feed, 1)
+    come(feed, 2)
+    feed.taken(2)
+    feed.taken(2)
+    feed.taken(1)
+    assert feed.credit() == (2, 2)
+    assert feed.credit() is None
+
+
+async def test_more_frames_than_credits_break_the_protocol(feed):
+    """A robot cannot fill the relay."""
+    come(feed, 1)
+    come(feed, 2)
+    with pytest.raises(BrokenFramesError, match="more frames"):
+        come(feed, 3)
+
+
+async def test_a_new_connection_begins_with_new_credits_and_numbers_that_go_on(feed):
+    """The robot hears its own numbers, viewers hear ours; also where they overflow."""
+    come(feed, 2**32 - 1)
+    assert feed.newest.sequence == 2**32 - 1
+    feed.on_connected()
+    assert feed.credit() == (2, None)
+    come(feed, 5)
+    assert feed.newest.sequence == 0
+    come(feed, 8)
+    assert (feed.newest.sequence, feed.newest.position) == (3, 2)
+    feed.taken(3)
+    assert feed.credit() == (2, 8)
+
+
+async def test_what_nobody_can_show_is_given_back(feed):
+    """A codec that the relay does not know, and a frame before the robot's clock is known."""
+    eye = Eye()
+    feed.join(eye)
+    come(feed, 1, codec=2)
+    header = struct.pack("!BBHId", 1, 0, 70, 2, 5.0)
+    feed.on_frame(header + JPEG, time.monotonic(), SenderClock())
+    assert (feed.newest, eye.on_status) == (None, 0)
+    assert feed.credit() == (2, 2)
+
+
+async def test_one_viewers_defect_is_its_own(feed, caplog):
+    """The others hear of the frame."""
+    broken, sound = Eye(breaks=True), Eye()
+    feed.join(broken)
+    feed.join(sound)
+    come(feed, 1)
+    assert sound.on_status == 1
+    assert broken.close_reasons == [close_reasons.relay_failed()]
+    assert "a defect of this viewer" in caplog.text
+
+
+async def test_requests_of_all_are_one(feed):
+    """Who has not said a request yet has none."""
+    assert feed.stream_request() is None
+    feed.join(Eye())
+    assert feed.stream_request() is None
+    feed.join(Eye(StreamRequest(fps=5, quality_max=90)))
+    feed.join(Eye(StreamRequest(fps=10, quality_max=60)))
+    assert feed.stream_request() == StreamRequest(fps=10, quality_max=90)
+
+
+async def _for_ever() -> CloseReason:
+    return await asyncio.get_running_loop().create_future()
+
+
+def feeds_that(work) -> Feeds:
+    """Feeds whose links do this."""
+    return Feeds(lambda _feed: asyncio.create_task(work()))
+
+
+async def test_a_feed_closes_after_its_last_viewer_and_not_before(sim1, monkeypatch):
+    """A viewer that comes while it lingers keeps it."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.feeds.LINGER_S", 0.05)
+    feeds = feeds_that(_for_ever)
+    with feeds.followed(sim1, "/a", Eye()) as feed:
+        with feeds.followed(sim1, "/a", Eye()) as same, feeds.followed(sim1, "/b", Eye()) as other:
+            assert same is feed
+            assert other is not feed
+            assert feeds.count() == 2
+        await until(lambda: feeds.count() == 1, "the other is closed")
+    with feeds.followed(sim1, "/a", Eye()) as again:
+        await asyncio.sleep(0.1)
+        assert again is feed
+        assert feeds.count() == 1
+    await until(lambda: feeds.count() == 0, "it is closed")
+    await feeds.close()
+
+
+async def test_few_feeds_linger(sim1, monkeypatch):
+    """Who opens and leaves one camera after the other must not use up the room that a robot has for others."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.feeds.LINGER_S", 60)
+    feeds = feeds_that(_for_ever)
+    with feeds.followed(sim1, "/watched", Eye()):
+        for sequence in range(20):
+            with feeds.followed(sim1, f"/{sequence}", Eye()):
+                pass
+        assert feeds.count() == 1 + feeds_module.MAX_LINGERING
+    await feeds.close()
+
+
+async def test_the_end_of_a_link_reaches_the_viewers(sim1):
+    """And the next viewer gets a new feed."""
+    close_reason = close_reasons.video_down("sim1", "the test says so")
+
+    async def ends() -> CloseReason:
+        return close_reason
+
+    feeds, eye = feeds_that(ends), Eye()
+    with feeds.followed(sim1, "/a", eye) as feed:
+        await until(lambda: eye.close_reasons, "it is told")
+        assert eye.close_reasons == [close_reason]
+        with feeds.followed(sim1, "/a", Eye()) as other:
+            assert other is not feed
+    await feeds.close()
+
+
+async def test_a_defect_of_a_link_is_told_and_logged(sim1, caplog):
+    """The viewers hear that the relay failed."""
+
+    async def fails() -> CloseReason:
+        raise RuntimeError("a defect of the link")
+
+    feeds, eye = feeds_that(fails), Eye()
+    with feeds.followed(sim1, "/a", eye):
+        await until(lambda: eye.close_reasons, "it is told")
+    assert eye.close_reasons == [close_reasons.relay_failed()]
+    assert "a defect of the link" in caplog.text
+    await feeds.close()
+
+
+async def test_a_robot_that_leaves_takes_its_feeds_along(memory_database, sim1):
+    """Those of other robots stay."""
+    other_robot = memory_database.add_robot(8, "sim2")
+    feeds, eye, other = feeds_that(_for_ever), Eye(), Eye()
+    with feeds.followed(sim1, "/a", eye), feeds.followed(other_robot, "/a", other):
+        feeds.on_robot_change(Change("updated", sim1.id, Presence()))
+        assert feeds.count() == 2
+        feeds.on_robot_change(Change("disconnected", sim1.id, Presence()))
+        assert feeds.count() == 1
+        assert eye.close_reasons == [close_reasons.link_lost("sim1")]
+        assert other.close_reasons == []
+    await feeds.close()

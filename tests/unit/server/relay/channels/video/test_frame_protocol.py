@@ -1,0 +1,245 @@
+"""The frames protocol in bytes and texts."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_common.frames import HEADER, MAX_FRAME_BYTES, StreamRequest
+from robotether_server.relay.channels.video.frame_protocol import (
+    BrokenFramesError,
+    Frame,
+    SenderClock,
+    combined,
+    parse_clock_sync,
+    parse_clock_sync_answer,
+    parse_credit,
+    parse_frame,
+    parse_status,
+    parse_stream_request,
+    parse_text,
+    pixels,
+    text_message,
+)
+
+JPEG = b"\xff\xd8 a picture \xff\xd9"
+
+
+def sent(
+    sequence: int = 5, timestamp_ms: float = 1234.5, codec: int = 1, jpeg: bytes = JPEG
+) -> bytes:
+    return struct.pack("!BBHId", codec, 1, 70, sequence, timestamp_ms) + jpeg
+
+
+@pytest.mark.parametrize("size", [100, 125 - 16, 126 - 16, 200, 65535 - 16, 65536 - 16, 70_000])
+def test_a_frame_is_framed_as_rfc_6455_says(size):
+    """Final binary frame, no mask, the shortest length that there is for it."""
+    jpeg = b"x" * size
+    frame = Frame(sent(jpeg=jpeg), sequence=9, position=0, timestamp_s=2.5, received_s=2.6).message
+    assert frame[0] == 0x82
+    length, begins = frame[1], 2
+    if length == 126:
+        (length,), begins = struct.unpack_from("!H", frame, 2), 4
+    elif length == 127:
+        (length,), begins = struct.unpack_from("!Q", frame, 2), 10
+    assert length == len(frame) - begins == size + 16
+    assert HEADER.unpack_from(frame, begins) == (1, 1, 70, 9, 2500.0)
+    assert frame[begins + 16 :] == jpeg
+
+
+def test_a_part_says_when_and_which():
+    """A multipart viewer reads the moment in Unix time, the number, and the next boundary behind it."""
+    frame = Frame(sent(), sequence=9, position=0, timestamp_s=2.5, received_s=2.6)
+    part = frame.part("edge", 1000.0)
+    head, _, body = part.partition(b"\r\n\r\n")
+    assert head.decode().split("\r\n") == [
+        "Content-Type: image/jpeg",
+        "X-Timestamp: 1002.500000",
+        "X-Number: 9",
+        f"Content-Length: {len(JPEG)}",
+    ]
+    assert body == JPEG + b"\r\n--edge\r\n"
+    assert frame.part("edge", 1000.0) is part
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        sent(jpeg=b""),
+        sent(timestamp_ms=math.nan),
+        sent(timestamp_ms=math.inf),
+        sent(timestamp_ms=1e300),
+        sent(jpeg=b"x" * (MAX_FRAME_BYTES + 1)),
+    ],
+    ids=["empty", "header only", "nan", "infinite", "far away", "too large"],
+)
+def test_what_is_no_frame_is_refused(data):
+    """Nothing after the header, a moment that is none, or too much."""
+    with pytest.raises(BrokenFramesError):
+        parse_frame(data)
+
+
+def test_a_frame_is_read():
+    """Codec, number and moment stand in the header."""
+    assert parse_frame(sent(7, 99.5, codec=2)) == (2, 7, 99.5)
+
+
+@pytest.mark.parametrize(
+    "data", [b"no json", b"[]", b'{"op": 1}', b"\xff", b"[" * 4000, b'{"op": "x' + b"x" * 4096]
+)
+def test_what_is_no_text_of_the_protocol_is_refused(data):
+    """It must be an object with an op, in JSON, within 4 KiB."""
+    with pytest.raises(BrokenFramesError):
+        parse_text(data)
+
+
+def test_each_member_of_a_request_has_a_default():
+    """An empty request is the default, and a member that nobody knows is skipped."""
+    assert parse_stream_request({"op": "want", "codecs": ["vp9"]}) == StreamRequest()
+    assert parse_stream_request({"fps": 5, "width": 640, "height": 480}) == StreamRequest(
+        fps=5, width=640, height=480
+    )
+
+
+@pytest.mark.parametrize(
+    "member",
+    [
+        {"quality_min": 0},
+        {"quality_max": 101},
+        {"quality_max": 50.5},
+        {"quality_max": "80"},
+        {"quality_max": True},
+        {"quality_min": 90},
+        {"fps": 0},
+        {"fps": math.nan},
+        {"fps": 61},
+        {"latency_ms": 49},
+        {"latency_ms": 5001},
+        {"width": 640},
+        {"width": 0, "height": 480},
+        {"width": 640, "height": 4097},
+    ],
+    ids=str,
+)
+def test_a_request_out_of_bounds_is_refused(member):
+    """Nothing is bent into what it might have meant."""
+    with pytest.raises(BrokenFramesError):
+        parse_stream_request(member)
+
+
+WANTS = st.builds(
+    lambda low, more, fps, latency, size: StreamRequest(low, low + more, fps, latency, *size),
+    st.integers(1, 50),
+    st.integers(0, 50),
+    st.floats(0.1, 60),
+    st.floats(50, 5000),
+    st.sampled_from([(None, None), (320, 240), (640, 480), (4096, 4096)]),
+)
+
+
+@given(WANTS, WANTS)
+def test_what_two_want_together_serves_both(one, other):
+    """The best and the quickest that either wants, whoever comes first."""
+    both = combined(one, other)
+    assert both == combined(other, one)
+    assert both.quality_max == max(one.quality_max, other.quality_max)
+    assert both.quality_min == min(one.quality_min, other.quality_min)
+    assert both.fps == max(one.fps, other.fps)
+    assert both.latency_ms == min(one.latency_ms, other.latency_ms)
+    assert pixels(both) == max(pixels(one), pixels(other))
+    assert (both.width, both.height) in {(one.width, one.height), (other.width, other.height)}
+
+
+def test_the_cameras_own_size_is_the_largest():
+    """Who wants no size of their own gets no smaller frame because of who does."""
+    assert combined(StreamRequest(), StreamRequest(width=4096, height=4096)).width is None
+
+
+@pytest.mark.parametrize(
+    ("message", "expected"),
+    [({}, (1, None)), ({"frames": 2, "taken": 41}, (2, 41)), ({"taken": None}, (1, None))],
+)
+def test_a_credit_is_read(message, expected):
+    """One frame, and none taken, unless it says something else."""
+    assert parse_credit(message) == expected
+
+
+@pytest.mark.parametrize(
+    "message", [{"frames": 0}, {"frames": "2"}, {"taken": -1}, {"taken": 2**32}]
+)
+def test_a_credit_for_nothing_is_refused(message):
+    """Credits and numbers are whole and within bounds."""
+    with pytest.raises(BrokenFramesError):
+        parse_credit(message)
+
+
+def test_clock_syncs_are_read():
+    """A question has a clock, an answer has two; what is no number is refused."""
+    assert parse_clock_sync({"t_ms": 81.2}) == 81.2
+    assert parse_clock_sync_answer({"t_ms": 81.2, "sender_ms": 5}) == (81.2, 5)
+    for message in ({}, {"t_ms": None}, {"t_ms": math.nan, "sender_ms": 1}, {"t_ms": 1}):
+        with pytest.raises(BrokenFramesError):
+            parse_clock_sync_answer(message)
+
+
+def test_a_status_keeps_what_viewers_know():
+    """A robot cannot have a viewer shown anything else."""
+    status = parse_status(
+        {"op": "status", "state": "down", "detail": "no\nanswer", "source": "evil", "fps": math.nan}
+        | {"quality": 70, "width": 640, "height": 1e9, "more": "x"}
+    )
+    assert status == {
+        "op": "status",
+        "state": "down",
+        "detail": "no answer",
+        "source": None,
+        "quality": 70,
+        "width": 640,
+        "height": None,
+        "fps": None,
+    }
+    for message in ({}, {"state": "fine"}, {"state": ["live"]}, {"state": "live", "detail": 5}):
+        with pytest.raises(BrokenFramesError):
+            parse_status(message)
+
+
+def test_a_text_is_framed_whole():
+    """What is written reads back."""
+    frame = text_message({"op": "beat", "t_ms": 1.5})
+    assert frame[0] == 0x81
+    assert frame[1] == len(frame) - 2
+    assert json.loads(frame[2:]) == {"op": "beat", "t_ms": 1.5}
+
+
+@given(
+    st.floats(-1e9, 1e9),
+    st.lists(st.tuples(st.floats(0, 300), st.floats(0, 300)), min_size=1, max_size=20),
+    st.floats(0, 1000),
+)
+def test_a_frames_timestamp_is_never_later_than_it_was(ahead_ms, travels, age_ms):
+    """Whatever the clocks and the way there and back, the age of a frame is not understated."""
+    clock, now_ms = SenderClock(), 10_000.0
+    for there_ms, back_ms in travels:
+        asked_ms = now_ms
+        now_ms += there_ms + back_ms
+        clock.on_answer(now_ms / 1000, asked_ms, asked_ms + there_ms + ahead_ms)
+    ours_s = clock.ours(now_ms / 1000, now_ms - age_ms + ahead_ms)
+    assert ours_s is not None
+    assert ours_s * 1000 <= now_ms - age_ms + 1e-3
+    assert now_ms - age_ms - ours_s * 1000 <= max(there for there, _ in travels) + 1e-3
+
+
+def test_the_best_clock_sync_of_the_last_half_minute_counts():
+    """A beat that was quick keeps the moment true, and is forgotten after 30 s: clocks drift."""
+    clock = SenderClock()
+    assert clock.ours(0.0, 5.0) is None
+    clock.on_answer(1.0, 1000, 1000 + 2)
+    clock.on_answer(2.0, 2000, 2000 + 500)
+    assert clock.ours(2.0, 1500 + 2) == pytest.approx(1.5)
+    clock.on_answer(31.5, 31_400, 31_400 + 40)
+    assert clock.ours(31.5, 1500 + 40) == pytest.approx(1.5)

@@ -1,0 +1,336 @@
+"""Viewers of cameras over the frames protocol, through the real relay from a robot's frames service."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+
+import aiohttp
+import pytest
+from relay_clients import closing
+from relay_server import until
+from robotether_server.db.fleet import RelayUser
+from stopwatch import Stopwatch
+
+ANN, BOB = RelayUser(1, "ann"), RelayUser(2, "bob")
+JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
+
+
+def frames_url(relay, robot, query: str) -> str:
+    return f"{relay.url}/robots/{robot.name}/video/frames?{query}"
+
+
+async def test_a_credit_brings_one_frame(camera, watch):
+    """No frame without a credit, one for each, and it is the robot's own but for its moment."""
+    viewer = await watch()
+    await camera.wait_for("credit", frames=2, taken=None)
+    await camera.show(JPEG)
+    await viewer.credit()
+    seen = await viewer.frame()
+    assert (seen.codec, seen.flags, seen.quality, seen.jpeg) == (1, 1, 70, JPEG)
+    await camera.show(JPEG + b"2")
+    await viewer.socket.send_json({"op": "beat", "t_ms": 1.5})
+    # The answer comes although a frame waits, and the frame does not.
+    assert (await viewer.text("beat"))["t_ms"] == 1.5
+    await viewer.credit()
+    assert (await viewer.frame()).jpeg == JPEG + b"2"
+
+
+async def test_timestamps_are_told_in_the_relays_clock(camera, watch):
+    """The robot's clock is far from the relay's; what the viewer reads is never later than it was."""
+    viewer = await watch()
+    await camera.wait_for("credit")
+    await viewer.credit()
+    before_ms = time.monotonic() * 1000
+    await camera.show(JPEG, age_ms=40)
+    seen = await viewer.frame()
+    assert before_ms - 40 - 200 <= seen.timestamp_ms <= time.monotonic() * 1000 - 40
+    await viewer.socket.send_json({"op": "beat", "t_ms": 0})
+    answer = await viewer.text("beat")
+    assert before_ms <= answer["sender_ms"] <= time.monotonic() * 1000
+
+
+async def test_who_is_slow_skips_and_slows_no_one(camera, watch, relay):
+    """One takes each frame, the other a single one and then the newest; the robot's credit follows the quick one."""
+    quick, slow = await watch(), await watch(BOB)
+    await camera.wait_for("credit")
+    await slow.credit()
+    sent = []
+    for turn in range(10):
+        await quick.credit()
+        sent.append(await camera.show(JPEG + bytes([turn])))
+        assert (await quick.frame()).sequence == sent[-1]
+        if turn == 0:
+            assert (await slow.frame()).sequence == sent[0]
+    await slow.credit()
+    assert (await slow.frame()).sequence == sent[-1]
+    assert relay.relay.feeds.traffic.skipped == 8
+    assert relay.relay.viewer_stats.of(7, ANN.id).frames == 10
+    assert relay.relay.viewer_stats.of(7, BOB.id).frames == 2
+    assert relay.relay.viewer_stats.of(7, BOB.id).bytes == 2 * (len(JPEG) + 1)
+    assert relay.relay.viewer_stats.of(7, BOB.id).viewed_s > 0
+
+
+async def test_one_stream_leaves_the_robot(camera, watch, relay):
+    """However many watch, the robot sends each frame once."""
+    viewers = [await watch() for _ in range(12)]
+    await camera.wait_for("credit")
+    for viewer in viewers:
+        await viewer.credit()
+    await camera.show(JPEG)
+    assert {(await viewer.frame()).jpeg for viewer in viewers} == {JPEG}
+    assert camera.topics == ["/a"]
+    assert camera.bytes_out == 16 + len(JPEG)
+    assert relay.relay.feeds.traffic.frames_in == 1
+    assert relay.relay.feeds.traffic.frames_out == 12
+
+
+async def test_the_robot_hears_what_all_want_together(camera, watch):
+    """The best of each comes to the robot, and less when who wanted it has gone."""
+    first = await watch(quality_max=50, fps=5, width=320, height=240)
+    await camera.wait_for("want", quality_max=50, fps=5, width=320, height=240, latency_ms=300)
+    second = await watch(
+        quality_max=70, quality_min=30, fps=10, latency_ms=150, width=640, height=480
+    )
+    await camera.wait_for(
+        "want", quality_min=20, quality_max=70, fps=10, latency_ms=150, width=640, height=480
+    )
+    await second.socket.close()
+    await until(lambda: camera.of("want")[-1]["quality_max"] == 50, "the robot hears of it")
+    await first.want(fps=1)
+    await camera.wait_for("want", fps=1, quality_max=80, width=None)
+
+
+async def test_the_last_viewer_ends_the_feed(camera, watch, relay):
+    """Within a second nothing leaves the robot any more."""
+    viewer, other = await watch(), await watch(BOB)
+    await camera.wait_for("credit")
+    await viewer.socket.close()
+    await until(lambda: relay.relay.connections.count("video") == 1, "one is gone")
+    assert camera.connections
+    await other.socket.close()
+    with Stopwatch() as stopwatch:
+        await until(lambda: not camera.connections, "the feed is closed")
+    assert stopwatch.s < 1
+    assert relay.relay.feeds.count() == 0
+
+
+async def test_who_comes_back_at_once_finds_the_feed(camera, watch):
+    """A page that is loaded anew makes the robot open nothing anew, and sees the newest frame at once."""
+    viewer = await watch()
+    await camera.wait_for("credit")
+    sequence = await camera.show(JPEG)
+    await viewer.credit()
+    await viewer.frame()
+    await viewer.socket.close()
+    again = await watch()
+    await again.credit()
+    assert (await again.frame()).sequence == sequence
+    assert camera.topics == ["/a"]
+
+
+async def test_a_new_viewer_sees_no_old_frame(camera, watch, monkeypatch):
+    """What is not fresh is not shown to who comes, who waits for the next; and the robot is asked for it."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.feeds.FRESH_S", 0.0)
+    idle = await watch()
+    await camera.wait_for("credit")
+    await camera.show(JPEG)
+    old = await camera.show(JPEG)
+    await until(
+        lambda: camera.credits[next(iter(camera.connections))] == 0, "both credits are used"
+    )
+    viewer = await watch(BOB)
+    await viewer.credit()
+    await camera.wait_for("credit", taken=old)
+    sequence = await camera.show(JPEG)
+    assert (await viewer.frame()).sequence == sequence
+    await idle.credit()
+    assert (await idle.frame()).sequence == sequence
+
+
+async def test_nothing_is_asked_of_the_robot_while_nobody_takes(camera, watch):
+    """Two frames wait at the relay, and no third leaves the robot."""
+    viewer = await watch()
+    await camera.wait_for("credit", frames=2)
+    first, second = await camera.show(JPEG), await camera.show(JPEG)
+    await camera.show(JPEG)
+    await camera.wait_for("beat")
+    await viewer.credit()
+    assert (await viewer.frame()).sequence == second > first
+    assert len(camera.of("credit")) == 1
+    await viewer.credit()
+    await camera.wait_for("credit", frames=2, taken=second)
+
+
+async def test_a_credit_that_does_not_say_which_context_the_oldest(camera, watch):
+    """A simple program counts, and reads no numbers."""
+    viewer = await watch()
+    await camera.wait_for("credit")
+    await viewer.credit(2)
+    for _ in range(5):
+        sequence = await camera.show(JPEG)
+        await viewer.frame()
+        await viewer.credit(taken=None)
+        await camera.wait_for("credit", taken=sequence)
+
+
+async def test_no_more_than_two_credits_are_open(camera, watch):
+    """A viewer that asks for a hundred gets two, and then has to say what it has taken."""
+    viewer, other = await watch(), await watch(BOB)
+    await camera.wait_for("credit")
+    await viewer.credit(100)
+    for _ in range(4):
+        await other.credit()
+        sequence = await camera.show(JPEG)
+        assert (await other.frame()).sequence == sequence
+    assert [(await viewer.frame()).sequence for _ in range(2)] == [1, 2]
+    await viewer.credit()
+    assert (await viewer.frame()).sequence == sequence
+
+
+async def test_the_status_comes_at_once_and_at_each_change(camera, watch):
+    """Also to who comes later."""
+    viewer = await watch()
+    await camera.wait_for("want")
+    await camera.send_status(state="waiting", source="mjpeg", quality=70, fps=0)
+    status = await viewer.text("status")
+    assert (status["state"], status["source"], status["quality"]) == ("waiting", "mjpeg", 70)
+    later = await watch(BOB)
+    assert (await later.text("status")) == status
+    await camera.send_status(state="live", source="mjpeg", quality=70, fps=15)
+    for each in (viewer, later):
+        await each.text("status", state="live", fps=15)
+
+
+async def test_an_ended_login_ends_the_connection(camera, watch, memory_database, relay):
+    """So does the end of the login that asked for the ticket."""
+    viewer = await watch()
+    await camera.wait_for("credit")
+    await relay.relay.fleet.poll()
+    memory_database.credentials.clear()
+    assert (await closing(viewer.socket))[0] == 4001
+
+
+async def test_a_silent_viewer_is_let_go(camera, watch):
+    """Who answers no ping is gone."""
+    viewer = await watch(autoping=False)
+    async with asyncio.timeout(5):
+        while (message := await viewer.socket.receive()).type is not aiohttp.WSMsgType.CLOSE:
+            assert message.type is aiohttp.WSMsgType.PING
+    assert message.data == 4408
+
+
+async def test_a_viewer_that_takes_nothing_is_bounded_and_let_go(camera, watch, relay):
+    """One frame waits for it in the relay, whatever it asks for, while another sees them all."""
+    stuck, quick = await watch(), await watch(BOB)
+    await camera.wait_for("credit")
+    frame = b"x" * 2_000_000
+    stuck.socket._response.connection.transport.pause_reading()
+    for _ in range(20):
+        if not stuck.socket.closed:
+            await stuck.socket.send_json({"op": "credit", "frames": 2})
+        await quick.credit()
+        sequence = await camera.show(frame)
+        assert (await quick.frame()).sequence == sequence
+    sent = relay.relay.viewer_stats.of(7, ANN.id)
+    assert sent.frames <= 4
+    # The other one is there and answers pings.
+    answering = asyncio.create_task(quick.socket.receive())
+    await until(lambda: relay.relay.connections.count("video") == 1, "it is let go")
+    answering.cancel()
+    stuck.socket._response.connection.transport.resume_reading()
+
+
+async def test_a_flood_of_texts_ends_it(camera, watch):
+    """A viewer cannot keep the relay busy with texts."""
+    viewer = await watch()
+    for turn in range(1000):
+        if viewer.socket.closed:
+            break
+        await viewer.socket.send_json({"op": "beat", "t_ms": turn})
+    code, reason = await closing(viewer.socket)
+    assert (code, "messages a second" in reason) == (1002, True)
+
+
+@pytest.mark.parametrize("message", ["ping", "binary"])
+async def test_a_flood_of_other_messages_ends_it(camera, watch, message):
+    """Neither with pings, which are answered, nor with what nobody reads."""
+    viewer = await watch()
+    send = viewer.socket.ping if message == "ping" else viewer.socket.send_bytes
+    with contextlib.suppress(ConnectionError):
+        for _ in range(1000):
+            await send(b"x")
+    code, reason = await closing(viewer.socket)
+    assert (code, "messages a second" in reason) == (1002, True)
+
+
+async def test_what_nobody_knows_is_skipped(camera, watch):
+    """Either side may be newer."""
+    viewer = await watch(codecs=["h264"])
+    await camera.wait_for("credit")
+    await viewer.socket.send_json({"op": "dance"})
+    await viewer.socket.send_bytes(b"binary")
+    await camera.send_text({"op": "dance"})
+    await camera.show(JPEG, codec=9)
+    await camera.wait_for("credit", taken=1)
+    await viewer.credit()
+    sequence = await camera.show(JPEG)
+    assert (await viewer.frame()).sequence == sequence
+
+
+async def test_a_ticket_opens_one_connection(camera, relay, sim1, http):
+    """As for rosbridge it is used up."""
+    url = frames_url(relay, sim1, f"topic=/a&ticket={relay.ticket(sim1)}")
+    async with http.ws_connect(url):
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            await http.ws_connect(url)
+    assert refused.value.status == 401
+
+
+async def test_a_login_opens_a_connection(camera, relay, sim1, http, login):
+    """A page of this site needs no ticket; a page of another is refused."""
+    url = frames_url(relay, sim1, "topic=/a")
+    async with http.ws_connect(url, headers=login) as socket:
+        await socket.send_json({"op": "beat", "t_ms": 5})
+        assert (await socket.receive_json())["t_ms"] == 5
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await http.ws_connect(url, headers=login | {"Origin": "https://evil.example"})
+    assert refused.value.status == 403
+
+
+async def test_a_login_is_no_word_of_another_sites_page(camera, relay, sim1, http, login):
+    """Pages in ALLOWED_ORIGINS show a ticket or token; a login that their browser adds is not theirs to use."""
+    lab = {"Origin": "https://lab.example"}
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await http.ws_connect(frames_url(relay, sim1, "topic=/a"), headers=login | lab)
+    assert refused.value.status == 401
+    url = frames_url(relay, sim1, f"topic=/a&ticket={relay.ticket(sim1)}")
+    async with http.ws_connect(url, headers=login | lab) as socket:
+        await socket.send_json({"op": "beat", "t_ms": 5})
+        assert (await socket.receive_json())["t_ms"] == 5
+
+
+async def test_who_may_not_see_gets_a_status(camera, relay, sim1, http, memory_database):
+    """Refusals that concern the asker come before the upgrade."""
+    stranger = memory_database.add_credential("login", RelayUser(9, "eve"))
+    for headers, query, expected in [
+        ({}, "topic=/a", 401),
+        ({"Cookie": f"__Host-robotether_login={stranger}"}, "topic=/a", 404),
+        ({}, f"ticket={relay.ticket(sim1)}", 422),
+        ({}, f"topic=&ticket={relay.ticket(sim1)}", 422),
+        ({}, f"topic=%0a&ticket={relay.ticket(sim1)}", 422),
+    ]:
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            await http.ws_connect(frames_url(relay, sim1, query), headers=headers)
+        assert refused.value.status == expected
+    assert camera.topics == []
+
+
+async def test_a_get_without_an_upgrade(relay, sim1, http):
+    """426, and the ticket is not used up."""
+    url = frames_url(relay, sim1, f"topic=/a&ticket={relay.ticket(sim1)}")
+    async with http.get(url) as answer:
+        assert answer.status == 426
+    async with http.ws_connect(url) as socket:
+        assert (await closing(socket))[0] == 4503

@@ -1,0 +1,368 @@
+"""Video from a fake robot's web server through the real relay."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+
+import aiohttp
+import pytest
+from fake_robot import HOST, JPEG, WAIT_S, FakeRobot
+from relay_server import SESSION_KEY, RelayServer, until
+from robotether_common.frames import QOS
+from robotether_server.db.fleet import RelayRobot, RelayUser
+from robotether_server.relay.auth.connections import Caps
+from robotether_server.relay.channels.video.handler import path_for_robot
+from yarl import URL
+
+ANN = RelayUser(1, "ann")
+STREAM_HEAD = (
+    b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace;boundary=b\r\n\r\n--b\r\n"
+)
+
+
+def video_url(relay: RelayServer, robot: RelayRobot, rest: str) -> str:
+    return f"{relay.url}/robots/{robot.name}/video/{rest}"
+
+
+async def test_a_snapshot_passes_with_what_describes_it(relay, robot, sim1, http, login):
+    """The frame arrives as it is; nothing of the robot's could act on our site."""
+    async with http.get(video_url(relay, sim1, "snapshot?topic=/a&x=1"), headers=login) as answer:
+        assert answer.status == 200
+        assert await answer.read() == JPEG
+        assert answer.content_type == "image/jpeg"
+        assert answer.headers["X-Timestamp"] == "12.5"
+        assert answer.headers["X-Content-Type-Options"] == "nosniff"
+        assert answer.headers["Content-Security-Policy"] == "sandbox"
+        assert "Set-Cookie" not in answer.headers
+        assert "Access-Control-Allow-Origin" not in answer.headers
+
+
+async def test_the_robot_learns_nothing_of_who_asks(
+    *, relay, robot, sim1, http, memory_database, login
+):
+    """Cookie, token, ticket and address stay at the relay; path and query pass as they are."""
+    token = memory_database.add_credential("token", ANN)
+    url = video_url(relay, sim1, f"snapshot?topic=/a%2Fb&ticket={relay.ticket(sim1)}&q=50")
+    headers = login | {
+        "Authorization": f"Bearer {token}",
+        "X-Forwarded-For": "203.0.113.9",
+        "Accept": "image/jpeg",
+    }
+    async with http.get(URL(url, encoded=True), headers=headers) as answer:
+        assert answer.status == 200
+    seen = robot.video_requests[0]
+    assert seen["path"] == "/snapshot?topic=/a/b&q=50&qos_profile=sensor_data"
+    assert not {"Cookie", "Authorization", "X-Forwarded-For"} & set(seen["headers"])
+    assert seen["headers"]["Accept"] == "image/jpeg"
+
+
+@pytest.mark.parametrize("value", [b"\xff", b"a\x01b"])
+@pytest.mark.parametrize(
+    "name", [b"ETag", b"Content-Type", b"Content-Disposition", b"X-Timestamp", b"X-Other"]
+)
+async def test_robot_with_broken_headers_still_shows_its_picture(
+    *, relay, connect, sim1, http, login, caplog, name, value
+):
+    """Bytes that cannot be passed on are left out, and are no defect of the relay's."""
+
+    async def answer_once(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(b"HTTP/1.1 200 OK\r\n%b: %b\r\nContent-Length: 3\r\n\r\nabc" % (name, value))
+        writer.close()
+
+    await connect()
+    await until(lambda: relay.relay.registry.presence(sim1.id).online, "sim1 is online")
+    server = await asyncio.start_server(answer_once, HOST, sim1.video_port)
+    url = video_url(relay, sim1, "snapshot")
+    async with server, http.get(url, headers=login) as answer:
+        assert (answer.status, await answer.read()) == (200, b"abc")
+        assert name.decode() not in answer.headers or name.startswith(b"Content-")
+    assert [record for record in caplog.records if record.levelname == "ERROR"] == []
+
+
+async def test_a_stream_streams(relay, robot, sim1, http, login):
+    """Frames arrive while the stream goes on, and leaving ends it on the robot."""
+    async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+        assert answer.headers["Content-Type"] == "multipart/x-mixed-replace;boundary=frame"
+        for _ in range(3):
+            await asyncio.wait_for(answer.content.readuntil(JPEG), 5)
+        assert relay.relay.connections.count("video") == 1
+    await until(lambda: relay.relay.connections.count("video") == 0, "the stream has ended")
+
+
+async def test_a_ticket_shows_video_more_than_once(relay, robot, sim1, http):
+    """For its 30 s a ticket starts as many video requests as it likes, of its own robot."""
+    ticket = relay.ticket(sim1, "observe", RelayUser(2, "bob"))
+    for _ in range(2):
+        async with http.get(video_url(relay, sim1, f"snapshot?ticket={ticket}")) as answer:
+            assert answer.status == 200
+
+
+async def test_who_may_not_see_gets_a_code(*, relay, robot, sim1, http, memory_database, login):
+    """Each refusal of video has its status and code."""
+    memory_database.add_robot(8, "sim2")
+    stranger = memory_database.add_credential("token", RelayUser(9, "eve"))
+    url = video_url(relay, sim1, "snapshot")
+    for headers, target, expected in [
+        ({}, url, (401, "login_missing")),
+        ({"Cookie": "__Host-robotether_login=rubbish"}, url, (401, "login_missing")),
+        ({"Authorization": "Bearer rt_rubbish"}, url, (401, "token_invalid")),
+        ({"Authorization": "Basic YTpi"}, url, (401, "token_invalid")),
+        ({"Authorization": f"Bearer {stranger}"}, url, (404, "robot_unknown")),
+        (login, url.replace("sim1", "nosuch"), (404, "robot_unknown")),
+        (login, url.replace("sim1", "sim2"), (404, "robot_unknown")),
+        (login | {"Origin": "https://evil.example"}, url, (403, "origin_refused")),
+    ]:
+        async with http.get(target, headers=headers) as answer:
+            assert (answer.status, (await answer.json())["code"]) == expected
+    assert robot.video_requests == []
+
+
+async def test_video_can_only_be_read(relay, robot, sim1, http, login):
+    """POST and DELETE never reach the robot; HEAD does."""
+    url = video_url(relay, sim1, "snapshot")
+    for method in ("POST", "DELETE", "PUT"):
+        async with http.request(method, url, headers=login) as answer:
+            assert (answer.status, (await answer.json())["code"]) == (405, "method_not_allowed")
+    async with http.head(url, headers=login) as answer:
+        assert answer.status == 200
+    assert [request["method"] for request in robot.video_requests] == ["HEAD"]
+
+
+async def test_an_offline_robot_has_no_video(relay, sim1, http, login):
+    """Without a session the answer is 503 robot_offline."""
+    async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (503, "robot_offline")
+
+
+async def test_a_robot_without_web_video_server(relay, robot, sim1, http, login):
+    """A tunnel to nothing is 502 video_down."""
+    await robot._close_ports()
+    async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
+
+
+CLOSES, STAYS_SILENT, BEGINS_A_STREAM = range(3)
+
+
+@pytest.fixture
+async def silent_server(robot, sim1) -> AsyncIterator[dict[str, int]]:
+    """A web_video_server that has no frames, in the ways of the real one, as `how` says."""
+    mood = {"how": CLOSES}
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        if mood["how"] == BEGINS_A_STREAM:
+            writer.write(STREAM_HEAD)
+        if mood["how"] != CLOSES:
+            await reader.read()
+        writer.close()
+
+    await robot._close_ports()
+    async with await asyncio.start_server(answer, HOST, sim1.video_port):
+        yield mood
+
+
+@pytest.mark.parametrize("how", [CLOSES, STAYS_SILENT])
+async def test_a_still_of_a_topic_without_frames_names_it(
+    *, relay, silent_server, sim1, http, login, monkeypatch, how
+):
+    """web_video_server closes the connection where it knows no such topic, and waits where nothing publishes it."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.handler.HEADERS_WITHIN_S", 0.3)
+    silent_server["how"] = how
+    url = video_url(relay, sim1, "snapshot?topic=/camera/x")
+    async with http.get(url, headers=login) as answer:
+        problem = await answer.json()
+    assert (answer.status, problem["code"]) == (502, "no_frames")
+    why = "no frames from /camera/x: the topic does not exist or nothing publishes it"
+    assert problem["detail"] == f"cannot show video of robot sim1: {why}"
+
+
+async def test_a_server_that_is_down_is_no_missing_topic(
+    *, relay, robot, silent_server, sim1, http, login
+):
+    """The robot's own report tells one from the other: its end of the tunnel answers either way."""
+    robot.session.send(type="health", ros="ok", video="down", detail="", ros_exposed=False)
+    presence = relay.relay.registry.presence
+    await until(lambda: presence(sim1.id).video == "down", "it is down")
+    async with http.get(video_url(relay, sim1, "snapshot?topic=/a"), headers=login) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
+
+
+async def test_a_stream_that_stays_silent_ends(
+    *, relay, silent_server, sim1, http, login, monkeypatch
+):
+    """One that is passed through; web_video_server itself would keep it for ever."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.handler.SILENT_AFTER_S", 0.3)
+    silent_server["how"] = BEGINS_A_STREAM
+    async with http.get(
+        video_url(relay, sim1, "stream?topic=/a&type=png"), headers=login
+    ) as answer:
+        assert answer.status == 200
+        with pytest.raises(aiohttp.ClientError):
+            await asyncio.wait_for(answer.read(), 5)
+    await until(lambda: relay.relay.connections.count("video") == 0, "the stream has ended")
+
+
+@pytest.mark.parametrize("status", [b"101 Switching Protocols", b"600 Whatever", b"999 No"])
+async def test_an_answer_that_is_none_is_video_down(*, relay, robot, sim1, http, login, status):
+    """A robot that switches protocols opens no pipe to the viewer, nor to nginx."""
+    robot.raw_answer = [
+        b"HTTP/1.1 " + status + b"\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\r\nraw bytes"
+    ]
+    headers = login | {"Connection": "Upgrade", "Upgrade": "websocket"}
+    async with http.get(video_url(relay, sim1, "raw"), headers=headers) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
+        assert "Upgrade" not in answer.headers
+    seen = robot.video_requests[0]["headers"]
+    assert "Upgrade" not in seen
+    assert seen.get("Connection", "close") == "close"
+
+
+async def test_what_is_no_picture_cannot_be_opened_in_place(*, relay, robot, sim1, http, login):
+    """A script becomes a file to be saved, on an answer that other sites cannot embed."""
+    robot.raw_answer = [
+        b"HTTP/1.1 200 OK\r\nContent-Type: text/javascript\r\nContent-Length: 7\r\n\r\nalert()"
+    ]
+    async with http.get(video_url(relay, sim1, "raw"), headers=login) as answer:
+        assert await answer.read() == b"alert()"
+        assert answer.headers["Content-Type"] == "application/octet-stream"
+        assert answer.headers["Content-Disposition"] == "attachment"
+        assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
+
+
+async def test_a_robots_answer_is_never_a_part_of_a_page(*, relay, robot, sim1, http, login):
+    """A request for a script gets 403, and the robot is not asked."""
+    url = video_url(relay, sim1, "snapshot")
+    async with http.get(url, headers=login | {"Sec-Fetch-Dest": "script"}) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (403, "destination_refused")
+    assert robot.video_requests == []
+    async with http.get(url, headers=login | {"Sec-Fetch-Dest": "image"}) as answer:
+        assert answer.status == 200
+
+
+async def test_an_answer_that_breaks_off_is_cut_and_logged(
+    *, relay, robot, sim1, http, login, caplog
+):
+    """The viewer does not take half a frame for whole, and the log names the robot."""
+    caplog.set_level("INFO")
+    head = b"HTTP/1.1 200 OK\r\nContent-Type: image/png\r\nContent-Length: 9\r\n\r\n"
+    robot.raw_answer = [head + b"half"]
+    async with http.get(video_url(relay, sim1, "raw"), headers=login) as answer:
+        await _read_until_cut(answer)
+    (line,) = [message for message in caplog.messages if "video ended" in message]
+    assert line.startswith("robot sim1: ")
+
+
+async def test_a_lost_tunnel_ends_the_stream(relay, robot, sim1, http, login):
+    """When the robot's session ends, its video streams are cut, not left hanging."""
+    robot.mode = "port_taken"
+    async with http.get(video_url(relay, sim1, "stream"), headers=login) as answer:
+        await answer.content.readuntil(JPEG)
+        await robot.session.close()
+        await _read_until_cut(answer)
+
+
+async def test_an_ended_right_ends_the_stream(*, relay, robot, sim1, http, login, memory_database):
+    """Taking the grant away cuts the stream."""
+    async with http.get(video_url(relay, sim1, "stream"), headers=login) as answer:
+        await answer.content.readuntil(JPEG)
+        del memory_database.grants[1, sim1.id]
+        await _read_until_cut(answer)
+
+
+async def test_an_ended_login_ends_the_stream(*, relay, robot, sim1, http, login, memory_database):
+    """Logging out cuts the streams that the login opened."""
+    async with http.get(video_url(relay, sim1, "stream"), headers=login) as answer:
+        await answer.content.readuntil(JPEG)
+        await relay.relay.fleet.poll()
+        memory_database.credentials.clear()
+        await _read_until_cut(answer)
+
+
+async def test_too_many_streams_are_refused(*, relay, robot, sim1, http, login):
+    """The stream over the cap gets 429, and its end makes room again."""
+    relay.relay.connections.caps = Caps(per_user=1)
+    url = video_url(relay, sim1, "stream")
+    async with http.get(url, headers=login) as answer:
+        await answer.content.readuntil(JPEG)
+        async with http.get(url, headers=login) as second:
+            assert (second.status, (await second.json())["code"]) == (429, "too_many_connections")
+    await until(lambda: relay.relay.connections.count("video") == 0, "the stream has ended")
+    async with http.get(url, headers=login) as answer:
+        assert answer.status == 200
+
+
+async def test_a_tickets_stream_ends_with_its_login(*, relay, robot, sim1, http, memory_database):
+    """The stream that a ticket opened is cut when the login that asked for the ticket is over."""
+    async with http.get(video_url(relay, sim1, f"stream?ticket={relay.ticket(sim1)}")) as answer:
+        await answer.content.readuntil(JPEG)
+        await relay.relay.fleet.poll()
+        memory_database.credentials.clear()
+        await _read_until_cut(answer)
+
+
+async def _read_until_cut(answer: aiohttp.ClientResponse) -> None:
+    async with asyncio.timeout(5):
+        with pytest.raises(aiohttp.ClientError):
+            await answer.read()
+
+
+async def test_a_viewer_that_does_not_read_is_bounded_and_ends(
+    *, relay, robot, sim1, http, login, monkeypatch
+):
+    """The robot is not read on for a viewer that takes nothing, who is cut after a while."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.handler.VIEWER_SLOW_AFTER_S", 0.5)
+    async with http.get(video_url(relay, sim1, "huge"), headers=login) as answer:
+        answer.connection.transport.pause_reading()
+        await until(lambda: relay.relay.connections.count("video") == 0, "the viewer is cut")
+        assert robot.huge_sent < 40 * 1024 * 1024
+        answer.close()
+
+
+async def test_login_video_without_a_database_says_so(
+    *, relay, robot, sim1, http, login, memory_database
+):
+    """A login that cannot be looked up gets 503 store_unavailable; a ticket still works."""
+    memory_database.down = True
+    async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
+    url = video_url(relay, sim1, f"snapshot?ticket={relay.ticket(sim1)}")
+    async with http.get(url) as answer:
+        assert answer.status == 200
+
+
+@pytest.mark.parametrize(
+    ("path", "query", "expected"),
+    [
+        ("/robots/sim1/video", "", "/"),
+        ("/robots/sim1/video/", "ticket=t", "/"),
+        ("/robots/sim1/video/a/b%20c", "x=ticket=1", "/a/b%20c?x=ticket=1"),
+        ("/robots/sim1/video/stream", "topic=/a&ticket=t&q=1", f"/stream?topic=/a&q=1&{QOS}"),
+        ("/robots/sim1/video/a%2Fb", "topic=%2Fa%2fb%20c", f"/a%2Fb?topic=/a/b%20c&{QOS}"),
+        ("/robots/sim1/video/s", "topic=/a&qos_profile=default", "/s?topic=/a&qos_profile=default"),
+    ],
+)
+def test_the_robot_is_asked_for_the_rest(path, query, expected):
+    """Prefix and ticket go, a topic has plain slashes and a QoS, the rest stays as it was written."""
+    assert path_for_robot(path, query) == expected
+
+
+@pytest.mark.parametrize("name", ["ticket", "%74icket", "tick%65t", "%74%69%63%6B%65%74"])
+async def test_ticket_in_any_spelling_stays_here(relay, robot, sim1, http, name):
+    """A name that lets a viewer in is a name that the robot does not get."""
+    url = video_url(relay, sim1, f"snapshot?topic=/a/b&{name}={relay.ticket(sim1)}&q=5%300")
+    async with http.get(URL(url, encoded=True)) as answer:
+        assert answer.status == 200
+    asked = robot.video_requests[0]["path"]
+    assert asked == "/snapshot?topic=/a/b&q=5%300&qos_profile=sensor_data"
+
+
+async def test_a_robot_that_never_came_keeps_no_viewer(relay, sim1, http):
+    """A ticket for a robot that is offline is answered at once."""
+    robot = FakeRobot(sim1.id, SESSION_KEY)
+    url = video_url(relay, sim1, f"stream?ticket={relay.ticket(sim1)}")
+    async with asyncio.timeout(WAIT_S), http.get(url) as answer:
+        assert answer.status == 503
+    await robot.stop()

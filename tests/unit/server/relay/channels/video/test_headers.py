@@ -1,0 +1,139 @@
+"""What passes between a viewer and a robot's web server, header by header."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_server.problems import DestinationRefused
+from robotether_server.relay.channels.video.headers import (
+    check_destination,
+    headers_for_robot,
+    headers_for_viewer,
+)
+
+
+@pytest.mark.parametrize("destination", ["image", "video", "empty", "document", "iframe", "frame"])
+def test_what_shows_a_picture_may_have_it(destination):
+    """Frames, films, pages in their sandbox, and data for a page's own script."""
+    check_destination({"Sec-Fetch-Dest": destination})
+
+
+@pytest.mark.parametrize("destination", ["document", "frame", "iframe"])
+@pytest.mark.parametrize("kind", ["multipart/x-mixed-replace;boundary=b", " Multipart/mixed"])
+def test_a_robots_parts_are_no_documents(destination, kind):
+    """Each could be a page with headers of its own."""
+    with pytest.raises(DestinationRefused):
+        headers_for_viewer({"Content-Type": kind}, destination=destination)
+    assert headers_for_viewer({"Content-Type": "image/jpeg"}, destination=destination)
+    assert headers_for_viewer({"Content-Type": kind}, destination="image")
+
+
+def test_a_program_says_no_destination():
+    """Only browsers know the header, and all of those that run the pages do."""
+    check_destination({})
+
+
+@pytest.mark.parametrize(
+    "destination",
+    [
+        "script",
+        "worker",
+        "sharedworker",
+        "serviceworker",
+        "style",
+        "object",
+        "embed",
+        "audioworklet",
+        "paintworklet",
+        "manifest",
+        "xslt",
+        "json",
+        "Script",
+        "a word of tomorrow",
+        "",
+    ],
+)
+def test_what_would_run_or_apply_it_may_not(destination):
+    """Whatever is not known to show it only."""
+    with pytest.raises(DestinationRefused):
+        check_destination({"Sec-Fetch-Dest": destination})
+
+
+@pytest.mark.parametrize(
+    "content_type",
+    [
+        "image/jpeg",
+        "image/svg+xml",
+        "video/webm",
+        "multipart/x-mixed-replace;boundary=--frame",
+        "multipart/x-mixed-replace; boundary=frame",
+        "text/html; charset=utf-8",
+        "text/plain",
+        "application/json",
+        "Image/PNG",
+    ],
+)
+def test_pictures_and_plain_pages_keep_their_type(content_type):
+    """What web_video_server and its like send arrives as it is."""
+    headers = headers_for_viewer({"Content-Type": content_type})
+    assert headers["Content-Type"] == content_type
+    assert "Content-Disposition" not in headers
+
+
+@pytest.mark.parametrize(
+    "content_type",
+    [
+        "text/javascript",
+        "application/javascript",
+        "text/css",
+        "application/wasm",
+        "application/pdf",
+        "application/xhtml+xml",
+        "text/xml",
+        "multipart/mixed",
+        "image/png, text/javascript",
+        "image/png; a=b, text/javascript",
+        "image/png text/javascript",
+        "image/",
+        "text/htmlx",
+        "",
+        None,
+    ],
+)
+def test_any_other_type_is_a_file_to_be_saved(content_type):
+    """Also the last of a list, which is the one that browsers take, and none at all."""
+    sent = {"Content-Disposition": "inline; filename=a.js"}
+    headers = headers_for_viewer(
+        sent | ({} if content_type is None else {"Content-Type": content_type})
+    )
+    assert headers.getall("Content-Type") == ["application/octet-stream"]
+    assert headers.getall("Content-Disposition") == ["attachment"]
+
+
+@pytest.mark.parametrize("text", ["\udcff", "a\x01b", "caf\xe9", "a\x7f"])
+def test_header_that_cannot_be_written_again_is_dropped(text):
+    """Neither side gets an error for what the other one sent."""
+    sent = {"ETag": text, "X-Timestamp": "12.5", "Content-Type": "image/jpeg"}
+    assert "ETag" not in headers_for_viewer(sent)
+    assert headers_for_viewer(sent)["X-Timestamp"] == "12.5"
+    assert dict(headers_for_robot({"User-Agent": text, "Accept": "*/*"})) == {"Accept": "*/*"}
+
+
+def test_every_answer_is_shut_in():
+    """Whatever the robot says of it."""
+    headers = headers_for_viewer({"Content-Security-Policy": "script-src *", "Location": "/"})
+    assert headers["Content-Security-Policy"] == "sandbox"
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
+    assert "Location" not in headers
+
+
+def test_the_robot_gets_no_upgrade_and_no_credential():
+    """Only what helps it to answer."""
+    sent = {
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Cookie": "a=b",
+        "Authorization": "Bearer x",
+        "Accept": "image/*",
+    }
+    assert dict(headers_for_robot(sent)) == {"Accept": "image/*"}

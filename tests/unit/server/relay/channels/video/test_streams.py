@@ -1,0 +1,198 @@
+"""Multipart streams out of a feed, as <img> and programs read them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import aiohttp
+import pytest
+from fake_robot import JPEG
+from relay_server import until
+from robotether_common.frames import QOS
+from robotether_server.db.fleet import RelayUser
+
+ANN = RelayUser(1, "ann")
+
+
+def video_url(relay, robot, rest: str) -> str:
+    return f"{relay.url}/robots/{robot.name}/video/{rest}"
+
+
+async def head_and_frame(
+    answer: aiohttp.ClientResponse, size: int = len(JPEG)
+) -> tuple[dict[str, str], bytes]:
+    """Read one part and the boundary behind it."""
+    async with asyncio.timeout(5):
+        lines = (await answer.content.readuntil(b"\r\n\r\n")).decode().split("\r\n")
+        headers = dict(line.split(": ") for line in lines if ": " in line)
+        assert int(headers["Content-Length"]) == size
+        frame = await answer.content.readexactly(size)
+        boundary = answer.headers["Content-Type"].partition("boundary=")[2]
+        assert await answer.content.readuntil(b"\n") == b"\r\n"
+        assert await answer.content.readuntil(b"\n") == f"--{boundary}\r\n".encode()
+    return headers, frame
+
+
+async def showing(camera) -> None:
+    """Show frames as fast as credit comes."""
+    while True:
+        await camera.show(JPEG)
+        await asyncio.sleep(0.01)
+
+
+@pytest.fixture
+async def on_air(camera):
+    """A camera that shows frames."""
+    task = asyncio.create_task(showing(camera))
+    yield camera
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_a_stream_comes_out_of_the_feed(*, relay, sim1, http, login, on_air, robot):
+    """Parts with moment and number, from the frames service and not from web_video_server."""
+    async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+        assert answer.status == 200
+        assert answer.content_type == "multipart/x-mixed-replace"
+        assert answer.headers["Cache-Control"] == "no-store"
+        assert answer.headers["Content-Security-Policy"] == "sandbox"
+        assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
+        await answer.content.readuntil(b"\r\n")
+        numbers = []
+        for _ in range(3):
+            headers, frame = await head_and_frame(answer)
+            assert frame == JPEG
+            assert 0 <= time.time() - float(headers["X-Timestamp"]) < 1
+            numbers.append(int(headers["X-Number"]))
+        assert sorted(set(numbers)) == numbers
+    assert on_air.topics == ["/a"]
+    assert robot.video_requests == []
+    await until(lambda: not on_air.connections, "the feed is closed")
+    viewer_counts = relay.relay.viewer_stats.of(7, ANN.id)
+    assert viewer_counts.frames >= 3
+    assert viewer_counts.bytes == viewer_counts.frames * len(JPEG)
+
+
+async def test_streams_and_frames_share_a_feed(*, relay, sim1, http, login, on_air, watch):
+    """Whatever way they look, one stream leaves the robot."""
+    viewer = await watch()
+    url = video_url(relay, sim1, "stream?topic=/a&quality=35&width=320&height=240")
+    async with http.get(url, headers=login) as answer:
+        await answer.content.readuntil(b"\r\n")
+        await head_and_frame(answer)
+        await viewer.credit()
+        assert (await viewer.frame()).jpeg == JPEG
+    assert on_air.topics == ["/a"]
+
+
+async def test_a_quality_is_the_best_that_is_wanted(*, relay, sim1, http, login, on_air):
+    """The robot may go below it on a narrow link, and not above."""
+    url = video_url(relay, sim1, "stream?topic=/a&quality=15&width=320&height=240")
+    async with http.get(url, headers=login) as answer:
+        assert answer.status == 200
+    await on_air.wait_for("want", quality_min=15, quality_max=15, width=320, height=240)
+
+
+@pytest.mark.parametrize(
+    "query", ["quality=0", "quality=high", "width=320", "width=5000&height=1", "quality=1e2"]
+)
+async def test_an_invalid_request_is_refused(*, relay, sim1, http, login, on_air, query):
+    """422, and the robot is not asked."""
+    async with http.get(
+        video_url(relay, sim1, f"stream?topic=/a&{query}"), headers=login
+    ) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (422, "field_invalid")
+    assert on_air.topics == []
+
+
+@pytest.mark.parametrize("more", ["&type=vp8", "&invert=1", "&default_transport=theora"])
+async def test_what_no_feed_can_is_passed_through(*, relay, sim1, http, login, on_air, robot, more):
+    """web_video_server answers it itself."""
+    async with http.get(video_url(relay, sim1, f"stream?topic=/a{more}"), headers=login) as answer:
+        await asyncio.wait_for(answer.content.readuntil(JPEG), 5)
+    asked = f"/stream?topic=/a{more}&{QOS}"
+    assert [request["path"] for request in robot.video_requests] == [asked]
+    assert on_air.topics == []
+
+
+async def test_a_ticket_lets_pages_of_others_show_it(*, relay, sim1, http, on_air):
+    """The answer says that it may be embedded, and so does a still."""
+    ticket = relay.ticket(sim1)
+    for path in ("stream?topic=/a", "snapshot?topic=/a"):
+        async with http.get(video_url(relay, sim1, f"{path}&ticket={ticket}")) as answer:
+            assert answer.headers["Cross-Origin-Resource-Policy"] == "cross-origin"
+
+
+async def test_a_page_that_is_allowed_may_read_it(*, relay, sim1, http, on_air):
+    """CORS for ALLOWED_ORIGINS, while others are refused."""
+    url = video_url(relay, sim1, f"stream?topic=/a&ticket={relay.ticket(sim1)}")
+    async with http.get(url, headers={"Origin": "https://lab.example"}) as answer:
+        assert answer.headers["Access-Control-Allow-Origin"] == "https://lab.example"
+        assert "Access-Control-Allow-Credentials" not in answer.headers
+    async with http.get(url, headers={"Origin": "https://evil.example"}) as answer:
+        assert answer.status == 403
+        assert "Access-Control-Allow-Origin" not in answer.headers
+
+
+async def test_head_tells_what_get_would(*, relay, sim1, http, login, on_air):
+    """Without a frame."""
+    async with http.head(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+        assert answer.status == 200
+        assert answer.content_type == "multipart/x-mixed-replace"
+        assert await answer.read() == b""
+
+
+async def test_a_camera_without_a_frame_is_no_frames(
+    *, relay, sim1, http, login, camera, monkeypatch
+):
+    """502 with what the robot says of it, and no answer that never begins."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.streams.FIRST_FRAME_WITHIN_S", 0.5)
+    url = video_url(relay, sim1, "stream?topic=/a")
+    asking = asyncio.create_task(http.get(url, headers=login))
+    await camera.wait_for("want")
+    await camera.send_status(state="down", detail="nobody publishes /a")
+    async with await asking as answer:
+        problem = await answer.json()
+    assert (answer.status, problem["code"]) == (502, "no_frames")
+    assert "nobody publishes /a" in problem["detail"]
+
+
+async def test_a_robot_that_refuses_is_video_down(*, relay, sim1, http, login, camera, monkeypatch):
+    """502, and it is not asked for the same in another way."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.OPENS_WITHIN_S", 0.1)
+    camera.mode = "full"
+    async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
+
+
+async def test_a_lost_link_cuts_the_stream(*, relay, sim1, http, login, on_air, robot):
+    """The viewer does not take it for whole."""
+    async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+        await answer.content.readuntil(JPEG)
+        await robot.session.close()
+        async with asyncio.timeout(5):
+            with pytest.raises(aiohttp.ClientError):
+                await answer.read()
+
+
+async def test_who_takes_nothing_skips_and_is_cut(
+    *, relay, sim1, http, login, camera, watch, monkeypatch
+):
+    """Little waits for it, and another viewer sees each frame meanwhile."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.streams.VIEWER_SLOW_AFTER_S", 0.5)
+    # Under what aiohttp waits for by itself.
+    viewer, large = await watch(RelayUser(2, "bob")), b"x" * 60_000
+    await camera.wait_for("credit")
+    await camera.show(large)
+    await viewer.credit()
+    await viewer.frame()
+    async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+        answer.connection.transport.pause_reading()
+        for _ in range(100):
+            await viewer.credit()
+            sequence = await camera.show(large)
+            assert (await viewer.frame()).sequence == sequence
+        assert relay.relay.viewer_stats.of(7, ANN.id).frames <= 50
+        await until(lambda: relay.relay.connections.count("video") == 1, "it is cut")
+        answer.close()

@@ -1,0 +1,384 @@
+"""The relay's way to the database: what it does when that hangs, and the whole path with it."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime as dt
+import threading
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from socket import create_server
+
+import pytest
+from aiohttp import ClientSession, TCPConnector
+from fake_robot import FINGERPRINT, WAIT_S, FakeRobot, Mode
+from granted import give
+from mariadb_server import MariaDb
+from relay_clients import closing
+from relay_server import SESSION_KEY, RelayServer, running_relay, until
+from robotether_server.db import Database, Transaction, cells, credentials, grants, robots, users
+from robotether_server.db.control import NewLease
+from robotether_server.db.fleet import Credential, RelayUser
+from robotether_server.identity import PublicKey
+from robotether_server.problems import StoreUnavailable
+from robotether_server.relay.auth.credentials import credential_of
+from robotether_server.relay.records import database as module
+from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.settings import DatabaseSettings
+from stopwatch import Stopwatch
+
+PUBLISH = '{"op":"publish","topic":"/cmd_vel"}'
+SUBSCRIBE = '{"op":"subscribe","topic":"/a"}'
+
+
+@pytest.fixture
+def paused(mariadb: MariaDb) -> Iterator[MariaDb]:
+    """A database that accepts connections and answers nothing."""
+    mariadb.container.pause()
+    try:
+        yield mariadb
+    finally:
+        mariadb.container.unpause()
+
+
+@pytest.fixture
+def ann(database: Database) -> RelayUser:
+    """A user who drives sim1."""
+    with database.transaction() as tx:
+        robot_id = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
+        robots.rotate_key(tx, robot_id, PublicKey("ssh-ed25519 AAAA", FINGERPRINT))
+        robots.set_state(tx, robot_id, "active")
+        # The longest that is allowed: the machine of a test may be busy.
+        robots.set_settings(tx, robot_id, {"guard": {"max_age_ms": 2000}})
+        ann_id = users.add(tx, "ann", "x", "user")
+        give(tx, ann_id, robot_id, "drive")
+    return RelayUser(ann_id, "ann")
+
+
+@pytest.fixture
+def patient(mariadb: MariaDb, monkeypatch: pytest.MonkeyPatch) -> RelayDatabase:
+    """The relay's way to the database, which may be slow because the machine is busy."""
+    monkeypatch.setattr(module, "BRIEF_S", WAIT_S)
+    return RelayDatabase(Database(mariadb.settings("relay")), "main", answer_within_s=WAIT_S)
+
+
+def log_in(database: Database) -> Credential:
+    """Log ann in."""
+    with database.transaction() as tx:
+        text = credentials.create_login(
+            tx, users.get(tx, "ann"), "192.0.2.1", dt.timedelta(hours=1)
+        )
+    return credential_of("login", text)
+
+
+@asynccontextmanager
+async def robot_of(relay: RelayServer, mode: Mode = "guard_off") -> AsyncIterator[FakeRobot]:
+    """Have sim1 online and well."""
+    # A database that was too slow for the first question answers one of the next.
+    await until(lambda: "sim1" in relay.relay.fleet.known.by_name, "the relay knows sim1")
+    sim1 = relay.relay.fleet.known.by_name["sim1"]
+    robot = FakeRobot(sim1.id, SESSION_KEY, mode)
+    await robot.start(relay.relay.session_port)
+    await until(lambda: relay.relay.registry.presence(sim1.id).ros == "ok", "sim1 is well")
+    try:
+        yield robot
+    finally:
+        await robot.stop()
+
+
+async def test_a_database_that_refuses_is_unavailable():
+    """Nobody on the port: StoreUnavailable at once."""
+    memory_database = RelayDatabase(
+        Database(DatabaseSettings("127.0.0.1", 1, "r", "relay", "x")), "main"
+    )
+    with pytest.raises(StoreUnavailable):
+        await memory_database.changes()
+    memory_database.close()
+
+
+async def test_nobody_waits_to_be_known_while_the_database_hangs():
+    """Each second something else asks whether it still does."""
+    with create_server(("127.0.0.1", 0)) as silent:
+        settings = DatabaseSettings("127.0.0.1", silent.getsockname()[1], "r", "relay", "x")
+        relay_database = RelayDatabase(Database(settings), "main", answer_within_s=0.2)
+        with pytest.raises(StoreUnavailable, match=r"no answer in 0\.2 s"):
+            await relay_database.changes()
+        with pytest.raises(StoreUnavailable, match="it hangs"):
+            await relay_database.users_of([credential_of("login", "x")])
+        relay_database.close()
+
+
+async def test_a_database_that_hangs_is_unavailable_in_time(paused):
+    """No answer: StoreUnavailable after the limit, and the loop was never held up."""
+    memory_database = RelayDatabase(Database(paused.settings("relay")), "main", answer_within_s=0.3)
+    max_s = 0.0
+    with Stopwatch() as stopwatch:
+        asking = asyncio.gather(
+            *(memory_database.changes() for _ in range(100)), return_exceptions=True
+        )
+        while not asking.done():
+            before_s = stopwatch.s
+            await asyncio.sleep(0.005)
+            max_s = max(max_s, stopwatch.s - before_s)
+        assert all(isinstance(answer, StoreUnavailable) for answer in await asking)
+    assert stopwatch.s < 1
+    assert max_s < 0.2
+    memory_database.close()
+
+
+async def test_strangers_take_no_place_of_the_relays_own_duties(
+    *, mariadb, database, ann, http, monkeypatch
+):
+    """With 200 unknown tokens not answered yet, somebody stops, somebody drives, and a right ends."""
+    login, (first_stop, observing) = log_in(database), tokens_of_ann(database)
+    is_over, answer, questions = threading.Event(), module.fleet.users_of, []
+
+    def answer_strangers_last(tx, asked):
+        found = answer(tx, asked)
+        if not found:
+            questions.append(len(asked))
+            is_over.wait(WAIT_S)
+        return found
+
+    monkeypatch.setattr(module.fleet, "users_of", answer_strangers_last)
+    relay_database = RelayDatabase(Database(mariadb.settings("relay")), "main", WAIT_S * 2)
+    async with (
+        ClientSession(connector=TCPConnector(limit=0)) as others,
+        running_relay(relay_database) as relay,
+        robot_of(relay, "guarded") as robot,
+    ):
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        control = f"{relay.url}/api/v1/robots/sim1/control"
+        strangers = asyncio.gather(
+            *(status_of(others, control, f"unknown {n}", f"192.0.2.{n % 5}") for n in range(200))
+        )
+        await until(lambda: questions, "the strangers' first question is open")
+        url = relay.ros_url(sim1, "drive", ann, login)
+        try:
+            async with asyncio.timeout(WAIT_S), http.ws_connect(url) as driver:
+                await robot.connections(1)
+                stopping = f"{relay.url}/api/v1/robots/sim1/stop"
+                bearer = {"Authorization": f"Bearer {first_stop}"}
+                async with http.post(stopping, headers=bearer) as answered:
+                    assert (await answered.json())["stopped"]["by"] == "ann"
+                assert (await closing(driver))[0] == 4003
+            async with http.ws_connect(relay.ros_url(sim1, "observe", ann, observing)) as observer:
+                with database.transaction() as tx:
+                    tx.change("DELETE FROM grants")
+                assert (await closing(observer))[0] == 4001
+            assert len(questions) == 1
+        finally:
+            is_over.set()
+        assert set(await strangers) <= {401, 429}
+
+
+def tokens_of_ann(database: Database) -> tuple[str, Credential]:
+    """Two API tokens: one as its text, and one as what a ticket holds of it."""
+    with database.transaction() as tx:
+        ann = users.get(tx, "ann")
+        texts = [credentials.create_token(tx, ann, name, None) for name in ("a", "b")]
+    return texts[0], credential_of("token", texts[1])
+
+
+async def status_of(http, url: str, token: str, address: str) -> int:
+    headers = {"Authorization": f"Bearer {token}", "X-Forwarded-For": address}
+    async with http.get(url, headers=headers) as answer:
+        return answer.status
+
+
+async def test_driving_goes_on_while_the_database_hangs(mariadb, database, ann, http):
+    """With the real database paused, an open connection goes on, and a new ticket lets one observe."""
+    memory_database = RelayDatabase(
+        Database(mariadb.settings("relay")), "main", answer_within_s=0.3
+    )
+    login = log_in(database)
+    async with running_relay(memory_database) as relay, robot_of(relay) as robot:
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
+            await until(lambda: robot.clients, "ann drives")
+            # It answers pings only while it receives, and a command is as old as the last answer.
+            echo = asyncio.create_task(socket.receive_str())
+            mariadb.container.pause()
+            try:
+                await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
+                await socket.send_str(PUBLISH)
+                assert await echo == PUBLISH
+                async with http.ws_connect(relay.ros_url(sim1, "observe", ann, login)) as second:
+                    await second.send_str(SUBSCRIBE)
+                    assert await second.receive_str() == SUBSCRIBE
+                assert robot.session.bye is None
+            finally:
+                mariadb.container.unpause()
+            await until(lambda: relay.relay.fleet.store_up, "the database is back", within_s=30)
+
+
+async def test_a_drive_begins_while_the_database_hangs(mariadb, database, ann, http):
+    """The open one goes on until then; and the database has the new one's number once it answers."""
+    login = log_in(database)
+    memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main", WAIT_S * 10)
+    async with running_relay(memory_database) as relay, robot_of(relay, "guarded") as robot:
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as first:
+            await robot.connections(1)
+            mariadb.container.pause()
+            try:
+                await first.send_str(PUBLISH)
+                assert '"fence":1}' in await first.receive_str(timeout=WAIT_S)
+                async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as second:
+                    handshakes = await robot.connections(2)
+                    assert handshakes[1]["Robotether-Fence"] == "2"
+                    assert (await closing(first))[0] == 4002
+                    await second.send_str(SUBSCRIBE)
+                    assert await second.receive_str(timeout=WAIT_S) == SUBSCRIBE
+            finally:
+                mariadb.container.unpause()
+        await relay.relay.event_writer.flush(30)
+        assert fences_in(database) == (2, [1, 2])
+    # The next relay goes on from there.
+    memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main")
+    async with running_relay(memory_database) as relay, robot_of(relay, "guarded") as robot:
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)):
+            await robot.connections(1)
+        await relay.relay.event_writer.flush(30)
+    assert fences_in(database) == (3, [1, 2, 3])
+
+
+def fences_in(database: Database) -> tuple[int, list[int]]:
+    """The newest lease's number, which is over, and those of all drives that are over."""
+    with database.transaction() as tx:
+        (lease,) = tx.rows("SELECT fence FROM control_leases WHERE ended_at IS NOT NULL")
+        drives = tx.rows("SELECT fence FROM drives WHERE ended_at IS NOT NULL ORDER BY fence")
+    return lease["fence"], [drive["fence"] for drive in drives]
+
+
+async def test_a_number_that_comes_too_late_is_not_given(
+    *, mariadb, admin_database, ann, monkeypatch
+):
+    """Else its lease would stay open in the database; and while it hangs nobody waits for it again."""
+    monkeypatch.setattr(module, "BRIEF_S", 0.2)
+    relay_database = RelayDatabase(Database(mariadb.settings("relay")), "main")
+    with admin_database.transaction() as tx:
+        robot_id = robots.get(tx, "sim1").id
+    lease = NewLease(robot_id, ann.id, "ann", dt.datetime.now(dt.UTC))
+    assert await relay_database.next_fence(lease) == 1
+    with admin_database.transaction() as tx:
+        tx.row("SELECT fence FROM control_leases FOR UPDATE")
+        for why in (r"no answer in 0\.2 s", "it hangs"):
+            with pytest.raises(StoreUnavailable, match=why):
+                await relay_database.next_fence(lease)
+        assert relay_database._open == 1
+    await until(lambda: relay_database._open == 0, "the late answer has come")
+    await relay_database.changes()
+    assert await relay_database.next_fence(lease) == 2
+    relay_database.close()
+
+
+async def test_rights_in_the_real_database_end_a_connection(patient, database, ann, http):
+    """Taking the grant's row ends the drive connection within 2 s, and the session has a row."""
+    login = log_in(database)
+    async with running_relay(patient) as relay, robot_of(relay) as robot:
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
+            # It answers pings only while it receives, and a command is as old as the last answer.
+            echo = asyncio.create_task(socket.receive_str())
+            await until(lambda: robot.clients, "ann drives")
+            await socket.send_str(PUBLISH)
+            assert await echo == PUBLISH
+            with database.transaction() as tx:
+                grant = grants.find(tx, grants.Pair(user_id=ann.id, robot_id=sim1.id))
+                grants.remove(tx, grant.id)
+            with Stopwatch() as stopwatch:
+                assert (await closing(socket))[0] == 4001
+            assert stopwatch.s < 2
+        await relay.relay.event_writer.flush(5)
+    with database.transaction() as tx:
+        (session,) = tx.rows(
+            "SELECT robot_id, cell, end_code, ended_at, agent_version FROM robot_sessions"
+        )
+        kinds = [row["kind"] for row in tx.rows("SELECT kind FROM audit_events ORDER BY id")]
+        (drive,) = tx.rows("SELECT robot, user_name, fence, cell, end_code, messages FROM drives")
+        (lease,) = tx.rows("SELECT fence, user_name, cell, ended_at FROM control_leases")
+        (cell,) = cells.read(tx)
+    assert (session["robot_id"], session["agent_version"]) == (sim1.id, "0.1.0")
+    assert session["ended_at"] is not None
+    assert kinds == ["drive_started", "drive_ended"]
+    assert drive == {
+        "robot": "sim1",
+        "user_name": "ann",
+        "fence": 1,
+        "cell": "main",
+        "end_code": "rights_ended",
+        "messages": 1,
+    }
+    assert (lease["fence"], lease["user_name"], lease["cell"]) == (1, "ann", "main")
+    assert (cell.name, cell.is_alive, session["cell"]) == ("main", True, "main")
+    assert lease["ended_at"] is not None
+
+
+def log_out(tx: Transaction, ann: users.User, text: str) -> None:
+    assert credentials.end_login(tx, text)
+
+
+def change_password(tx: Transaction, ann: users.User, text: str) -> None:
+    users.set_password(tx, ann.id, "y")
+
+
+def disable(tx: Transaction, ann: users.User, text: str) -> None:
+    users.set_disabled(tx, ann.id, disabled=True)
+
+
+def delete_token(tx: Transaction, ann: users.User, text: str) -> None:
+    (token,) = credentials.list_tokens_of(tx, ann)
+    credentials.delete_token(tx, token.id)
+
+
+@pytest.mark.parametrize(
+    ("kind", "deed", "ends"),
+    [
+        ("login", log_out, True),
+        ("login", change_password, True),
+        ("login", disable, True),
+        ("token", disable, True),
+        ("token", delete_token, True),
+        ("token", change_password, False),
+    ],
+)
+async def test_what_ends_a_credential_ends_what_it_opened(
+    *, patient, database, ann, http, kind, deed, ends
+):
+    """In the real database: logins end with log-out and new password, tokens when deleted."""
+    with database.transaction() as tx:
+        user = users.get(tx, "ann")
+        if kind == "login":
+            text = credentials.create_login(tx, user, "192.0.2.1", dt.timedelta(hours=1))
+        else:
+            text = credentials.create_token(tx, user, "lab", None)
+    credential = credential_of(kind, text)
+    async with running_relay(patient) as relay, robot_of(relay) as robot:
+        sim1 = relay.relay.fleet.known.by_name["sim1"]
+        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, credential)) as socket:
+            # It answers pings only while it receives, and a command is as old as the last answer.
+            echo = asyncio.create_task(socket.receive_str())
+            await until(lambda: robot.clients, "ann drives")
+            await socket.send_str(PUBLISH)
+            assert await echo == PUBLISH
+            answer = asyncio.create_task(socket.receive())
+            await relay.relay.fleet.poll()
+            with database.transaction() as tx:
+                deed(tx, user, text)
+            await relay.relay.fleet.poll()
+            if ends:
+                with Stopwatch() as stopwatch:
+                    assert (await asyncio.wait_for(answer, WAIT_S)).data == 4001
+                assert stopwatch.s < 2
+            else:
+                await socket.send_str(PUBLISH)
+                assert (await answer).data == PUBLISH
+
+
+async def test_a_login_of_the_real_database_is_found(mariadb, database, ann):
+    """The cookie's text leads to its user."""
+    login = log_in(database)
+    memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main")
+    assert await memory_database.users_of([login]) == {login: ann}
+    memory_database.close()

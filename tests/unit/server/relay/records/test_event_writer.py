@@ -1,0 +1,303 @@
+"""The background writer, with records that come and go."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+from fake_robot import WAIT_S
+from relay_server import MemoryDatabase, until, utc
+from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, Stop, StopEntry
+from robotether_server.db.fleet import AuditEntry, Entry, FormerSessions, SessionEntry
+from robotether_server.problems import RecordRefused
+from robotether_server.relay.records.event_writer import EventWriter
+from robotether_server.relay.records.journal import MAX_STALE_LINES, Journal, JournalEntry
+
+NOW = utc(2026, 1, 1)
+
+
+class Picky(MemoryDatabase):
+    """Records that refuse the sessions of robot 13, as for a robot that was deleted."""
+
+    async def write(self, entries):
+        if any(getattr(entry, "robot_id", 0) == 13 for entry in entries):
+            raise RecordRefused("no such robot")
+        return await super().write(entries)
+
+
+class Broken(MemoryDatabase):
+    """Records with a defect that the sessions of robot 13 meet."""
+
+    async def write(self, entries):
+        if any(getattr(entry, "robot_id", 0) == 13 for entry in entries):
+            raise TypeError("a defect")
+        return await super().write(entries)
+
+
+class Silent(MemoryDatabase):
+    """Records that never answer."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._asked = asyncio.Event()
+
+    def is_asked(self) -> bool:
+        return self._asked.is_set()
+
+    async def write(self, entries):
+        self._asked.set()
+        await asyncio.Event().wait()
+
+
+def session(robot_id: int = 7) -> SessionEntry:
+    return SessionEntry(robot_id, NOW, "198.51.100.7")
+
+
+@pytest_asyncio.fixture
+async def event_writer(memory_database: MemoryDatabase) -> AsyncIterator[EventWriter]:
+    """A writer that runs, and holds at most 5 entries."""
+    async for event_writer in _running(memory_database):
+        yield event_writer
+
+
+async def _running(memory_database: MemoryDatabase) -> AsyncIterator[EventWriter]:
+    event_writer = EventWriter(memory_database, max_waiting=5)
+    task = asyncio.create_task(event_writer.run())
+    yield event_writer
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_entries_are_written_in_order(event_writer, memory_database):
+    """What is added is written, the first first."""
+    entries = [session(1), AuditEntry(NOW, "ann", "drive_started"), session(2)]
+    for entry in entries:
+        event_writer.add(entry)
+    await event_writer.flush(5)
+    assert memory_database.written == entries
+
+
+async def test_a_new_row_is_known_to_its_entry(event_writer, memory_database):
+    """The second write of a session updates its row."""
+    entry = session()
+    event_writer.add(entry)
+    await event_writer.flush(5)
+    assert entry.row_id == 1
+
+
+async def test_a_session_waits_once_with_its_newest_state(event_writer, memory_database):
+    """A session that changes while the database is away is one entry."""
+    memory_database.down = True
+    entry = session()
+    for code in ("link_lost", "timeout"):
+        entry.end_code = code
+        event_writer.add(entry)
+        await asyncio.sleep(0)
+    assert event_writer.waiting() <= 1
+    memory_database.down = False
+    await until(lambda: memory_database.written, "it is written")
+    assert [written.end_code for written in memory_database.sessions()] == ["timeout"]
+
+
+async def test_the_queue_is_bounded_and_says_what_it_drops(event_writer, memory_database, caplog):
+    """Beyond its bound the oldest entries go, and the log says so once."""
+    memory_database.down = True
+    for robot_id in range(20):
+        event_writer.add(session(robot_id))
+    await until(lambda: "entries wait" in caplog.text, "the log says that the database is away")
+    assert event_writer.waiting() == 5
+    assert event_writer.dropped == 15
+    assert caplog.text.count("too many entries wait for the database") == 1
+    memory_database.down = False
+    await until(lambda: len(memory_database.written) == 5, "the newest are written")
+    assert [entry.robot_id for entry in memory_database.sessions()] == [15, 16, 17, 18, 19]
+
+
+@pytest.mark.parametrize("entry", [StopEntry(7, Stop(7, NOW, "ben")), FormerSessions(NOW)])
+async def test_a_stop_and_the_end_of_former_sessions_are_never_dropped(
+    event_writer, memory_database, caplog, entry
+):
+    """However much else waits, they are written when the database is back."""
+    memory_database.down = True
+    event_writer.add(entry)
+    for robot_id in range(20):
+        event_writer.add(session(robot_id))
+    await until(lambda: "entries wait" in caplog.text, "the log says that the database is away")
+    assert event_writer.dropped > 0
+    memory_database.down = False
+    await until(lambda: entry in memory_database.written, "it is written")
+
+
+async def test_one_refused_entry_does_not_keep_the_others(caplog):
+    """What the database refuses is dropped with a line in the log; the rest is written."""
+    memory_database = Picky()
+    async for event_writer in _running(memory_database):
+        for robot_id in (1, 13, 2):
+            event_writer.add(session(robot_id))
+        await event_writer.flush(5)
+        assert [entry.robot_id for entry in memory_database.sessions()] == [1, 2]
+        assert event_writer.dropped == 1
+        assert "no such robot" in caplog.text
+
+
+async def test_an_entry_that_fails_takes_no_stop_with_it(caplog):
+    """A defect in one line of the log costs that line."""
+    memory_database = Broken()
+    stop = StopEntry(7, Stop(7, NOW, "ben"))
+    async for event_writer in _running(memory_database):
+        for entry in (session(13), stop):
+            event_writer.add(entry)
+        await event_writer.flush(5)
+        assert memory_database.written == [stop]
+        assert event_writer.dropped == 1
+        assert "Traceback" in caplog.text
+
+
+async def test_a_flush_ends_without_a_database(event_writer, memory_database, caplog):
+    """Stopping does not wait for ever, and says what was lost."""
+    memory_database.down = True
+    event_writer.add(session())
+    async with asyncio.timeout(WAIT_S):
+        await event_writer.flush(0.1)
+    assert "1 entries were not written to the database" in caplog.text
+
+
+# What waits outlives the relay that is killed.
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "journal.jsonl"
+
+
+WITHIN_S = 5.0
+START, END = LeaseStart(7, 3, 1, "ann", NOW), LeaseEnd(7, 3, NOW)
+LINE = AuditEntry(NOW, "ann", "drive_started")
+
+
+@pytest.fixture
+def drive() -> DriveEntry:
+    return DriveEntry(7, "sim1", "ann", 3, NOW, ended_at=NOW, end_code="client_left")
+
+
+@asynccontextmanager
+async def _at_work(event_writer: EventWriter) -> AsyncIterator[None]:
+    task = asyncio.create_task(event_writer.run())
+    try:
+        yield
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        event_writer.close()
+
+
+class _Settled(Journal):
+    """Waits for the disk after each entry, as the loop of a relay that has time does."""
+
+    def add(self, entry: JournalEntry) -> None:
+        super().add(entry)
+        self.wait(WITHIN_S)
+
+
+def _killed_with(path: Path, memory_database: MemoryDatabase, *entries: Entry) -> None:
+    """Leave what a relay leaves that the database did not answer."""
+    killed = EventWriter(memory_database, journal=_Settled(path))
+    for entry in entries:
+        killed.add(entry)
+    killed.close()
+
+
+def _kept(path: Path) -> list[type[Entry]]:
+    return [type(entry) for entry in Journal(path).read()]
+
+
+async def test_the_next_relay_writes_what_a_killed_one_left(path, memory_database, drive):
+    """First, and in its order; sessions are no part of it, and what ends them comes behind."""
+    _killed_with(path, memory_database, session(), START, LINE, drive, END)
+    event_writer = EventWriter(memory_database, journal=_Settled(path))
+    assert event_writer.restore() == []
+    event_writer.add(FormerSessions(NOW))
+    assert event_writer.waiting() == 5
+    async with _at_work(event_writer):
+        await event_writer.flush(5)
+    drive.row_id = 3
+    assert memory_database.written == [START, LINE, drive, END, FormerSessions(NOW)]
+
+
+async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_database):
+    """Also when the next relay is killed before."""
+    _killed_with(path, memory_database, START)
+    for _ in range(2):
+        event_writer = EventWriter(memory_database, journal=_Settled(path))
+        event_writer.restore()
+    event_writer.add(END)
+    assert Journal(path).read() == [START, END]
+    async with _at_work(event_writer):
+        await event_writer.flush(5)
+    assert Journal(path).read() == []
+
+
+async def test_stops_of_a_killed_relay_are_for_the_stops(path, memory_database):
+    """Of each robot the newest state; nothing writes them by itself."""
+    stop = StopEntry(7, Stop(7, NOW, "ben"))
+    _killed_with(path, memory_database, stop, LINE)
+    event_writer = EventWriter(memory_database, journal=_Settled(path))
+    assert event_writer.restore() == [stop]
+    assert event_writer.waiting() == 1
+    event_writer.close()
+
+
+async def test_the_journal_is_empty_when_all_is_written(path, memory_database, drive, caplog):
+    """And has what waits while anything does, also what the database was asked to write."""
+    memory_database.down = True
+    event_writer = EventWriter(memory_database, journal=_Settled(path))
+    async with _at_work(event_writer):
+        event_writer.add(drive)
+        await until(lambda: "entries wait" in caplog.text, "the log says that the database is away")
+        event_writer.add(END)
+        assert _kept(path) == [DriveEntry, LeaseEnd]
+        memory_database.down = False
+        await event_writer.flush(5)
+        assert memory_database.written == [drive, END]
+    assert path.read_bytes() == b""
+
+
+async def test_the_journal_is_bounded(path, memory_database, drive):
+    """A drive that is written every 10 s while the database is away for days is one line again."""
+    event_writer = EventWriter(memory_database, journal=_Settled(path))
+    event_writer.add(START)
+    for _ in range(3 * MAX_STALE_LINES):
+        event_writer.add(drive)
+    assert len(path.read_bytes().splitlines()) < 2 * MAX_STALE_LINES
+    event_writer.close()
+    assert Journal(path).read() == [START, drive]
+
+
+async def test_what_is_being_written_stays_when_the_journal_is_written_anew(path, drive):
+    """The database may yet not accept it."""
+    silent = Silent()
+    event_writer = EventWriter(silent, journal=_Settled(path))
+    async with _at_work(event_writer):
+        event_writer.add(START)
+        await until(silent.is_asked, "the database is asked")
+        for _ in range(2 * MAX_STALE_LINES):
+            event_writer.add(drive)
+    assert _kept(path) == [LeaseStart, DriveEntry]
+
+
+async def test_a_disk_that_cannot_be_written_costs_the_journal_alone(
+    tmp_path, memory_database, drive, caplog
+):
+    """All is written from memory."""
+    event_writer = EventWriter(memory_database, journal=Journal(tmp_path / "no" / "journal"))
+    assert event_writer.restore() == []
+    for entry in (START, drive, END):
+        event_writer.add(entry)
+    async with _at_work(event_writer):
+        await event_writer.flush(5)
+    assert memory_database.written == [START, drive, END]
+    assert caplog.text.count("cannot write the journal") == 1

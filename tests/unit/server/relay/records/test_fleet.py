@@ -1,0 +1,117 @@
+"""Polling for changes, with records that come and go."""
+
+from __future__ import annotations
+
+import pytest
+from relay_server import MemoryDatabase, utc
+from robotether_server.db.fleet import RelayUser, Snapshot
+from robotether_server.problems import StoreUnavailable
+from robotether_server.relay.records.fleet import Fleet
+
+
+class Heard:
+    """What the fleet called back."""
+
+    def __init__(self) -> None:
+        self.snapshots: list[Snapshot] = []
+        self.rechecks = 0
+        self.checks_of_new = 0
+        self.last_seen: list[object] = []
+        self.kept: list[object] = []
+
+    async def recheck(self) -> None:
+        self.rechecks += 1
+
+    async def check_new(self) -> None:
+        self.checks_of_new += 1
+
+
+@pytest.fixture
+def heard() -> Heard:
+    """Callbacks that count."""
+    return Heard()
+
+
+@pytest.fixture
+def fleet(memory_database: MemoryDatabase, heard: Heard) -> Fleet:
+    """A fleet that is polled by hand."""
+    return Fleet(
+        memory_database,
+        rights_changed=heard.snapshots.append,
+        credentials_changed=heard.recheck,
+        check_new_credentials=heard.check_new,
+        last_seen=heard.last_seen.append,
+        on_stored_control=heard.kept.append,
+    )
+
+
+async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_database, heard):
+    """Three polls with one change between are two snapshots."""
+    await fleet.poll()
+    await fleet.poll()
+    assert len(heard.snapshots) == 1
+    memory_database.add_robot(8, "sim2")
+    await fleet.poll()
+    assert [sorted(snapshot.robots) for snapshot in heard.snapshots] == [[7], [7, 8]]
+    assert fleet.snapshot is heard.snapshots[1]
+
+
+async def test_the_past_is_read_once(fleet, memory_database, heard):
+    """Since when robots are offline is asked at the first contact."""
+    memory_database.seen = [(7, utc(2026, 1, 1), None)]
+    await fleet.poll()
+    memory_database.add_robot(8, "sim2")
+    await fleet.poll()
+    assert heard.last_seen == [[(7, utc(2026, 1, 1), None)]]
+
+
+async def test_a_new_login_is_no_new_snapshot(fleet, memory_database, heard):
+    """Credentials are checked anew without reading the fleet."""
+    await fleet.poll()
+    memory_database.add_credential("login", RelayUser(1, "ann"))
+    await fleet.poll()
+    assert (len(heard.snapshots), heard.rechecks) == (1, 2)
+
+
+async def test_new_credentials_are_looked_at_when_nothing_changed(fleet, heard):
+    """What came since the last change may hang on what that change has ended."""
+    for _ in range(3):
+        await fleet.poll()
+    assert (heard.rechecks, heard.checks_of_new) == (1, 2)
+
+
+async def test_without_a_first_answer_there_is_no_snapshot(fleet, memory_database):
+    """Asking for rights says that the records are unavailable."""
+    memory_database.down = True
+    await fleet.poll()
+    with pytest.raises(StoreUnavailable):
+        _ = fleet.snapshot
+    assert fleet.known.robots == {}
+
+
+async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, memory_database, caplog):
+    """However long the database is away, the log has a line for its going and its coming."""
+    await fleet.poll()
+    memory_database.down = True
+    for _ in range(3):
+        await fleet.poll()
+    assert sorted(fleet.snapshot.robots) == [7]
+    assert not fleet.store_up
+    memory_database.down = False
+    await fleet.poll()
+    assert fleet.store_up
+    assert [record.message.split(";")[0] for record in caplog.records] == [
+        "cannot reach the database: the test took them away",
+        "the database answers again",
+    ]
+
+
+async def test_a_change_during_an_outage_is_seen_afterwards(fleet, memory_database, heard):
+    """Nothing that happened meanwhile is missed."""
+    await fleet.poll()
+    memory_database.down = True
+    await fleet.poll()
+    memory_database.add_robot(8, "sim2")
+    memory_database.down = False
+    await fleet.poll()
+    assert sorted(heard.snapshots[-1].robots) == [7, 8]
