@@ -128,7 +128,7 @@ def test_video_shows_the_robots_camera(page: Page, stack: Stack) -> None:
     """The picture is there, with the size of a camera frame."""
     open_robot(page, stack, "sim1")
     page.wait_for_function(
-        "() => document.querySelector('[data-picture=live] [data-testid=video]')?.width >= 160",
+        "() => document.querySelector('[data-frame=live] [data-testid=video]')?.width >= 160",
         timeout=10_000,
     )
 

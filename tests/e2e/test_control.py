@@ -323,7 +323,7 @@ def _late(route: Route, seconds: float) -> None:
 
 
 def _wait_for_picture(page: Page) -> None:
-    expect(page.get_by_test_id("tile").first).to_have_attribute("data-picture", "live")
+    expect(page.get_by_test_id("tile").first).to_have_attribute("data-frame", "live")
 
 
 def test_a_key_while_somebody_drives_takes_and_asks_nothing(

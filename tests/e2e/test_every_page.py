@@ -151,8 +151,8 @@ class Looks:
         self.page.evaluate(UNFOLD)
         self.page.evaluate(Axe().axe_script)
         self._axe("", RULES)
-        self._questions += self.page.locator(".deed").count()
-        if self.page.locator(".deed").count() and self._questions > 2:
+        self._questions += self.page.locator(".confirm").count()
+        if self.page.locator(".confirm").count() and self._questions > 2:
             return  # they differ in their words alone
         self._be(DESKTOP, color_scheme="dark")
         self._axe("dark", BY_LOOK)

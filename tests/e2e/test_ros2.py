@@ -99,7 +99,7 @@ def test_page_drives_it_and_shows_its_sensors(page: Page, stack: Stack) -> None:
     """Camera, scan and battery come from its graph; while W is held its odometry says that it drives."""
     drive_live(page, stack, ROBOT)
     camera = page.locator("[data-testid=tile][data-topic='/camera/image_raw']")
-    expect(camera).to_have_attribute("data-picture", "live", timeout=20_000)
+    expect(camera).to_have_attribute("data-frame", "live", timeout=20_000)
     speed = page.get_by_test_id("speed-linear")
     expect(speed).to_contain_text("0.00 m/s")
     expect_armed(page)

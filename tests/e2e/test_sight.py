@@ -79,7 +79,7 @@ def _view(page: Page, source: str) -> Locator:
 
 
 def _expect_picture(tile: Locator, state: str, seconds: float = 10) -> None:
-    expect(tile).to_have_attribute("data-picture", state, timeout=seconds * 1000)
+    expect(tile).to_have_attribute("data-frame", state, timeout=seconds * 1000)
 
 
 def _expect_main(page: Page, topic: str) -> None:

@@ -7,10 +7,10 @@ import { TicketRefused, backoff } from "./api.js";
 
 /** @typedef {import("./rosbridge.js").Link} Link */
 
-const OPEN_MS = 5000;
-const ANSWER_MS = 8000; // over the 5 s after which rosbridge gives up on a service itself
-const SILENCE_MS = 6000;
-const WATCH_MS = 1000;
+const OPEN_MS = 5000; // time limit for the WebSocket to open
+const ANSWER_MS = 8000; // time limit for the robot's first answer, over the 5 s of rosbridge for a service
+const SILENCE_MS = 6000; // time limit for silence of the robot
+const WATCH_MS = 1000; // interval between checks of it
 
 /** @type {{onLeaving: () => void, onLink: (send: ((operation: object) => boolean) | null) => void, onOwn: (operation: any) => void}} */
 const NO_HANDLERS = { onLeaving() {}, onLink() {}, onOwn() {} };

@@ -201,9 +201,9 @@ export class FrameStream {
 
 // One WebSocket of the frames protocol (docs/reference/media.md), from its opening to its end; FrameStream opens the next one.
 // It must never have more frames under way than the page can show, or what it shows would be late.
-const CREDITS = 2; // one is shown while the next is on its way
+const CREDITS = 2; // number of frames on their way: one is shown while the next comes
 const SYNC_MS = 500;
-const SILENCE_MS = 4000; // every beat is answered
+const SILENCE_MS = 4000; // time limit for silence of the sender, which answers every beat
 
 class FramesLink {
   // `want` as in docs/reference/media.md. `onFrame({jpeg, number, at, quality, byCamera, bytes})` may give a promise: the next
@@ -232,7 +232,7 @@ class FramesLink {
     this.opened = true;
     this.receivedAt = this.now();
     this.send({ op: "want", ...this.wanted });
-    this.sendSync(); // before the first credit, so that the first picture's moment is known
+    this.sendSync(); // before the first credit, so that the first frame's timestamp is known
     this.credit(CREDITS);
   }
 
@@ -334,7 +334,7 @@ export function readFrame(data) {
 // before the sender reads its clock, so each difference is at least the true one, and the least comes nearest: a
 // timestamp is never later than the truth. Pure.
 const MAX_AGE_MS = 30_000;
-const STEP_MS = 250; // over what clocks drift in that time, and over what browsers blur them by
+const STEP_MS = 250; // least step of a clock that counts as a sleep: over drift and over what browsers blur by
 
 export class SenderClock {
   // `now()` and `wall()` as of BROWSER.
@@ -354,8 +354,8 @@ export class SenderClock {
   // The timestamp on the clock of `now()`; null while nothing is known of the sender's clock.
   timestamp(sender_ms) {
     const now = this.now();
-    const known = this.fresh(now).map(({ ahead }) => ahead);
-    return known.length ? Math.min(now, sender_ms - Math.min(...known)) : null;
+    const offsets = this.fresh(now).map(({ ahead }) => ahead);
+    return offsets.length ? Math.min(now, sender_ms - Math.min(...offsets)) : null;
   }
 
   // After a sleep of this machine, what was known would make old frames look new.

@@ -111,18 +111,18 @@ export class Robot {
   // or by its word on the connection: what was only sent may be on a dead link.
   async stop() {
     this.driver.halt();
-    const heard = this.awaitStop();
+    const confirmation = this.awaitStop();
     this.session.stopRobot();
     const answer = await this.api?.stop(this.name);
-    return Boolean(answer?.ok) || heard;
+    return Boolean(answer?.ok) || confirmation;
   }
 
   awaitStop() {
     return new Promise((resolve) => {
-      const settle = (heard) => {
+      const settle = (confirmed) => {
         clearTimeout(timer);
         ends.forEach((end) => end());
-        resolve(heard);
+        resolve(confirmed);
       };
       const timer = setTimeout(() => settle(false), STOP_CONFIRM_MS);
       const ends = [
@@ -161,7 +161,7 @@ export class Robot {
   // Lets the robot know the topic before the first message: ROS loses what is published before subscribers have found it.
   advertise(topic, type) {
     const name = fullName(topic);
-    if (name === this.driveTopic) throw new Error(`cannot publish on ${topic}: drive() does, with each command's moment`);
+    if (name === this.driveTopic) throw new Error(`cannot publish on ${topic}: drive() does, with each command's timestamp`);
     if (!this.publishers.has(name)) this.publishers.set(name, this.session.connection.advertise({ name, type }));
   }
 
@@ -215,19 +215,19 @@ export class Robot {
   }
 
   async readDriveType(call) {
-    const found = await this.driveTypeQuery.find(call);
-    this.session.useType(this.driveType ?? found);
+    const type = await this.driveTypeQuery.find(call);
+    this.session.useType(this.driveType ?? type);
   }
 
   showState(state) {
     if (state.lost) this.mode = "observe"; // somebody else drives: this page looks on
     this.session.use(this.driving);
     this.driver.arm(this.driving);
-    this.tell(state);
+    this.notifyState(state);
     if (state.name === "server_unreachable" && !state.reason) this.explainUnreachable(state);
   }
 
-  tell(state) {
+  notifyState(state) {
     for (const handler of [...this.handlers.state]) handler({ ...state, driving: this.driving });
   }
 
@@ -238,7 +238,7 @@ export class Robot {
     const answers = await fetch(`${this.server}${MODULE}`, request)
       .then(({ ok }) => ok)
       .catch(() => false);
-    if (answers && this.session.connection.state === state) this.tell({ ...state, reason: reasons.site(location.origin) });
+    if (answers && this.session.connection.state === state) this.notifyState({ ...state, reason: reasons.site(location.origin) });
   }
 
   receive(control) {
@@ -292,12 +292,12 @@ function canvasShower(canvas) {
 
 function imageShower(img) {
   /** @type {string | null} */
-  let shown = null;
+  let url = null;
   return async ({ jpeg }) => {
-    const before = shown;
-    shown = URL.createObjectURL(imageOf(jpeg));
+    const before = url;
+    url = URL.createObjectURL(imageOf(jpeg));
     try {
-      await load(img, shown);
+      await load(img, url);
     } finally {
       if (before) URL.revokeObjectURL(before);
     }

@@ -156,7 +156,7 @@ const IN_JSON = { NaN: "null", Infinity: "1e999", "-Infinity": "-1e999" }; // to
 
 function parsePythons(data) {
   try {
-    return JSON.parse(data.replace(STRING_OR_NO_NUMBER, (found) => IN_JSON[found] ?? found));
+    return JSON.parse(data.replace(STRING_OR_NO_NUMBER, (part) => IN_JSON[part] ?? part));
   } catch {
     return null;
   }
@@ -196,21 +196,21 @@ function carMessage(speed, turn, wheelbase) {
 }
 
 // What a robot does not know is missing, null, NaN or infinite in its messages: null here.
-const known = (value) => (Number.isFinite(value) ? value : null);
+const finite = (value) => (Number.isFinite(value) ? value : null);
 
 // The member at a path such as "twist.linear.x"; undefined where one of its steps is missing.
 const member = (message, path) => path.split(".").reduce((value, step) => value?.[step], message);
 
 const SPEED_READERS = {
   "nav_msgs/Odometry": (message) => ({
-    forward: known(member(message, "twist.twist.linear.x")),
-    left: known(member(message, "twist.twist.linear.y")),
-    turn: known(member(message, "twist.twist.angular.z")),
+    forward: finite(member(message, "twist.twist.linear.x")),
+    left: finite(member(message, "twist.twist.linear.y")),
+    turn: finite(member(message, "twist.twist.angular.z")),
   }),
   "turtlesim/Pose": ({ linear_velocity, angular_velocity }) => ({
-    forward: known(linear_velocity),
+    forward: finite(linear_velocity),
     left: 0, // a turtle has no other
-    turn: known(angular_velocity),
+    turn: finite(angular_velocity),
   }),
 };
 

@@ -22,8 +22,8 @@ import { RttProbe, median } from "./rtt.js";
  * }} Control
  */
 
-const BACKLOG_BYTES = 2048; // about half a second of drive commands
-const SILENCE_MS = 2000; // the robot answers each second; what is sent into silence arrives late
+const MAX_BACKLOG_BYTES = 2048; // about half a second of drive commands
+const MAX_SILENCE_MS = 2000; // of the robot, which answers each second: what is sent into silence arrives late
 
 export class Session {
   // `driveTopic` is driven, "" for none; `wheelbase` in m of a robot that steers. `requestUrl()`, `prepare`, `onState` and `onLeaving` as
@@ -115,7 +115,7 @@ export class Session {
   // Whether a command that is sent now would be at the robot soon, and not wait behind old ones.
   get mayQueue() {
     const { backlog, silenceMs } = this.connection;
-    return backlog < BACKLOG_BYTES && silenceMs < SILENCE_MS;
+    return backlog < MAX_BACKLOG_BYTES && silenceMs < MAX_SILENCE_MS;
   }
 
   // Stops the robot. Says whether it went; the caller asks the API as well.
@@ -160,7 +160,7 @@ export class ControlState {
 // nearest: a timestamp in the relay's time is never later than the truth. Pure but for its timer.
 const SYNC_MS = 250;
 const MAX_AGE_MS = 10_000;
-const SAMPLES = 12; // three seconds of them
+const SAMPLES = 12; // number of round trips of which the median is taken: those of three seconds
 
 const KEY_BYTES = 16;
 
@@ -223,8 +223,8 @@ export class ClockSync {
   // and then the relay goes by its own pings.
   /** @type {(t_ms: number) => Stamp | undefined} */
   stamp(t_ms) {
-    const known = this.fresh(this.now()).map(({ ahead }) => ahead);
-    return known.length ? { t_ms: t_ms + Math.max(...known) } : undefined;
+    const offsets = this.fresh(this.now()).map(({ ahead }) => ahead);
+    return offsets.length ? { t_ms: t_ms + Math.max(...offsets) } : undefined;
   }
 
   // Between this page and the relay and back; null while it is not known.

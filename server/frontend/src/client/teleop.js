@@ -13,10 +13,10 @@
 export const STILL = { forward: 0, left: 0, turn: 0 };
 
 const PERIOD_MS = 50;
-const ZEROS = 5; // one could be lost in a cut; five cover a quarter of a second
-const GAP_MS = 500; // after as long without a command the robot has stopped by itself
-const LATE_MS = 300; // a timer that is later ran on a page that could not see a release
-const TAKE_MS = 1000; // a press that has not brought the control by then has to be made anew
+const ZEROS = 5; // number of zeros after a release: one could be lost in a cut, five cover a quarter of a second
+const GAP_MS = 500; // time without a command after which the robot has stopped by itself
+const LATE_MS = 300; // greatest delay of a timer: on a page that is later, a release may have been missed
+const TAKE_MS = 1000; // time limit for a press to bring the control
 
 /** @type {{onDrop: () => void, onTake: () => void, onWanted: (twist: Twist) => void}} */
 const NO_HANDLERS = { onDrop() {}, onTake() {}, onWanted() {} };

@@ -157,7 +157,7 @@ export class VideoInterlock {
 }
 
 // performance.now() may stand still while the machine sleeps, and what was seen before would look new after it.
-const STEP_MS = 250; // between two clocks of this machine: it slept, or one of them was set
+const STEP_MS = 250; // least step between two clocks of this machine that counts as a sleep
 
 export class Sleep {
   constructor() {

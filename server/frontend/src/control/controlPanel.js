@@ -9,7 +9,7 @@ import { connection, control as texts, driveMode as notes, logIn, states } from 
 /** @typedef {import("../client/session.js").Control} Control */
 
 const TICK_MS = 500;
-const FRESH_MS = 8000; // a note over the picture goes by itself
+const FRESH_MS = 8000; // time for which a note lies over the video
 
 export class ControlPanel {
   // `busy` as of Question, `driveTopic` as of settings.js.
@@ -52,7 +52,7 @@ export class ControlPanel {
 
   /** @returns {HTMLButtonElement | null} */
   button(name) {
-    return document.querySelector(`[data-deed="${name}"]`);
+    return document.querySelector(`[data-action="${name}"]`);
   }
 
   // `live`: the connection stands; `waits` as of connection.js.
@@ -91,9 +91,9 @@ export class ControlPanel {
 
   // The second press of a double one must not end what the first began.
   showActions(actions) {
-    const buttons = [...part(this.root, "deeds").querySelectorAll("[data-deed]")];
+    const buttons = [...part(this.root, "actions").querySelectorAll("[data-action]")];
     const before = buttons.filter((button) => !button.hidden);
-    const show = () => buttons.forEach((button) => (button.hidden = !actions.includes(button.dataset.deed)));
+    const show = () => buttons.forEach((button) => (button.hidden = !actions.includes(button.dataset.action)));
     keepFocus(show, buttons, this.element);
     if (before.some((button) => button.hidden)) buttons.filter((button) => !button.hidden && !before.includes(button)).forEach(markNew);
   }
@@ -327,10 +327,10 @@ export class Question {
     return this.deafness.active || this.busy();
   }
 
-  show(shown) {
-    if (shown === this.shown) return;
-    if (shown) this.deafness.renew();
-    this.element.hidden = !shown;
+  show(visible) {
+    if (visible === this.shown) return;
+    if (visible) this.deafness.renew();
+    this.element.hidden = !visible;
     this.mark();
   }
 

@@ -46,12 +46,12 @@ export class Summary {
     this.drive = null;
     this.root.open = false; // what has just happened is to be seen in the picture
     this.show(texts.asking, []);
-    const found = await recordOf({ robot: this.robot, fence, fetchDrives, wait });
+    const drive = await recordOf({ robot: this.robot, fence, fetchDrives, wait });
     if (round !== this.round) return;
-    if (typeof found === "string") return this.show(texts[found], []);
-    this.drive = found;
-    if (!moved(found)) return void (this.root.hidden = true);
-    this.show(headline(found), driveRows(found));
+    if (typeof drive === "string") return this.show(texts[drive], []);
+    this.drive = drive;
+    if (!moved(drive)) return void (this.root.hidden = true);
+    this.show(headline(drive), driveRows(drive));
   }
 
   show(words, rows) {
@@ -132,7 +132,7 @@ export async function recordOf({ robot, fence, fetchDrives, wait }) {
     await wait(ms);
     const { ok, body } = await fetchDrives(robot, fence);
     answered ||= ok;
-    const drive = ok && body.drives?.find((one) => one.fence === fence && one.ended_at);
+    const drive = ok && body.drives?.find((record) => record.fence === fence && record.ended_at);
     if (drive) return drive;
   }
   return answered ? "missing" : "failed";

@@ -4,8 +4,8 @@
 import { make, onPress, part, setText } from "../dom/page.js";
 import { buttons as texts } from "../texts/panels.js";
 
-const ASKING_MS = 10_000; // a question that is forgotten must not be there to be hit later
-const DOUBLE_MS = 500; // the second press of a double one is no answer to what came up under it
+const ASKING_MS = 10_000; // time limit for an answer: a forgotten question must not be hit later
+const DOUBLE_MS = 500; // time for which a question takes no answer: the second press of a double one is none
 const SLOW_MS = 30_000;
 
 export class RobotButtons {
@@ -109,7 +109,7 @@ export class RobotButtons {
 }
 
 // What a service's answer, or its refusal, means to a person. Pure.
-const LONGEST = 300;
+const MAX_WORDS = 300;
 
 // `ok`, `values` as of connection.js's call. std_srvs says in `success` whether it was done.
 export const succeeded = ({ ok, values }) => ok && values?.success !== false;
@@ -125,7 +125,7 @@ export function answerWords({ values }) {
 
 export const refusalWords = (why) => shortened(String(why ?? ""));
 
-const shortened = (text) => (text.length > LONGEST ? `${text.slice(0, LONGEST)}…` : text);
+const shortened = (text) => (text.length > MAX_WORDS ? `${text.slice(0, MAX_WORDS)}…` : text);
 
 // The robot's buttons on the drive page. What a press does is decided above.
 // Nothing here changes its size while somebody drives: what is asked takes the place of the button that was pressed.

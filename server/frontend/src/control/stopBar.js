@@ -67,20 +67,20 @@ export class StopBar {
     this.element.dataset.stop = kind;
     const words = texts[kind]({ by, at: localTime(at), detail, guard: this.guard });
     setText(part(this.element, "stop-text"), [words, this.failure].join(" ").trim());
-    this.showDeeds();
+    this.showActions();
     if (this.release) this.showRelease();
   }
 
   showRelease() {
-    const deeds = [...part(this.element, "deeds").querySelectorAll("[data-deed]")];
-    keepFocus(() => (this.release.hidden = !this.stopping.stopped), deeds, this.status);
+    const actions = [...part(this.element, "actions").querySelectorAll("[data-action]")];
+    keepFocus(() => (this.release.hidden = !this.stopping.stopped), actions, this.status);
   }
 
   // What comes where the button to hold was acts on no press that was meant for that.
-  showDeeds() {
-    const deeds = part(this.element, "deeds");
-    if (deeds.hidden && !this.stopping.holds) deeds.querySelectorAll("[data-deed]").forEach(markNew);
-    deeds.hidden = this.stopping.holds;
+  showActions() {
+    const actions = part(this.element, "actions");
+    if (actions.hidden && !this.stopping.holds) actions.querySelectorAll("[data-action]").forEach(markNew);
+    actions.hidden = this.stopping.holds;
   }
 
   // What holding the button brings: "idle", that the robot may be driven, or "again", that this page drives it again.
@@ -140,7 +140,7 @@ function meant({ code, target, ctrlKey, altKey, metaKey, isComposing }) {
 // A button that acts only after it was held for a while, by pointer or keyboard: for what must be meant.
 // Assistive technology cannot hold; its click (of no pointer and no key) has to come twice instead.
 const HOLD_MS = 1000;
-const LATE_MS = 300; // a timer that is later ran on a page that could not see a release
+const LATE_MS = 300; // greatest delay of the timer: on a page that is later, a release may have been missed
 const TWICE_MS = 5000;
 const KEYS = ["Enter", "Space", "NumpadEnter"];
 

@@ -3,7 +3,7 @@
 
 export const AGAIN_MS = 1000;
 export const TRIES = 15;
-const CONFIRM_MS = 5000; // by then the control object has come, or the stop is released again
+const CONFIRM_MS = 5000; // time limit for the control object; after it the stop is released again
 
 // `a` and `b` as in the control object; the robot's confirmation makes no other stop of one.
 export const sameStop = (a, b) => a?.by === b?.by && a?.at === b?.at;

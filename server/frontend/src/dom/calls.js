@@ -36,7 +36,7 @@ export const serverClock = new ServerClock();
 
 // Counts what a person does on a page as use of the login, which else ends after LOGIN_IDLE_H and takes the page's
 // connections along: driving asks nothing of the web. A page that nobody touches must not keep the login.
-const EVERY_MS = 5 * 60_000;
+const EVERY_MS = 5 * 60_000; // least interval between two reports of use
 const EVENTS = ["pointerdown", "keydown", "wheel"];
 
 export class LoginUse {

@@ -60,16 +60,16 @@ const UNITS = [
 ];
 
 export function sizeText(bytes) {
-  const [unit, one] = UNITS.find(([, least]) => bytes >= least) ?? ["bytes", 1];
-  return `${one === 1 ? bytes : (bytes / one).toPrecision(bytes >= 100 * one ? 3 : 2)} ${unit}`;
+  const [unit, size] = UNITS.find(([, least]) => bytes >= least) ?? ["bytes", 1];
+  return `${size === 1 ? bytes : (bytes / size).toPrecision(bytes >= 100 * size ? 3 : 2)} ${unit}`;
 }
 
 // Makes an element with attributes and children; a child that is a text stays a text.
 export function make(tag, attributes = {}, ...children) {
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  made.append(...children);
-  return made;
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  element.append(...children);
+  return element;
 }
 
 // Hides or shows buttons. One that goes while it has the focus hands it to the first that is there, else to `last`, or the next
@@ -89,9 +89,9 @@ export function onPress(button, act) {
 // What narrows a list is behind one button on a phone; elsewhere the style sheet shows it always.
 export function foldFilters(root, opened) {
   const button = part(root, "filters");
-  const open = (shown) => {
-    root.dataset.open = String(shown);
-    button.setAttribute("aria-expanded", String(shown));
+  const open = (opens) => {
+    root.dataset.open = String(opens);
+    button.setAttribute("aria-expanded", String(opens));
   };
   button.addEventListener("click", () => open(root.dataset.open === "false"));
   open(opened);
@@ -143,12 +143,12 @@ export class Choices {
   constructor(name, store = new LocalStore()) {
     this.name = name;
     this.store = store;
-    const kept = store.read(name);
-    this.all = kept !== null && typeof kept === "object" ? kept : {};
+    const stored = store.read(name);
+    this.all = stored !== null && typeof stored === "object" ? stored : {};
   }
 
-  keep(chosen) {
-    this.all = { ...this.all, ...chosen };
+  keep(choices) {
+    this.all = { ...this.all, ...choices };
     this.store.write(this.name, this.all);
   }
 }

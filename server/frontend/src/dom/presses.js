@@ -49,7 +49,7 @@ function ignore(event) {
 
 // Marks a control that took the place of another: who presses it this soon meant the other one. A test and assistive
 // technology see that it does not act yet.
-export const NEW_MS = 1200;
+export const NEW_MS = 1200; // time for which a control is new
 const ends = new WeakMap();
 
 export function markNew(control) {

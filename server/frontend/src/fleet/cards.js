@@ -29,13 +29,13 @@ export function utcText(robot) {
 // What keeps a robot from being used, or soon will.
 export function attention({ online, offline_reason: reason, ros, video, battery, control }) {
   if (!online) return [reason || texts.offlineUnknown];
-  const found = [
+  const reasons = [
     ros === "down" && texts.ros,
     video === "down" && texts.video,
     control?.guard === "down" && texts.guard,
     isLow(battery) && texts.batteryLow,
   ];
-  return found.filter(Boolean);
+  return reasons.filter(Boolean);
 }
 
 export const healthText = (robot) => attention(robot).join(", ");

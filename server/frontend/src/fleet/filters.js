@@ -26,16 +26,16 @@ const SORTS = ["state", "name", ...Object.keys(NUMBERS), "driver", "site"];
 
 // {words, site, states, sort, down}; `site` null is every site and "" none.
 export function fromQuery(query) {
-  const given = new URLSearchParams(query);
-  const states = (given.get("show") ?? "").split(",").filter((state) => STATES.includes(state));
-  const sort = given.get("sort") ?? "";
-  const known = SORTS.includes(sort.replace(/^-/, ""));
+  const choices = new URLSearchParams(query);
+  const states = (choices.get("show") ?? "").split(",").filter((state) => STATES.includes(state));
+  const sort = choices.get("sort") ?? "";
+  const isSort = SORTS.includes(sort.replace(/^-/, ""));
   return {
-    words: given.get("q") ?? "",
-    site: given.get("site"),
+    words: choices.get("q") ?? "",
+    site: choices.get("site"),
     states: [...new Set(states)],
-    sort: known ? sort.replace(/^-/, "") : "state",
-    down: known && sort.startsWith("-"),
+    sort: isSort ? sort.replace(/^-/, "") : "state",
+    down: isSort && sort.startsWith("-"),
   };
 }
 
@@ -79,9 +79,9 @@ function comparison(sort, way) {
   const value = NUMBERS[sort] ?? TEXTS[sort];
   const order = sort in NUMBERS ? (a, b) => a - b : collator.compare;
   return (a, b) => {
-    const [one, other] = [value(a), value(b)];
-    if (one === null || other === null) return Number(one === null) - Number(other === null);
-    return way * order(one, other);
+    const [first, second] = [value(a), value(b)];
+    if (first === null || second === null) return Number(first === null) - Number(second === null);
+    return way * order(first, second);
   };
 }
 

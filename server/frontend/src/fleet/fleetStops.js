@@ -92,9 +92,9 @@ export class FleetStops {
 }
 
 function button(text, testId, onPress) {
-  const made = make("button", { type: "button", "data-testid": testId }, text);
-  made.addEventListener("click", onPress);
-  return made;
+  const element = make("button", { type: "button", "data-testid": testId }, text);
+  element.addEventListener("click", onPress);
+  return element;
 }
 
 // The Stop button of one robot on the fleet page, and what is known of that robot's stop. A robot has one, in the card or

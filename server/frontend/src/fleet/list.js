@@ -117,7 +117,7 @@ export class Batch {
 }
 
 export class Seldom {
-  // Calls `act` at most once in so many ms: at once if it is long ago, else at the end of the time.
+  // Calls `act` at most once in `everyMs`: at once if it is long ago, else at the end of the time.
   constructor({ act, everyMs, now = () => performance.now() }) {
     this.act = act;
     this.everyMs = everyMs;
@@ -144,7 +144,7 @@ export class Seldom {
 
 // Whether a person is at the list with a pointer, a finger or the keyboard: then nothing moves in it, so that a press
 // meets the robot that it was meant for.
-const TOUCH_MS = 3000; // after a finger has left: the next one is on its way
+const TOUCH_MS = 3000; // time for which a touch counts after the finger has left: the next one is on its way
 
 export class PointerPause {
   // `onEnd()` when nobody is at the list any more.

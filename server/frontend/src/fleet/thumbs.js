@@ -5,10 +5,8 @@ import { localTime, part, setText } from "../dom/page.js";
 import { because } from "../texts/common.js";
 import { thumb as texts } from "../texts/fleet.js";
 
-// Each picture is some 10 KB of its robot's uplink.
-const EVERY_MS = 5000;
-// A robot that has no picture now is not asked all the time.
-const AGAIN_MS = 30_000;
+const EVERY_MS = 5000; // interval between pictures, each some 10 KB of the robot's uplink
+const AGAIN_MS = 30_000; // interval after a failure
 
 export class Thumbs {
   // `queue` and `snapshots` are a Queue and Snapshots.
@@ -70,11 +68,11 @@ class Thumb {
     if (this.image.hidden) this.showState("waiting");
     const { queue, snapshots } = this.thumbs;
     const cancel = queue.add(async (signal) => {
-      const found = await snapshots.fetchImage(this.robot, this.card.dataset.camera ?? "", signal).catch(() => ({ problem: "failed" }));
+      const snapshot = await snapshots.fetchImage(this.robot, this.card.dataset.camera ?? "", signal).catch(() => ({ problem: "failed" }));
       if (this.cancel !== cancel) return;
       this.cancel = null;
-      this.show(found);
-      this.later(found.blob ? EVERY_MS : AGAIN_MS);
+      this.show(snapshot);
+      this.later(snapshot.blob ? EVERY_MS : AGAIN_MS);
     });
     this.cancel = cancel;
   }
@@ -122,13 +120,13 @@ export function lackOf({ online, video }) {
 }
 
 // Gets single pictures of robots' cameras, few at once: each costs its robot's uplink.
-const AT_ONCE = 4;
-const PATIENCE_MS = 10_000;
+const MAX_JOBS = 4;
+const TIMEOUT_MS = 10_000;
 const SIZE = { width: 320, height: 240, quality: 50 };
 
-// Runs at most so many jobs at once, in the order in which they came. Pure.
+// Runs a bounded number of jobs at once, in the order in which they came. Pure.
 export class Queue {
-  constructor(most = AT_ONCE) {
+  constructor(most = MAX_JOBS) {
     this.most = most;
     this.running = 0;
     this.waiting = [];
@@ -166,7 +164,7 @@ export class Snapshots {
   // first camera is shown, which its agent chooses.
   async fetchImage(robot, topic, signal) {
     const query = topic ? { topic, ...SIZE } : SIZE;
-    const answer = await this.fetch(snapshotUrl(robot, query), { signal: signalWithin(signal, PATIENCE_MS), cache: "no-store" });
+    const answer = await this.fetch(snapshotUrl(robot, query), { signal: signalWithin(signal, TIMEOUT_MS), cache: "no-store" });
     if (answer.ok) return { blob: await answer.blob() };
     const { code, detail } = await readRefusal(answer);
     return { problem: PROBLEMS[code] ?? "failed", detail };

@@ -123,7 +123,7 @@ export class Limits {
   }
 }
 
-const shareOf = (kept) => (kept > 0 && kept <= 1 ? kept : NORMAL);
+const shareOf = (share) => (share > 0 && share <= 1 ? share : NORMAL);
 
 // The next of the three steps, from a share of the robot's own; there is none beyond the first and the last.
 function stepped(share, by) {

@@ -2,7 +2,7 @@
 // seen while it counted: one that is stuck, or was held through a drop, a loss or a late look, moves nothing until it
 // is released and pressed anew. Its stop button stops whether it may drive or not. Pure.
 
-// For as long is a look good: between two that are further apart a release may have been missed.
+// Time limit between two polls: in a longer gap a release may have been missed.
 export const MAX_POLL_GAP_MS = 250;
 
 export class Gamepad {
@@ -66,7 +66,7 @@ export class Gamepad {
       return;
     }
     this.held = true;
-    const input = asked(this.profile, sample);
+    const input = readInput(this.profile, sample);
     this.turbo = input.turbo;
     this.handlers.onHold(input, at);
   }
@@ -129,14 +129,14 @@ const motionsFit = ({ forward, left, turn }, axes) =>
 const isMotion = (motion, axes) => isBelow(motion?.axis, axes) && Math.abs(motion.sign) === 1 && typeof motion.invert === "boolean";
 
 const buttonsFit = ({ enable, turbo, stop }, buttons) =>
-  isBelow(enable, buttons) && [turbo, stop].every((one) => one === null || isBelow(one, buttons));
+  isBelow(enable, buttons) && [turbo, stop].every((button) => button === null || isBelow(button, buttons));
 
 const isBelow = (number, end) => Number.isInteger(number) && number >= 0 && number < end;
 
 const isDeadZone = (value) => value >= DEAD_ZONE.least && value <= DEAD_ZONE.most;
 
 // What the sticks ask for, as of teleop.js.
-export function asked(profile, { axes, buttons }) {
+export function readInput(profile, { axes, buttons }) {
   const [forward, left, turn] = MOTIONS.map((name) => pushed(profile[name], axes, profile.deadZone));
   return { forward, left, turn, turbo: profile.turbo !== null && buttons[profile.turbo] };
 }
@@ -152,7 +152,7 @@ function pushed(motion, axes, deadZone) {
 
 // Looks at the gamepad once in each frame that the browser draws, while there is one; a page that nobody sees draws
 // none. Browsers show a gamepad only after a button of it was pressed.
-const PRESSED = 0.5; // for triggers, which some browsers never call pressed
+const PRESSED = 0.5; // value from which a trigger counts as pressed: some browsers never say so
 
 export class GamepadLoop {
   // `onFound({id, mapping, axes, buttons})` comes with the device that is polled from now on (axes, buttons: how
@@ -189,7 +189,7 @@ export class GamepadLoop {
   // Another device; what the last one held is lost.
   choose(index) {
     this.lose();
-    const pad = this.connected().find((one) => one.index === index);
+    const pad = this.connected().find((device) => device.index === index);
     if (pad) this.find(pad);
     this.byHand = Boolean(pad);
     this.recount();

@@ -1,14 +1,14 @@
 // Learns a gamepad by having the person move it, one thing after the other: which axis is forward, which button is held
 // to drive. Fed with what is seen; it neither drives nor shows anything. Pure.
 
-const REST_MS = 400; // what stays where it is for as long is at rest
-const STEADY_MS = 150; // and what is held for as long is meant
+const REST_MS = 400; // time without movement that counts as rest
+const STEADY_MS = 150; // time for which a stick or button is held to be meant
 const STILL = 0.08;
 const PUSHED = 0.6;
 const BACK = 0.3;
-const OFF_CENTRE = 0.35; // triggers rest at an end of theirs, some crosses beyond it: neither is a stick
-const MARGIN = 0.05; // what a worn stick rests off its centre is dead, and as much more
-const CLEAR = 0.6; // the share of the strongest that no other axis may reach
+const OFF_CENTRE = 0.35; // greatest rest position of a stick: triggers rest at an end, some crosses beyond it
+const MARGIN = 0.05; // width of the dead zone beyond the rest position of a worn stick
+const CLEAR = 0.6; // share of the strongest push that no other axis may reach
 
 const STICKS = ["forward", "left", "turn"];
 const OPTIONAL = ["turbo", "stop"];
@@ -60,20 +60,20 @@ export class Learner {
   }
 
   move(sample, at) {
-    const found = STICKS.includes(this.step) ? this.pushed(sample.axes) : this.pressed(sample.buttons);
-    if (found === null || found !== this.candidate) {
-      this.candidate = found;
+    const control = STICKS.includes(this.step) ? this.pushed(sample.axes) : this.pressed(sample.buttons);
+    if (control === null || control !== this.candidate) {
+      this.candidate = control;
       this.since = at;
     } else if (at - this.since >= STEADY_MS) {
-      this.accept(found, sample);
+      this.accept(control, sample);
     }
   }
 
-  accept(found, { axes }) {
+  accept(control, { axes }) {
     const isStick = STICKS.includes(this.step);
-    this.used[isStick ? "axes" : "buttons"].add(found);
-    this.learnt[this.step] = isStick ? { axis: found, sign: Math.sign(this.away(axes[found], found)) } : found;
-    if (isStick) this.learnt.rest = Math.max(this.learnt.rest ?? 0, Math.abs(this.quiet[found]) + MARGIN);
+    this.used[isStick ? "axes" : "buttons"].add(control);
+    this.learnt[this.step] = isStick ? { axis: control, sign: Math.sign(this.away(axes[control], control)) } : control;
+    if (isStick) this.learnt.rest = Math.max(this.learnt.rest ?? 0, Math.abs(this.quiet[control]) + MARGIN);
     this.ask("back");
   }
 
@@ -81,7 +81,7 @@ export class Learner {
   pushed(axes) {
     const reach = axes.map((value, i) => (this.isStick(i) ? Math.abs(this.away(value, i)) : 0));
     const most = Math.max(...reach);
-    const near = reach.filter((one) => one > most * CLEAR);
+    const near = reach.filter((push) => push > most * CLEAR);
     return most >= PUSHED && near.length === 1 ? reach.indexOf(most) : null;
   }
 

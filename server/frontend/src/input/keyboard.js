@@ -25,11 +25,10 @@ const ALL = { ...DIRECTIONS, ...SIDEWAYS };
 // Faster and slower while they are held. None of them is Ctrl, Alt or Meta: Ctrl+W closes the tab, and no page can prevent that.
 const STEPS = { ShiftLeft: 1, ShiftRight: 1, KeyX: -1 };
 
-/** @type {(told: any) => void} */
+/** @type {(report: any) => void} */
 const NOTHING = () => {};
 
-// A key held elsewhere repeats into a window that gets the focus, and not every browser says so.
-const FOCUS_MS = 300;
+const FOCUS_MS = 300; // time after a window got the focus in which keys held elsewhere repeat into it, as not every browser says
 
 export class Keyboard {
   // `teleop` and `kind` as of teleop.js, `fields` is a FieldFocus. `onKeys(codes)` tells which keys count now, `onStep(by)`

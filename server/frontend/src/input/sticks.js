@@ -97,8 +97,8 @@ export class Sticks {
 // Which way a stick can go: a throttle only up and down, a rudder only to the sides.
 const WAYS = { both: [1, 1], upright: [0, 1], level: [1, 0] };
 
-const KNOB_TRAVEL = 81; // to the rim, in percent of the knob, which is 38 % as wide as its stick (drive-deck.css)
-const DEAD_ZONE = 0.08; // of the radius: a resting thumb must not creep the robot
+const KNOB_TRAVEL = 81; // way of the knob to the rim, in percent of the knob, which is 38 % as wide as its stick (drive-deck.css)
+const DEAD_ZONE = 0.08; // share of the radius in which a resting thumb moves nothing
 const PRESSED = 1; // in PointerEvent.buttons: the main button, a finger or a pen's tip
 
 export class Joystick {

@@ -44,11 +44,11 @@ export class LaserRing {
 
 // `points` as of scanPoints, x ahead and y to the left in m. Gives those in range, from -1 to 1, x to the right and y down.
 export function ringPoints(points) {
-  const found = [];
+  const places = [];
   for (let i = 0; i < points.length; i += 2) {
     const [ahead, left] = [points[i], points[i + 1]];
     const away = Math.hypot(ahead, left);
-    if (away <= RANGE_M) found.push({ x: 0 - left / RANGE_M, y: 0 - ahead / RANGE_M, near: away < NEAR_M });
+    if (away <= RANGE_M) places.push({ x: 0 - left / RANGE_M, y: 0 - ahead / RANGE_M, near: away < NEAR_M });
   }
-  return found;
+  return places;
 }

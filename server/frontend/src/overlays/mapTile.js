@@ -89,7 +89,7 @@ export class MapTile {
   showScale() {
     const scale = part(this.element, "scale");
     const zoom = ZOOMS[this.zoom];
-    const metres = stepOf(SCALE_LEAST_PX, zoom);
+    const metres = stepOf(MIN_SCALE_PX, zoom);
     setText(scale, texts.scale(metres));
     scale.style.width = `${metres * zoom}px`;
   }
@@ -123,9 +123,9 @@ const partsOf = (/** @type {any} */ { scan, path, map } = {}) => ({ scan: scan !
 // Draws the robot from above: map, path, scan and itself, in the middle of a canvas. Draws only; world.js knows.
 const COLOURS = { grid: "#232b36", path: "#5aa9ff", scan: "#ff6b6b", robot: "#ffb000", old: "#8a94a3" };
 const ROBOT_M = 0.3;
-const ROBOT_LEAST_PX = 9;
-const GRID_LEAST_PX = 14;
-const SCALE_LEAST_PX = 30;
+const MIN_ROBOT_PX = 9;
+const MIN_GRID_PX = 14;
+const MIN_SCALE_PX = 30;
 
 // Whether neither the robot's place nor a wanted part is known.
 export const isEmpty = ({ robot, map, points }, parts) => Boolean(robot.unknown) && !(parts.map && map) && !(parts.scan && points);
@@ -152,7 +152,7 @@ function drawWorld(canvas, world, { zoom, parts, empty }) {
   });
 }
 
-const stepOf = (leastPx, zoom) => [1, 5, 10, 50, 100].find((metres) => metres * zoom >= leastPx) ?? 500;
+const stepOf = (minPx, zoom) => [1, 5, 10, 50, 100].find((metres) => metres * zoom >= minPx) ?? 500;
 
 function within(context, { x, y, theta }, draw) {
   context.save();
@@ -164,7 +164,7 @@ function within(context, { x, y, theta }, draw) {
 
 // A line a metre, or every five or more where they would stand too close.
 function drawGrid(context, canvas, { x, y }, zoom) {
-  const step = stepOf(GRID_LEAST_PX, zoom);
+  const step = stepOf(MIN_GRID_PX, zoom);
   const [across, up] = [canvas.width / zoom / 2, canvas.height / zoom / 2];
   context.beginPath();
   for (let at = Math.ceil((x - across) / step) * step; at <= x + across; at += step) {
@@ -203,7 +203,7 @@ function drawScan(context, points, zoom) {
 }
 
 function drawRobot(context, old, zoom) {
-  const radius = Math.max(ROBOT_M, ROBOT_LEAST_PX / zoom);
+  const radius = Math.max(ROBOT_M, MIN_ROBOT_PX / zoom);
   context.beginPath();
   context.moveTo(radius, 0);
   context.lineTo(-radius, radius * 0.75);

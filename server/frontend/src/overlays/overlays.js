@@ -5,7 +5,7 @@ import { battery as batteryTexts, diagnostics as texts } from "../texts/video.js
 import { batteryText, chargeHealth } from "./battery.js";
 import { Subscriptions } from "./subscriptions.js";
 
-const MOST_ROWS = 60;
+const MAX_ROWS = 60;
 // Each node sends its own part: what is held back must wait and not be lost.
 const DIAGNOSTICS = { throttleMs: 100, queueLength: 50 };
 
@@ -46,7 +46,7 @@ export class Overlays {
   }
 
   showList() {
-    const list = this.diagnostics.list(this.now()).slice(0, MOST_ROWS);
+    const list = this.diagnostics.list(this.now()).slice(0, MAX_ROWS);
     const shownList = JSON.stringify(list);
     if (shownList === this.shownList) return;
     this.shownList = shownList;
@@ -64,7 +64,7 @@ const LEVELS = ["ok", "warn", "error", "stale"];
 // From what needs no look to what does: of what is stale nothing is known.
 const ORDER = ["ok", "warn", "stale", "error"];
 const STALE_MS = 10_000;
-const MOST_NAMES = 500;
+const MAX_NAMES = 500;
 
 export class Diagnostics {
   constructor() {
@@ -75,7 +75,7 @@ export class Diagnostics {
   receive({ status }, now) {
     for (const { name, level, message } of status ?? []) {
       if (typeof name !== "string") continue;
-      if (!this.byName.has(name) && this.byName.size >= MOST_NAMES) continue;
+      if (!this.byName.has(name) && this.byName.size >= MAX_NAMES) continue;
       this.byName.set(name, { name, level: readLevel(level), message: String(message ?? ""), at: now });
     }
   }

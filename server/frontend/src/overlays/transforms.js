@@ -1,6 +1,6 @@
 // The robot's frames (tf2_msgs/TFMessage), and where one is in another. Pure.
 
-const MOST_FRAMES = 1000;
+const MAX_FRAMES = 1000;
 const NOWHERE = { translation: { x: 0, y: 0, z: 0 }, rotation: { x: 0, y: 0, z: 0, w: 1 }, fixed: true, at: Infinity };
 
 /**
@@ -22,14 +22,14 @@ export class Transforms {
   // `fixed` of /tf_static, which comes once.
   receive({ transforms }, { fixed, at }) {
     if (!Array.isArray(transforms)) return;
-    for (const one of transforms.slice(0, MOST_FRAMES)) this.add(one, { fixed, at });
+    for (const transform of transforms.slice(0, MAX_FRAMES)) this.add(transform, { fixed, at });
   }
 
-  add({ header, child_frame_id, transform }, known) {
+  add({ header, child_frame_id, transform }, source) {
     const [parent, child] = [plainFrame(header?.frame_id), plainFrame(child_frame_id)];
     const read = readTransform(transform);
     if (!parent || !child || !read) return;
-    if (this.frames.has(child) || this.frames.size < MOST_FRAMES) this.frames.set(child, { ...read, ...known, parent });
+    if (this.frames.has(child) || this.frames.size < MAX_FRAMES) this.frames.set(child, { ...read, ...source, parent });
   }
 
   // Where the frame `source` is in the frame `target`; null if the two are not known to be connected.
@@ -45,14 +45,14 @@ export class Transforms {
 
   // The frame itself and those above it, each with where the frame is in it.
   ancestors(frame) {
-    const found = new Map(frame ? [[frame, NOWHERE]] : []);
+    const places = new Map(frame ? [[frame, NOWHERE]] : []);
     let [below, link] = [frame, this.frames.get(frame)];
-    while (link && !found.has(link.parent)) {
+    while (link && !places.has(link.parent)) {
       // a circle of frames has no end
-      found.set(link.parent, chained(link, found.get(below)));
+      places.set(link.parent, chained(link, places.get(below)));
       [below, link] = [link.parent, this.frames.get(link.parent)];
     }
-    return found;
+    return places;
   }
 }
 

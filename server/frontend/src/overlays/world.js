@@ -188,7 +188,7 @@ const planarOf = ({ translation, rotation }) => planar({ position: translation, 
 const bitmapOf = ({ pixels, width, height }) => createImageBitmap(new ImageData(pixels, width, height));
 
 // The way that the robot came by its odometry, of bounded length. Pure.
-const MOST = 2000;
+const MAX_PATH_POINTS = 2000;
 const STEP_M = 0.05;
 const JUMP_M = 5;
 
@@ -206,7 +206,7 @@ export class Path {
     if (last && way > JUMP_M) this.clear();
     else if (way < this.step) return false;
     this.points.push({ x, y });
-    if (this.points.length > MOST) this.thin();
+    if (this.points.length > MAX_PATH_POINTS) this.thin();
     return true;
   }
 
@@ -223,14 +223,14 @@ export class Path {
 }
 
 // A sensor_msgs/LaserScan as points. Pure.
-const MOST_POINTS = 1500; // more than a screen shows, at 10 Hz
+const MAX_SCAN_POINTS = 1500; // more than a screen shows, at 10 Hz
 
 // Points in m in the scan's own frame, x and y in turn; what the sensor did not see (null, NaN, infinite, out of range)
 // is left out.
 export function scanPoints({ angle_min, angle_increment, range_min, range_max, ranges }) {
   if (![angle_min, angle_increment].every(Number.isFinite) || !Array.isArray(ranges)) return new Float32Array();
   const seen = within(range_min || 0, range_max > 0 ? range_max : Infinity);
-  const step = Math.max(1, Math.ceil(ranges.length / MOST_POINTS));
+  const step = Math.max(1, Math.ceil(ranges.length / MAX_SCAN_POINTS));
   const points = [];
   for (let i = 0; i < ranges.length; i += step) {
     if (!seen(ranges[i])) continue;
@@ -243,7 +243,7 @@ export function scanPoints({ angle_min, angle_increment, range_min, range_max, r
 const within = (least, most) => (range) => Number.isFinite(range) && range >= least && range <= most;
 
 // A nav_msgs/OccupancyGrid as pixels. Pure.
-const MOST_CELLS = 16_000_000;
+const MAX_CELLS = 16_000_000;
 const FREE = [58, 70, 86];
 const OCCUPIED = [236, 240, 246];
 
@@ -277,7 +277,7 @@ export function gridPixels({ info, data }) {
 const turnOf = ({ orientation = UNSET } = {}) => (Object.values(orientation).some(Boolean) ? orientation : { ...UNSET, w: 1 });
 const UNSET = { x: 0, y: 0, z: 0, w: 0 };
 
-const fits = (width, height, resolution) => width > 0 && height > 0 && width * height <= MOST_CELLS && resolution > 0;
+const fits = (width, height, resolution) => width > 0 && height > 0 && width * height <= MAX_CELLS && resolution > 0;
 
 const cellsOf = (data) => (typeof data === "string" ? signedBytes(data) : (data ?? []));
 

@@ -36,9 +36,9 @@ class Arrivals {
   show(page) {
     for (const time of page.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime));
     for (const name of ["arrivals", "waiting", "refused"]) {
-      const [shown, fresh] = [part(this.section, name), part(page, name)];
-      if (!fresh || shown.contains(document.activeElement) || withoutTokens(shown) === withoutTokens(fresh)) continue;
-      shown.replaceChildren(...fresh.childNodes);
+      const [element, fresh] = [part(this.section, name), part(page, name)];
+      if (!fresh || element.contains(document.activeElement) || withoutTokens(element) === withoutTokens(fresh)) continue;
+      element.replaceChildren(...fresh.childNodes);
     }
   }
 }

@@ -178,11 +178,10 @@ function showDriveMode() {
 }
 
 function showBanner() {
-  const { driving, armed: begun, control, free } = driveMode;
+  const { driving, armed, control, free, mayDrive } = driveMode;
   const stopped = control.stopped && { ...control.stopped, at: localTime(control.stopped.at) };
-  const mayDrive = driveMode.mayDrive;
-  const shown = { driving, armed: begun, control, stopped, mayDrive, free, again: driveMode.wasStopped };
-  banner.show(connection.state, { ...facts, ...shown, video: interlock.kind });
+  const drive = { driving, armed, control, stopped, mayDrive, free, again: driveMode.wasStopped };
+  banner.show(connection.state, { ...facts, ...drive, video: interlock.kind });
   stopBar.offer(driveMode.wasStopped ? "again" : "idle");
 }
 

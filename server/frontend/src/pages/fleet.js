@@ -24,7 +24,7 @@ const thumbs = new Thumbs({ queue: new Queue(), snapshots: new Snapshots() });
 const containers = { cards: part(main, "cards"), table: part(main, "rows") };
 const robots = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, atFirst(dataset)]));
 // What the server wrote into the page and the events do not have; "" for a robot that came since.
-const known = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, { ...dataset }]));
+const datasets = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, { ...dataset }]));
 const lists = { cards: listIn(containers.cards, "robot-card"), table: listIn(containers.table, "robot-row") };
 
 const toolbar = new Toolbar(main, { onFilter: arrangeNow, onView: showView });
@@ -46,7 +46,7 @@ function listIn(container, template) {
 }
 
 function prepare(element, name) {
-  const { camera = "", level = "" } = known.get(name) ?? {};
+  const { camera = "", level = "" } = datasets.get(name) ?? {};
   element.dataset.camera ||= camera;
   element.dataset.level ||= level;
   stopOf(name).join(element);
@@ -124,17 +124,17 @@ function arrange() {
   inOrderOfNames ??= inNameOrder(robots.keys());
   const listed = inOrderOfNames.map((name) => /** @type {any} */ (robots.get(name)));
   const fits = filterOf(toolbar.filter);
-  const shown = new Set(listed.filter(fits).map(({ name }) => name));
+  const fitting = new Set(listed.filter(fits).map(({ name }) => name));
   shownList().arrange(
     inOrder(listed, toolbar.filter).map(({ name }) => name),
-    shown,
+    fitting,
   );
   toolbar.offerSites(listed);
-  toolbar.count({ online: listed.filter(({ online }) => online).length, all: listed.length, shown: shown.size });
+  toolbar.count({ online: listed.filter(({ online }) => online).length, all: listed.length, shown: fitting.size });
   part(main, "empty").hidden = listed.length > 0;
   const add = part(main, "add"); // an admin's; an empty fleet has it in its notice
   if (add) add.hidden = listed.length === 0;
-  fleetStops.show(listed.map((robot) => ({ ...robot, level: known.get(robot.name)?.level ?? "" })));
+  fleetStops.show(listed.map((robot) => ({ ...robot, level: datasets.get(robot.name)?.level ?? "" })));
 }
 
 const feed = new Feed({

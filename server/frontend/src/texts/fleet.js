@@ -27,7 +27,7 @@ export const fleet = {
   stopFailed: (detail) => `Not stopped: ${detail || "no answer from the server. Press again"}.`,
   stoppingAll: "Stopping.",
   count: (online, all) => `${online} of ${all} online`,
-  shown: (count, shown) => `${count}, ${shown} shown`,
+  shown: (count, listed) => `${count}, ${listed} shown`,
   allSites: "All sites",
   noSite: "No site",
 };

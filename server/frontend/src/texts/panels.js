@@ -20,7 +20,7 @@ export const buttons = {
 };
 
 export const topics = {
-  count: (shown, all) => (shown === all ? `${all} topics` : `${shown} of ${all} topics`),
+  count: (some, all) => (some === all ? `${all} topics` : `${some} of ${all} topics`),
   none: "The robot has reported no topics.",
   more: (count) => `${count} more: narrow the search.`,
   untyped: "type unknown",

@@ -3,7 +3,7 @@
 import { because } from "./common.js";
 
 // The reason as it was written where it is known best, else the usual one; then what the page does.
-const told =
+const reason =
   (usual, then = "") =>
   (/** @type {string} */ detail = "") =>
     (detail ? because(detail) : usual) + then;
@@ -20,18 +20,18 @@ export const frame = {
   why: {
     starting: () => "Waiting for the first frame.",
     waiting: () => "The camera sends no video.",
-    down: told("The camera does not answer."),
+    down: reason("The camera does not answer."),
     paused: () => "Paused while this page is in the background.",
     old: () => "",
-    robot_offline: told("The robot is offline."),
-    video_down: told("The robot's video server does not answer."),
+    robot_offline: reason("The robot is offline."),
+    video_down: reason("The robot's video server does not answer."),
     login_missing: () => "Your login has ended.",
-    rights_ended: told("Your rights have changed."),
+    rights_ended: reason("Your rights have changed."),
     gone: () => "No robot has this name any more.",
-    crowded: told("Too many windows show this camera."),
-    slow: told("This device receives the video too slowly.", " Starting it again."),
-    restarting: told("The server is restarting."),
-    link_lost: told("The link to the robot was lost.", " Reconnecting."),
+    crowded: reason("Too many windows show this camera."),
+    slow: reason("This device receives the video too slowly.", " Starting it again."),
+    restarting: reason("The server is restarting."),
+    link_lost: reason("The link to the robot was lost.", " Reconnecting."),
     cut: () => "The video was cut off. Starting it again.",
     unreachable: () => "The server does not answer. Trying again.",
     refused: because,

@@ -26,9 +26,9 @@ export class Discovery {
     const [topics, twistType] = await Promise.all([allTopics(call), this.driveType.find(call)]);
     if (round !== this.round) return;
     const own = ownTopics(topics, this.driveTopic);
-    const found = { twistType, speed: this.speed(own), cameras: cameraTopics(own), topics, own };
-    this.onFound(found);
-    if (!found.speed || found.cameras.length === 0 || !this.driveType.reported) {
+    const robot = { twistType, speed: this.speed(own), cameras: cameraTopics(own), topics, own };
+    this.onFound(robot);
+    if (!robot.speed || robot.cameras.length === 0 || !this.driveType.reported) {
       this.timer = setTimeout(() => this.run(call), AGAIN_MS);
     }
   }
@@ -67,7 +67,7 @@ const NOT_SHOWN = /\/(?:compressedDepth|zstd)$/;
 // The names of the robot's own `topics` that are cameras, as camera_topics in robotether_agent/rosbridge.py. What lies under
 // a raw image is that image by another transport.
 export function cameraTopics(topics) {
-  const named = (wanted) => topics.filter(({ type }) => plainType(type) === wanted).map(({ name }) => name);
+  const named = (plain) => topics.filter(({ type }) => plainType(type) === plain).map(({ name }) => name);
   const raw = new Set(named("sensor_msgs/Image"));
   const alone = named("sensor_msgs/CompressedImage").filter((name) => !NOT_SHOWN.test(name) && !raw.has(parentOf(name)));
   return [...new Set([...raw, ...alone.map((name) => name.replace(COMPRESSED, "$1"))])];

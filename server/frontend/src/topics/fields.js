@@ -1,34 +1,34 @@
 // Looks into a message of any type: the numbers in it, and a text of it that is never long. Pure.
 
-const MOST_NUMBERS = 200;
-const NUMBERS_OF_A_LIST = 8;
-const DEEPEST = 10;
-const MOST_LINES = 200;
-const LONGEST_TEXT = 160;
-const PLAIN_ITEMS = 16;
-const OBJECT_ITEMS = 4;
+const MAX_NUMBERS = 200;
+const MAX_LIST_NUMBERS = 8;
+const MAX_DEPTH = 10;
+const MAX_LINES = 200;
+const MAX_TEXT_LENGTH = 160;
+const MAX_PLAIN_ITEMS = 16;
+const MAX_OBJECT_ITEMS = 4;
 const DIGITS = 4;
 
 // The paths of the numbers (and truths) in a message: "twist.linear.x", "ranges[0]".
 export function numbersIn(message) {
-  const found = [];
-  collect(message, "", 0, found);
-  return found;
+  const paths = [];
+  collect(message, "", 0, paths);
+  return paths;
 }
 
-function collect(value, path, depth, found) {
-  if (found.length >= MOST_NUMBERS || depth > DEEPEST) return;
-  if (["number", "boolean"].includes(typeof value)) found.push(path || "value");
+function collect(value, path, depth, paths) {
+  if (paths.length >= MAX_NUMBERS || depth > MAX_DEPTH) return;
+  if (["number", "boolean"].includes(typeof value)) paths.push(path || "value");
   for (const [step, inner] of members(value)) {
     const separator = path && !step.startsWith("[") ? "." : "";
-    collect(inner, path + separator + step, depth + 1, found);
+    collect(inner, path + separator + step, depth + 1, paths);
   }
 }
 
 function members(value) {
   if (value === null || typeof value !== "object") return [];
   if (!Array.isArray(value)) return Object.entries(value);
-  return value.slice(0, NUMBERS_OF_A_LIST).map((item, i) => [`[${i}]`, item]);
+  return value.slice(0, MAX_LIST_NUMBERS).map((item, i) => [`[${i}]`, item]);
 }
 
 // The number at such a path; NaN where there is none.
@@ -46,19 +46,19 @@ export function preview(message, { exact = false } = {}) {
   /** @type {string[]} */
   const lines = [];
   write(message, "", { lines, number: exact ? String : readable }, 0);
-  return lines.slice(0, MOST_LINES).join("\n") + (lines.length > MOST_LINES ? "\n…" : "");
+  return lines.slice(0, MAX_LINES).join("\n") + (lines.length > MAX_LINES ? "\n…" : "");
 }
 
 function write(value, indent, out, depth) {
-  if (out.lines.length > MOST_LINES) return;
-  if (depth > DEEPEST) out.lines.push(`${indent}…`);
+  if (out.lines.length > MAX_LINES) return;
+  if (depth > MAX_DEPTH) out.lines.push(`${indent}…`);
   else if (Array.isArray(value)) writeList(value, indent, out, depth);
   else for (const [name, inner] of Object.entries(value ?? {})) writeMember(name, inner, indent, out, depth);
 }
 
 function writeMember(name, value, indent, out, depth) {
   const { lines, number } = out;
-  if (lines.length > MOST_LINES) return;
+  if (lines.length > MAX_LINES) return;
   if (isPlain(value)) lines.push(`${indent}${name}: ${plain(value, number)}`);
   else {
     lines.push(`${indent}${name}:`);
@@ -67,9 +67,9 @@ function writeMember(name, value, indent, out, depth) {
 }
 
 function writeList(list, indent, out, depth) {
-  const shown = list.slice(0, OBJECT_ITEMS);
-  shown.forEach((item, i) => writeMember(`[${i}]`, item, indent, out, depth));
-  if (list.length > shown.length) out.lines.push(`${indent}… ${list.length - shown.length} more`);
+  const items = list.slice(0, MAX_OBJECT_ITEMS);
+  items.forEach((item, i) => writeMember(`[${i}]`, item, indent, out, depth));
+  if (list.length > items.length) out.lines.push(`${indent}… ${list.length - items.length} more`);
 }
 
 // Whole numbers stay, as they are counters and times; so does the whole part of others.
@@ -84,9 +84,9 @@ const isScalar = (value) => value === null || typeof value !== "object";
 
 function plain(value, number) {
   if (!Array.isArray(value)) return scalar(value, number);
-  const more = value.length > PLAIN_ITEMS ? `, … ${value.length - PLAIN_ITEMS} more` : "";
+  const more = value.length > MAX_PLAIN_ITEMS ? `, … ${value.length - MAX_PLAIN_ITEMS} more` : "";
   return `[${value
-    .slice(0, PLAIN_ITEMS)
+    .slice(0, MAX_PLAIN_ITEMS)
     .map((item) => scalar(item, number))
     .join(", ")}${more}]`;
 }
@@ -94,6 +94,6 @@ function plain(value, number) {
 function scalar(value, number) {
   if (typeof value === "number") return number(value);
   if (typeof value !== "string") return String(value);
-  if (value.length <= LONGEST_TEXT) return value;
-  return `${value.slice(0, LONGEST_TEXT)}… ${value.length - LONGEST_TEXT} more characters`;
+  if (value.length <= MAX_TEXT_LENGTH) return value;
+  return `${value.slice(0, MAX_TEXT_LENGTH)}… ${value.length - MAX_TEXT_LENGTH} more characters`;
 }

@@ -21,9 +21,9 @@ export class Inspector {
 
   build({ name, type }, onClose) {
     const button = (part, text, act) => {
-      const made = make("button", { type: "button", "data-testid": part }, text);
-      made.addEventListener("click", act);
-      return made;
+      const element = make("button", { type: "button", "data-testid": part }, text);
+      element.addEventListener("click", act);
+      return element;
     };
     this.close = button("topic-close", "×", onClose);
     this.close.setAttribute("aria-label", texts.close(name));

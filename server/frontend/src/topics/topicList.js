@@ -5,7 +5,7 @@ import { make, part, setText } from "../dom/page.js";
 import { topics as texts } from "../texts/panels.js";
 import { Inspector } from "./inspector.js";
 
-const MOST_SHOWN = 100;
+const MAX_LISTED = 100;
 const MAX_PROBES = 2;
 
 // The topics whose name or type has all words, by name. Pure.
@@ -54,14 +54,14 @@ export class Topics {
 
   show() {
     if (!this.root.open) return;
-    const found = matching(this.topics, this.search.value);
-    const shown = found.slice(0, MOST_SHOWN);
-    setText(part(this.root, "topic-count"), this.topics.length ? texts.count(found.length, this.topics.length) : texts.none);
-    setText(part(this.root, "topic-more"), found.length > shown.length ? texts.more(found.length - shown.length) : "");
-    const wanted = shown.map(({ name, type }) => `${name} ${type}`).join("\n");
-    if (wanted === this.shown) return;
-    this.shown = wanted; // a list that is replaced for nothing loses the keyboard focus
-    this.list.replaceChildren(...shown.map((topic) => make("li", {}, this.row(topic))));
+    const matches = matching(this.topics, this.search.value);
+    const listed = matches.slice(0, MAX_LISTED);
+    setText(part(this.root, "topic-count"), this.topics.length ? texts.count(matches.length, this.topics.length) : texts.none);
+    setText(part(this.root, "topic-more"), matches.length > listed.length ? texts.more(matches.length - listed.length) : "");
+    const content = listed.map(({ name, type }) => `${name} ${type}`).join("\n");
+    if (content === this.content) return;
+    this.content = content; // a list that is replaced for nothing loses the keyboard focus
+    this.list.replaceChildren(...listed.map((topic) => make("li", {}, this.row(topic))));
   }
 
   row(topic) {

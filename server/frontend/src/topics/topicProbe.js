@@ -159,7 +159,7 @@ const isLargeType = (type) => LARGE_TYPES.has(plainType(type || ""));
 
 // What is kept of a topic: the numbers of the last minute, and how often messages come. Pure.
 const MINUTE_MS = 60_000;
-const MOST = 600;
+const MAX_POINTS = 600;
 const RATE_MS = 10_000;
 
 export class LastMinute {
@@ -170,7 +170,7 @@ export class LastMinute {
   // What is no finite number is a gap, {value: null}.
   push(value, at) {
     this.points.push({ value: Number.isFinite(value) ? value : null, at });
-    if (this.points.length > MOST) this.points.shift();
+    if (this.points.length > MAX_POINTS) this.points.shift();
     this.prune(at);
   }
 

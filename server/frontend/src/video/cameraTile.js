@@ -23,11 +23,11 @@ export class CameraTile {
     this.now = now;
     this.painter = painter;
     this.rate = new FrameRate();
-    this.at = null; // of the picture that is seen
+    this.at = null; // of the frame that is seen
     this.full = null; // the greatest size that the camera has shown
     this.status = { why: "starting" };
     this.turned = 0;
-    this.asked = "";
+    this.request = "";
     element.dataset.topic = camera.topic;
     part(element, "picture").setAttribute("aria-label", texts.of(camera.name));
     this.showState();
@@ -36,7 +36,7 @@ export class CameraTile {
   start() {
     if (this.stream) return;
     const want = this.want();
-    this.asked = JSON.stringify(want);
+    this.request = JSON.stringify(want);
     this.stream = this.openFrames(this.camera.topic, {
       want,
       onFrame: (frame) => this.paint(frame),
@@ -87,9 +87,9 @@ export class CameraTile {
   // Asks for what is wanted now, if that is something else.
   ask() {
     const want = this.want();
-    const asked = JSON.stringify(want);
-    if (asked === this.asked) return;
-    this.asked = asked;
+    const request = JSON.stringify(want);
+    if (request === this.request) return;
+    this.request = request;
     this.stream?.want(want);
   }
 
@@ -101,7 +101,7 @@ export class CameraTile {
     this.at = at;
     this.rate.hit(this.now());
     this.learn(size);
-    if (this.element.dataset.picture !== this.state) this.showState();
+    if (this.element.dataset.frame !== this.state) this.showState();
     this.onPainted(this.camera.topic);
   }
 
@@ -131,7 +131,7 @@ export class CameraTile {
   // Called a few times a second: numbers that change with each frame cost a layout each, and nobody can read them.
   showState() {
     const { state } = this;
-    this.element.dataset.picture = state;
+    this.element.dataset.frame = state;
     setText(part(this.element, "words"), state === "live" ? "" : this.words(state));
     setText(part(this.element, "facts"), this.facts(state));
   }
@@ -156,7 +156,7 @@ export class CameraTile {
   }
 }
 
-// Pictures a second, over the last two seconds. Pure.
+// Frames a second, over the last two seconds. Pure.
 const SPAN_MS = 2000;
 
 export class FrameRate {

@@ -4,19 +4,19 @@ import { afterEach, beforeEach, test } from "node:test";
 import { Banner } from "../../src/control/controlPanel.js";
 import { LINK_LOST, LIVE } from "../../src/client/connection.js";
 
-let before, clock, deeds, parts, banner;
+let before, clock, actions, parts, banner;
 
 beforeEach(() => {
   before = globalThis.document;
   globalThis.document = { activeElement: null };
   clock = 1000;
-  deeds = [];
+  actions = [];
   const button = Object.assign(new EventTarget(), { hidden: true, textContent: "" });
   parts = { "state-title": {}, "state-detail": {}, "state-action": button };
   const element = { dataset: {}, querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] };
   banner = new Banner(
     { querySelector: () => element },
-    { onRetry: () => deeds.push("retry"), onBlind: () => deeds.push("blind"), now: () => clock },
+    { onRetry: () => actions.push("retry"), onBlind: () => actions.push("blind"), now: () => clock },
   );
 });
 
@@ -35,7 +35,7 @@ test("a press that was meant for what the button was before lets nobody drive wi
   clock += 1199;
   held();
   press();
-  assert.deepEqual(deeds, ["retry"]);
+  assert.deepEqual(actions, ["retry"]);
   assert.equal(parts["state-action"].textContent, "Drive without video");
 });
 
@@ -48,5 +48,5 @@ test("who has had the time to read it, or saw no button before, may drive withou
   clock += 1200;
   held();
   press();
-  assert.deepEqual(deeds, ["blind", "blind"]);
+  assert.deepEqual(actions, ["blind", "blind"]);
 });

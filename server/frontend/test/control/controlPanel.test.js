@@ -85,8 +85,8 @@ test("what takes the place of another button acts on no second press, by pointer
   driveMode = new DriveMode({ me: "ann", level: "drive", drove: { armed: false }, onMove() {} });
   open();
   const buttons = ["arm", "leave"].map((name) => panel.button(name));
-  root.querySelector('[data-part="deeds"]').querySelectorAll = () => buttons;
-  buttons.forEach((button, at) => (button.dataset.deed = ["arm", "leave"][at]));
+  root.querySelector('[data-part="actions"]').querySelectorAll = () => buttons;
+  buttons.forEach((button, at) => (button.dataset.action = ["arm", "leave"][at]));
   const press = (name) => panel.button(name).dispatchEvent(new Event("click"));
   panel.showActions(["arm"]);
   press("arm");

@@ -87,7 +87,7 @@ test("the focus goes from the release button, which goes, to what came in its pl
   const { bar } = releaseAsked();
   const [gone, drive] = [new FakeElement(), new FakeElement()];
   drive.hidden = false;
-  bar.element.querySelector('[data-part="deeds"]').querySelectorAll = () => [gone, drive];
+  bar.element.querySelector('[data-part="actions"]').querySelectorAll = () => [gone, drive];
   const focused = [];
   for (const [name, element] of Object.entries({ gone, drive, status: bar.status })) element.focus = () => focused.push(name);
   globalThis.document.activeElement = bar.release;

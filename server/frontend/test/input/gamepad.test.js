@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Gamepad, MAX_POLL_GAP_MS, usualProfile, DEAD_ZONE, asked, fits, madeOf } from "../../src/input/gamepad.js";
+import { Gamepad, MAX_POLL_GAP_MS, usualProfile, DEAD_ZONE, readInput, fits, madeOf } from "../../src/input/gamepad.js";
 
 const PROFILE = usualProfile({ mapping: "standard", axes: 4, buttons: 17 }, "differential");
 const { enable, turbo, stop } = PROFILE;
@@ -176,7 +176,7 @@ test("a gamepad without a profile neither drives nor stops", () => {
 const STANDARD = { mapping: "standard", axes: 4, buttons: 17 };
 const NONE = Array(17).fill(false);
 const profile = usualProfile(STANDARD, "differential");
-const pushed = (axes, of = profile, buttons = NONE) => asked(of, { axes, buttons });
+const pushed = (axes, of = profile, buttons = NONE) => readInput(of, { axes, buttons });
 const press = (index) => NONE.map((_, i) => i === index);
 
 test("a known gamepad drives with its left stick: up is forward, left is a left turn", () => {
@@ -249,7 +249,7 @@ test("what was learnt makes a profile that fits its device", () => {
   const made = madeOf(learnt, device);
   assert.equal(fits(made, device), true);
   assert.deepEqual([made.left, made.turbo, made.stop], [null, null, null]);
-  assert.equal(asked(made, { axes: [0, 0, 1], buttons: [] }).forward, 1);
+  assert.equal(readInput(made, { axes: [0, 0, 1], buttons: [] }).forward, 1);
 });
 
 test("what was learnt of a device fits it only as long as the browser counts its axes in the same order", () => {

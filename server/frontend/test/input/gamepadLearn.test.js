@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { asked as askedOf, fits, madeOf } from "../../src/input/gamepad.js";
+import { readInput, fits, madeOf } from "../../src/input/gamepad.js";
 import { Learner, stepsOf } from "../../src/input/gamepadLearn.js";
 
 const REST = [0, 0, -1, 3.28]; // two axes of a stick, a trigger, a cross
@@ -130,7 +130,7 @@ for (const rest of [0.3, -0.35]) {
     const profile = madeOf(learnt, device);
     assert.ok(fits(profile, device));
     const buttons = Array(8).fill(false);
-    assert.equal(askedOf(profile, { axes: [0, rest, -1, 3.28], buttons }).forward, 0);
-    assert.equal(askedOf(profile, { axes: [0, -1, -1, 3.28], buttons }).forward, 1);
+    assert.equal(readInput(profile, { axes: [0, rest, -1, 3.28], buttons }).forward, 0);
+    assert.equal(readInput(profile, { axes: [0, -1, -1, 3.28], buttons }).forward, 1);
   });
 }

@@ -62,7 +62,7 @@ test("a picture counts from when it stands on the page, with the moment at which
   assert.deepEqual([tile.at, tile.state], [null, "none"]);
   paintings[0].done({ width: 640, height: 480 });
   await shown;
-  assert.deepEqual([tile.at, tile.state, element.dataset.picture], [900, "live", "live"]);
+  assert.deepEqual([tile.at, tile.state, element.dataset.frame], [900, "live", "live"]);
 });
 
 test("a picture that cannot be decoded is none", async () => {
@@ -77,7 +77,7 @@ test("an old picture stays with words, and with its age where the page has none 
   streams[0].onStatus({ picture: "none", why: "link_lost", detail: "" });
   clock = 13_900;
   tile.showState();
-  assert.equal(element.dataset.picture, "old");
+  assert.equal(element.dataset.frame, "old");
   assert.match(parts.words.textContent, /^This video is old. The link to the robot was lost/);
   assert.doesNotMatch(parts.facts.textContent, /13 s/);
   element.dataset.main = "false";
