@@ -96,11 +96,10 @@ start_beside_sshd() {
   as_keylookup env RES_OPTIONS='timeout:1 attempts:1' sh -c "$keep_running" loop /usr/lib/robotether/key-lookups &
   as_jump_watch sh -c "$keep_running" loop /usr/lib/robotether/jump-watch &
   as_tunnel_watch sh -c "$keep_running" loop /usr/lib/robotether/tunnel-watch &
-  # A worker outlives a master that was killed, and keeps its port. Nothing else runs as this user but this loop, which
-  # kills all but itself until none is left: the kernel closes the port of a killed worker a moment later.
+  # A worker outlives a master that was killed, and keeps its port, which the kernel closes a moment after the signal.
   # shellcheck disable=SC2016 # $? and $1 are the inner shell's
   readonly keep_nginx='while :; do
-    while kill -s KILL -- -1 2>/dev/null; do sleep 0.1; done
+    while pkill -KILL -x nginx; do sleep 0.1; done
     nginx -c "$1"
     echo "nginx ended with $?; starting it again" >&2
     sleep 1
