@@ -59,14 +59,6 @@ test("answers older than 10 s no longer count: clocks drift, and a sleep stops o
   assert.equal(clockSync.stamp(1000), undefined);
 });
 
-test("a moment is never told later than it was, whatever the ways take", () => {
-  for (const back of [5, 90, 0, 700, 33]) {
-    answer(back);
-    const { t_ms } = clockSync.stamp(clock);
-    assert.ok(t_ms <= clock + AHEAD_MS, `${t_ms} is later than ${clock + AHEAD_MS}`);
-  }
-});
-
 test("an answer without the relay's time changes nothing", () => {
   clockSync.receive({});
   clockSync.receive({ relay_ms: "soon" });

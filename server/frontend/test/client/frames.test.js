@@ -109,23 +109,6 @@ test("a picture that is shown after the stream was stopped does not count", asyn
   assert.deepEqual([stream.ageMs, last().why], [null, "paused"]);
 });
 
-test("a handler that throws costs one picture and no more", async () => {
-  const socket = await goOpen();
-  const show = stream.onFrame;
-  stream.onFrame = () => {
-    throw new Error("no canvas");
-  };
-  socket.frame({ number: 1, timestampMs: AHEAD + 990 });
-  await settle();
-  stream.onFrame = show;
-  socket.frame({ number: 2, timestampMs: AHEAD + 990 });
-  await settle();
-  assert.deepEqual(
-    frames.map(({ number }) => number),
-    [2],
-  );
-});
-
 test("the next picture is asked for when this one has been shown", async () => {
   const socket = await goOpen();
   hold = withResolvers();

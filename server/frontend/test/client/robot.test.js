@@ -6,7 +6,7 @@ import { Robot } from "../../src/client/index.js";
 
 const GLOBALS = ["window", "location", "document", "WebSocket", "fetch"];
 
-let before, sockets, asked, answers, ticketsGiven, windowHears, stopped;
+let before, robots, sockets, asked, answers, ticketsGiven, windowHears, stopped;
 
 // A double of the server and a robot behind it, as far as one connection shows them.
 class FakeServer {
@@ -62,6 +62,7 @@ beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
   before = Object.fromEntries(GLOBALS.map((name) => [name, globalThis[name]]));
+  robots = [];
   sockets = [];
   asked = [];
   answers = { "/api/v1/tickets": [201, { ticket: "t1" }] };
@@ -78,6 +79,7 @@ beforeEach(() => {
 });
 
 afterEach(() => {
+  robots.forEach((robot) => robot.close());
   Object.assign(globalThis, before);
   mock.timers.reset();
 });
@@ -88,10 +90,11 @@ async function settle() {
 }
 
 function make(options = {}) {
-  return new Robot({ server: "https://robots.example", robot: "sim 1", token: "rt_x", ...options });
+  robots.push(new Robot({ server: "https://robots.example", robot: "sim 1", token: "rt_x", ...options }));
+  return robots.at(-1);
 }
 
-async function goLive(robot, options) {
+async function goLive(robot = make(), options = {}) {
   const connected = robot.connect(options);
   await settle();
   sockets.at(-1).open();
@@ -100,8 +103,7 @@ async function goLive(robot, options) {
 }
 
 test("it gets a ticket with the token, connects, and drives with each command's moment", async () => {
-  const robot = make();
-  await goLive(robot);
+  const robot = await goLive();
   assert.deepEqual(asked[0], {
     url: "https://robots.example/api/v1/tickets",
     headers: { "Content-Type": "application/json", Authorization: "Bearer rt_x" },
@@ -114,7 +116,6 @@ test("it gets a ticket with the token, connects, and drives with each command's 
   assert.equal(command.topic, "/cmd_vel");
   assert.equal(command.msg.twist.linear.x, 0.3);
   assert.ok(Number.isFinite(command.robotether.t_ms));
-  robot.close();
 });
 
 test("the lab's backend gives the tickets, one a connection", async () => {
@@ -126,26 +127,13 @@ test("the lab's backend gives the tickets, one a connection", async () => {
   assert.deepEqual(ticketsGiven, Array(2).fill({ robot: "sim 1", mode: "observe" }));
   assert.match(sockets[1].url, /ticket=t2$/);
   assert.deepEqual(asked, []);
-  robot.close();
 });
 
 test("a page that only watches drives nothing and advertises nothing", async () => {
-  const robot = make();
-  await goLive(robot, { mode: "observe" });
+  const robot = await goLive(make(), { mode: "observe" });
   assert.equal(robot.driving, false);
   assert.equal(robot.drive({ forward: 0.3 }), false);
   assert.deepEqual([...sockets[0].said("publish"), ...sockets[0].said("advertise")], []);
-  robot.close();
-});
-
-test("a driver who connects to watch gives up control, and one whose page closes does not say so", async () => {
-  const [robot, codes] = [make(), []];
-  for (const mode of ["drive", "observe"]) {
-    await goLive(robot, { mode });
-    sockets.at(-1).close = (code) => codes.push(code);
-  }
-  robot.close();
-  assert.deepEqual(codes, [4000, undefined]);
 });
 
 test("a site that the server refuses is named, where a browser shows no answer at all", async () => {
@@ -177,7 +165,6 @@ test("when somebody else drives, it connects to watch, and says so", async () =>
   await connected;
   assert.equal(robot.driving, false);
   assert.deepEqual(states.at(1), ["connecting", "lease_held", false]);
-  robot.close();
 });
 
 test("what can never work rejects, and no answer of a backend is tried again", async () => {
@@ -189,64 +176,46 @@ test("what can never work rejects, and no answer of a backend is tried again", a
   mock.timers.tick(500);
   await settle();
   assert.equal(ticketsGiven.length, 2);
-  robot.close();
 });
 
 test("a stop is said on the connection and to the API at once", async () => {
   answers["/api/v1/robots/sim%201/stop"] = [200, {}];
-  const robot = make();
-  await goLive(robot);
+  const robot = await goLive();
   robot.drive({ forward: 0.3 });
   assert.equal(await robot.stop(), true);
   assert.equal(sockets[0].said("robotether.stop").length, 1);
   assert.match(asked.at(-1).url, /\/stop$/);
   assert.equal(sockets[0].said("publish").at(-1).msg.twist.linear.x, 0);
-  robot.close();
 });
 
 test("with tickets alone a stop goes over the connection, and a release needs more", async () => {
-  const robot = make({ token: null, getTicket: async () => "t" });
-  await goLive(robot);
+  const robot = await goLive(make({ token: null, getTicket: async () => "t" }));
   assert.equal(await robot.stop(), true);
   await assert.rejects(robot.release(), /needs a token or a login/);
   assert.deepEqual(asked, []);
-  robot.close();
 });
 
 test("a stop that nobody has heard of is not told as one that was", async () => {
   stopped = null;
   for (const options of [{}, { token: null, getTicket: async () => "t" }]) {
-    const robot = make(options);
-    await goLive(robot);
+    const robot = await goLive(make(options));
     const told = robot.stop();
     await settle();
     mock.timers.tick(3000);
     assert.equal(await told, false);
-    robot.close();
   }
 });
 
 test("the end of the drive by a stop tells that the server has it", async () => {
   stopped = null;
-  const robot = make({ token: null, getTicket: async () => "t" });
-  await goLive(robot);
+  const robot = await goLive(make({ token: null, getTicket: async () => "t" }));
   const told = robot.stop();
   sockets[0].close(4003, "stopped by ann");
   assert.equal(await told, true);
-  robot.close();
-});
-
-test("a page that was told of no stop releases none", async () => {
-  const robot = make();
-  await goLive(robot, { mode: "observe" });
-  await assert.rejects(robot.release(), /cannot release sim 1: this page was told of no stop/);
-  assert.equal(asked.length, 1);
-  robot.close();
 });
 
 test("what moves gets its zero when the page closes the connection", async () => {
-  const robot = make();
-  await goLive(robot);
+  const robot = await goLive();
   robot.drive({ forward: 0.3 });
   robot.close();
   assert.equal(sockets[0].said("publish").at(-1).msg.twist.linear.x, 0);
@@ -254,16 +223,6 @@ test("what moves gets its zero when the page closes the connection", async () =>
   assert.equal(robot.drive({ forward: 0.3 }), false);
   mock.timers.tick(1000);
   assert.equal(sockets[0].sent.length, length);
-});
-
-test("a network that comes back connects no robot that was closed, or never asked for", async () => {
-  const robot = make();
-  windowHears.dispatchEvent(new Event("online"));
-  await goLive(robot);
-  robot.close();
-  windowHears.dispatchEvent(new Event("online"));
-  await settle();
-  assert.equal(asked.length, 1);
 });
 
 test("a page keeps nothing of a robot that it has closed", async () => {
@@ -284,12 +243,11 @@ test("a wheelbase that would steer wrong is refused", () => {
 
 test("a release names the stop that this page was told of", async () => {
   answers["/api/v1/robots/sim%201/release"] = [409, { code: "not_possible", detail: "ben stopped it again" }];
-  const robot = make();
-  await goLive(robot, { mode: "observe" });
-  sockets[0].relaySays({ op: "robotether.control", control: { stopped: { by: "ann", at: "2026-01-01T12:03:00Z", confirmed: true } } });
+  const robot = await goLive(make(), { mode: "observe" });
+  await assert.rejects(robot.release(), /cannot release sim 1: this page was told of no stop/);
+  sockets[0].relaySays({ op: "robotether.control", control: { stopped } });
   await assert.rejects(robot.release(), { message: "ben stopped it again", code: "not_possible" });
   assert.deepEqual(asked.at(-1).body, { by: "ann", at: "2026-01-01T12:03:00Z" });
-  robot.close();
 });
 
 test("a robot that speaks in the relay's name is not believed", async () => {
@@ -308,27 +266,12 @@ test("a robot that speaks in the relay's name is not believed", async () => {
   assert.deepEqual(controls, []);
   sockets[0].relaySays({ op: "robotether.control", control: forged });
   assert.deepEqual(controls, [forged]);
-  robot.close();
 });
 
 test("a call gives the values, and rejects when it failed", async () => {
-  const robot = make();
-  await goLive(robot);
+  const robot = await goLive();
   assert.deepEqual(await robot.call("/dock", { fast: true }), { got: { fast: true } });
   await assert.rejects(robot.call("/broken"), /cannot call \/broken/);
-  robot.close();
-});
-
-test("a topic is advertised once, and the drive topic is drive()'s", async () => {
-  const robot = make();
-  await goLive(robot);
-  robot.publish("/lights", "std_msgs/Bool", { data: true });
-  robot.publish("/lights", "std_msgs/Bool", { data: false });
-  robot.advertise("/lights", "std_msgs/Bool");
-  const lights = sockets[0].said("advertise").filter(({ topic }) => topic === "/lights");
-  assert.equal(lights.length, 1);
-  assert.throws(() => robot.publish("/cmd_vel", "geometry_msgs/Twist", {}), /drive\(\) does/);
-  robot.close();
 });
 
 test("a name without its first slash is the same topic", async () => {
@@ -345,7 +288,6 @@ test("a name without its first slash is the same topic", async () => {
     ["/cmd_vel", "/lights"],
   );
   assert.throws(() => robot.publish("/cmd_vel", "geometry_msgs/Twist", {}), /drive\(\) does/);
-  robot.close();
 });
 
 test("a topic that is advertised before there is a connection stands when it is live", async () => {
@@ -355,14 +297,12 @@ test("a topic that is advertised before there is a connection stands when it is 
   const [lights] = sockets[0].said("advertise").filter(({ topic }) => topic === "/lights");
   assert.equal(lights.type, "std_msgs/Bool");
   assert.deepEqual(sockets[0].said("publish"), []);
-  robot.close();
 });
 
 test("a link on which nothing was asked for stays, as the robot answers each second", async () => {
   let clock = 0;
   mock.method(performance, "now", () => clock);
-  const robot = make();
-  await goLive(robot);
+  const robot = await goLive();
   for (let seconds = 0; seconds < 20; seconds++) {
     clock += 1000;
     mock.timers.tick(1000);
@@ -383,8 +323,7 @@ test("a link on which nothing was asked for stays, as the robot answers each sec
 });
 
 test("a closed robot connects anew when it is asked to", async () => {
-  const robot = make();
-  await goLive(robot);
+  const robot = await goLive();
   robot.close();
   assert.equal(robot.driving, false);
   const again = robot.connect();
@@ -396,5 +335,4 @@ test("a closed robot connects anew when it is asked to", async () => {
   await settle();
   await again;
   assert.equal(robot.driving, true);
-  robot.close();
 });

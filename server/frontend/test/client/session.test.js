@@ -17,20 +17,14 @@ beforeEach(() => {
   };
 });
 
-test("a page that watches advertises and publishes nothing", () => {
+test("a page that watches, and one without a drive topic, advertise and publish nothing", () => {
   session.useType("geometry_msgs/Twist");
-  session.use(false);
-  session.publish({ forward: 1, turn: 0 }, 5);
-  assert.deepEqual(advertised, []);
-  assert.deepEqual(published, []);
-});
-
-test("without a drive topic nothing is advertised or published", () => {
-  session.driveTopic = "";
-  session.useType("geometry_msgs/Twist");
-  session.use(true);
-  session.publish({ forward: 1, turn: 0 }, 5);
-  assert.deepEqual([advertised, published], [[], []]);
+  for (const driving of [false, true]) {
+    session.use(driving);
+    session.publish({ forward: 1, turn: 0 }, 5);
+    assert.deepEqual([advertised, published], [[], []]);
+    session.driveTopic = "";
+  }
 });
 
 test("a command carries its moment in the relay's time", () => {

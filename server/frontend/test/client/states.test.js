@@ -11,17 +11,9 @@ const shown = (code, wasLive = false) => {
 };
 
 test("each close code of the contract has its own state", () => {
-  assert.equal(shown(4001), "connecting retry");
-  assert.equal(shown(4503), "offline retry");
-  assert.equal(shown(4504), "rosbridge_down retry");
-  assert.equal(shown(4505), "link_lost retry");
-  assert.equal(shown(4510), "lease_unavailable retry");
-  assert.equal(shown(4408), "link_lost retry");
-  assert.equal(shown(4413), "link_lost retry");
-  assert.equal(shown(1008), "link_lost retry");
-  assert.equal(shown(4429), "server_unreachable retry");
-  assert.equal(shown(1009), "link_lost retry");
-  assert.equal(shown(1001), "server_unreachable retry");
+  const states = { connecting: [4001], offline: [4503], rosbridge_down: [4504], lease_unavailable: [4510] };
+  Object.assign(states, { link_lost: [1008, 1009, 4408, 4413, 4505], server_unreachable: [1001, 4429] });
+  for (const [name, codes] of Object.entries(states)) for (const code of codes) assert.equal(shown(code), `${name} retry`);
 });
 
 test("each way to lose the control has a sentence of its own, and the page goes on", () => {

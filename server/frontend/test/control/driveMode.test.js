@@ -26,7 +26,7 @@ function askAnn() {
   driveMode.receive({ driver: ann, waiting: me });
 }
 
-test("a page that is opened watches, whoever opens it", () => {
+test("a page that is opened watches, whoever opens it, as does one whose person may no longer drive", () => {
   for (const level of ["observe", "drive", "manage"]) {
     sitDown(level, null);
     assert.equal(driveMode.mode, "observe");
@@ -34,6 +34,8 @@ test("a page that is opened watches, whoever opens it", () => {
     driveMode.receive({ driver: null });
     assert.deepEqual(moves, []);
   }
+  sitDown("observe");
+  assert.deepEqual([driveMode.mode, driveMode.actions(true)], ["observe", []]);
 });
 
 test("a page that is loaded anew while it drove drives on, armed if it was", () => {
@@ -44,12 +46,6 @@ test("a page that is loaded anew while it drove drives on, armed if it was", () 
   assert.equal(driveMode.armed, false);
   driveMode.leave();
   assert.equal(driveMode.saved, null);
-});
-
-test("who may no longer drive watches, whatever the page did before", () => {
-  sitDown("observe");
-  assert.equal(driveMode.mode, "observe");
-  assert.deepEqual(driveMode.actions(true), []);
 });
 
 for (const why of ["superseded", "robot_stopped", "lease_held", "lease_lost"]) {
@@ -75,7 +71,8 @@ test("who handed the control over reads that, and not that somebody else has it"
 });
 
 test("control that is kept for who asked is taken, not armed, and drives after a word of the person", () => {
-  askAnn();
+  driveMode.lose("lease_held", "");
+  driveMode.ask(); // the question need not have been seen standing
   driveMode.receive({ driver: null, reserved: me });
   assert.deepEqual(moves, ["drive"]);
   assert.equal(driveMode.armed, false);
@@ -83,13 +80,6 @@ test("control that is kept for who asked is taken, not armed, and drives after a
   assert.deepEqual(driveMode.actions(true), ["arm", "leave"]);
   driveMode.arm();
   assert.equal(driveMode.armed, true);
-});
-
-test("control that comes before the question was seen standing is taken as well", () => {
-  driveMode.lose("lease_held", "");
-  driveMode.ask();
-  driveMode.receive({ driver: null, reserved: me });
-  assert.deepEqual(moves, ["drive"]);
 });
 
 test("a driver who leaves leaves the control to who asked", () => {

@@ -92,13 +92,10 @@ test("a click of a mouse or finger does nothing, one of assistive technology has
   assert.equal(done, 0);
   send("click", { detail: 0, pointerType: "" });
   assert.equal(done, 1);
-});
-
-test("two such clicks that are far apart are two first ones", () => {
   send("click", { detail: 0 });
-  mock.timers.tick(5000);
+  mock.timers.tick(5000); // too far apart
   send("click", { detail: 0 });
-  assert.equal(done, 0);
+  assert.equal(done, 1);
 });
 
 test("what is cancelled has to be pressed anew", () => {

@@ -33,6 +33,8 @@ test("an offline robot calls for attention, and says why it is offline if that i
 test("an online robot's health calls for attention", () => {
   assert.equal(healthText({ online: true, ros: "ok", video: "unknown" }), "");
   assert.equal(healthText({ online: true, ros: "down", video: "down" }), "rosbridge does not answer, video does not answer");
+  assert.equal(healthText({ online: true, control: { guard: "down" } }), "its guard does not answer");
+  assert.equal(healthText({ online: true, control: { guard: "off" } }), "");
 });
 
 test("a card tells who drives, who gets the control and who asks for it", () => {
@@ -55,9 +57,4 @@ test("a card tells the battery, and one that is low calls for attention unless i
   assert.equal(batteryText({ ...robot(12, false), online: false }), "");
   assert.equal(healthText(robot(12, false)), "battery low");
   assert.equal(healthText(robot(12, true)), "");
-});
-
-test("a guard that does not answer calls for attention", () => {
-  assert.equal(healthText({ online: true, control: { guard: "down" } }), "its guard does not answer");
-  assert.equal(healthText({ online: true, control: { guard: "off" } }), "");
 });

@@ -43,10 +43,10 @@ test("opposite keys cancel, and two keys for one direction count once", () => {
 });
 
 test("holding and letting go is told once each, whatever the key repeat", () => {
-  keyboard.down(key("KeyW"));
+  keyboard.down(key("KeyW", { timeStamp: 1234.5 }));
   keyboard.down(key("KeyW", { repeat: true }));
   keyboard.up(key("KeyW"));
-  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "released"]);
+  assert.deepEqual([told, moments], [[{ forward: 1, left: 0, turn: 0 }, "released"], [1234.5]]);
 });
 
 test("a key that a halt dropped does not drive on by its repeats", () => {
@@ -73,10 +73,12 @@ test("a key that was held through a reload or a halt is reported, until it is le
   assert.equal(stale.at(-1), false);
 });
 
-test("keys typed into a field do nothing, not even the space bar", () => {
-  keyboard.down(key("KeyW", { target: TEXT_FIELD }));
-  keyboard.down(key("Space", { target: TEXT_FIELD }));
-  assert.deepEqual(told, []);
+test("keys typed into a field do nothing, nor does the space bar, which stops the robot; a checkbox keeps none", () => {
+  const space = key("Space");
+  for (const event of [key("KeyW", { target: TEXT_FIELD }), key("Space", { target: TEXT_FIELD }), space]) keyboard.down(event);
+  assert.deepEqual([told, space.prevented], [[], false]);
+  keyboard.down(key("KeyW", { target: element("input[type=checkbox]") }));
+  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
 });
 
 test("letters drive past a menu or slider that has the focus, which keeps its arrow keys", () => {
@@ -105,23 +107,6 @@ test("the repeats of an arrow key that drives do not push a slider that took the
   assert.equal(repeated.prevented, true);
   keyboard.up(key("ArrowUp", { target: SLIDER }));
   assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "released"]);
-});
-
-test("letters drive also from a checkbox", () => {
-  keyboard.down(key("KeyW", { target: element("input[type=checkbox]") }));
-  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
-});
-
-test("the space bar is not this input's: it stops the robot", () => {
-  const space = key("Space");
-  keyboard.down(space);
-  assert.deepEqual(told, []);
-  assert.equal(space.prevented, false);
-});
-
-test("a press is told with its own moment", () => {
-  keyboard.down(key("KeyW", { timeStamp: 1234.5 }));
-  assert.deepEqual(moments, [1234.5]);
 });
 
 for (const modifier of ["ctrlKey", "metaKey", "altKey"]) {
@@ -199,10 +184,4 @@ test("a Shift whose release nobody reported is none with the next key", () => {
   keyboard.down(key("ShiftRight", { shiftKey: true }));
   keyboard.up(key("ShiftRight", { shiftKey: false }));
   assert.equal(steps.at(-1), 0);
-});
-
-test("no step of the speed is on a key with which W closes the page", () => {
-  keyboard.down(key("ControlLeft", { ctrlKey: true }));
-  keyboard.down(key("KeyW", { ctrlKey: true }));
-  assert.deepEqual(told, ["let go", "let go"]);
 });

@@ -1,7 +1,6 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { TicketRefused } from "../../src/client/api.js";
 import { ObserverConnection } from "../../src/topics/topicProbe.js";
 
 const SPEC = { name: "/odom", type: "nav_msgs/Odometry", throttleMs: 500 };
@@ -90,18 +89,6 @@ test("a hidden page ends the connection, and a new one takes up what was looked 
   assert.deepEqual(states, ["open", "lost", "open"]);
 });
 
-test("after a cut it comes back, with a pause", async () => {
-  observerConnection.use(true);
-  await watch();
-  await goLive(0);
-  links[0].onClose({ code: 4505 });
-  await settle();
-  assert.equal(links.length, 1);
-  mock.timers.tick(500);
-  await settle();
-  assert.equal(links.length, 2);
-});
-
 test("a message that is too large ends what is looked at, and is not asked for again", async () => {
   observerConnection.use(true);
   await watch();
@@ -125,20 +112,6 @@ test("what is closed while the ticket is on its way opens nothing", async () => 
   end();
   await settle();
   assert.equal(links.length, 0);
-});
-
-test("a refused ticket is asked for again later", async () => {
-  let refused = true;
-  observerConnection.connection.requestTicket = async () => {
-    if (refused) throw new TicketRefused(503);
-    return "wss://server/ros";
-  };
-  observerConnection.use(true);
-  await watch();
-  refused = false;
-  mock.timers.tick(500);
-  await settle();
-  assert.equal(links.length, 1);
 });
 
 test("a topic that is silent ends nothing", async () => {
