@@ -145,3 +145,16 @@ def test_commands_are_understood() -> None:
         if (reason := misunderstood(program, arguments))
     ]
     assert wrong == []
+
+
+def test_each_decision_has_its_parts() -> None:
+    """Each record has status, date and alternatives, and the index by subject names it once."""
+    folder = ROOT / "docs" / "adr"
+    records = sorted(folder.glob("0*.md"))
+    named = re.findall(r"\]\((0[^)]+)\)", (folder / "index.md").read_text())
+    assert sorted(named) == [record.name for record in records]
+    for record in records:
+        text = record.read_text()
+        assert re.search(r"^Status: [a-z]+\. Date: \d{4}-\d\d-\d\d\.$", text, re.MULTILINE), record
+        for part in ("Context", "Decision", "Considered"):
+            assert f"\n## {part}\n" in text, f"{record.name}: {part}"
