@@ -11,8 +11,9 @@ from contextlib import closing
 from itertools import combinations
 
 import pytest
-from page_users import PageUsers, release_all
+from page_users import PASSWORD, PageUsers, release_all
 from pages import (
+    be_logged_in,
     drive_live,
     expect_live,
     expect_mode,
@@ -21,12 +22,13 @@ from pages import (
     open_drawer,
     open_live,
     resize,
+    take_control,
 )
 from playwright.sync_api import Browser, FloatRect, Locator, Page, expect
 from sim_service import frozen_cameras
 from stack import Stack
 
-ROBOT = "sim1"
+ROBOT, OBSERVER = "sim1", "olga-of-the-layout"
 MOUSE = {"viewport": {"width": 1280, "height": 800}}
 TOUCH = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 SIZES = {
@@ -80,16 +82,19 @@ NOTE = """() => {
   note.textContent = 'You handed control to ben-of-the-second-shift.';
   note.dataset.fresh = 'true';
 }"""
-BOTH = pytest.mark.parametrize("context", [MOUSE, TOUCH], ids=list(SIZES), indirect=True)
 
 
-@pytest.fixture
-def driven(page: Page, stack: Stack) -> Page:
-    """The robot's page, which drives and shows the map."""
+@pytest.fixture(scope="module", params=[MOUSE, TOUCH], ids=list(SIZES))
+def driven(stack: Stack, browser: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
+    """The robot's page on each kind of screen, for all of these tests: it drives and shows the map."""
     stack.wait_until_drivable(ROBOT)
+    context = browser.new_context(ignore_https_errors=True, **request.param)
+    be_logged_in(context, stack)
+    page = context.new_page()
     drive_live(page, stack, ROBOT)
     expect_small_map(page)
-    return page
+    yield page
+    context.close()
 
 
 def _at_each_size(page: Page, request: pytest.FixtureRequest) -> Iterator[str]:
@@ -134,7 +139,6 @@ def _places(page: Page, request: pytest.FixtureRequest, state: str) -> dict[str,
     return places
 
 
-@BOTH
 def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
     driven: Page, stack: Stack, browser: Browser, request: pytest.FixtureRequest
 ) -> None:
@@ -177,30 +181,45 @@ def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
     expect(state).to_have_attribute("data-shown", "server_unreachable", timeout=30_000)
     assert _places(driven, request, "offline") == before
     driven.context.set_offline(False)
+    expect_live(driven, seconds=20)
+    take_control(driven)
 
 
-def test_who_may_not_drive_has_as_large_a_stop(page: Page, stack: Stack, browser: Browser) -> None:
-    """Everybody who sees a robot may stop it, at each size of a screen and with the map beside it."""
-    stack.wait_until_drivable(ROBOT)
-    open_live(page, stack, ROBOT)
+def test_who_may_not_drive_has_as_large_a_stop(
+    driven: Page, stack: Stack, browser: Browser, request: pytest.FixtureRequest
+) -> None:
+    """With the map beside it; at 200 % both keep what they need, and there is room for no map."""
     with closing(PageUsers(stack, browser)) as people:
-        people.let("olga-of-the-layout", "observe", ROBOT)
-        watching = people.open("olga-of-the-layout", ROBOT)
+        people.let(OBSERVER, "observe", ROBOT)
+    options = request.node.callspec.params["driven"]
+    with closing(browser.new_context(ignore_https_errors=True, **options)) as context:
+        be_logged_in(context, stack, OBSERVER, PASSWORD)
+        watching = context.new_page()
+        open_live(watching, stack, ROBOT)
         expect_small_map(watching)
-        for width, height in (size for sizes in SIZES.values() for size in sizes):
-            for each in (page, watching):
-                resize(each, width, height)
-            assert _box(watching, "stop") == _box(page, "stop"), f"at {width}x{height}"
+        for width, height in SIZES[request.node.callspec.id]:
+            for page in (driven, watching):
+                resize(page, width, height)
+            assert _box(watching, "stop") == _box(driven, "stop"), f"at {width}x{height}"
             assert watching.evaluate(UNCOVERED, ["stop"]) == [], f"at {width}x{height}"
             assert not _overlap(_box(watching, "observing"), _box(watching, "stop"))
+        for page, names in ((driven, ["joystick", "stop"]), (watching, ["stop"])):
+            resize(page, 640, 400)
+            expect_no_sideways_scroll(page)
+            expect(page.get_by_test_id("small-map")).to_have_attribute("data-shown", "false")
+            assert page.evaluate(UNCOVERED, names) == []
+            assert not _overlap(_box(page, "control"), _box(page, "stop"))
 
 
-@BOTH
 def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(
     driven: Page, request: pytest.FixtureRequest
 ) -> None:
     """Each, and where they fit both at once, which never comes; nothing else of the picture's lies over them."""
-    expect(driven.get_by_test_id("battery")).to_contain_text("%", timeout=10_000)
+    expect(driven.get_by_test_id("battery")).to_contain_text("%")
+    resize(driven, *SIZES[request.node.callspec.id][-1])
+    has_keys = request.node.callspec.id == "mouse"
+    expect(driven.get_by_test_id("stop").locator("kbd")).to_be_visible(visible=has_keys)
+    expect(driven.get_by_text("Space = Stop")).to_be_visible(visible=has_keys)
     open_drawer(driven)
     driven.get_by_test_id("two-sticks").click()
     for size in _at_each_size(driven, request):
@@ -220,6 +239,8 @@ def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(
                 assert not _overlap(box, _box(driven, name)), f"{size} it covers {name}"
         for name in ("joystick", "joystick-turn", "stop"):
             assert driven.evaluate(UNCOVERED, [name]) == [], f"{size} {name}, with the drawer open"
+    driven.get_by_test_id("two-sticks").click()
+    driven.get_by_test_id("drawer-open").click()
 
 
 def _has_room_for_drawer(page: Page) -> bool:
@@ -228,7 +249,6 @@ def _has_room_for_drawer(page: Page) -> bool:
     return screen["width"] >= 600  # else it lies over the whole picture
 
 
-@BOTH
 def test_words_on_a_map_leave_the_robot_free(driven: Page, request: pytest.FixtureRequest) -> None:
     """It is in the middle: of the map beside the stick, of the inset one and of one in the grid."""
     driven.get_by_test_id("camera").get_by_role("button", name="Map").click()
@@ -254,7 +274,6 @@ def _expect_middle_free(tile: Locator, where: str) -> None:
     assert words is None or not _overlap(robot, words), where
 
 
-@BOTH
 def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(
     driven: Page, request: pytest.FixtureRequest
 ) -> None:
@@ -271,28 +290,30 @@ def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(
         expect(driven.get_by_test_id(choice)).to_have_attribute("aria-pressed", "true")
 
 
-@BOTH
 def test_more_views_than_have_room_scroll_in_their_place(
-    page: Page, stack: Stack, request: pytest.FixtureRequest
+    driven: Page, stack: Stack, request: pytest.FixtureRequest
 ) -> None:
     """Each can be reached and touched; nothing of the picture's tools lies over another, nor over what is told."""
     cameras = [{"topic": f"/c{n}", "name": f"Camera of the gripper {n}"} for n in range(1, 6)]
-    stack.wait_until_drivable(ROBOT)
     stack.admin.set_robot(ROBOT, {"page.cameras": cameras})
     try:
-        open_live(page, stack, ROBOT)
-        views = page.get_by_test_id("camera").get_by_role("button")
+        # Whoever drives by no picture is held.
+        driven.get_by_test_id("control-leave").click()
+        expect_mode(driven, "observe")
+        driven.reload()
+        expect_live(driven, seconds=15)
+        views = driven.get_by_test_id("camera").get_by_role("button")
         expect(views).to_have_count(6)
-        expect(page.get_by_test_id("diagnostics")).to_be_visible(timeout=10_000)
-        page.evaluate(NOTE)
-        for size in _at_each_size(page, request):
+        expect(driven.get_by_test_id("diagnostics")).to_be_visible()
+        driven.evaluate(NOTE)
+        for size in _at_each_size(driven, request):
             for view in (views.last, views.first):
                 view.click()
                 expect(view).to_have_attribute("aria-pressed", "true")
-                _expect_tools_apart(page, view, size)
+                _expect_tools_apart(driven, view, size)
         is_touched = request.node.callspec.id == "touch"
         for number in ("1", "5"):
-            key = page.get_by_test_id(f"view-{number}").locator("small")
+            key = driven.get_by_test_id(f"view-{number}").locator("small")
             expect(key).to_be_visible(visible=number == "1" and not is_touched)
     finally:
         stack.admin.set_robot(ROBOT, {"page.cameras": None})
@@ -320,34 +341,6 @@ def _expect_tools_apart(page: Page, view: Locator, where: str) -> None:
     boxes = {name: _box(page, name) for name in names}
     for one, other in combinations(names, 2):
         assert not _overlap(boxes[one], boxes[other]), f"{where} {one} lies over {other}"
-
-
-@BOTH
-def test_stop_names_its_key_where_there_are_keys(
-    driven: Page, request: pytest.FixtureRequest
-) -> None:
-    """On Stop itself and beside the keys that drive; a phone has no space bar."""
-    has_keys = driven.evaluate("matchMedia('(hover: hover) and (pointer: fine)').matches")
-    assert has_keys == (request.node.callspec.id == "mouse")
-    expect(driven.get_by_test_id("stop").locator("kbd")).to_be_visible(visible=has_keys)
-    expect(driven.get_by_text("Space = Stop")).to_be_visible(visible=has_keys)
-
-
-def test_an_enlarged_page_keeps_stick_and_stop(
-    driven: Page, stack: Stack, browser: Browser
-) -> None:
-    """At twice the size a screen of 1280 by 800 has room for 640 by 400: for no map, but for who drives."""
-    with closing(PageUsers(stack, browser)) as people:
-        people.let("olga-of-the-layout", "observe", ROBOT)
-        watching = people.open("olga-of-the-layout", ROBOT)
-        expect(watching.get_by_test_id("driver")).to_contain_text("admin is driving (since")
-        expect_small_map(watching)
-        for page, names in ((driven, ["joystick", "stop"]), (watching, ["stop"])):
-            resize(page, 640, 400)
-            expect_no_sideways_scroll(page)
-            expect(page.get_by_test_id("small-map")).to_have_attribute("data-shown", "false")
-            assert page.evaluate(UNCOVERED, names) == []
-            assert not _overlap(_box(page, "control"), _box(page, "stop"))
 
 
 def test_without_scripts_the_page_says_so_and_shows_no_dead_stop(

@@ -17,19 +17,17 @@ from pages import (
     drive_live,
     expect_armed,
     expect_live,
-    expect_no_sideways_scroll,
     open_drawer,
     open_live,
     wait_until,
 )
-from playwright.sync_api import Locator, Page, expect
-from sim_service import call_sim, frozen_cameras
+from playwright.sync_api import Locator, Page, WebSocket, expect
+from sim_service import call_sim
 from sim_watch import SimWatch
 from stack import Stack
 
 ROBOT = "sim1"
 FRONT, REAR, MAP = "/camera/image_raw", "/rear/image_raw", "map:"
-PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
 # Of driving, as the machine may make the page let go on its way.
 STRETCHES = 5
 # As in mapTile.js and world.js.
@@ -123,116 +121,43 @@ def test_the_picture_says_how_old_it_is(robot: Page) -> None:
     assert median(abs(told - real) for told, real in looks) < 500
 
 
-def test_an_inset_shows_the_second_camera_and_keys_swap_them(robot: Page) -> None:
-    """With the layout inset both cameras play; C, a number or a click makes one the main picture, and it goes on."""
+def test_views_are_swapped_and_only_what_is_shown_has_a_stream(robot: Page) -> None:
+    """Beside the main one a small picture, asked for small; a choice of the map leaves one to drive by."""
+    sockets: list[WebSocket] = []
+    robot.on("websocket", lambda one: "/video/frames" in one.url and sockets.append(one))
+    robot.reload()
+    _expect_picture(_tile(robot, FRONT), "live")
     robot.get_by_test_id("layout").select_option("inset")
     _expect_picture(_tile(robot, REAR), "live")
-    _expect_main(robot, FRONT)
+    assert ["rear" in one.url for one in sockets] == [False, True]
+    small = _tile(robot, REAR).get_by_test_id("side-video")
+    robot.wait_for_function(
+        "canvas => canvas.width > 0 && canvas.width <= 320", arg=small.element_handle()
+    )
+    _wait_size(robot.get_by_test_id("video"), 640, 480)
     robot.keyboard.press("c")
     _expect_main(robot, REAR)
-    expect(_tile(robot, FRONT)).to_have_attribute("data-main", "false")
     _expect_picture(_tile(robot, FRONT), "live")
     robot.keyboard.press("1")
     _expect_main(robot, FRONT)
     _tile(robot, REAR).get_by_test_id("enlarge").click()
     _expect_main(robot, REAR)
     expect(_view(robot, REAR)).to_have_attribute("aria-pressed", "true")
-    expect(_view(robot, FRONT)).to_have_attribute("aria-pressed", "false")
-
-
-def test_a_small_picture_is_asked_for_small(robot: Page) -> None:
-    """The camera in the inset sends fewer pixels than the one that is looked at."""
-    robot.get_by_test_id("layout").select_option("inset")
-    # A canvas without a picture is small, too.
-    _expect_picture(_tile(robot, REAR), "live")
-    small = _tile(robot, REAR).get_by_test_id("side-video")
-    robot.wait_for_function(
-        "canvas => canvas.width > 0 && canvas.width <= 320",
-        arg=small.element_handle(),
-        timeout=10_000,
-    )
-    _wait_size(robot.get_by_test_id("video"), 640, 480)
-
-
-def test_only_what_is_shown_has_a_stream(robot: Page) -> None:
-    """One picture is one stream; a grid has one for each camera, and a hidden page none."""
-    sockets: list[str] = []
-    closed: list[str] = []
-
-    def note(socket: object) -> None:
-        url = socket.url  # type: ignore[attr-defined]
-        if "/video/frames" in url:
-            sockets.append(url)
-            socket.on("close", lambda _: closed.append(url))  # type: ignore[attr-defined]
-
-    robot.on("websocket", note)
-    robot.reload()
-    _expect_picture(_tile(robot, FRONT), "live")
-    robot.get_by_test_id("layout").select_option("grid")
-    _expect_picture(_tile(robot, REAR), "live")
-    assert ["rear" in url for url in sockets] == [False, True]
+    _view(robot, FRONT).click()
     robot.get_by_test_id("layout").select_option("one")
-    wait_until(robot, "closed the second", lambda: closed == sockets[1:])
-    expect(_tile(robot, REAR)).to_have_count(0)
-    robot.evaluate(HIDE)
-    wait_until(robot, "closed both", lambda: len(closed) == 2)
-    assert len(sockets) == 2, sockets
-
-
-def test_a_picture_is_turned_and_stays_so(robot: Page, stack: Stack) -> None:
-    """Turning by a quarter swaps width and height at once, and the next visit begins that way."""
-    video = robot.get_by_test_id("video")
-    _wait_size(video, 640, 480)
-    open_drawer(robot)
-    robot.get_by_test_id("turn").click()
-    _wait_size(video, 480, 640)
-    robot.goto(f"{stack.url}/robots/{ROBOT}")
-    _expect_picture(_tile(robot, FRONT), "live")
-    _wait_size(robot.get_by_test_id("video"), 480, 640)
-
-
-def test_fullscreen_keeps_stick_and_stop(robot: Page, stack: Stack) -> None:
-    """F makes the whole page full: Stop and stick are on the screen and work; F again ends it."""
-    robot.keyboard.press("f")
-    robot.wait_for_function("() => document.fullscreenElement === document.documentElement")
-    for name in ("stop", "joystick", "stage", "control"):
-        expect(robot.get_by_test_id(name)).to_be_in_viewport(ratio=0.9)
-    with SimWatch(stack, ROBOT) as watch:
-        expect_armed(robot)
-        robot.keyboard.down("w")
-        watch.wait_pose("moving in fullscreen", lambda pose: pose["linear_velocity"] > 0)
-        robot.keyboard.up("w")
-        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
-    robot.get_by_test_id("full").click()
-    robot.wait_for_function("() => !document.fullscreenElement")
-
-
-def test_fullscreen_lets_go_of_the_stick(robot: Page, stack: Stack) -> None:
-    """Going to fullscreen while a key is held stops the robot, and the repeats of the key start nothing."""
-    with SimWatch(stack, ROBOT) as watch:
-        expect_armed(robot)
-        robot.keyboard.down("w")
-        watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
-        robot.keyboard.press("f")
-        robot.wait_for_function("() => document.fullscreenElement")
-        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0, seconds=2)
-        robot.keyboard.up("w")
-
-
-def test_choosing_the_map_holds_nothing(robot: Page, stack: Stack) -> None:
-    """The camera goes on in the inset, so that there is a picture to drive by, and is alone again when it is chosen."""
+    wait_until(robot, "closed the second", lambda: _are_closed(sockets) == [False, True])
     _view(robot, MAP).click()
     _expect_main(robot, MAP)
     _expect_picture(_tile(robot, FRONT), "live")
-    robot.wait_for_timeout(3000)  # after which it was held for good
-    expect_live(robot, seconds=10)
-    with SimWatch(stack, ROBOT) as watch:
-        expect_armed(robot)
-        robot.keyboard.down("d")
-        watch.wait_pose("turning by the map", lambda pose: pose["angular_velocity"] < 0)
-        robot.keyboard.up("d")
     _view(robot, FRONT).click()
     expect(_tile(robot, MAP)).to_have_count(0)
+    expect_armed(robot)
+    robot.evaluate(HIDE)
+    wait_until(robot, "closed all", lambda: all(_are_closed(sockets)))
+
+
+def _are_closed(sockets: list[WebSocket]) -> list[bool]:
+    return [socket.is_closed() for socket in sockets]
 
 
 def test_the_map_shows_walls_scan_and_the_way(robot: Page, stack: Stack) -> None:
@@ -308,41 +233,8 @@ def _drive_ahead(page: Page, stack: Stack, metres: float) -> None:
         assert is_there(watch.pose), f"from {start} only to {watch.pose}"
 
 
-def test_what_is_not_seen_is_not_subscribed_to(robot: Page) -> None:
-    """Scan and map come through the connection only while a map is shown, the large or the small one."""
-    sent = _sent_to_ros(robot)
-    robot.set_viewport_size({"width": 1280, "height": 650})  # no room for the small map
-    robot.reload()
-    _expect_picture(_tile(robot, FRONT), "live")
-    expect(robot.get_by_test_id("small-map")).to_be_hidden()
-    expect(robot.get_by_test_id("camera").get_by_role("button")).to_have_count(3)
-    assert not any('"/scan"' in text for text in sent)
-
-    def of_scan(operation: str) -> list[str]:
-        return [text for text in sent if f'"{operation}"' in text and '"/scan"' in text]
-
-    robot.keyboard.press("3")
-    wait_until(robot, "subscribed", lambda: bool(of_scan("subscribe")))
-    robot.keyboard.press("1")
-    wait_until(robot, "unsubscribed", lambda: bool(of_scan("unsubscribe")))
-    scan = of_scan("subscribe")[0]
-    assert '"throttle_rate":150' in scan
-    assert '"queue_length":1' in scan
-
-
-def _sent_to_ros(page: Page) -> list[str]:
-    sent: list[str] = []
-
-    def note(socket: object) -> None:
-        if "/ros" in socket.url:  # type: ignore[attr-defined]
-            socket.on("framesent", lambda payload: sent.append(str(payload)))  # type: ignore[attr-defined]
-
-    page.on("websocket", note)
-    return sent
-
-
-def test_a_still_is_saved_at_full_quality(robot: Page) -> None:
-    """Save picture downloads a JPEG of the camera's own size, named after robot, camera and time."""
+def test_a_picture_is_saved_turned_and_of_the_chosen_quality(robot: Page) -> None:
+    """A still is a JPEG named after robot, camera and time; the choices are those of the next visit, too."""
     open_drawer(robot)
     with robot.expect_download() as download:
         robot.get_by_test_id("still").click()
@@ -354,6 +246,12 @@ def test_a_still_is_saved_at_full_quality(robot: Page) -> None:
     jpeg = download.value.path().read_bytes()
     assert jpeg[:2] == b"\xff\xd8"
     assert read_stamp(jpeg) > 1_700_000_000
+    robot.get_by_test_id("quality").select_option("30")
+    robot.get_by_test_id("turn").click()
+    for _ in range(2):
+        expect(_tile(robot, FRONT).get_by_test_id("tile-facts")).to_contain_text("30 %")
+        _wait_size(robot.get_by_test_id("video"), 480, 640)
+        robot.reload()
 
 
 def test_a_camera_that_nothing_publishes_is_named(page: Page, stack: Stack) -> None:
@@ -376,55 +274,3 @@ def test_a_camera_that_nothing_publishes_is_named(page: Page, stack: Stack) -> N
     finally:
         stack.admin.set_robot(ROBOT, {"page.cameras": None})
         stack.wait_for_changes(ROBOT)
-
-
-def test_a_frozen_camera_is_grey_and_says_so(robot: Page, stack: Stack) -> None:
-    """A second without a new picture greys the last one with words, its age goes on, and a new picture ends it."""
-    tile = _tile(robot, FRONT)
-    with frozen_cameras(stack, ROBOT):
-        _expect_picture(tile, "old", seconds=5)
-        expect(tile.get_by_test_id("tile-words")).to_contain_text("This video is old.")
-        assert "grayscale" in robot.get_by_test_id("video").evaluate(
-            "canvas => getComputedStyle(canvas).filter"
-        )
-        expect(robot.get_by_test_id("picture-age")).to_have_text(re.compile(r"^[2-9]\d{3} ms$"))
-        expect(robot.get_by_test_id("picture-age")).to_have_attribute("data-health", "poor")
-    _expect_picture(tile, "live")
-    expect(tile.get_by_test_id("tile-words")).to_be_empty()
-
-
-def test_a_fixed_quality_is_what_the_robot_sends(robot: Page) -> None:
-    """Whoever chooses 30 % gets that from the robot, and the next visit begins with it."""
-    open_drawer(robot)
-    robot.get_by_test_id("quality").select_option("30")
-    facts = _tile(robot, FRONT).get_by_test_id("tile-facts")
-    expect(facts).to_contain_text("30 %", timeout=10_000)
-    robot.reload()
-    expect(robot.get_by_test_id("quality")).to_have_value("30")
-    expect(facts).to_contain_text("30 %", timeout=10_000)
-
-
-def test_battery_and_diagnostics_are_beside_the_picture(robot: Page, stack: Stack) -> None:
-    """The battery is told in percent; a camera that freezes is a warning in the diagnostics, which a list explains."""
-    expect(robot.get_by_test_id("battery")).to_contain_text(" %", timeout=10_000)
-    diagnostics = robot.get_by_test_id("diagnostics")
-    with frozen_cameras(stack, ROBOT):
-        expect(diagnostics).to_have_attribute("data-level", "warn", timeout=10_000)
-        diagnostics.locator("summary").click()
-        expect(diagnostics.locator("li[data-level=warn]")).to_have_count(1)
-    expect(diagnostics).to_have_attribute("data-level", "ok", timeout=10_000)
-
-
-@pytest.mark.parametrize("context", [PHONE], indirect=True)
-def test_nothing_of_the_view_moves_the_stick_on_a_phone(robot: Page, stack: Stack) -> None:
-    """Layouts, menus and an old picture change nothing outside the picture's place."""
-    stick = robot.get_by_test_id("joystick")
-    place = stick.bounding_box()
-    robot.get_by_test_id("layout").select_option("grid")
-    _expect_picture(_tile(robot, REAR), "live")
-    open_drawer(robot)
-    assert stick.bounding_box() == place
-    with frozen_cameras(stack, ROBOT):
-        _expect_picture(_tile(robot, FRONT), "old", seconds=5)
-        assert stick.bounding_box() == place
-    expect_no_sideways_scroll(robot)
