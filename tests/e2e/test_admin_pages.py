@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from pages import expect_mode, expect_no_sideways_scroll, log_in, open_page
+from pages import expect_no_sideways_scroll, log_in, open_page
 from playwright.sync_api import Page, expect
 from robot_key import RobotKey
 from stack import Stack
@@ -78,28 +78,6 @@ def test_a_robot_that_waits_is_approved_under_another_name(
     _remove(page, stack, "turtle")
 
 
-def test_a_rejected_robot_may_ask_again_when_an_admin_says_so(
-    page: Page, stack: Stack, tmp_path: Path
-) -> None:
-    """Until then its key is refused."""
-    mac, key = "00:00:5e:00:53:12", RobotKey(stack, tmp_path, "stranger")
-    assert key.join(mac)[0] == 202
-
-    page.goto(f"{stack.url}/admin/add-robot")
-    page.get_by_test_id("reject-robot-005312").click()
-    expect(page.get_by_test_id("effects")).to_contain_text(key.fingerprint)
-    page.get_by_test_id("deed-do").click()
-    _done(page, "The key that waited for robot robot-005312 is rejected.")
-    status, answer = key.join(mac)
-    assert (status, answer["code"]) == (403, "key_rejected")
-    page.get_by_test_id("advanced").locator("> summary").click()
-    page.get_by_role("link", name="Allow the key of stranger to ask again").click()
-    page.get_by_test_id("deed-do").click()
-    _done(page, "The key may ask again.")
-    assert key.join(mac)[0] == 202
-    _remove(page, stack, "robot-005312")
-
-
 def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
     """A name that is taken comes back in the form, and a page that is open leads to the new name."""
     page.goto(f"{stack.url}/admin/robots")
@@ -124,14 +102,6 @@ def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
     expect(open_before).to_have_url(f"{stack.url}/robots/crane")
     open_before.close()
     _remove(page, stack, "crane")
-
-
-def test_drive_and_watch_on_a_robots_page(page: Page, stack: Stack) -> None:
-    """As on the fleet page: Drive takes the control at once, Watch does not."""
-    for button, mode in (("robot-drive", "drive"), ("robot-watch", "observe")):
-        open_page(page, stack, "/admin/robots/sim1")
-        page.get_by_test_id(button).click()
-        expect_mode(page, mode)
 
 
 @contextmanager

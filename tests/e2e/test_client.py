@@ -35,10 +35,6 @@ CONNECT = """async ([server, name, mode]) => {
   await robot.connect({ mode });
   return robot.driving;
 }"""
-LOOP = """(forward) => {
-  clearInterval(window.loop);
-  window.loop = setInterval(() => (window.counts = robot.drive({ forward })), 50);
-}"""
 
 # How many colours the page's canvas has: 1 when nothing was drawn.
 COUNT_COLOURS = """() => {
@@ -181,56 +177,6 @@ def test_the_documented_lines_drive_and_show_video(lab: Page, stack: Stack) -> N
         _expect_value(lab, COUNT_COLOURS, lambda colours: colours > 10)
         lab.evaluate("void (stick.y = 0)")
         watch.wait_pose("standing", _standing, seconds=2)
-
-
-def test_a_word_that_is_not_repeated_ends_in_zero(lab: Page, stack: Stack) -> None:
-    """One call drives for 0.3 s, and after it only a zero lets the next one count."""
-    lab.evaluate(CONNECT, [stack.url, ROBOT, "drive"])
-    with SimWatch(stack, ROBOT) as watch:
-
-        def drives_for_a_moment() -> None:
-            said = time.monotonic()
-            assert lab.evaluate("robot.drive({ forward: 0.3 })") is True
-            watch.wait_seen("moving", _moving, since=said)
-            watch.wait_pose("standing", _standing, seconds=2)
-
-        drives_for_a_moment()
-        assert lab.evaluate("robot.drive({ forward: 0.3 })") is False
-        assert lab.evaluate("robot.drive({})") is True
-        drives_for_a_moment()
-
-
-def test_a_loop_that_goes_on_through_a_cut_does_not_drive_on(lab: Page, stack: Stack) -> None:
-    """When the robot is back the page is connected again, and an old value moves nothing until it was zero."""
-    lab.evaluate(CONNECT, [stack.url, "sim2", "drive"])
-    with SimWatch(stack, "sim2") as watch:
-        lab.evaluate(LOOP, 0.3)
-        watch.wait_pose("moving", _moving)
-    stack.container("sim2").restart(timeout=5)
-    lives = "states.filter(([name]) => name === 'live').length"
-    _expect_value(lab, lives, lambda count: count > 1, seconds=40)
-    _expect_value(lab, "robot.driving", bool)
-    with SimWatch(stack, "sim2") as watch:
-        end = time.monotonic() + 1.5
-        while time.monotonic() < end:
-            assert watch.commands() == []
-            assert lab.evaluate("window.counts") is False
-            time.sleep(0.05)
-        lab.evaluate("robot.drive({})")
-        watch.wait_pose("moving by a new word", _moving)
-        lab.evaluate(LOOP, 0)
-        watch.wait_pose("standing", _standing, seconds=2)
-
-
-def test_losing_the_focus_stops_the_robot(lab: Page, stack: Stack) -> None:
-    """A page that nobody may be looking at lets go, and its loop drives no more by itself."""
-    lab.evaluate(CONNECT, [stack.url, ROBOT, "drive"])
-    with SimWatch(stack, ROBOT) as watch:
-        lab.evaluate(LOOP, 0.3)
-        watch.wait_pose("moving", _moving)
-        lab.evaluate("window.dispatchEvent(new Event('blur'))")
-        watch.wait_pose("standing", _standing, seconds=2)
-        _expect_value(lab, "window.counts", lambda counts: counts is False)
 
 
 def test_a_site_that_is_not_allowed_gets_nothing(

@@ -70,41 +70,6 @@ async def until(what: str, condition: Callable[[], bool], seconds: float) -> Non
             await asyncio.sleep(0.05)
 
 
-async def test_disabling_cuts_the_tunnel_and_enabling_lets_it_back(
-    program: Program, stack: Stack
-) -> None:
-    """An operator's connection to a robot that is disabled ends; enabled, the robot is let in again."""
-    path = f"/api/v1/robots/{ROBOT}"
-    async with program.connect(ROBOT) as socket:
-        await open_echo(socket)
-        await asyncio.to_thread(change, program, "PATCH", path, {"state": "disabled"})
-        try:
-            assert await closed_within(socket, AT_ONCE_S) in (4001, 4503, 4505)
-            await until("offline", lambda: not robot(program)["online"], AT_ONCE_S)
-        finally:
-            await asyncio.to_thread(change, program, "PATCH", path, {"state": "active"})
-    await start_anew(stack)
-    await until("online", lambda: bool(robot(program)["online"]), 45)
-    assert audited(stack, "robot_disabled") == audited(stack, "robot_enabled") == "admin"
-
-
-async def start_anew(stack: Stack) -> None:
-    """Restart the robot: an agent that was refused asks again within 30 s, and at its start at once."""
-    await asyncio.to_thread(stack.container(ROBOT).restart, timeout=5)
-
-
-@pytest.mark.release
-async def test_a_robot_that_was_disabled_asks_again_by_itself(program: Program) -> None:
-    """Nobody has to restart it once it is enabled."""
-    path = f"/api/v1/robots/{ROBOT}"
-    await asyncio.to_thread(change, program, "PATCH", path, {"state": "disabled"})
-    try:
-        await until("offline", lambda: not robot(program)["online"], AT_ONCE_S)
-    finally:
-        await asyncio.to_thread(change, program, "PATCH", path, {"state": "active"})
-    await until("online", lambda: bool(robot(program)["online"]), 45)
-
-
 async def test_renaming_keeps_the_tunnel(program: Program, stack: Stack) -> None:
     """Who drives has to open the robot by its new name, which works within 2 s; its tunnel does not notice."""
     path = "/api/v1/robots"
@@ -183,28 +148,3 @@ def shown_by_robot(stack: Stack) -> str:
     """The fingerprint that the robot shows to whoever stands before it."""
     status = stack.exec(ROBOT, "cat", "/run/robotether-agent/status.json")
     return str(json.loads(status)["fingerprint"])
-
-
-def announce_again(stack: Stack, was: dict[str, object]) -> None:
-    """Announce the robot again, with the same MAC; its key waits and is approved as at the first time."""
-    do = stack.robotether
-    do("robot", "add", ROBOT, "--mac", str(was["mac"]), "--allow-local-mac")
-    key = ("--fingerprint", str(was["fingerprint"]))
-    do("robot", "approve", ROBOT, "--wait-for-key", "45", *key)
-    do("robot", "wait-online", ROBOT, "--timeout", "45")
-
-
-@pytest.mark.release
-async def test_a_removed_robot_is_gone_and_comes_back_as_a_stranger(
-    program: Program, stack: Stack
-) -> None:
-    """Removing a robot ends its tunnel; its agent asks again and waits for approval like any other."""
-    was = await asyncio.to_thread(robot, program)
-    async with program.connect(ROBOT) as socket:
-        await open_echo(socket)
-        await asyncio.to_thread(change, program, "DELETE", f"/api/v1/robots/{ROBOT}")
-        try:
-            assert await closed_within(socket, AT_ONCE_S) in (4001, 4503, 4505)
-            assert audited(stack, "robot_removed") == "admin"
-        finally:
-            await asyncio.to_thread(announce_again, stack, was)

@@ -24,7 +24,7 @@ NOT_RUN = {
     "starts a stack from nothing: tests/images/test_plain_compose.py": (
         r"(COMPOSE_PROFILES=\S+ )?docker compose up"
     ),
-    "builds, copies or starts an image by itself: tests/images/test_sim_robot.py, tests/ansible/test_server.py": (
+    "builds, copies or starts an image by itself: tests/ansible/test_server.py": (
         r"docker (build|run|save) "
     ),
     "changes a robot's machine: tests/ansible, on hosts that boot systemd": (

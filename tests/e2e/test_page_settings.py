@@ -9,11 +9,10 @@ from http import HTTPStatus
 from typing import Any
 
 import pytest
-from pages import be_logged_in, drive_live, expect_no_sideways_scroll, open_live
+from pages import be_logged_in, drive_live, open_live
 from playwright.sync_api import Browser, Page, expect
 from stack import Stack
 
-PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 ROBOT = "sim3"
 SETTINGS = f"/robots/{ROBOT}/settings"
 CAMERAS, BUTTONS = f"{SETTINGS}/cameras", f"{SETTINGS}/buttons"
@@ -135,31 +134,6 @@ def test_a_manager_makes_a_button_and_a_driver_gets_it(
         ]
         expect(dan.get_by_test_id("page-settings")).to_have_count(0)
         assert dan.request.get(f"{stack.url}{CAMERAS}").status == 403
-
-
-def test_buttons_are_put_in_order_and_removed(
-    browser: Browser, stack: Stack, people: dict[str, str]
-) -> None:
-    """On a phone; nothing of it is wider than the screen."""
-    buttons = [
-        {"name": name, "kind": "publish", "topic": "/lights", "type": "std_msgs/Bool"}
-        for name in ("One", "Two")
-    ]
-    stack.admin.set_robot(ROBOT, {"buttons": buttons})
-    with _opened(browser, stack, "mia", people["mia"], **PHONE) as mia:
-        mia.goto(f"{stack.url}{BUTTONS}")
-        expect_no_sideways_scroll(mia)
-        mia.get_by_role("button", name="Move Two up").tap()
-        expect(mia.get_by_test_id("button-1")).to_contain_text("Two")
-        mia.get_by_role("link", name="Remove One").tap()
-        expect(mia.get_by_test_id("effects")).to_be_visible()
-        expect_no_sideways_scroll(mia)
-        mia.get_by_test_id("deed-do").tap()
-        expect(mia.get_by_test_id("done")).to_have_text("Button One is removed.")
-        expect(mia.get_by_test_id("button-2")).to_have_count(0)
-        mia.get_by_role("link", name="Change Two").tap()
-        expect(mia.get_by_label("Name", exact=True)).to_have_value("Two")
-        expect_no_sideways_scroll(mia)
 
 
 def test_the_page_of_a_robot_is_set_while_somebody_drives_it(
