@@ -163,7 +163,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 
 
 def test_each_service_gets_its_own_secrets(site: Site) -> None:
-    """Long ones, the same for those that share one, readable by one account; nothing of them is printed."""
+    """Long ones, the same for those that share one, readable by one account, unprinted; later starts keep them."""
     status, said = site.make()
     assert status == 0, said
     files = site.files()
@@ -181,11 +181,6 @@ def test_each_service_gets_its_own_secrets(site: Site) -> None:
     assert {mode for _, mode, _ in made.values()} == {0o600}
     owners = {name: owner for name, (owner, _, _) in files["sshd"].items()}
     assert owners.pop("session_key") not in owners.values()
-
-
-def test_later_starts_keep_them(site: Site) -> None:
-    """And print nothing."""
-    site.make()
     before = site.files()
     assert site.make() == (0, "")
     assert site.files() == before

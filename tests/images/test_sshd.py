@@ -98,10 +98,9 @@ def test_log_ins_through_443_have_an_address_for_each_client(stack: Stack) -> No
     assert "proxy_bind $loopback_source;" in beside
 
 
-@pytest.mark.parametrize("door", ["2222", "443"])
-def test_an_audit_finds_no_weak_algorithm(stack: Stack, door: str) -> None:
+def test_an_audit_finds_no_weak_algorithm(stack: Stack) -> None:
     """ssh-audit fails none of what sshd offers, nor does it know of a weakness of the whole."""
-    port = stack.ssh_port if door == "2222" else stack.https_port
+    port = stack.ssh_port
     done = subprocess.run(
         [sys.executable, "-m", "ssh_audit", "--json", "--skip-rate-test", "-p", str(port), "127.0.0.1"],
         capture_output=True, text=True, timeout=60, check=False,
@@ -124,20 +123,6 @@ def test_an_audit_finds_no_weak_algorithm(stack: Stack, door: str) -> None:
 def test_robots_with_older_openssh_log_in(key: RobotKey, option: str, value: str) -> None:
     """With the best that OpenSSH 8.2 (Ubuntu 20.04) and 8.4 (Debian 11) have in common with this server."""
     assert "Authenticated to" in key.ssh("-v", "-o", f"{option}={value}", USER, "id").stderr
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("KexAlgorithms", "ecdh-sha2-nistp256,ecdh-sha2-nistp384,ecdh-sha2-nistp521"),
-        ("MACs", "hmac-sha1,hmac-sha1-etm@openssh.com,umac-64@openssh.com,umac-64-etm@openssh.com"),
-    ],
-)
-def test_weak_algorithms_are_refused(key: RobotKey, option: str, value: str) -> None:
-    """A client that knows nothing better is rejected before it shows a key."""
-    # An AEAD cipher needs no MAC.
-    said = key.ssh("-o", f"{option}={value}", "-o", "Ciphers=aes128-ctr", USER, "id").stderr
-    assert "no matching" in said
 
 
 def _sandboxes(stack: Stack, program: str) -> list[tuple[str, int]]:
@@ -170,42 +155,15 @@ def _nice(stack: Stack, program: str) -> set[str]:
     return set(stack.exec("sshd", "ps", "-C", program, "-o", "ni=").split())
 
 
-@pytest.mark.parametrize(
-    "program",
-    [
-        "/usr/sbin/sshd",
-        "/usr/lib/openssh/sshd-session",
-        "/usr/lib/openssh/sshd-auth",
-        "/usr/lib/robotether/authorized-keys",
-        "/usr/lib/robotether/key-lookups",
-        "/usr/lib/robotether/session",
-        "/usr/lib/robotether/sshd-auth",
-    ],
-)
-def test_programs_of_a_log_in_load_no_library(stack: Stack, program: str) -> None:
+def test_programs_of_a_log_in_load_no_library(stack: Stack) -> None:
     """They would make most of its cost: each is static, at a random address all the same."""
-    assert "statically linked" in stack.exec("sshd", "ldd", program)
-
-
-def test_sshd_offers_no_sftp(stack: Stack) -> None:
-    """No subsystem is configured at all."""
-    assert "subsystem" not in stack.exec("sshd", "/usr/sbin/sshd", "-T")
-
-
-def test_robot_opens_its_session(key: RobotKey) -> None:
-    """A robot's key reaches the relay, which answers with the robot's name and ports."""
-    running = key.start(USER, "session")
-    try:
-        line = session_line(running)
-    finally:
-        end(running)
-    ros, video = key.ports()
-    assert (line["type"], line["robot"], line["ros_port"], line["video_port"]) == (
-        "config",
-        "thief",
-        ros,
-        video,
-    )
+    ours = ("authorized-keys", "key-lookups", "session", "sshd-auth")
+    for program in (
+        "/usr/sbin/sshd",
+        *(f"/usr/lib/openssh/{name}" for name in ("sshd-session", "sshd-auth")),
+        *(f"/usr/lib/robotether/{name}" for name in ours),
+    ):
+        assert "statically linked" in stack.exec("sshd", "ldd", program), program
 
 
 def test_robot_opens_its_session_through_443(key: RobotKey) -> None:
@@ -234,85 +192,36 @@ def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack, tmp_path: P
         end(running)
 
 
-def test_port_that_another_connection_holds_ends_the_session(key: RobotKey) -> None:
-    """A session is told why it ends when its port already listens somewhere else."""
-    ros = _free_port(key)
-    running = key.start("-R", f"0.0.0.0:{ros}:127.0.0.1:9", USER, "session")
-    try:
-        line = session_line(running)
-    finally:
-        end(running)
-    assert (line["type"], line["code"]) == ("bye", "port_taken")
-
-
-def test_robot_gets_no_other_robots_port(key: RobotKey) -> None:
-    """A forward on another robot's port is refused, so no robot can pose as another."""
+def test_robot_gets_nothing_but_its_sessions(key: RobotKey) -> None:
+    """Whatever the key asks for: no shell, no command, no file transfer, no terminal, no socket file, no port."""
     ros, _ = key.ports()
-    for port in (ros + 2, ros - 2, 80, 2200):
-        done = key.ssh("-N", "-R", f"0.0.0.0:{port}:127.0.0.1:9", USER)
-        assert done.returncode == 255
-        assert "remote port forwarding failed" in done.stderr
+    refused = "remote port forwarding failed"
+    for arguments, refusal in (
+        *(((USER, command), "") for command in ("sh", "session; id", "session x", "internal-sftp")),
+        *(((USER, command), "") for command in ("session\nid", "$(id)", "media --robot 1")),
+        ((USER,), ""),
+        (("-s", USER, "sftp"), "subsystem request failed"),
+        (("-tt", USER, "session"), "PTY allocation request failed"),
+        (("-N", "-R", "/tmp/thief.sock:127.0.0.1:9", USER), refused),
+        *(
+            (("-N", "-R", f"0.0.0.0:{port}:127.0.0.1:9", USER), refused)
+            for port in (ros + 2, ros - 2, 0, 2222)
+        ),
+        *(
+            (("-W", target, USER), "administratively prohibited")
+            for target in ("mysql:3306", "relay:8091", "nginx:8443", f"127.0.0.1:{ros}")
+        ),
+    ):
+        done = key.ssh(*arguments)
+        assert done.returncode != 0, arguments
+        assert refusal in done.stderr, arguments
+        assert done.stdout == "", arguments
 
 
-@pytest.mark.parametrize(
-    "target", ["mysql:3306", "relay:8091", "relay:8080", "web:8000", "127.0.0.1:2222"]
-)
-def test_robot_reaches_no_service_through_the_server(key: RobotKey, target: str) -> None:
-    """A local forward (direct-tcpip) to anything inside is refused."""
-    done = key.ssh("-W", target, USER)
-    assert done.returncode != 0
-    assert "administratively prohibited" in done.stderr or "open failed" in done.stderr
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        "",
-        "sh",
-        "id",
-        "cat /run/secrets/session_key",
-        "session; id",
-        "shell; id",
-        "internal-sftp",
-        "session x",
-        "shell x",
-    ],
-)
-def test_robot_gets_no_shell(key: RobotKey, command: str) -> None:
-    """Whatever the key asks to run but its three kinds of session ends with a sentence and runs nothing."""
-    done = key.ssh(USER, *([command] if command else []))
-    assert done.returncode != 0
-    assert "uid=" not in done.stdout
-    assert done.stdout == ""
-
-
-def test_robot_gets_no_sftp(key: RobotKey) -> None:
-    """The sftp subsystem is refused."""
-    done = key.ssh("-s", USER, "sftp")
-    assert done.returncode != 0
-    assert "subsystem request failed" in done.stderr
-
-
-def test_robot_gets_no_terminal(key: RobotKey) -> None:
-    """A pseudo-terminal is refused even for the session command."""
-    done = key.ssh("-tt", USER, "session")
-    assert done.returncode != 0
-    assert "PTY allocation request failed" in done.stderr
-
-
-def test_robot_gets_no_unix_socket(key: RobotKey) -> None:
-    """A remote forward of a socket file is refused."""
-    done = key.ssh("-N", "-R", "/tmp/thief.sock:127.0.0.1:9", USER)
-    assert done.returncode == 255
-    assert "remote port forwarding failed" in done.stderr
-
-
-@pytest.mark.parametrize("account", ["root", "keylookup", "sshd", "jump"])
-def test_key_opens_no_other_account(key: RobotKey, account: str) -> None:
+def test_key_opens_no_other_account(key: RobotKey) -> None:
     """The key is good for the account tunnel alone."""
-    done = key.ssh(f"{account}@127.0.0.1", "session")
-    assert done.returncode == 255
-    assert "Permission denied" in done.stderr
+    for account in ("root", "keylookup", "jump"):
+        assert "Permission denied" in key.ssh(f"{account}@127.0.0.1", "session").stderr
 
 
 def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> None:
