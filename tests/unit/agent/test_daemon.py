@@ -8,14 +8,11 @@ import logging
 import aiohttp
 import pytest
 from aiohttp import web
-from fake_cameras import FakeVideoServer, TopicRosbridge
 from fake_cloud import echo, eventually
-from frame_header import unpacked
 from openssh_server import listens
 from robotether_agent import backoff
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.problems import AgentProblem, AlreadyRunning, Retry, ServerKeyChanged
-from robotether_agent.status import has_problem
 
 
 async def test_joins_connects_and_forwards_both_services(make_cloud, start_agent):
@@ -36,51 +33,6 @@ async def test_joins_connects_and_forwards_both_services(make_cloud, start_agent
     assert "token" not in cloud.joins[0]
 
 
-async def test_frames_and_battery_reach_the_server(make_cloud, start_agent):
-    """A camera by credit at the video port, all else there unchanged, and the battery on the session alone."""
-    topics = {"/battery_state": "sensor_msgs/msg/BatteryState"}
-    async with FakeVideoServer() as camera, TopicRosbridge(topics) as rosbridge:
-        cloud = await make_cloud()
-        agent = start_agent(cloud, rosbridge_url=rosbridge.url, video_url=camera.url)
-        await agent.until_connected()
-        video = f"http://127.0.0.1:{cloud.ports[1]}"
-        async with aiohttp.ClientSession() as http:
-            async with http.ws_connect(f"{video}/robotether/frames?topic=/camera") as frames:
-                await frames.send_json({"op": "want"})
-                await frames.send_json({"op": "credit"})
-                while (message := await frames.receive(10)).type is not aiohttp.WSMsgType.BINARY:
-                    pass
-            assert unpacked(message.data).quality == 80
-            async with http.get(f"{video}/") as page:
-                assert await page.text() == "topics"
-        await eventually(
-            lambda: bool(rosbridge.subscribed("/battery_state")), lambda: str(rosbridge.got)
-        )
-        await rosbridge.publish(
-            "/battery_state", {"percentage": 0.81, "voltage": 24.1, "power_supply_status": 1}
-        )
-        session, media = await cloud.link("session"), await cloud.link("media")
-        await eventually(lambda: bool(session.of_type("vitals")), lambda: str(session.received))
-        assert session.of_type("vitals")[0]["battery"] == {"percent": 81, "charging": True}
-        assert not media.of_type("vitals")
-
-
-async def test_tells_who_it_is_how_it_is_and_the_round_trip(make_cloud, start_agent):
-    """The session carries hello, health and heartbeats both ways."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    link = await cloud.link("session")
-    await eventually(
-        lambda: any(said["ros"] == said["video"] == "ok" for said in link.of_type("health")),
-        lambda: f"health in {link.received}",
-    )
-    await eventually(lambda: len(link.of_type("pong")) >= 2, lambda: f"pongs in {link.received}")
-    assert link.received[0]["type"] == "hello"
-    await agent.until(lambda status: 0 < status.rtt_ms < 1000, "a round trip is known")
-    media = await cloud.link("media")
-    assert not media.of_type("health")
-
-
 async def test_waits_for_approval_and_says_how(make_cloud, start_agent, caplog):
     """A pending robot tells how it is approved, asks again, and connects once it is."""
     caplog.set_level(logging.INFO)
@@ -94,17 +46,6 @@ async def test_waits_for_approval_and_says_how(make_cloud, start_agent, caplog):
     await eventually(lambda: len(cloud.joins) >= 3, lambda: "asks again")
     cloud.approve()
     await agent.until_connected()
-
-
-async def test_connects_again_without_asking_the_web(make_cloud, start_agent):
-    """An enrolled robot comes up while the web is away, with the same key."""
-    cloud = await make_cloud()
-    first = start_agent(cloud)
-    await first.until_connected()
-    await first.stop()
-    await cloud.stop_web()
-    await start_agent(cloud).until_connected()
-    assert len(cloud.joins) == 1
 
 
 async def test_refused_key_is_told_and_asked_about(make_cloud, start_agent):
@@ -129,41 +70,6 @@ async def test_changed_host_key_stops_the_agent(make_cloud, start_agent):
     assert agent.status().problem_code == "host_key_changed"
 
 
-async def test_later_join_does_not_pin_again(make_cloud, start_agent):
-    """A join that tells other host keys than the first one did is host_key_changed, not a new pin."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    pinned = (agent.settings.state_dir / "known_hosts").read_text()
-    await agent.stop()
-    cloud.ssh.stop()
-    cloud.ssh.new_host_key()
-    agent = start_agent(cloud)
-    with pytest.raises(ServerKeyChanged, match="at the first join were"):
-        await agent.until(lambda _: False, "the agent ends")
-    assert (agent.settings.state_dir / "known_hosts").read_text() == pinned
-    assert cloud.joins[-1]["host_key_refused"] is True
-
-
-async def test_unreachable_server_is_tried_again(make_cloud, start_agent):
-    """While SSH is away the robot says server_unreachable, and connects when it is back."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    cloud.ssh.stop()
-    await agent.until(lambda status: status.problem_code == "server_unreachable", "unreachable")
-    cloud.ssh.start()
-    assert not has_problem(await agent.until_connected())
-    assert await echo(cloud.ports[0], "back") == "back"
-
-
-async def test_falls_back_to_the_next_ssh_port(make_cloud, start_agent):
-    """A port that a network does not let out is passed over for the next one."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud, ssh_ports=f"{cloud.other_ports[0]},{cloud.ssh.port}")
-    await agent.until_connected()
-
-
 async def test_taken_port_is_told_and_tried_again(make_cloud, start_agent):
     """A port that something else holds is port_taken, and opens once it is free."""
     cloud = await make_cloud()
@@ -184,28 +90,6 @@ async def test_new_ports_without_a_reconnect(make_cloud, start_agent):
     await eventually(lambda: not any(map(listens, cloud.ports)), lambda: "the old ports are closed")
     assert await echo(cloud.other_ports[0], "moved") == "moved"
     assert len(cloud.of_kind("session", live=False)) == 1
-
-
-async def test_media_failing_leaves_the_session_alone(make_cloud, start_agent):
-    """When the video connection drops it comes back by itself, and the session never notices."""
-    cloud = await make_cloud()
-    await start_agent(cloud).until_connected()
-    (await cloud.link("media")).drop()
-    await cloud.link("media", number=2)
-    assert len(cloud.of_kind("session", live=False)) == 1
-
-
-async def test_video_trouble_lasts_while_the_session_stands(make_cloud, start_agent):
-    """A robot that is connected but for its video shows a problem that is not over."""
-    cloud = await make_cloud()
-    holder = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    cloud.ports = (cloud.ports[0], holder.ssh.port)
-    (await cloud.link("media")).drop()
-    status = await agent.until(lambda status: status.problem_code == "port_taken", "port_taken")
-    assert status.state == "connected"
-    assert has_problem(status)
 
 
 async def test_session_failing_leaves_media_alone(make_cloud, start_agent):
@@ -237,18 +121,6 @@ async def test_a_session_that_comes_back_brings_the_video_with_it(
     (await cloud.link("session")).drop()
     await cloud.link("session", number=2)
     await cloud.link("media", number=2)
-
-
-async def test_killed_connections_come_back(make_cloud, start_agent):
-    """When sshd's processes are killed both connections come back on the same ports."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    cloud.ssh.drop_connections()
-    await cloud.link("session", number=2)
-    await cloud.link("media", number=2)
-    await agent.until_connected()
-    assert await echo(cloud.ports[0], "again") == "again"
 
 
 @pytest.mark.parametrize(
@@ -283,17 +155,6 @@ async def test_rosbridge_down_keeps_the_tunnel(make_cloud, start_agent, services
     assert agent.status().state == "connected"
 
 
-async def test_stop_closes_ports_and_leaves_no_socket(make_cloud, start_agent):
-    """A stopped agent has closed its ports, its control sockets and its clients."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    await agent.stop()
-    await eventually(lambda: not any(map(listens, cloud.ports)), lambda: "the ports are closed")
-    assert not list(agent.settings.run_dir.glob("*.ctl"))
-    assert agent.status().state == "stopped"
-
-
 async def test_second_agent_does_not_start(make_cloud, start_agent):
     """Two agents in one run directory would end each other's connections, so the second says no."""
     cloud = await make_cloud()
@@ -315,18 +176,6 @@ async def test_unwritable_state_is_told_and_tried_again(make_cloud, start_agent,
     await agent.until_connected()
 
 
-async def test_removed_robot_waits_for_its_approval(make_cloud, start_agent):
-    """A robot whose row was removed finds out why its key is refused, and comes back once approved."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    cloud.remove_robot()
-    cloud.ssh.drop_connections()
-    await agent.until(lambda status: status.state == "pending", "pending")
-    cloud.approve()
-    await agent.until_connected()
-
-
 async def test_works_on_a_read_only_disk(make_cloud, start_agent):
     """Once enrolled, the agent writes nothing in its state directory."""
     cloud = await make_cloud()
@@ -341,17 +190,6 @@ async def test_works_on_a_read_only_disk(make_cloud, start_agent):
     before = stamps()
     await start_agent(cloud).until_connected()
     assert stamps() == before
-
-
-async def test_the_servers_own_view_reaches_the_status(make_cloud, start_agent):
-    """The agent asks when its forwards stand; what the server found is there for a person."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    status = await agent.until(lambda status: status.end_to_end_ros == "ok", "it was checked")
-    assert (status.end_to_end_video, status.end_to_end_shell) == ("down", "unknown")
-    cloud.ssh.stop()
-    status = await agent.until(lambda status: status.state == "waiting", "the tunnel is gone")
-    assert status.end_to_end_ros == "unknown"
 
 
 async def test_starts_before_the_network_is_there(make_cloud, start_agent, place):

@@ -13,13 +13,11 @@ import time
 from asyncio.subprocess import PIPE, Process
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 from fake_cloud import WAIT_S, FakeCloud, agent_environ, eventually
-from openssh_server import command_line, descendants, is_alive
+from openssh_server import descendants, is_alive
 from robotether_agent import cli as command
-from robotether_agent.guard.fork_server import GUARD_NAME, SERVER_NAME
 from robotether_agent.problems import AlreadyRunning, ServerKeyChanged
 from robotether_agent.settings import Settings
 from robotether_agent.status import read_status
@@ -110,43 +108,6 @@ async def test_killed_agent_leaves_nothing_behind(make_cloud, start, place):
         lambda: "both links have ended",
     )
     await eventually(lambda: not any(map(is_alive, started)), lambda: "all have ended")
-
-
-async def test_guards_are_forked(make_cloud, start, place):
-    """No Python starts for a guard: the first one and those that follow share the agent's memory."""
-    agent = await start(await make_cloud(), "run")
-    await eventually(state_is(place, "connected"), lambda: "connected")
-
-    def named(name: str) -> list[int]:
-        return [pid for pid in descendants(agent.pid) if name_of(pid) == name]
-
-    [server], [first] = named(SERVER_NAME), named(GUARD_NAME)
-    assert command_line(first) == command_line(server) == command_line(agent.pid)
-    os.kill(first, signal.SIGKILL)
-    await eventually(lambda: named(GUARD_NAME) not in ([], [first]), lambda: "another one")
-    assert named(SERVER_NAME) == [server]
-    assert descendants(server) == named(GUARD_NAME)
-
-
-def name_of(pid: int) -> str:
-    """What `ps -o comm` shows."""
-    try:
-        return Path(f"/proc/{pid}/comm").read_text().strip()
-    except OSError:
-        return "(ended)"
-
-
-async def test_changed_host_key_has_its_exit_code(make_cloud, start, place):
-    """Systemd sees 76 and does not start it again; the log shouts."""
-    cloud = await make_cloud()
-    agent = await start(cloud, "run")
-    await eventually(state_is(place, "connected"), lambda: "connected")
-    cloud.ssh.stop()
-    cloud.ssh.new_host_key()
-    cloud.ssh.start()
-    _, log = await asyncio.wait_for(agent.communicate(), WAIT_S)
-    assert agent.returncode == 76
-    assert "STOPPED: cannot trust 127.0.0.1 port" in log.decode()
 
 
 @pytest.fixture

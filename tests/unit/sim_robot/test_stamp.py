@@ -3,10 +3,8 @@
 import io
 
 import pytest
-from frame_stamp import READ_STAMP, NoStampError, read_stamp
-from pages import chromium
+from frame_stamp import NoStampError, read_stamp
 from PIL import Image
-from playwright.sync_api import sync_playwright
 from sim_robot import camera
 from sim_robot.kinematics import Pose, Velocity
 
@@ -54,26 +52,3 @@ def test_every_bit_counts() -> None:
     image.paste("black" if lit else "white", (5 * 20, 456, 6 * 20, 468))
     with pytest.raises(NoStampError):
         read_stamp(camera.jpeg(image, 90))
-
-
-def test_a_page_reads_it_too() -> None:
-    """Chromium reads the moment of an <img> and of a smaller canvas by the same layout."""
-    jpeg = camera.jpeg(picture((640, 480)), 20)
-    with sync_playwright() as playwright:
-        browser = chromium(playwright)
-        page = browser.new_page()
-        read = page.evaluate(
-            """async ([bytes, read]) => {
-              const image = new Image();
-              image.src = URL.createObjectURL(new Blob([new Uint8Array(bytes)], { type: "image/jpeg" }));
-              await image.decode();
-              const canvas = Object.assign(document.createElement("canvas"), { width: 320, height: 240 });
-              canvas.getContext("2d").drawImage(image, 0, 0, 320, 240);
-              const empty = Object.assign(document.createElement("canvas"), { width: 320, height: 240 });
-              const stampOf = eval(read);
-              return [image, canvas, empty].map(stampOf);
-            }""",
-            [list(jpeg), READ_STAMP],
-        )
-        browser.close()
-    assert read == [MOMENT_S * 1000, MOMENT_S * 1000, None]

@@ -26,9 +26,7 @@ from robotether_agent.enrolment.enroller import (
 )
 from robotether_agent.enrolment.keys import ensure_next_key
 from robotether_agent.fields import ListedCell
-from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import (
-    AlreadyRunning,
     InterfaceMissing,
     JoinRefused,
     KeyUnusable,
@@ -489,16 +487,6 @@ async def test_a_rejected_key_on_a_read_only_disk_keeps_no_robot_out(cloud, sett
     assert (await enroller.enrolment()).robot == "sim1"
 
 
-async def test_a_server_that_is_down_for_days_fills_no_log(cloud, settings, caplog):
-    """Of a hundred tries some are told, with their number."""
-    enroller = await enrol(settings)
-    await cloud.stop_web()
-    for _ in range(100):
-        await enroller.enrolment()
-    assert caplog.text.count("cannot reach https://") == 7
-    assert "(for the 64. time)" in caplog.text
-
-
 def pins(known_hosts: Path) -> set[str]:
     """Return the host keys that OpenSSH trusts."""
     return {line.split()[2] for line in known_hosts.read_text().splitlines()}
@@ -521,14 +509,3 @@ def test_nothing_that_names_the_robot_stays(enrolled):
     unenrol(enrolled)
     assert list(enrolled.state_dir.iterdir()) == []
     assert enrolment_files(enrolled.state_dir) == []
-
-
-def test_not_while_the_agent_runs(enrolled):
-    ensure_directory(enrolled.run_dir, "run_dir")
-    with only_one(enrolled.run_dir / LOCK):
-        with pytest.raises(AlreadyRunning, match="its agent runs") as error:
-            unenrol(enrolled)
-        assert "systemctl stop" in error.value.advice
-    assert enrolment_files(enrolled.state_dir)
-    unenrol(enrolled)
-    assert not enrolment_files(enrolled.state_dir)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -13,14 +12,9 @@ from typing import Any
 
 import aiohttp
 import pytest
-from fake_pipe import FakePipe
 from fake_rosbridge import FakeRosbridge
 from guard_process import WAIT_S, GuardClient, GuardEnd, GuardHere, GuardProcess
 from robotether_agent.clock import robot_time
-from robotether_agent.guard.agent_messages import GuardReporter
-from robotether_agent.guard.latch import StopFile
-from robotether_agent.guard.process import Guard
-from robotether_agent.guard.rosbridge import new_http
 from sim_client import SETTINGS, until
 from sim_robot.graph import Node, TopicMessage
 from sim_robot.simulator import Simulator
@@ -107,20 +101,6 @@ async def test_a_topic_that_drives_no_more_stops(place: Path, robot: Robot) -> N
             assert refusals(guard)["shape"] > 0
 
 
-async def test_a_driver_who_changes_the_type_is_stopped(place: Path, robot: Robot) -> None:
-    """A stop is told in the words that the robot took, whatever its driver said last."""
-    async with GuardHere(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await client.drive(0.5)
-            await client.drive(0.0, msg={"header": {}, "twist": {"linear": {"x": 0.0}}})
-            assert "another message type" in (await client.receive())["msg"]
-            stopped_at = time.monotonic()
-            guard.tell(type="stop", id="5f", by="ben")
-            await until("it stands", lambda: robot.speeds[-1:] == [0.0])
-            assert robot.zero_after(stopped_at) < SLACK_S
-
-
 LOSSES: dict[str, Callable[[GuardProcess, GuardClient], object]] = {
     "connection": lambda _, client: client.socket._response.close(),
     "lease": lambda guard, _: guard.tell(type="lease", fence=13, held=False),
@@ -171,54 +151,6 @@ async def test_a_silent_agent_holds_the_robot(place: Path, robot: Robot) -> None
             await until("it drives again", lambda: 0.7 in robot.speeds)
 
 
-async def test_a_stop_outlives_the_guard(place: Path, robot: Robot) -> None:
-    """It is on the disk before it is answered, and a release takes it off before that is answered."""
-    async with GuardProcess(place, robot.port) as guard:
-        await guard.grant(13)
-        guard.tell(type="stop", id="5f", by="ben")
-        await guard.until(lambda: guard.state["answers"] == "5f", "it answers")
-        assert json.loads((place / "stop.json").read_text()) == {"by": "ben"}
-        guard.process.kill()
-        await guard.ended()
-    async with GuardProcess(place, robot.port) as guard:
-        assert (guard.state["stopped"], guard.state["by"]) == (True, "ben")
-        await guard.grant(14)
-        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
-            async with GuardClient(guard.port, 14):
-                pass
-        assert refused.value.status == 409
-        guard.tell(type="release", id="77", by="ann")
-        await guard.until(lambda: guard.state["answers"] == "77", "it answers")
-        assert not guard.state["stopped"]
-        assert not (place / "stop.json").exists()
-        async with GuardClient(guard.port, 15) as client:
-            await client.drive(0.5)
-            await until("the robot moves", lambda: robot.speeds == [0.5])
-
-
-async def test_a_stop_is_told_when_the_disk_has_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Until then the robot is stopped, and the server does not count on it."""
-    write, go = StopFile.write, threading.Event()
-    monkeypatch.setattr(StopFile, "write", lambda file, by: go.wait(5) and write(file, by))
-    async with new_http() as http:
-        guard = Guard(http, tmp_path, tmp_path, GuardReporter(pipe := FakePipe()))
-        disk = asyncio.create_task(guard._latch.run())
-        guard._report_state()
-        guard._on_line(b'{"type": "stop", "id": "5f", "by": "ben"}')
-        guard._report_state()
-        assert guard._authorizer.stopped
-        assert [line["stopped"] for line in pipe.lines] == [False]
-        go.set()
-        await until("it is told", lambda: len(pipe.lines) == 2)
-        told = {name: pipe.lines[-1][name] for name in ("stopped", "by", "answers")}
-        assert told == {"stopped": True, "by": "ben", "answers": "5f"}
-        assert StopFile(tmp_path).read() == "ben"
-        disk.cancel()
-        await asyncio.gather(disk, return_exceptions=True)
-
-
 async def test_a_killed_guards_successor_stops_the_robot(place: Path, robot: Robot) -> None:
     """Even if nobody drives through the new one."""
     async with GuardProcess(place, robot.port) as guard:
@@ -253,12 +185,6 @@ async def test_a_killed_guards_successor_knows_the_newest_lease(place: Path, rob
             assert refused.value.status == 409
         async with GuardClient(guard.port, 15):
             await guard.until(lambda: guard.state["fence"] == 15, "it reports the next one")
-
-
-async def test_the_line_of_a_lease_brings_its_number_to_the_disk(place: Path, robot: Robot) -> None:
-    async with GuardHere(place, robot.port) as guard:
-        await guard.grant(13)
-    assert json.loads((place / "fence.json").read_text()) == {"fence": 13}
 
 
 async def test_commands_are_checked_and_limited(place: Path, robot: Robot) -> None:
@@ -298,24 +224,6 @@ async def test_everything_else_passes_unchanged(place: Path) -> None:
             assert await client.socket.receive_str(timeout=WAIT_S) == large
 
 
-async def test_a_rosbridge_that_does_not_read_gets_no_backlog(place: Path) -> None:
-    """Two seconds of commands later it reads a few, then zeros."""
-    async with (
-        FakeRosbridge("slow_reader") as rosbridge,
-        GuardHere(place, rosbridge.port) as guard,
-    ):
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await drive_on(client, 2.0)
-            rosbridge.read_on()
-            await until("zeros came", lambda: rosbridge.speeds().count(0.0) >= 1)
-            speeds = rosbridge.speeds()
-            # What was sent before a pong was late; the publisher's own limit is 0.1 s.
-            assert speeds.index(0.0) <= 8
-            await client.drive(0.7)
-            await until("it drives again", lambda: 0.7 in rosbridge.speeds())
-
-
 async def test_a_silent_rosbridge_gets_no_commands(place: Path) -> None:
     async with FakeRosbridge("silent") as rosbridge, GuardHere(place, rosbridge.port) as guard:
         await guard.grant(13)
@@ -323,37 +231,6 @@ async def test_a_silent_rosbridge_gets_no_commands(place: Path) -> None:
             await drive_on(client, 1.5)
             assert "rosbridge" in (await client.receive())["msg"]
             assert rosbridge.speeds().count(0.5) <= 4
-
-
-async def test_the_publisher_comes_back_and_zeroes_first(place: Path) -> None:
-    """A rosbridge that crashed in motion stops the robot before anybody moves it."""
-    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await client.send(op="advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
-            await drive_on(client)
-        rosbridge.got.clear()
-        await rosbridge.stop()
-        rosbridge.got.clear()
-        rosbridge.discovery_s = 0.3
-        await rosbridge.start()
-        await until("the robot got a zero", lambda: 0.0 in rosbridge.reached())
-        assert [message["op"] for _, message in rosbridge.got][:2] == ["advertise", "publish"]
-        assert set(rosbridge.speeds()) == {0.0}
-
-
-async def test_a_stop_needs_no_new_publisher(place: Path) -> None:
-    """The guard advertises when the driver does, so the zeros are not what ROS 2 loses of a new publisher."""
-    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
-        rosbridge.discovery_s = 0.3
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await client.send(op="advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
-            await until("advertised", lambda: bool(rosbridge.got))
-            await drive_on(client, 0.5)
-        await until("the robot got ten zeros", lambda: rosbridge.reached()[-10:] == [0.0] * 10)
-        assert [message["op"] for _, message in rosbridge.got].count("advertise") == 1
-        assert rosbridge.got[0][1]["op"] == "advertise"
 
 
 @pytest.mark.parametrize("mode", ["refuses", "drops"])
@@ -388,23 +265,6 @@ async def test_a_request_without_a_websocket_tells_whether_rosbridge_is_there(pl
             while await status() != 502:
                 assert time.monotonic() < end, "rosbridge is gone, and the guard says it is there"
             await rosbridge.start()
-
-
-async def test_direct_connections_drive_while_nobody_has_the_lease(
-    place: Path, robot: Robot
-) -> None:
-    """They need neither key nor stamps, and lose the robot to a driver of the server."""
-    async with GuardHere(place, robot.port) as guard:
-        guard.reconfigure(direct=True)
-        guard.tell(type="session", up=True)
-        await guard.heard()
-        async with GuardClient(guard.port, None) as client:
-            await client.drive(0.5, robotether=None)
-            await until("the robot moves", lambda: robot.speeds == [0.5])
-            guard.tell(type="lease", fence=1, held=True)
-            await until("the robot stands", lambda: robot.speeds[-1] == 0.0)
-            await client.drive(0.5)
-            assert (await client.receive())["op"] == "status"
 
 
 async def test_broken_lines_of_the_agent_do_no_harm(place: Path, robot: Robot) -> None:

@@ -207,18 +207,6 @@ async def test_the_time_in_which_a_cell_was_silent_already_counts(silent_port):
         assert loop.time() - started < server_dialer.NEXT_CELL_AFTER_S - 0.5
 
 
-async def test_each_of_several_silent_cells_has_its_time(silent_port, monkeypatch):
-    """The last one is tried before the robot gives up."""
-    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.3)
-    monkeypatch.setattr(server_dialer, "NEXT_CELL_AFTER_S", 0.5)
-    async with SshPort() as door:
-        one, other = ListedCell("one", (silent_port,)), ListedCell("other", (silent_port,))
-        silent = [
-            SshAddress("127.0.0.1", silent_port, "tunnel", cell=cell) for cell in (one, other)
-        ]
-        assert await ServerDialer().find([*silent, *cells(door.port)]) == at(door.port)
-
-
 @pytest.mark.parametrize("mode", ["full", "closes"])
 async def test_a_cell_that_takes_nobody_is_left_alone_while_the_next_is_waited_for(
     mode, silent_port
@@ -341,11 +329,3 @@ async def test_a_proxy_that_lets_only_443_out():
         dialer = ServerDialer(proxy_of(proxy.url))
         assert await dialer.find([at(2222), at(443)]) == at(443)
         assert proxy.asked == ["127.0.0.1:2222", "127.0.0.1:443"]
-
-
-async def test_a_proxy_that_refuses_all():
-    """Both answers are told, with the proxy's name."""
-    async with FakeProxy("refuses") as proxy:
-        with pytest.raises(ServerUnreachable, match=r"port 2222, 443: .*403") as caught:
-            await ServerDialer(proxy_of(proxy.url)).find([at(2222), at(443)])
-        assert f"127.0.0.1 port {proxy.port}" in str(caught.value)

@@ -24,7 +24,7 @@ from robotether_agent.enrolment.keys import KeyPair, ensure_key, pin_host_keys
 from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.health import Health
 from robotether_agent.net.server_dialer import SshAddress
-from robotether_agent.problems import AgentProblem, PortTaken, ServerKeyChanged
+from robotether_agent.problems import AgentProblem
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import MAX_RUN_DIR_LENGTH
 from robotether_agent.tunnel.connection import Report, Role, run_connection
@@ -182,19 +182,6 @@ async def drop_mid_line(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -
     await writer.drain()
 
 
-async def test_a_new_name_leaves_the_forward_alone(cloud, robot, caplog):
-    """A robot that is renamed learns its name, and its port is not opened anew."""
-    caplog.set_level("INFO")
-    up = Up()
-    robot.connect(robot.trust(cloud.ssh), up)
-    await is_up(up)
-    (await cloud.link("media")).send(config(cloud, cloud.ports[0], "turtle"))
-    await is_up(up, 2)
-    assert [config.robot for config in up.configs] == ["sim1", "turtle"]
-    assert up.ports_were_open
-    assert caplog.text.count("of the server leads to") == 1
-
-
 async def test_several_configurations_at_once_end_at_the_newest(cloud, robot):
     """However fast the ports change, the newest is open in the end, and no other one."""
     up = Up()
@@ -209,18 +196,6 @@ async def test_several_configurations_at_once_end_at_the_newest(cloud, robot):
     )
     assert up.ports_were_open
     assert not any(map(listens, (cloud.ports[0], *cloud.other_ports)))
-
-
-async def test_a_new_port_that_is_taken_ends_it(cloud, robot):
-    """A connection that cannot follow its configuration ends, so that nobody takes it for up."""
-    up = Up()
-    connecting = robot.connect(robot.trust(cloud.ssh), up)
-    await is_up(up)
-    with socket.create_server(("0.0.0.0", cloud.other_ports[0])):
-        (await cloud.link("media")).send(config(cloud, cloud.other_ports[0]))
-        assert isinstance(await problem_of(connecting), PortTaken)
-    assert up.ports == [cloud.ports[0]]
-    await eventually(lambda: not listens(cloud.ports[0]), lambda: "the old port is closed")
 
 
 async def test_the_session_tells_each_change_once(cloud, robot, services):
@@ -248,32 +223,6 @@ async def test_the_session_tells_each_change_once(cloud, robot, services):
     hello = {"type": "hello", **who, "guard": "off", "epoch": link.received[0]["epoch"]}
     assert link.received[0] == hello
     assert link.of_type("hello") == [hello]
-
-
-async def test_the_forward_follows_where_it_leads(cloud, robot, caplog):
-    """A guard that is gone has no forward; a new one on another port has one, without a new connection."""
-    caplog.set_level("INFO")
-    up, moved, leads_to = Up(), asyncio.Event(), [free_port()]
-
-    def forward(config: SessionConfig) -> Forward | None:
-        return Forward(config.ros_port, "127.0.0.1", leads_to[0]) if leads_to else None
-
-    robot.connect(robot.trust(cloud.ssh), up, forward=forward, moved=moved)
-    await is_up(up)
-    leads_to.clear()
-    moved.set()
-    await eventually(lambda: not listens(cloud.ports[0]), lambda: "nothing leads to the robot")
-    leads_to.append(free_port())
-    moved.set()
-    await eventually(lambda: f"127.0.0.1:{leads_to[0]}" in caplog.text, lambda: caplog.text)
-    assert listens(cloud.ports[0])
-    assert len(cloud.links) == 1
-    told = len(up.configs)
-    moved.set()
-    pings = len((await cloud.link("media")).of_type("ping"))
-    link = await cloud.link("media")
-    await eventually(lambda: len(link.of_type("ping")) > pings + 1, lambda: "more heartbeats")
-    assert len(up.configs) == told
 
 
 async def test_the_session_joins_the_guard(cloud, robot, place):
@@ -358,17 +307,6 @@ async def test_the_longest_run_directory_takes_its_control_socket(cloud, robot, 
     robot.connect(robot.trust(cloud.ssh), up)
     await is_up(up)
     assert listens(cloud.ports[0])
-
-
-async def test_another_host_key_than_the_pinned_one_gets_no_session(cloud, robot):
-    """A server that is not the pinned one is told loudly, and hears nothing of the session."""
-    target = robot.trust(cloud.ssh)
-    cloud.ssh.stop()
-    cloud.ssh.new_host_key()
-    cloud.ssh.start()
-    problem = await problem_of(robot.connect(target, Up()))
-    assert isinstance(problem, ServerKeyChanged)
-    assert cloud.links == []
 
 
 async def test_a_relay_that_is_away_is_told_in_the_servers_words(start_ssh, robot):

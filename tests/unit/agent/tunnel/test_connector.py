@@ -10,7 +10,6 @@ from typing import Any, NoReturn
 
 import pytest
 from fake_cloud import FakeCloud, echo, eventually
-from fake_proxy import FakeProxy
 from local_network import free_port
 from robotether_agent.enrolment.enroller import ENROLMENT_FILE, Enroller, Enrolment
 from robotether_agent.enrolment.join import SshAccess
@@ -146,17 +145,6 @@ async def test_a_server_that_moved_is_found_by_the_web(make_cloud, start_agent, 
         cloud.ssh.drop_connections()
         await eventually(lambda: len(cloud.joins) > joins, lambda: "the web was asked")
     await agent.until_connected()
-
-
-async def test_all_goes_through_the_proxy(make_cloud, start_agent):
-    """Where only a proxy leads out, it is asked for the web and for SSH, by their names."""
-    cloud = await make_cloud()
-    async with FakeProxy() as proxy:
-        agent = start_agent(cloud, http_proxy=proxy.url)
-        await agent.until_connected()
-        assert set(proxy.asked) == {cloud.server, f"127.0.0.1:{cloud.ssh.port}"}
-        assert await echo(cloud.ports[0], "through") == "through"
-        await agent.stop()
 
 
 @pytest.fixture

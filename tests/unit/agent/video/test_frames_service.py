@@ -14,7 +14,6 @@ import pytest
 from fake_cameras import FakeVideoServer, TopicRosbridge, fake_jpeg, number_of
 from fake_cloud import eventually
 from frame_header import SIZE, unpacked
-from link import Link, Shape, why_not_here
 from local_network import free_port
 from robotether_agent.clock import robot_time
 from robotether_agent.rosbridge import RosGraph
@@ -23,8 +22,6 @@ from robotether_agent.video import receiver as receiver_module
 from robotether_agent.video.frames_service import FramesService
 from robotether_agent.video.receiver import Header
 from robotether_agent.video.sources import SourceSettings
-from robotether_agent.video.video_proxy import LocalService, VideoProxy
-from slow_uplink import SlowUplink
 
 WITHIN_S = 5
 TOPIC = "/camera/image_raw"
@@ -309,44 +306,6 @@ async def test_whoever_looks_whether_video_works_is_told(world):
     world.has_video = False
     with pytest.raises(aiohttp.ClientError):
         await world.get("/")
-
-
-async def age_of_plain_mjpeg(http: aiohttp.ClientSession, port: int, for_s: float) -> list[float]:
-    """The ages of the frames of web_video_server's own stream, as they come."""
-    ages = []
-    until = time.monotonic() + for_s
-    async with http.get(f"http://127.0.0.1:{port}/stream?topic={TOPIC}&quality=80") as answer:
-        while time.monotonic() < until:
-            line = await answer.content.readline()
-            if line.startswith(b"X-Timestamp:"):
-                ages.append(time.time() - float(line.split()[1]))
-    return ages
-
-
-@pytest.mark.skipif(bool(why_not_here()), reason=why_not_here() or "-")
-async def test_over_a_slow_link_frames_stay_new_while_plain_mjpeg_gets_old(world):
-    """1 Mbit/s up for a camera of 7 Mbit/s: what comes is new, in a quality that fits."""
-    world.camera.fps = 15
-    with Link(up=Shape(rate_bit_s=1e6, delay_s=0.03), down=Shape(delay_s=0.03)) as link:
-        door = VideoProxy(world.camera.url, LocalService(world.port))
-        port = await door.start()
-        async with SlowUplink(link, port) as uplink:
-            door.use(uplink.tunnel)
-            receiver = await world.receive(port=uplink.port, latency_ms=400)
-            # So many that a moment in which the machine stands still makes less than 5 % of them late.
-            await eventually(lambda: len(receiver.pictures) > 160, receiver.told, 60)
-            await receiver.leave()
-        async with SlowUplink(link, port) as uplink:
-            door.use(uplink.tunnel)
-            plain = await age_of_plain_mjpeg(world.http, uplink.port, 6)
-        await door.close()
-    settled = sorted(receiver.ages_s[20:])
-    p95, worst = settled[int(len(settled) * 0.95)], max(receiver.ages_s)
-    assert p95 < 0.6, receiver.ages_s
-    # The first ones are of the best quality; two of them may be under way.
-    assert worst < 2, receiver.ages_s
-    assert min(header.quality for header, _ in receiver.pictures) < 80
-    assert max(plain) > 3 * p95, plain
 
 
 async def test_a_close_that_is_cancelled_leaves_nothing() -> None:

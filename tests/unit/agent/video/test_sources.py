@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import aiohttp
 import pytest
 from fake_cameras import FakeVideoServer, TopicRosbridge, fake_jpeg, number_of
-from fake_cloud import WAIT_S, eventually
+from fake_cloud import eventually
 from local_network import free_port
 from PIL import Image
 from robotether_agent.clock import robot_time
@@ -38,8 +38,6 @@ from robotether_agent.video.sources import (
     stream_url,
     timestamp_of,
 )
-from sim_robot.settings import SimSettings
-from sim_robot.simulator import Simulator
 
 ARRIVED = ClockReadings(robot_s=1000.0, wall_s=1_800_000_000.0, steady_s=900.0)
 WISH = SourceRequest("/camera/image_raw", 70, None, None, 15.0)
@@ -215,19 +213,6 @@ async def test_frames_of_rosbridge(run):
         assert number_of(taken.pictures[0].jpeg) == 7
         assert taken.pictures[0].is_stamped
         assert robot_time() - taken.pictures[0].timestamp_s == pytest.approx(0.25, abs=0.2)
-
-
-async def test_frames_of_the_simulated_robots_rosbridge(run):
-    """The whole way of a real message, base64 and all."""
-    settings = SimSettings(name="x", bind_address="127.0.0.1", rosbridge_port=0, video_port=0)
-    async with Simulator(settings) as robot:
-        url = f"ws://127.0.0.1:{robot.rosbridge.port}"
-        _, taken = run(source_settings(rosbridge=url, source="rosbridge"))
-        await eventually(taken.some(), taken.told)
-        newest = taken.pictures[-1]
-        assert newest.is_stamped
-        # Both are of one clock; how busy the machine is adds seconds.
-        assert 0 <= newest.arrived_s - newest.timestamp_s < WAIT_S
 
 
 @pytest.mark.parametrize(

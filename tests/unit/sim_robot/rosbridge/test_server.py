@@ -12,7 +12,7 @@ import sim_client
 from sim_client import SocketClient, until
 from sim_robot.graph import TopicMessage
 from sim_robot.kinematics import STEP_S
-from sim_robot.rosbridge.client import MESSAGES_LIMIT, ThrottledQueue
+from sim_robot.rosbridge.client import ThrottledQueue
 from sim_robot.simulator import Simulator
 
 ROUND_TRIP = Path(sim_client.__file__).with_name("roslibpy_round_trip.py")
@@ -50,33 +50,6 @@ async def test_driving_moves_and_silence_stops(simulator: Simulator) -> None:
             speeds.append(odom["twist"]["twist"]["linear"]["x"])
         assert speeds[0] == 0.5
         assert odom["pose"]["pose"]["position"]["x"] == pytest.approx(0.5, abs=0.03)
-
-
-async def test_client_that_never_reads_is_bounded_and_hurts_nobody(simulator: Simulator) -> None:
-    """Its queue stays at the limit, the oldest go, and another client is served."""
-    port = simulator.rosbridge.port
-    async with SocketClient(port) as deaf, SocketClient(port) as other:
-        await deaf.send(op="subscribe", topic="/big", type="std_msgs/String")
-        await deaf.ready()
-        transport = deaf.socket._response.connection.transport  # no public way to stop reading
-        transport.pause_reading()
-        (client,) = [c for c in _callbacks(simulator, "/big") if c is not None]
-        await until("queue is full and drops", lambda: _flood(simulator) and client.dropped > 0)
-        assert len(client) <= MESSAGES_LIMIT
-        await other.ready()
-        transport.resume_reading()
-
-
-def _callbacks(simulator: Simulator, topic: str) -> list:
-    """The outboxes of a topic's subscribers."""
-    offers = simulator.graph.bus._topics[topic].subscribers.values()
-    return [offer.__self__._send.args[0].outbox for offer in offers]
-
-
-def _flood(simulator: Simulator) -> bool:
-    for _ in range(50):
-        simulator.graph.bus.publish("/big", {"data": "x" * 50_000})
-    return True
 
 
 async def test_broken_message_leaves_the_connection_alive(simulator: Simulator) -> None:
