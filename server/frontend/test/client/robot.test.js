@@ -4,9 +4,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
 
-const GLOBALS = ["window", "location", "document", "WebSocket", "fetch"];
-
-let before, robots, sockets, asked, answers, ticketsGiven, windowHears, stopped;
+let robots, sockets, asked, answers, ticketsGiven, windowHears, stopped;
 
 // A double of the server and a robot behind it, as far as one connection shows them.
 class FakeServer {
@@ -61,7 +59,6 @@ class FakeServer {
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
-  before = Object.fromEntries(GLOBALS.map((name) => [name, globalThis[name]]));
   robots = [];
   sockets = [];
   asked = [];
@@ -78,11 +75,7 @@ beforeEach(() => {
   };
 });
 
-afterEach(() => {
-  robots.forEach((robot) => robot.close());
-  Object.assign(globalThis, before);
-  mock.timers.reset();
-});
+afterEach(() => robots.forEach((robot) => robot.close()));
 
 async function settle() {
   for (let i = 0; i < 50; i++) await Promise.resolve();

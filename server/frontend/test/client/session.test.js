@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
-import { beforeEach, test } from "node:test";
+import { beforeEach, mock, test } from "node:test";
 
-import { Session } from "../../src/client/session.js";
+import { ClockSync, ControlState, Session } from "../../src/client/session.js";
 
 let advertised, ended, published, session;
 
@@ -54,4 +54,131 @@ test("a car's steering follows its wheelbase", () => {
   session.publish({ forward: 1, left: 0, turn: 1 }, 5);
   const [[{ drive }]] = published;
   assert.deepEqual(drive, { steering_angle: Math.atan(0.5), speed: 1 });
+});
+
+let heard, state;
+
+beforeEach(() => {
+  heard = [];
+  state = new ControlState({ onControl: (control) => heard.push(control) });
+});
+
+test("the events count while the connection has told nothing", () => {
+  state.fromFeed("a");
+  state.fromLink("b");
+  assert.deepEqual(heard, ["a", "b"]);
+});
+
+test("while the connection tells, older news of the events change nothing", () => {
+  state.fromLink("stopped");
+  state.fromFeed("not yet stopped");
+  assert.deepEqual(heard, ["stopped"]);
+});
+
+test("what the events told last counts when the connection has ended", () => {
+  state.fromLink("driven");
+  state.fromFeed("stopped");
+  state.linkEnded();
+  assert.deepEqual(heard, ["driven", "stopped"]);
+  state.fromFeed("released");
+  assert.equal(heard.at(-1), "released");
+});
+
+test("the connection's own last word stands when the events told nothing after it", () => {
+  state.fromLink("a");
+  state.fromFeed("a, late");
+  state.fromLink("b");
+  state.linkEnded();
+  assert.deepEqual(heard, ["a", "b"]);
+});
+
+const AHEAD_MS = 5000; // of the relay's clock before this page's
+
+let clock, sent, clockSync;
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setInterval"] });
+  clock = 100;
+  sent = [];
+  clockSync = new ClockSync({ now: () => clock });
+  clockSync.start((message) => sent.push(message));
+});
+
+// The relay answers at once; the way back takes `back` ms.
+function answer(back) {
+  const relay_ms = clock + AHEAD_MS;
+  clock += back;
+  clockSync.receive({ relay_ms });
+}
+
+test("a beat goes out at once and then every 250 ms, until the connection ends", () => {
+  assert.deepEqual(sent, [{ op: "robotether.beat", t_ms: 100, key: sent[0].key }]);
+  mock.timers.tick(1000);
+  assert.equal(sent.length, 5);
+  clockSync.stop();
+  mock.timers.tick(1000);
+  assert.equal(sent.length, 5);
+});
+
+test("nothing is known before the first answer, and nothing of an earlier connection after the next one", () => {
+  assert.equal(clockSync.stamp(100), undefined);
+  answer(10);
+  assert.ok(clockSync.stamp(100));
+  clockSync.start(() => {});
+  assert.equal(clockSync.stamp(100), undefined);
+});
+
+test("the answer that came fastest counts, so that a moment is told too early by no more than that", () => {
+  answer(300);
+  assert.equal(clockSync.stamp(1000).t_ms, 1000 + AHEAD_MS - 300);
+  answer(20);
+  answer(400);
+  assert.equal(clockSync.stamp(1000).t_ms, 1000 + AHEAD_MS - 20);
+});
+
+test("answers older than 10 s no longer count: clocks drift, and a sleep stops one of them", () => {
+  answer(20);
+  clock += 9000;
+  answer(80);
+  assert.equal(clockSync.stamp(1000).t_ms, 1000 + AHEAD_MS - 20);
+  clock += 1000;
+  assert.equal(clockSync.stamp(1000).t_ms, 1000 + AHEAD_MS - 80);
+  clock += 10_000;
+  assert.equal(clockSync.stamp(1000), undefined);
+});
+
+test("an answer without the relay's time changes nothing", () => {
+  clockSync.receive({});
+  clockSync.receive({ relay_ms: "soon" });
+  assert.equal(clockSync.stamp(100), undefined);
+});
+
+test("the round trip to the relay is the median of the newest answers, and unknown without any", () => {
+  assert.equal(clockSync.roundTripMs, null);
+  for (const back of [10, 12, 300]) {
+    const t_ms = clock;
+    const relay_ms = clock + AHEAD_MS;
+    clock += back;
+    clockSync.receive({ t_ms, relay_ms });
+  }
+  assert.equal(clockSync.roundTripMs, 12);
+  clockSync.stop();
+  assert.equal(clockSync.roundTripMs, null);
+});
+
+test("only what has the key of this connection's beats is the relay's: a robot sees none of them", () => {
+  const [{ key }] = sent;
+  assert.match(key, /^[0-9a-f]{32}$/);
+  assert.ok(clockSync.isRelays({ key }));
+  for (const forged of [{}, { key: undefined }, { key: null }, { key: "" }, { key: key.slice(1) }]) {
+    assert.ok(!clockSync.isRelays(forged));
+  }
+  mock.timers.tick(250);
+  assert.equal(sent[1].key, key);
+  clockSync.start((message) => sent.push(message));
+  assert.ok(!clockSync.isRelays({ key }), "the key of an earlier connection is none of this one");
+  clockSync.stop();
+  assert.ok(!clockSync.isRelays({ key: sent.at(-1).key }));
+  assert.ok(!clockSync.isRelays({}));
 });

@@ -1,29 +1,26 @@
 import assert from "node:assert/strict";
-import { afterEach, beforeEach, mock, test } from "node:test";
+import { beforeEach, mock, test } from "node:test";
 
-import { ControlPanel } from "../../src/control/controlPanel.js";
+import { afterTicketRefusal, LINK_LOST, LIVE } from "../../src/client/connection.js";
+import { Banner, ControlPanel, isSlow, Question, selectStatus, silenceOf } from "../../src/control/controlPanel.js";
 import { DriveMode } from "../../src/control/driveMode.js";
+import { connection, states } from "../../src/texts/common.js";
 import { FakeElement } from "./fakes.js";
 
-const LIVE = { live: true, waits: false };
+const CONNECTED = { live: true, waits: false };
 const AWAY = { live: false, waits: true };
 
-let before, root, driveMode;
+let root, driveMode;
 
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
-  before = globalThis.document;
-  globalThis.document = root = new FakeElement();
-  driveMode = new DriveMode({ me: "ann", level: "manage", onMove() {}, onChange: () => panel?.show(LIVE) });
-});
-
-afterEach(() => {
-  globalThis.document = before;
   panel = null;
+  globalThis.document = root = new FakeElement();
+  driveMode = new DriveMode({ me: "ann", level: "manage", onMove() {}, onChange: () => panel?.show(CONNECTED) });
 });
 
-let panel = null;
+let panel;
 const open = (options) => (panel = new ControlPanel(root, { robot: "sim1", driveMode, driveTopic: "/cmd_vel", ...options }));
 const byTestId = (name) => root.querySelector(`[data-testid="${name}"]`);
 const note = () => byTestId("control-note");
@@ -39,7 +36,7 @@ test("a robot without a drive topic is said to have none, for as long as the pag
 test("who drives is left out while it is not known", () => {
   open();
   const driver = () => byTestId("control").querySelector('[data-part="driver"]').textContent;
-  panel.show(LIVE);
+  panel.show(CONNECTED);
   assert.equal(driver(), "");
   driveMode.receive({ driver: null });
   assert.equal(driver(), "Nobody is driving");
@@ -75,7 +72,7 @@ test("a page that is older than rights or settings says so, once it is connected
   panel.outdated = true;
   panel.show(AWAY);
   assert.equal(note().textContent, "");
-  panel.show(LIVE);
+  panel.show(CONNECTED);
   mock.timers.tick(60_000);
   assert.match(note().textContent, /settings have changed. Reload/);
   assert.equal(note().dataset.fresh, "true");
@@ -99,4 +96,191 @@ test("what takes the place of another button acts on no second press, by pointer
   mock.timers.tick(1);
   press("leave");
   assert.equal(driveMode.mode, "observe");
+});
+
+let clock, actions, parts, banner;
+
+beforeEach(() => {
+  clock = 1000;
+  actions = [];
+  const button = Object.assign(new EventTarget(), { hidden: true, textContent: "" });
+  parts = { "state-title": {}, "state-detail": {}, "state-action": button };
+  const element = { dataset: {}, querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] };
+  banner = new Banner(
+    { querySelector: () => element },
+    { onRetry: () => actions.push("retry"), onBlind: () => actions.push("blind"), now: () => clock },
+  );
+});
+
+const held = () => banner.show(LIVE, { control: {}, driving: true, video: "missing" });
+const press = () => parts["state-action"].dispatchEvent(new Event("click"));
+
+test("a press that was meant for what the button was before lets nobody drive without a picture", () => {
+  banner.show(LINK_LOST, {});
+  press();
+  held();
+  press();
+  clock += 1199;
+  held();
+  press();
+  assert.deepEqual(actions, ["retry"]);
+  assert.equal(parts["state-action"].textContent, "Drive without video");
+});
+
+test("who has had the time to read it, or saw no button before, may drive without a picture", () => {
+  banner.show(LINK_LOST, {});
+  held();
+  clock += 1200;
+  press();
+  banner.show(LIVE, { control: {}, driving: true, video: "seen" });
+  clock += 1200;
+  held();
+  press();
+  assert.deepEqual(actions, ["blind", "blind"]);
+});
+
+let busy, element, question;
+
+beforeEach(() => {
+  busy = false;
+  element = new EventTarget();
+  Object.assign(element, { hidden: true, dataset: {} });
+  question = new Question(element, { busy: () => busy, now: () => clock });
+});
+
+// Whether a click gets through to a button.
+function click() {
+  let heard = false;
+  const hear = () => (heard = true);
+  element.addEventListener("click", hear);
+  const event = new Event("click", { cancelable: true });
+  const stop = event.stopPropagation.bind(event);
+  let stopped = false;
+  event.stopPropagation = () => ((stopped = true), stop());
+  element.dispatchEvent(event);
+  element.removeEventListener("click", hear);
+  return heard && !stopped;
+}
+
+test("a question is deaf for its first 1.2 s", () => {
+  question.show(true);
+  assert.equal(click(), false);
+  clock += 1190;
+  assert.equal(click(), false);
+  clock += 20;
+  assert.equal(click(), true);
+});
+
+test("a question that goes and comes again is new", () => {
+  question.show(true);
+  clock += 1300;
+  question.show(true);
+  assert.equal(click(), true);
+  question.show(false);
+  question.show(true);
+  assert.equal(click(), false);
+});
+
+test("a question is deaf while a key or stick is held, and looks so", () => {
+  question.show(true);
+  clock += 1300;
+  busy = true;
+  assert.equal(click(), false);
+  mock.timers.tick(100);
+  assert.equal(element.dataset.deaf, "true");
+  busy = false;
+  assert.equal(click(), true);
+  mock.timers.tick(100);
+  assert.equal(element.dataset.deaf, "false");
+});
+
+const texts = { ...connection, ...states };
+const FINE = { control: { stopped: null, guard: "ready" }, driving: true, video: "seen" };
+
+function shown(state, facts) {
+  const name = selectStatus(state, facts);
+  assert.ok(name in texts, name);
+  return name;
+}
+
+test("without a connection its own state is shown, whatever was true before", () => {
+  const control = { stopped: { by: "ben", confirmed: true }, guard: "down" };
+  assert.equal(shown({ name: "offline" }, { control, driving: true, video: "old" }), "offline");
+});
+
+test("a robot that an administrator disabled is not one that comes back by itself", () => {
+  for (const name of ["offline", "link_lost"]) assert.equal(shown({ name }, { disabled: true }), "disabled");
+  for (const name of ["live", "not_allowed", "server_unreachable"]) assert.equal(shown({ name }, { disabled: true }), name);
+});
+
+test("a robot that is gone is no matter of rights, and one with another name is told by it", () => {
+  const gone = afterTicketRefusal({ status: 404, code: "robot_unknown" });
+  assert.equal(shown(gone, { disabled: true }), "gone");
+  assert.equal(shown(gone, { renamed: "crane" }), "renamed");
+  assert.match(states.gone.detail(gone), /renamed/);
+  assert.match(states.renamed.detail({ renamed: "crane" }), /crane/);
+  assert.equal(shown(afterTicketRefusal({ status: 403, code: "grant_missing" }), { renamed: "" }), "not_allowed");
+});
+
+test("a stop comes before all else, and says whether the robot has confirmed it", () => {
+  const stopped = { by: "ben", at: "", confirmed: false };
+  assert.equal(shown(LIVE, { ...FINE, control: { stopped, guard: "down" }, video: "old" }), "stopping");
+  stopped.confirmed = true;
+  assert.equal(shown(LIVE, { ...FINE, control: { stopped, guard: "down" } }), "stopped");
+});
+
+test("then comes a guard that does not answer, then a picture that is missing", () => {
+  assert.equal(shown(LIVE, { ...FINE, control: { guard: "down" }, video: "old" }), "guard_down");
+  assert.equal(shown(LIVE, { ...FINE, video: "old" }), "held");
+  assert.equal(shown(LIVE, { ...FINE, video: "missing" }), "held");
+  assert.equal(shown(LIVE, { ...FINE, video: "blind" }), "blind");
+  assert.equal(shown(LIVE, FINE), "live");
+  assert.equal(shown(LIVE, { ...FINE, video: "off" }), "live");
+});
+
+test("whoever watches is held by no picture", () => {
+  assert.equal(shown(LIVE, { ...FINE, driving: false, video: "old" }), "live");
+  assert.equal(shown(LIVE, { ...FINE, driving: false, slow: true }), "live");
+});
+
+test("who drives over a network that is too slow is told why nothing moves", () => {
+  assert.equal(shown(LIVE, { ...FINE, slow: true }), "slow");
+  assert.equal(shown(LIVE, { ...FINE, slow: true, video: "blind" }), "slow");
+  assert.equal(shown(LIVE, { ...FINE, slow: true, video: "old" }), "held");
+});
+
+test("a network is too slow when half the way there and back is more than the guard allows", () => {
+  assert.equal(isSlow({ server: 500, robot: 501 }, 500), true);
+  assert.equal(isSlow({ server: 500, robot: 501 }, 800), false);
+  assert.equal(isSlow({ server: 500, robot: 500 }, 500), false);
+  for (const unknown of [
+    { server: null, robot: 5 },
+    { server: 5, robot: undefined },
+  ])
+    assert.equal(isSlow(unknown, 500), false);
+});
+
+test("each state has its own title and says what it means", () => {
+  const all = Object.keys(texts);
+  assert.equal(new Set(all.map((name) => texts[name].title)).size, all.length);
+  const facts = { since: "12:03", video: "old", stopped: { by: "ben", at: "12:03" }, mayDrive: true };
+  for (const name of all) assert.notEqual(texts[name].detail(facts), "", name);
+});
+
+test("silence of server and video together is no frozen video, and offers no driving without it", () => {
+  assert.equal(shown(LIVE, { ...FINE, video: "old", silentS: 1 }), "silent");
+  assert.equal(shown(LIVE, { ...FINE, driving: false, silentS: 1 }), "silent");
+  assert.equal(shown(LIVE, { ...FINE, control: { stopped: { confirmed: true } }, silentS: 1 }), "stopped");
+  const { headline, detail, action } = states.silent;
+  assert.equal(`${headline({ silentS: 3 })} ${detail(FINE)}`, "No connection for 3 s. The robot halts by itself.");
+  assert.equal(action, undefined);
+  assert.match(detail({ control: { guard: "off" } }), /does not stop by itself/);
+  assert.match(detail({ control: { guard: "unknown" } }), /not known/);
+});
+
+test("silence counts from when the later of both came, in whole seconds", () => {
+  assert.equal(silenceOf(999, 5000), 0);
+  assert.equal(silenceOf(5000, 400), 0);
+  assert.equal(silenceOf(1000, 5000), 1);
+  assert.equal(silenceOf(3999, null), 3);
 });

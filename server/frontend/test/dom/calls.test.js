@@ -1,9 +1,7 @@
 import assert from "node:assert/strict";
-import { afterEach, beforeEach, test } from "node:test";
+import { beforeEach, test } from "node:test";
 
-import { api, ServerClock } from "../../src/dom/calls.js";
-
-const { document, fetch } = globalThis;
+import { api, LoginUse, ServerClock } from "../../src/dom/calls.js";
 
 let sent;
 
@@ -15,8 +13,6 @@ beforeEach(() => {
     return new Response('{"code": "not_possible", "detail": "look again"}', { status: 409 });
   };
 });
-
-afterEach(() => Object.assign(globalThis, { document, fetch }));
 
 test("a release names the stop that its person saw", async () => {
   const stopped = { by: "ben", at: "2026-01-01T12:03:00Z", confirmed: true };
@@ -60,4 +56,46 @@ test("an answer without a time changes nothing", () => {
   clock.receive(null);
   clock.receive("no time");
   assert.equal(clock.secondsUntil(at(5000)), 5);
+});
+
+const MINUTE = 60_000;
+
+function make() {
+  const made = { clock: 1000, asked: 0, answer: Promise.resolve() };
+  made.use = new LoginUse({ ask: () => (made.asked++, made.answer), now: () => made.clock });
+  return made;
+}
+
+test("a page that is used asks once in five minutes, and one that nobody touches never", () => {
+  const made = make();
+  made.use.note();
+  assert.equal(made.asked, 0, "the page has just been loaded");
+  made.clock += 5 * MINUTE;
+  assert.equal(made.asked, 0);
+  for (let count = 0; count < 3; count++) made.use.note();
+  assert.equal(made.asked, 1);
+  made.clock += 5 * MINUTE;
+  made.use.note();
+  assert.equal(made.asked, 2);
+});
+
+test("a press, a key and the wheel are use, wherever on the page", () => {
+  const made = make();
+  const page = new EventTarget();
+  made.use.watch(page);
+  for (const name of ["pointerdown", "keydown", "wheel"]) {
+    made.clock += 5 * MINUTE;
+    page.dispatchEvent(new Event(name));
+  }
+  page.dispatchEvent(new Event("pointermove"));
+  assert.equal(made.asked, 3);
+});
+
+test("a network that is cut disturbs nothing", async () => {
+  const made = make();
+  made.answer = Promise.reject(new TypeError("network"));
+  made.clock += 5 * MINUTE;
+  made.use.note();
+  await new Promise(setImmediate);
+  assert.equal(made.asked, 1);
 });

@@ -1,5 +1,5 @@
 import assert from "node:assert/strict";
-import { afterEach, beforeEach, mock, test } from "node:test";
+import { mock, test } from "node:test";
 
 import { FleetStops, managedSites, outcome } from "../../src/fleet/fleetStops.js";
 
@@ -23,16 +23,7 @@ test("what became of a stop follows the robot's own news", () => {
   assert.match(outcome({ ...answer, stopped: false }, { stopped: null }), /not stopped/);
 });
 
-let before;
-
-beforeEach(() => {
-  before = globalThis.document;
-  globalThis.document = { createElement: () => ({ setAttribute() {}, append() {} }), querySelector: () => ({ content: "" }) };
-});
-
-afterEach(() => {
-  globalThis.document = before;
-});
+globalThis.document = { createElement: () => ({ setAttribute() {}, append() {} }), querySelector: () => ({ content: "" }) };
 
 test("a robot that was released is no longer among those that a stop has stopped", () => {
   const result = { querySelector: () => null, replaceChildren: (...children) => (result.children = children) };

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { beforeEach, mock, test } from "node:test";
 
-import { itemsToMove } from "../../src/fleet/list.js";
+import { Batch, itemsToMove, PointerPause, Seldom } from "../../src/fleet/list.js";
 
 const moves = (present, wanted) => [...itemsToMove([...present], [...wanted])].join("");
 
@@ -34,4 +34,96 @@ test("what moves brings the list into order, wherever it was", () => {
     wanted.filter((name) => !moving.has(name)),
   );
   assert.ok(moving.size < wanted.length);
+});
+
+test("what changes within a frame is applied once", () => {
+  const frames = [];
+  const applied = [];
+  const batch = new Batch({ apply: (names) => applied.push([...names]), frame: (act) => frames.push(act) });
+  for (const name of ["a", "b", "a"]) batch.add(name);
+  assert.equal(frames.length, 1);
+  assert.deepEqual(applied, []);
+  frames.shift()();
+  assert.deepEqual(applied, [["a", "b"]]);
+  batch.add("a");
+  frames.shift()();
+  assert.deepEqual(applied, [["a", "b"], ["a"]]);
+});
+
+test("what was applied early leaves its frame nothing to do, and later changes get one", () => {
+  const frames = [];
+  const applied = [];
+  const batch = new Batch({ apply: (names) => applied.push([...names]), frame: (act) => frames.push(act) });
+  batch.add("a");
+  batch.flush();
+  batch.add("b");
+  for (const frame of frames) frame();
+  assert.deepEqual(applied, [["a"], ["b"]]);
+});
+
+test("what is costly is done at once, and then seldom, but never left undone", () => {
+  let acts = 0;
+  const seldom = new Seldom({ act: () => (acts += 1), everyMs: 1000, now: () => clock });
+  seldom.ask();
+  assert.equal(acts, 1);
+  for (let i = 0; i < 9; i++) {
+    seldom.ask();
+    pass(100);
+  }
+  assert.equal(acts, 1);
+  pass(100);
+  assert.equal(acts, 2);
+  pass(5000);
+  assert.equal(acts, 2);
+});
+
+let clock, rests, list, focused, pause;
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout"] });
+  clock = 10_000;
+  rests = 0;
+  focused = null;
+  list = Object.assign(new EventTarget(), { querySelector: () => focused });
+  pause = new PointerPause({ onEnd: () => (rests += 1), now: () => clock });
+  pause.listen(list);
+});
+
+const say = (name, more = {}) => list.dispatchEvent(Object.assign(new Event(name), more));
+
+function pass(ms) {
+  clock += ms;
+  mock.timers.tick(ms);
+}
+
+test("a list is disturbed as long as a mouse is over it", () => {
+  assert.equal(pause.active, false);
+  say("pointerover", { pointerType: "mouse" });
+  pass(60_000);
+  assert.equal(pause.active, true);
+  say("pointerleave");
+  assert.equal(pause.active, false);
+  assert.equal(rests, 1);
+});
+
+test("a finger disturbs it for some seconds after it has touched", () => {
+  say("pointerover", { pointerType: "touch" });
+  say("pointerdown", { pointerType: "touch" });
+  assert.equal(pause.active, true);
+  pass(2999);
+  assert.equal(pause.active, true);
+  const before = rests;
+  pass(1);
+  assert.equal(pause.active, false);
+  assert.equal(rests, before + 1);
+});
+
+test("so does the keyboard's focus", () => {
+  focused = {};
+  assert.equal(pause.active, true);
+  focused = null;
+  say("focusout");
+  pass(0);
+  assert.equal(rests, 1);
 });

@@ -1,21 +1,17 @@
 import assert from "node:assert/strict";
-import { afterEach, beforeEach, test } from "node:test";
+import { beforeEach, test } from "node:test";
 
 import { GamepadPanel } from "../../src/input/gamepadPanel.js";
 import { FakeElement } from "../control/fakes.js";
 
 const DEVICE = { id: "pad", mapping: "standard", axes: 4, buttons: 17 };
-const GLOBALS = ["document", "window", "requestAnimationFrame"];
 
-let before, kept, root, limits;
+let kept, root, limits;
 
 beforeEach(() => {
-  before = Object.fromEntries(GLOBALS.map((name) => [name, globalThis[name]]));
   Object.assign(globalThis, { document: { hasFocus: () => true }, window: new EventTarget(), requestAnimationFrame() {} });
   kept = new Map();
 });
-
-afterEach(() => Object.assign(globalThis, before));
 
 // A page that is opened, and the gamepad on it.
 function openPanel() {

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
+import { ringPoints } from "../../src/overlays/laserRing.js";
 import { isEmpty, isLost, MapTile } from "../../src/overlays/mapTile.js";
 
 let shown, tile;
@@ -58,4 +59,12 @@ test("a robot is not drawn in a map in which its place is unknown", () => {
   assert.equal(isLost({ robot: { unknown: true }, map: {} }, { map: true }), true);
   assert.equal(isLost({ robot: { unplaced: true }, map: {} }, { map: false }), false);
   assert.equal(isLost({ robot: { x: 1, y: 0 }, map: {} }, { map: true }), false);
+});
+
+test("what is ahead is up and what is at the left is left, as far as three metres, and what is near is said", () => {
+  assert.deepEqual(ringPoints(Float32Array.from([1.5, 0, 0, 3, -0.75, 0, 3, 3])), [
+    { x: 0, y: -0.5, near: false },
+    { x: -1, y: 0, near: false },
+    { x: 0, y: 0.25, near: true },
+  ]);
 });

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { World } from "../../src/overlays/world.js";
+import { planar, poseReader } from "../../src/client/rosbridge.js";
+import { compose, gridPixels, inverse, Path, scanPoints, World } from "../../src/overlays/world.js";
 
 const SCAN = { name: "/scan", type: "sensor_msgs/LaserScan" };
 const MAP = { name: "/map", type: "nav_msgs/OccupancyGrid" };
@@ -179,4 +180,119 @@ test("a robot without odometry is where its frames say, and old when they are si
   }
   clock = 1001;
   assert.equal(world.robot.old, true);
+});
+
+const info = { width: 2, height: 2, resolution: 0.5, origin: { position: { x: -1, y: 2, z: 0 }, orientation: { x: 0, y: 0, z: 1, w: 0 } } };
+
+test("free is dark, occupied is light, unknown is nothing", () => {
+  const { pixels } = gridPixels({ info, data: [0, 100, -1, 50] });
+  const alphas = [3, 7, 11, 15].map((at) => pixels[at]);
+  assert.deepEqual(alphas, [255, 255, 0, 255]);
+  assert.ok(pixels[0] < pixels[12] && pixels[12] < pixels[4]);
+});
+
+test("a map keeps its place and its scale", () => {
+  const grid = gridPixels({ info, data: [0, 0, 0, 0] });
+  assert.deepEqual([grid.width, grid.height, grid.resolution], [2, 2, 0.5]);
+  assert.deepEqual([grid.origin.x, grid.origin.y], [-1, 2]);
+  assert.ok(Math.abs(Math.abs(grid.origin.theta) - Math.PI) < 1e-9);
+});
+
+test("bytes in base64 are the same map", () => {
+  const data = btoa(String.fromCharCode(0, 100, 255, 50));
+  assert.deepEqual(gridPixels({ info, data }).pixels, gridPixels({ info, data: [0, 100, -1, 50] }).pixels);
+});
+
+test("what does not fit together is no map", () => {
+  assert.equal(gridPixels({ info, data: [0] }), null);
+  assert.equal(gridPixels({ info: { ...info, resolution: 0 }, data: [0, 0, 0, 0] }), null);
+  assert.equal(gridPixels({ info: { ...info, width: 1e6, height: 1e6 }, data: [] }), null);
+  assert.equal(gridPixels({}), null);
+});
+
+test("a map that is not turned may leave its orientation unset, but not its place", () => {
+  const originOf = (origin) => gridPixels({ info: { ...info, origin }, data: [0, 0, 0, 0] })?.origin;
+  const { position } = info.origin;
+  assert.deepEqual(originOf({ position, orientation: { x: 0, y: 0, z: 0, w: 0 } }), { x: -1, y: 2, theta: 0 });
+  assert.deepEqual(originOf({ position: { ...position, x: null } }), undefined);
+});
+
+test("a pose without place or heading is unknown", () => {
+  const { position, orientation } = info.origin;
+  assert.notEqual(planar({ position, orientation }), null);
+  assert.equal(planar(), null);
+  assert.equal(planar({ position, orientation: { x: 0, y: 0, z: 0, w: 0 } }), null);
+  assert.equal(planar({ position: { ...position, y: null }, orientation }), null);
+});
+
+test("a robot that stands adds nothing", () => {
+  const path = new Path();
+  assert.equal(path.add({ x: 0, y: 0 }), true);
+  assert.equal(path.add({ x: 0.01, y: 0 }), false);
+  assert.equal(path.add({ x: 0.2, y: 0 }), true);
+  assert.equal(path.add({ x: NaN, y: 0 }), false);
+  assert.equal(path.points.length, 2);
+});
+
+test("a day's way keeps its beginning and its end in bounded room", () => {
+  const path = new Path();
+  for (let i = 0; i <= 50_000; i++) path.add({ x: i / 10, y: 0 });
+  assert.ok(path.points.length <= 2000);
+  assert.equal(path.points[0].x, 0);
+  assert.ok(5000 - path.points.at(-1).x < 5);
+});
+
+test("odometry that begins anew begins a new path", () => {
+  const path = new Path();
+  path.add({ x: 40, y: 0 });
+  path.add({ x: 0, y: 0 });
+  assert.deepEqual(path.points, [{ x: 0, y: 0 }]);
+});
+
+const near = (a, b) => ["x", "y", "theta"].forEach((key) => assert.ok(Math.abs(a[key] - b[key]) < 1e-9, `${key}: ${a[key]}`));
+
+test("a pose in a frame that is turned left lies to the left", () => {
+  near(compose({ x: 1, y: 2, theta: Math.PI / 2 }, { x: 3, y: 0, theta: 0 }), { x: 1, y: 5, theta: Math.PI / 2 });
+});
+
+const HERE = { position: { x: 0, y: 0, z: 0 }, orientation: { x: 0, y: 0, z: 0, w: 1 } };
+
+test("odometry says in which frame it is, and what the robot's own is called", () => {
+  const message = { header: { frame_id: "odom" }, child_frame_id: "base_link", pose: { pose: HERE } };
+  const { frame, base } = poseReader("nav_msgs/Odometry")(message);
+  assert.deepEqual([frame, base], ["odom", "base_link"]);
+});
+
+test("there and back is where it began", () => {
+  const pose = { x: 1.5, y: -2, theta: 0.7 };
+  near(compose(pose, inverse(pose)), { x: 0, y: 0, theta: 0 });
+});
+
+test("odometry, localization and turtlesim tell poses, a twist does not", () => {
+  const pose = { position: { x: 1, y: 2, z: 0 }, orientation: { x: 0, y: 0, z: Math.SQRT1_2, w: Math.SQRT1_2 } };
+  const expected = { x: 1, y: 2, theta: Math.PI / 2 };
+  near(poseReader("nav_msgs/msg/Odometry")({ pose: { pose } }), expected);
+  near(poseReader("geometry_msgs/PoseWithCovarianceStamped")({ pose: { pose } }), expected);
+  near(poseReader("turtlesim/msg/Pose")(expected), expected);
+  assert.equal(poseReader("geometry_msgs/Twist"), undefined);
+});
+
+const quarters = { angle_min: -Math.PI / 2, angle_increment: Math.PI / 2, range_min: 0.1, range_max: 10, ranges: [1, 2, 3] };
+
+test("ranges become points around the sensor, x ahead and y to the left", () => {
+  assert.deepEqual(rounded(scanPoints(quarters)), [0, -1, 2, 0, 0, 3]);
+});
+
+test("what the sensor did not see is left out, whatever stands for it", () => {
+  const ranges = [null, NaN, Infinity, 0.05, 11, 2];
+  assert.equal(scanPoints({ ...quarters, ranges }).length, 2);
+});
+
+test("a scan without a range limit shows all that is a number", () => {
+  assert.equal(scanPoints({ ...quarters, range_max: 0 }).length, 6);
+});
+
+test("a very fine scan is thinned out", () => {
+  const points = scanPoints({ ...quarters, ranges: new Array(40_000).fill(1) });
+  assert.ok(points.length / 2 <= 1500 && points.length / 2 > 1000);
 });

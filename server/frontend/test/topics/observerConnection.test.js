@@ -72,7 +72,7 @@ test("several looks share a connection, which ends with the last", async () => {
   assert.equal(links[0].closed, true);
 });
 
-test("a hidden page ends the connection, and a new one takes up what was looked at", async () => {
+test("a hidden page and a cut end the connection, and a new one takes up what was looked at", async () => {
   observerConnection.use(true);
   await watch();
   await goLive(0);
@@ -86,7 +86,8 @@ test("a hidden page ends the connection, and a new one takes up what was looked 
     ["/odom"],
   );
   assert.notEqual(links[0].url, links[1].url);
-  assert.deepEqual(states, ["open", "lost", "open"]);
+  links[1].onClose({ code: 4505 });
+  assert.deepEqual(states, ["open", "lost", "open", "lost"]);
 });
 
 test("a message that is too large ends what is looked at, and is not asked for again", async () => {

@@ -1,5 +1,5 @@
 import assert from "node:assert/strict";
-import { afterEach, beforeEach, test } from "node:test";
+import { beforeEach, test } from "node:test";
 
 import { SourceButtons } from "../../src/video/sourceButtons.js";
 import { FakeElement } from "../control/fakes.js";
@@ -33,20 +33,15 @@ class FakeParent extends FakeElement {
   }
 }
 
-let before, group, inserted, chosen, scrolled, buttons;
+let group, inserted, chosen, scrolled, buttons;
 
 beforeEach(() => {
   inserted = [];
   chosen = [];
   scrolled = [];
-  before = globalThis.document;
   globalThis.document = { createElement: () => new FakeParent() };
   group = new FakeParent();
   buttons = new SourceButtons(group, { onChoose: (id) => chosen.push(id) });
-});
-
-afterEach(() => {
-  globalThis.document = before;
 });
 
 const sources = (...names) => names.map((name) => ({ id: `/${name}`, name }));
