@@ -51,7 +51,7 @@ RELAY_TESTS = ("tests/unit/server/relay",)
 # mutmut runs of these tests those that execute the changed function.
 SUBJECTS = {
     "guard": Subject(("robotether_agent/guard/*.py",), ("tests/unit/agent/guard",)),
-    "leases": Subject((f"{RELAY}control/leases.py", f"{RELAY}control/leasing.py"), RELAY_TESTS),
+    "leases": Subject((f"{RELAY}robots/lease.py", f"{RELAY}control/leasing.py"), RELAY_TESTS),
     "access": Subject((f"{RELAY}auth/access.py",), RELAY_TESTS),
     "policy": Subject(
         # The table itself is data, which is not changed; these apply it.
@@ -62,7 +62,13 @@ SUBJECTS = {
         ),
         (*RELAY_TESTS, "tests/unit/common/test_ros.py"),
     ),
-    "stops": Subject((f"{RELAY}control/stops.py",), RELAY_TESTS),
+    "stops": Subject(
+        (
+            f"{RELAY}control/stops.py",
+            f"{RELAY}robots/robot_stops.py",
+        ),
+        RELAY_TESTS,
+    ),
     "tickets": Subject(("robotether_server/tickets.py",), ("tests/unit/server/test_tickets.py",)),
 }
 

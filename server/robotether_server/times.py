@@ -1,6 +1,6 @@
 """Parses times and days as people and programs write them; every refusal names the field.
 
-Used by web, relay and the command line. Pure, but for the clock in `check_end`.
+Used by web, relay and the command line. Pure, but for the clock in `check_end` and `utc_now`.
 """
 
 import datetime as dt
@@ -20,6 +20,11 @@ _TIMESTAMP = re.compile(
 _DAY = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
 _LAST_OF_DAY = dt.time(23, 59, 59, tzinfo=dt.UTC)
 _FIRST_OF_DAY = dt.time(0, 0, 0, tzinfo=dt.UTC)
+
+
+def utc_now() -> dt.datetime:
+    """Return the time for people; durations are measured with a monotonic clock."""
+    return dt.datetime.now(dt.UTC)
 
 
 @overload

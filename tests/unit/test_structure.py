@@ -99,6 +99,7 @@ BANNED_NAMES = {
 BANNED_VERBS = {"hear", "look", "stand", "take", "tell"}
 # Standard terms, or fixed names, each in its files.
 ALLOWED = {
+    ("Handover", "robots/lease.py"): "of control, from a driver to the next",
     ("_check_authority", "doctor/server.py"): "a certificate authority",
     ("authority", "net/http_proxy.py"): "host and port, in RFC 3986",
     ("authority", "robotether_server/install_line.py"): "host and port, in RFC 3986",

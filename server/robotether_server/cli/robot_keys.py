@@ -20,7 +20,7 @@ from robotether_server.cli.common import (
 )
 from robotether_server.db import Database
 from robotether_server.db import robots as db_robots
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.services import pending, robots
 from robotether_server.services.pending import PendingKey
 
@@ -112,7 +112,7 @@ def rotate_key(name: str) -> None:
     click.echo(f"robot {name} makes a new key as soon as it is online")
 
 
-def _find(database: Database, name: str) -> tuple[Robot, list[PendingKey]]:
+def _find(database: Database, name: str) -> tuple[RobotRow, list[PendingKey]]:
     with database.transaction() as tx:
         robot = db_robots.get(tx, name)
         return robot, [one for one in pending.waiting(tx) if one.robot == name]
@@ -140,7 +140,7 @@ def _choose(database: Database, name: str, *, yes: bool) -> str:
     return one.fingerprint
 
 
-def _check_can_be_approved(robot: Robot) -> None:
+def _check_can_be_approved(robot: RobotRow) -> None:
     if robot.state == "disabled":
         raise NotDone(
             f"cannot approve robot {robot.name}: it is disabled; "
@@ -148,7 +148,7 @@ def _check_can_be_approved(robot: Robot) -> None:
         )
 
 
-def _only(waiting: list[PendingKey], robot: Robot, action: str) -> PendingKey:
+def _only(waiting: list[PendingKey], robot: RobotRow, action: str) -> PendingKey:
     if not waiting:
         joined = "no key waits there" if robot.fingerprint else "it has not joined yet"
         raise NotDone(

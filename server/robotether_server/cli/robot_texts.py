@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 
 from robotether_server.cli.common import timestamp
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.db.seen_robots import RecordedSession, SeenRobot
 from robotether_server.services.pending import PendingKey
 
@@ -17,7 +17,7 @@ Fields = list[tuple[str, str]]
 NOT_JOINED = "not joined yet"
 
 
-def identity(robot: Robot) -> Fields:
+def identity(robot: RobotRow) -> Fields:
     """Return lines by which a person recognises the robot."""
     report = robot.report
     return [
@@ -30,7 +30,7 @@ def identity(robot: Robot) -> Fields:
     ]
 
 
-def waiting_identity(one: PendingKey, robot: Robot) -> Fields:
+def waiting_identity(one: PendingKey, robot: RobotRow) -> Fields:
     """Return lines about a waiting key; the last one is the key to compare."""
     fields = [
         ("robot", f"{robot.name} ({robot.state})"),

@@ -48,7 +48,7 @@ class Report:
 
 
 @dataclass(frozen=True)
-class Robot:
+class RobotRow:
     """One robot's record.
 
     No fingerprint: it has not shown a key yet; `report` and `joined_at` are of the join that did.
@@ -135,16 +135,16 @@ def lock_enrolment(tx: Transaction) -> None:
         )
 
 
-def from_row(row: Row) -> Robot:
+def from_row(row: Row) -> RobotRow:
     """Make a robot of a row of SELECT, which may have more columns."""
-    known = {name: row[name] for name in Robot.__dataclass_fields__ if name in row}
+    known = {name: row[name] for name in RobotRow.__dataclass_fields__ if name in row}
     known |= {name: bool(row[name]) for name in ("is_unknown", "had_key", "shell")}
     if row["hostname"] is not None:
         known["report"] = Report(row["hostname"], row["agent_version"], row["join_address"])
-    return Robot(**known | {"settings": json.loads(row["settings"])})
+    return RobotRow(**known | {"settings": json.loads(row["settings"])})
 
 
-def get(tx: Transaction, name: str) -> Robot:
+def get(tx: Transaction, name: str) -> RobotRow:
     """Return the robot of that name, locked until the transaction ends; raise RecordMissing."""
     row = tx.row(SELECT + "WHERE r.name = %s FOR UPDATE", (name,))
     if row is None:
@@ -157,25 +157,25 @@ def missing(name: str) -> RecordMissing:
     return RecordMissing(f"cannot find robot {name}: no such robot; see: robot list")
 
 
-def find_by_mac(tx: Transaction, mac: str) -> Robot | None:
+def find_by_mac(tx: Transaction, mac: str) -> RobotRow | None:
     """Return the robot of that MAC, locked until the transaction ends."""
     row = tx.row(SELECT + "WHERE r.mac = %s FOR UPDATE", (mac,))
     return from_row(row) if row else None
 
 
-def find_by_key(tx: Transaction, fingerprint: str) -> Robot | None:
+def find_by_key(tx: Transaction, fingerprint: str) -> RobotRow | None:
     """Return the robot whose row holds that key, locked until the transaction ends."""
     row = tx.row(SELECT + "WHERE r.fingerprint = %s FOR UPDATE", (fingerprint,))
     return from_row(row) if row else None
 
 
-def peek_by_mac(tx: Transaction, mac: str) -> Robot | None:
+def peek_by_mac(tx: Transaction, mac: str) -> RobotRow | None:
     """Return the robot of that MAC without locking it."""
     row = tx.row(SELECT + "WHERE r.mac = %s", (mac,))
     return from_row(row) if row else None
 
 
-def list_waiting(tx: Transaction) -> list[Robot]:
+def list_waiting(tx: Transaction) -> list[RobotRow]:
     """Return the robots whose key waits for approval, the oldest first."""
     rows = tx.rows(
         SELECT
@@ -331,7 +331,7 @@ def find_claim(tx: Transaction, fingerprint: str) -> Claim | None:
     return _claim(row) if row else None
 
 
-def add_claim(tx: Transaction, robot: Robot, key: PublicKey, report: Report) -> None:
+def add_claim(tx: Transaction, robot: RobotRow, key: PublicKey, report: Report) -> None:
     """Write down that a key wants to be the one of that robot. Raises RecordExists."""
     tx.insert(
         "INSERT INTO key_claims "
@@ -350,7 +350,7 @@ def add_claim(tx: Transaction, robot: Robot, key: PublicKey, report: Report) -> 
     )
 
 
-def add_rejected_key(tx: Transaction, robot: Robot, by: str) -> None:
+def add_rejected_key(tx: Transaction, robot: RobotRow, by: str) -> None:
     """Remember the key that this robot's row had as rejected. Raises RecordExists."""
     report = robot.report
     tx.insert(

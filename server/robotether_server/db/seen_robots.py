@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from robotether_server.db import cells, robots
 from robotether_server.db.database import Row, Transaction
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import User
 from robotether_server.offline import offline_reason
 from robotether_server.schemas import Level, Timestamp
@@ -61,7 +61,7 @@ class SeenRobot:
     session's, or else the join's. `ros_exposed`: everybody in the robot's own network reaches its rosbridge.
     """
 
-    robot: Robot
+    robot: RobotRow
     online: bool
     since: dt.datetime | None
     level: Level

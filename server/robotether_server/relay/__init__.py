@@ -15,9 +15,9 @@ unbounded buffer for anybody.
                  rosbridge  a WebSocket joined to a robot's rosbridge; every message is checked and written again
                  video      a robot's cameras: the frames protocol, multipart streams, web_video_server passed through
     drives/      a driver's commands on their way, and what the drive came to, for its record
-    control/     who drives, who waits, who stopped; leases, stops, and the requests for them
+    control/     grants and ends leases, stops and releases robots, and answers the requests for it
     auth/        who asks and what for: tickets, logins, tokens, and the live connections that they opened
-    robots/      robots' sessions over TCP, what is known of each robot, and the way to its ports
+    robots/      one `Robot` for all that is known of a robot, sessions over TCP, and the way to robots' ports
     records/     the database on threads of its own: reads robots and rights, writes what happens
     http/        sockets, close reasons, and `timing`: rates, silence, clocks
 

@@ -53,7 +53,6 @@ from robotether_server.relay.channels.video.handler import VideoHandler
 from robotether_server.relay.channels.video.viewers import VideoContext
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.control_api import ControlApi, OtherCells
-from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.event_loop import EventLoop, watched
 from robotether_server.relay.http.sockets import RobotSocket, refuse_redirects
@@ -64,13 +63,13 @@ from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.records.fleet import Fleet
 from robotether_server.relay.records.journal import Journal
-from robotether_server.relay.robots.demand import MEDIA_KEPT_S, USE_KEPT_S, Demand
 from robotether_server.relay.robots.port_checks import PortChecker
+from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
-from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
 from robotether_server.settings import RelaySettings, load
 from robotether_server.tickets import TicketSigner
+from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
@@ -190,12 +189,10 @@ class Relay:
         # Operators first: they must be notified that the relay stops, and not that a link was lost.
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))
         await self.feeds.close()
-        self.media_demand.close()
-        self.usage.close()
         await self._sessions.stop()
         if self._peer_dialer is not None:
             await self._peer_dialer.stop()
-        self.control.close()
+        self.registry.close()
         await self.event_writer.flush(EVENTS_WRITTEN_WITHIN_S)
         for task in self._tasks:
             task.cancel()
@@ -208,13 +205,9 @@ class Relay:
         """Make what knows who is connected, and what they use."""
         self.traffic = Traffic()
         self.metrics = Metrics(self.traffic)
-        self.connections = Connections()
-        self.viewer_stats = ViewerStats()
-        self.registry = SessionRegistry()
         # Published ports, as in the paper, are there for whoever connects to them.
-        registry, always = self.registry, self._settings.direct
-        self.media_demand = Demand(registry.on_media_demand, kept_s=MEDIA_KEPT_S, always=always)
-        self.usage = Demand(registry.on_usage, kept_s=USE_KEPT_S, always=always)
+        self.registry = SessionRegistry(always_needed=self._settings.direct)
+        self.connections = Connections(self.registry)
 
     def _make_control(self) -> None:
         """Make what the database has a part in: cells, who drives, robots and rights."""
@@ -235,17 +228,10 @@ class Relay:
             snapshot=lambda: self.fleet.known,
             robots_leave=lambda: self.cells.robots_leave,
         )
-        self.cell_drain = CellDrain(
-            self.cells,
-            registry,
-            is_driven=lambda robot_id: self.control.driver(robot_id) is not None,
-            is_used=self.usage.of,
-            rules=self._timing.drain,
-        )
+        self.cell_drain = CellDrain(self.cells, registry, rules=self._timing.drain)
         self.rebalancing = Rebalancing(
             self.cells,
             registry,
-            is_used=self._is_used,
             unreached=self._cells_unreached,
             rules=self._timing.balance,
         )
@@ -269,7 +255,9 @@ class Relay:
             self.control,
             elsewhere=self.peers.described,
         )
-        self.observer = RelayObserver(self.event_writer, self.metrics, lambda: self.fleet.known)
+        self.observer = RelayObserver(
+            self.event_writer, self.metrics, self.registry, lambda: self.fleet.known
+        )
         # First those whose link is lost or whose robot is stopped, then those who watch, then the records.
         self.registry.listen(
             self.connections.on_robot_change,
@@ -307,7 +295,7 @@ class Relay:
 
     def _make_feeds(self) -> None:
         connector = FeedConnector(self._client, self._settings.tunnel_host, self.registry)
-        self.feeds = Feeds(connector.start)
+        self.feeds = Feeds(self.registry, connector.start)
         self.metrics.collect_feeds(self.feeds.traffic)
         self.registry.listen(self.feeds.on_robot_change)
 
@@ -321,8 +309,6 @@ class Relay:
             rules=LinkRules(
                 settings.tunnel_host,
                 greeting=self.control.greeting,
-                needs_media=self.media_demand.of,
-                is_used=self.usage.of,
                 cells=self.cells.addresses,
                 heartbeat_s=timing.heartbeat_s,
                 idle_heartbeat_s=timing.idle_heartbeat_s,
@@ -350,19 +336,15 @@ class Relay:
             credentials=self.credentials,
             registry=self.registry,
             connections=self.connections,
-            usage=self.usage,
             client=self._client,
             tunnel_host=settings.tunnel_host,
             feeds=self.feeds,
-            media_demand=self.media_demand,
-            viewer_stats=self.viewer_stats,
         )
         rosbridge = RosbridgeHandler(
             context,
             self.control,
             rules=self._bridge_rules(),
             report=self.observer.connection,
-            viewer_stats=self.viewer_stats,
         )
         frames, video = FramesHandler(context, self._timing.limits), VideoHandler(context)
         events = EventsHandler(
@@ -389,7 +371,7 @@ class Relay:
         self._peer_feeds = PeerFeedHandler(
             cell.name,
             self.fleet_events,
-            lambda: PeerFeed(self.fleet_events, self.registry, self.control.stops),
+            lambda: PeerFeed(self.fleet_events, self.registry),
         )
         self._peer_app, self._peer_dialer = None, None
         if keys is not None:
@@ -411,10 +393,6 @@ class Relay:
         if connected_at is None or not self.cells.peers():
             return None
         return time.monotonic() - connected_at
-
-    def _is_used(self, robot_id: int) -> bool:
-        """Return whether anybody needs the robot here: also its guard's word, that it is stopped or released."""
-        return self.usage.of(robot_id) or self.control.stops.of(robot_id) is not None
 
     def _cells_unreached(self) -> list[str]:
         cells = self.cells.peers()

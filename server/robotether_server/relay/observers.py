@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import AuditEntry, SessionEntry, Snapshot
@@ -16,7 +16,9 @@ from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
 from robotether_server.relay.drives.drive_path import DriveLog
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records.event_writer import EventWriter
-from robotether_server.relay.robots.sessions import Change, utc_now
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change, Robot
+from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
@@ -28,16 +30,17 @@ class RelayObserver:
     """Writes down what happens."""
 
     def __init__(
-        self, event_writer: EventWriter, metrics: Metrics, snapshot: Callable[[], Snapshot]
+        self,
+        event_writer: EventWriter,
+        metrics: Metrics,
+        registry: SessionRegistry,
+        snapshot: Callable[[], Snapshot],
     ) -> None:
+        self._registry = registry
         self._event_writer = event_writer
         self._metrics = metrics
         self._snapshot = snapshot
-        self._sessions: dict[int, SessionEntry] = {}
         self._drives: set[DriveLog] = set()
-        # Of each robot, which the guard's refusals belong to.
-        self._newest: dict[int, DriveLog] = {}
-        self._guards = GuardCounts()
 
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot."""
@@ -80,16 +83,12 @@ class RelayObserver:
         """Write the drives that last, so that a relay that is killed loses little of them."""
         for drive in self._drives:
             self._event_writer.add(drive.written())
-        self._newest = {
-            robot_id: one for robot_id, one in self._newest.items() if _accepts_refusals(one)
-        }
-        self._guards.keep_only(self._snapshot().robots)
 
     def _drive(self, report: ConnectionReport, drive: DriveLog) -> None:
         close_reason = report.close_reason
         if close_reason is None:
             self._drives.add(drive)
-            self._newest[drive.entry.robot_id] = drive
+            self._registry.robot(drive.entry.robot_id).newest_drive = drive
             self._event_writer.add(_audit(report, "drive_started", {"fence": drive.entry.fence}))
             self._event_writer.add(drive.written())
             return
@@ -107,19 +106,20 @@ class RelayObserver:
             started_at=presence.since or utc_now(),
             address=presence.address or "",
         )
-        self._sessions[change.robot_id] = entry
+        self._registry.robot(change.robot_id).session_entry = entry
         self._event_writer.add(entry)
 
     def _on_disconnected(self, change: Change) -> None:
         log.info("robot %s is offline: %s", self._name(change.robot_id), change.code)
         self._metrics.session_close_codes.labels(change.code or "").inc()
-        entry = self._sessions.pop(change.robot_id, None)
+        robot = self._registry.robot(change.robot_id)
+        entry, robot.session_entry = robot.session_entry, None
         if entry is not None:
             entry.ended_at, entry.end_code = change.presence.since, change.code
             self._event_writer.add(entry)
 
     def _on_updated(self, change: Change) -> None:
-        entry, presence = self._sessions.get(change.robot_id), change.presence
+        entry, presence = self._registry.robot(change.robot_id).session_entry, change.presence
         reported = (presence.agent_version, presence.ros_exposed, presence.epoch)
         if entry is None:
             return
@@ -128,10 +128,11 @@ class RelayObserver:
             self._event_writer.add(entry)
 
     def _on_guard_status(self, change: Change) -> None:
-        more = self._guards.new_refusals(change.robot_id, change.presence.report.refused)
+        robot = self._registry.robot(change.robot_id)
+        more = new_refusals(robot, change.presence.report.refused)
         for kind, count in more.items():
             self._metrics.guard_refusals.labels(kind).inc(count)
-        drive = self._newest.get(change.robot_id)
+        drive = robot.newest_drive
         if not more or drive is None or not _accepts_refusals(drive):
             return
         drive.refused_by_guard(more)
@@ -169,26 +170,18 @@ def _summary(entry: DriveEntry, report: ConnectionReport) -> dict[str, object]:
     }
 
 
-class GuardCounts:
-    """What guards have refused since they reported last; each counts from its own start on."""
+def new_refusals(robot: Robot, refused: Iterable[tuple[str, int]]) -> Counter[str]:
+    """Return how many more its guard refused since it last reported, by kind; nothing at the first report.
 
-    def __init__(self) -> None:
-        self._reported: dict[int, dict[str, int]] = {}
-
-    def new_refusals(self, robot_id: int, refused: Iterable[tuple[str, int]]) -> Counter[str]:
-        """Return how many more it refused, by kind; nothing of a robot that reports for the first time."""
-        reported = dict(refused)
-        if not reported:
-            return Counter()
-        # What it refused before this relay began belongs to nobody that is known.
-        before = self._reported.get(robot_id, reported)
-        self._reported[robot_id] = reported
-        if any(reported.get(kind, 0) < count for kind, count in before.items()):
-            # Another guard, which began to count again.
-            before = {}
-        return +Counter({kind: count - before.get(kind, 0) for kind, count in reported.items()})
-
-    def keep_only(self, robot_ids: Collection[int]) -> None:
-        """Forget robots that are gone."""
-        for robot_id in self._reported.keys() - set(robot_ids):
-            del self._reported[robot_id]
+    A guard counts from its own start on.
+    """
+    reported = dict(refused)
+    if not reported:
+        return Counter()
+    # What it refused before this relay began belongs to nobody that is known.
+    before = reported if robot.guard_refusals is None else robot.guard_refusals
+    robot.guard_refusals = reported
+    if any(reported.get(kind, 0) < count for kind, count in before.items()):
+        # Another guard, which began to count again.
+        before = {}
+    return +Counter({kind: count - before.get(kind, 0) for kind, count in reported.items()})

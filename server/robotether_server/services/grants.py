@@ -10,7 +10,7 @@ from robotether_server import schemas, times
 from robotether_server.db import Transaction, audit, grants, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import Grant, Group, Pair, Site
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.problems import NotPossible, RecordMissing
 from robotether_server.schemas import Level, NewPlainName
 
@@ -153,7 +153,7 @@ def remove_site(tx: Transaction, source: Source, name: str) -> Site:
     return found
 
 
-def place_robot(tx: Transaction, source: Source, robot: str, site: str | None) -> Robot:
+def place_robot(tx: Transaction, source: Source, robot: str, site: str | None) -> RobotRow:
     """Put a robot at a site, or at none; raise RecordMissing."""
     found = robots.get(tx, robot)
     if found.site != site:
@@ -162,7 +162,7 @@ def place_robot(tx: Transaction, source: Source, robot: str, site: str | None) -
     return robots.get(tx, robot)
 
 
-def remove_robot(tx: Transaction, source: Source, robot: str, site: str) -> Robot:
+def remove_robot(tx: Transaction, source: Source, robot: str, site: str) -> RobotRow:
     """Put a robot of this site at none; raise RecordMissing, or NotPossible when it is not there."""
     if robots.get(tx, robot).site != site:
         raise NotPossible(f"cannot remove robot {robot} from site {site}: it is not there")

@@ -26,7 +26,7 @@ from robotether_server import identity
 from robotether_server.db import Transaction, audit, credentials, join_tokens, robots, seen_robots
 from robotether_server.db.audit import Source, network_of
 from robotether_server.db.join_tokens import JoinToken, Place
-from robotether_server.db.robots import Claim, Report, Robot
+from robotether_server.db.robots import Claim, Report, RobotRow
 from robotether_server.db.users import User
 from robotether_server.identity import PublicKey
 from robotether_server.problems import (
@@ -182,7 +182,7 @@ class _Joining:
     rules: JoinSettings
     credential: EnrolmentCredential | None
 
-    def decide(self, robot: Robot | None) -> Answer:
+    def decide(self, robot: RobotRow | None) -> Answer:
         """Let the key in, let it wait, or note that it claims another key's place."""
         check_key_is_free(
             self.tx, self.source, self.request.presented, is_authorized=self.credential is not None
@@ -198,7 +198,7 @@ class _Joining:
             )
         return self._wait(robot)
 
-    def _add(self) -> Robot:
+    def _add(self) -> RobotRow:
         """Add a row for a MAC that nobody knows."""
         mac = self.request.presented.mac
         if not self.rules.allow_local_macs:
@@ -209,11 +209,11 @@ class _Joining:
         robots.add(self.tx, mac, name, unknown=self.credential is None)
         return robots.get(self.tx, name)
 
-    def _is_first_key(self, robot: Robot) -> bool:
+    def _is_first_key(self, robot: RobotRow) -> bool:
         is_open = not robot.is_unknown and not robot.had_key
         return self.rules.policy == "first-key" and is_open
 
-    def _wait(self, robot: Robot) -> Answer:
+    def _wait(self, robot: RobotRow) -> Answer:
         presented = self.request.presented
         if robot.fingerprint != presented.key.fingerprint:
             adopt_key(self.tx, robot, presented)
@@ -227,7 +227,7 @@ class _Joining:
             f"robotether robot approve {robot.name}",
         )
 
-    def _claim(self, robot: Robot) -> Answer:
+    def _claim(self, robot: RobotRow) -> Answer:
         """Note the key beside the robot, which goes on with its own. The asker learns nothing of that robot."""
         presented = self.request.presented
         if robots.find_claim(self.tx, presented.key.fingerprint) is None:
@@ -256,7 +256,7 @@ class _Joining:
             )
 
 
-def _check_not_disabled(robot: Robot, presented: PresentedKey, *, is_known: bool) -> None:
+def _check_not_disabled(robot: RobotRow, presented: PresentedKey, *, is_known: bool) -> None:
     if robot.state != "disabled":
         return
     if not is_known:
@@ -269,7 +269,7 @@ def _check_not_disabled(robot: Robot, presented: PresentedKey, *, is_known: bool
     )
 
 
-def _check_moved(tx: Transaction, request: JoinAttempt, robot: Robot) -> None:
+def _check_moved(tx: Transaction, request: JoinAttempt, robot: RobotRow) -> None:
     """Note that a robot lost its MAC, or raise MacElsewhere: it is at work, so who asks is its copy."""
     if seen_robots.is_online(tx, robot.id):
         raise MacElsewhere(
@@ -335,11 +335,13 @@ def _join_token(tx: Transaction, text: str) -> JoinToken:
     return token
 
 
-def _active(robot: Robot) -> Answer:
+def _active(robot: RobotRow) -> Answer:
     return Answer(robot.name, "active", robot_id=robot.id, region=robot.region)
 
 
-def rotate(tx: Transaction, robot: Robot, presented: PresentedKey, previous: PreviousKey) -> bool:
+def rotate(
+    tx: Transaction, robot: RobotRow, presented: PresentedKey, previous: PreviousKey
+) -> bool:
     """Put the new key in place of the one that signed it; False: the robot is not active with that one.
 
     Must never change a key that did not sign. Raises FieldInvalid for a signature that does not hold, and KeyInUse.
@@ -401,10 +403,10 @@ def check_key_is_free(
 def admit(
     tx: Transaction,
     source: Source,
-    robot: Robot,
+    robot: RobotRow,
     presented: PresentedKey,
     credential: EnrolmentCredential | None,
-) -> Robot:
+) -> RobotRow:
     """Make the key the robot's own, and the robot active; None: JOIN_POLICY admits first keys.
 
     Raises TokenUsedUp; a use of a join token is counted here and nowhere else.
@@ -429,7 +431,7 @@ def admit(
     return robots.get(tx, robot.name)
 
 
-def _put_in_place(tx: Transaction, source: Source, robot: Robot, place: Place) -> None:
+def _put_in_place(tx: Transaction, source: Source, robot: RobotRow, place: Place) -> None:
     """Follow the token's place where an admin has not said another for this robot."""
     if place.site is not None and robot.site is None:
         grants.place_robot(tx, source, robot.name, place.site)
@@ -449,7 +451,7 @@ def _put_in_place(tx: Transaction, source: Source, robot: Robot, place: Place) -
         )
 
 
-def adopt_key(tx: Transaction, robot: Robot, presented: PresentedKey) -> None:
+def adopt_key(tx: Transaction, robot: RobotRow, presented: PresentedKey) -> None:
     """Write the key into the row, unless it is there: a known key changes nothing. Raises KeyInUse."""
     claim = robots.find_claim(tx, presented.key.fingerprint)
     if claim is not None:
@@ -503,7 +505,7 @@ def _count_use(tx: Transaction, token: JoinToken, key: PublicKey) -> None:
         )
 
 
-def _release(tx: Transaction, source: Source, holder: Robot | None, claim: Claim | None) -> None:
+def _release(tx: Transaction, source: Source, holder: RobotRow | None, claim: Claim | None) -> None:
     if claim is not None:
         robots.remove_claim(tx, claim.id)
     if holder is None:

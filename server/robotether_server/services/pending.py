@@ -6,7 +6,7 @@ from typing import Literal
 
 from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Source, network_of
-from robotether_server.db.robots import Claim, RefusedJoin, Report, Robot
+from robotether_server.db.robots import Claim, RefusedJoin, Report, RobotRow
 from robotether_server.schemas import Fingerprint, RobotName, Timestamp
 from robotether_server.services.joining import PresentedKey
 
@@ -89,7 +89,7 @@ def forgive(tx: Transaction, source: Source, rejected_id: int) -> RejectedKey:
     return _rejected(claim)
 
 
-def _of_robot(robot: Robot) -> PendingKey:
+def _of_robot(robot: RobotRow) -> PendingKey:
     return PendingKey(
         robot=robot.name,
         mac=robot.mac,

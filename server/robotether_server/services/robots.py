@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from robotether_server import identity, robot_settings
 from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Source
-from robotether_server.db.robots import Claim, Report, Robot, State
+from robotether_server.db.robots import Claim, Report, RobotRow, State
 from robotether_server.problems import (
     MacInUse,
     NotPossible,
@@ -37,7 +37,7 @@ class Registration:
 
 def add(
     tx: Transaction, source: Source, mac: str, name: str, *, allow_local_mac: bool = False
-) -> Robot:
+) -> RobotRow:
     """Announce a robot before it joins; raise FieldInvalid, RecordExists or RecordRefused.
 
     An unknown robot that waits with this MAC does not matter: its row gets the name, and its key waits on.
@@ -54,7 +54,7 @@ def add(
     return robots.get(tx, name)
 
 
-def register(tx: Transaction, source: Source, registration: Registration) -> tuple[Robot, bool]:
+def register(tx: Transaction, source: Source, registration: Registration) -> tuple[RobotRow, bool]:
     """Make a robot active with this key; return whether its row was made for it. Asking again changes nothing.
 
     Raises FieldInvalid, KeyUnproven, RecordExists, MacInUse, KeyInUse, KeyRejected, RobotDisabled or TokenUsedUp.
@@ -88,7 +88,7 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
     return joining.admit(tx, source, row, presented, registration.credential), found is None
 
 
-def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Robot:
+def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> RobotRow:
     """Make this key the robot's own, be it the row's or a claim; raise NotPossible when it does not wait there.
 
     Approving the key that an active robot has changes nothing.
@@ -125,7 +125,7 @@ def reject(tx: Transaction, source: Source, name: str, fingerprint: str) -> None
     audit.record(tx, source, "key_rejected", name, mac=found.mac, fingerprint=fingerprint)
 
 
-def disable(tx: Transaction, source: Source, name: str) -> Robot:
+def disable(tx: Transaction, source: Source, name: str) -> RobotRow:
     """Disable a robot, whatever its key."""
     found = _get(tx, name)
     if found.state != "disabled":
@@ -136,7 +136,7 @@ def disable(tx: Transaction, source: Source, name: str) -> Robot:
     return robots.get(tx, name)
 
 
-def enable(tx: Transaction, source: Source, name: str) -> Robot:
+def enable(tx: Transaction, source: Source, name: str) -> RobotRow:
     """Let a disabled robot in again; raise NotPossible when it is not disabled."""
     found = _get(tx, name)
     if found.state != "disabled":
@@ -147,7 +147,7 @@ def enable(tx: Transaction, source: Source, name: str) -> Robot:
     return robots.get(tx, name)
 
 
-def rename(tx: Transaction, source: Source, name: str, new_name: str) -> Robot:
+def rename(tx: Transaction, source: Source, name: str, new_name: str) -> RobotRow:
     """Give a robot another name; raise RecordExists or RecordRefused."""
     found = _get(tx, name)
     if new_name != name:
@@ -158,7 +158,7 @@ def rename(tx: Transaction, source: Source, name: str, new_name: str) -> Robot:
 
 def set_mac(
     tx: Transaction, source: Source, name: str, mac: str, *, allow_local_mac: bool = False
-) -> Robot:
+) -> RobotRow:
     """Give a robot another MAC; raise FieldInvalid or RecordExists.
 
     An unknown robot that waits with this MAC does not matter: its row goes, and its key has to ask again.
@@ -188,7 +188,7 @@ def move_ports(
     name: str,
     ros_port: int | None = None,
     video_port: int | None = None,
-) -> Robot:
+) -> RobotRow:
     """Move a robot to these ports, or to another free pair; raise RecordExists or RecordRefused."""
     found = _get(tx, name)
     robots.set_ports(tx, found.id, ros_port, video_port)
@@ -204,7 +204,7 @@ def move_ports(
     return moved
 
 
-def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> Robot:
+def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> RobotRow:
     """Forward a port to the robot's sshd, or stop doing so; raise RecordRefused when no port is free."""
     found = _get(tx, name)
     if found.shell == on:
@@ -217,7 +217,9 @@ def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> Robot:
     return changed
 
 
-def set_settings(tx: Transaction, source: Source, name: str, settings: dict[str, object]) -> Robot:
+def set_settings(
+    tx: Transaction, source: Source, name: str, settings: dict[str, object]
+) -> RobotRow:
     """Replace a robot's settings; {} means the defaults, and only what differs from them is kept. Raises FieldInvalid.
 
     Relay and guard follow by themselves.
@@ -232,7 +234,7 @@ def set_settings(tx: Transaction, source: Source, name: str, settings: dict[str,
 
 def change_settings(
     tx: Transaction, source: Source, name: str, change: Callable[[Settings], Settings]
-) -> Robot:
+) -> RobotRow:
     """Replace a robot's settings by what `change` makes of the present ones; raise FieldInvalid.
 
     No other change comes in between.
@@ -240,7 +242,7 @@ def change_settings(
     return set_settings(tx, source, name, change(_get(tx, name).settings))
 
 
-def rekey(tx: Transaction, source: Source, name: str) -> Robot:
+def rekey(tx: Transaction, source: Source, name: str) -> RobotRow:
     """Forget a robot's key and end its connection; the next key that joins waits for approval."""
     found = _get(tx, name)
     robots.forget_key(tx, found.id)
@@ -250,7 +252,7 @@ def rekey(tx: Transaction, source: Source, name: str) -> Robot:
     return robots.get(tx, name)
 
 
-def rotate_key(tx: Transaction, source: Source, name: str) -> Robot:
+def rotate_key(tx: Transaction, source: Source, name: str) -> RobotRow:
     """Ask the robot's agent to make a new key; raise NotPossible when the robot is not active."""
     found = _get(tx, name)
     if found.state != "active" or found.fingerprint is None:
@@ -264,7 +266,7 @@ def rotate_key(tx: Transaction, source: Source, name: str) -> Robot:
     return robots.get(tx, name)
 
 
-def remove(tx: Transaction, source: Source, name: str) -> Robot:
+def remove(tx: Transaction, source: Source, name: str) -> RobotRow:
     """Remove a robot with its grants and its history; return it as it was."""
     found = _get(tx, name)
     robots.remove(tx, found.id)
@@ -280,17 +282,17 @@ def remove(tx: Transaction, source: Source, name: str) -> Robot:
     return found
 
 
-def _get(tx: Transaction, name: str) -> Robot:
+def _get(tx: Transaction, name: str) -> RobotRow:
     robots.lock_enrolment(tx)
     return robots.get(tx, name)
 
 
-def _claim_of(tx: Transaction, found: Robot, fingerprint: str) -> Claim | None:
+def _claim_of(tx: Transaction, found: RobotRow, fingerprint: str) -> Claim | None:
     claim = robots.find_claim(tx, fingerprint)
     return claim if claim is not None and claim.robot_id == found.id else None
 
 
-def _check_not_disabled(found: Robot) -> None:
+def _check_not_disabled(found: RobotRow) -> None:
     if found.state == "disabled":
         raise NotPossible(
             f"cannot approve robot {found.name}: it is disabled; "
@@ -298,7 +300,7 @@ def _check_not_disabled(found: Robot) -> None:
         )
 
 
-def _no_such_key(found: Robot, fingerprint: str) -> str:
+def _no_such_key(found: RobotRow, fingerprint: str) -> str:
     if found.fingerprint is None:
         return f"cannot approve robot {found.name}: no key {fingerprint} waits there; it has not joined yet"
     return (
@@ -308,7 +310,7 @@ def _no_such_key(found: Robot, fingerprint: str) -> str:
     )
 
 
-def _reject_own(tx: Transaction, source: Source, found: Robot, fingerprint: str) -> None:
+def _reject_own(tx: Transaction, source: Source, found: RobotRow, fingerprint: str) -> None:
     if found.key is None or found.fingerprint != fingerprint or found.report is None:
         raise NotPossible(
             f"cannot reject key {fingerprint}: it does not wait at robot {found.name}"
@@ -325,17 +327,19 @@ def _reject_own(tx: Transaction, source: Source, found: Robot, fingerprint: str)
     robots.add_rejected_key(tx, found, source.actor)
 
 
-def _change_state(tx: Transaction, source: Source, found: Robot, state: State, kind: str) -> None:
+def _change_state(
+    tx: Transaction, source: Source, found: RobotRow, state: State, kind: str
+) -> None:
     robots.set_state(tx, found.id, state)
     audit.record(tx, source, kind, found.name, was=found.state, fingerprint=found.fingerprint)
 
 
-def _add(tx: Transaction, mac: str, name: str) -> Robot:
+def _add(tx: Transaction, mac: str, name: str) -> RobotRow:
     robots.add(tx, mac, name)
     return robots.get(tx, name)
 
 
-def _check_may_register(found: Robot, presented: joining.PresentedKey) -> None:
+def _check_may_register(found: RobotRow, presented: joining.PresentedKey) -> None:
     if found.state == "disabled":
         raise RobotDisabled(
             f"cannot enrol robot {found.name}: it is disabled; an admin enables it with: "
@@ -349,7 +353,7 @@ def _check_may_register(found: Robot, presented: joining.PresentedKey) -> None:
         )
 
 
-def _named(tx: Transaction, source: Source, found: Robot, name: str) -> Robot:
+def _named(tx: Transaction, source: Source, found: RobotRow, name: str) -> RobotRow:
     """Return the robot under the name that the playbook gives; only an unknown robot is renamed for it."""
     if found.name == name:
         return found

@@ -7,7 +7,7 @@ from robotether_server import identity, schemas
 from robotether_server.db import Transaction, audit, seen_robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import includes
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import SshKey, User
 from robotether_server.problems import FieldInvalid, NotPossible
 from robotether_server.robot_settings import ShellUser
@@ -82,7 +82,7 @@ def _entry(entry: ShellEntry, jump: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _shell_user(robot: Robot) -> str | None:
+def _shell_user(robot: RobotRow) -> str | None:
     """Return the setting; a text that somebody wrote by SQL must not become a line of its own."""
     found = robot.settings.get("shell_user")
     try:

@@ -10,7 +10,7 @@ from flask import Flask
 from markupsafe import Markup
 
 from robotether_server.db.audit import AuditEvent
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.times import rfc3339
 
 KEY_GROUP = 4
@@ -195,7 +195,7 @@ def key_groups(fingerprint: str) -> list[str]:
     return [kind + colon, *groups] if kind else groups
 
 
-def state_words(robot: Robot) -> str:
+def state_words(robot: RobotRow) -> str:
     """Return a robot's state in a word or two."""
     if robot.state != "pending":
         return robot.state.capitalize()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from robotether_server.db import Database, robots
-from robotether_server.db.robots import Report, Robot
+from robotether_server.db.robots import Report, RobotRow
 from robotether_server.identity import PublicKey
 
 MAC = "02:00:00:00:51:01"
@@ -49,7 +49,7 @@ def claim(database: Database, key: PublicKey = OTHER_KEY) -> None:
         robots.add_claim(tx, robots.get(tx, "sim1"), key, OTHER_REPORT)
 
 
-def robot(database: Database, name: str = "sim1") -> Robot:
+def robot(database: Database, name: str = "sim1") -> RobotRow:
     """The robot's record."""
     with database.transaction() as tx:
         return robots.get(tx, name)

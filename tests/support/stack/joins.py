@@ -18,7 +18,7 @@ from robotether_server.db import (
     users,
 )
 from robotether_server.db.audit import AuditEvent
-from robotether_server.db.robots import Report, Robot
+from robotether_server.db.robots import Report, RobotRow
 from robotether_server.identity import PublicKey
 from robotether_server.services import joining
 from robotether_server.services.joining import Answer, PresentedKey
@@ -78,7 +78,7 @@ class Site:
         with self.database.transaction() as tx:
             robots.add(tx, mac, name)
 
-    def robot(self, name: str) -> Robot:
+    def robot(self, name: str) -> RobotRow:
         """A robot's record as it is now."""
         with self.database.transaction() as tx:
             return robots.get(tx, name)

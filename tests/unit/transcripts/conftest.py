@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 from relay_server import FAST
-from robotether_server.relay.control import leases, stops
+from robotether_server.relay.control import stops
 from robotether_server.relay.main import Timing
-from robotether_server.relay.robots import port_checks, robot_dialer
+from robotether_server.relay.robots import lease, port_checks, robot_dialer
 from syrupy.assertion import SnapshotAssertion
 from transcripts import TranscriptFile
 
@@ -27,8 +27,8 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> Timing:
     for module, name in (
         (stops, "CONFIRMED_WITHIN_S"),
         (stops, "RELEASED_WITHIN_S"),
-        (leases, "PASSES_AFTER_S"),
-        (leases, "RESERVED_FOR_S"),
+        (lease, "PASSES_AFTER_S"),
+        (lease, "RESERVED_FOR_S"),
         (port_checks, "CONNECT_WITHIN_S"),
         (robot_dialer, "MIN_CONNECT_TIMEOUT_S"),
         (robot_dialer, "MAX_CONNECT_TIMEOUT_S"),

@@ -32,10 +32,10 @@ from robotether_server.problems import (
     TicketUsed,
     TokenInvalid,
 )
-from robotether_server.relay.auth.connections import Connections, Use, permits
+from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials, credential_of
-from robotether_server.relay.robots.demand import Demand
-from robotether_server.relay.robots.sessions import SessionRegistry
+from robotether_server.relay.robots.connection import Use, permits
+from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.schemas import Level
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
 
@@ -329,15 +329,11 @@ def _host_and_port(netloc: str) -> tuple[str, int] | None:
 
 @dataclass(frozen=True)
 class HandlerContext:
-    """What all handlers need to let somebody through to a robot.
-
-    `usage` counts who is connected to it; robots' ports listen at `tunnel_host`.
-    """
+    """What all handlers need to let somebody through to a robot, whose ports listen at `tunnel_host`."""
 
     access: Access
     credentials: Credentials
     registry: SessionRegistry
     connections: Connections
-    usage: Demand
     client: ClientSession
     tunnel_host: str

@@ -7,22 +7,16 @@ memory of the relay, and of the robot.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
 
-from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.db.grants import includes
+from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
-from robotether_server.relay.robots.sessions import Change
-from robotether_server.schemas import Level
-
-Use = Literal["observe", "drive", "video"]
-
-# Video is something to see.
-NEEDED: Mapping[Use, Level] = {"observe": "observe", "drive": "drive", "video": "observe"}
+from robotether_server.relay.robots.connection import Connection, Use
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change
 
 
 @dataclass(frozen=True)
@@ -36,46 +30,14 @@ class Caps:
     cameras_of_observers: int = 4
 
 
-@dataclass(eq=False)
-class Connection:
-    """One live connection of a user to a robot; it counts once it has reached the robot."""
-
-    user_id: int
-    user: str
-    robot: RelayRobot
-    use: Use
-    end: Callable[[CloseReason], None]
-    connected: bool = False
-    level: Level = "observe"
-    # Of a viewer: what it views, and whether it could drive.
-    camera: str = ""
-    may_drive: bool = False
-
-    def holds_in(self, snapshot: Snapshot) -> bool:
-        """Return whether the user may still do this with this robot."""
-        robot = snapshot.robots.get(self.robot.id)
-        if robot is None or robot.state != "active" or robot.name != self.robot.name:
-            return False
-        level = snapshot.level(self.user_id, robot.id)
-        if level is None or not permits(level, self.use) or not includes(level, self.level):
-            return False
-        # What it may send was fixed when it was opened.
-        return self.use == "video" or _rules_of(robot) == _rules_of(self.robot)
-
-
-def permits(level: Level | None, use: Use) -> bool:
-    """Return whether a grant of this level is enough."""
-    return level is not None and includes(level, NEEDED[use])
-
-
 class Connections:
     """All live connections, by robot."""
 
-    def __init__(self, caps: Caps | None = None) -> None:
+    def __init__(self, registry: SessionRegistry, caps: Caps | None = None) -> None:
+        self._registry = registry
         self.caps = caps or Caps()
         self._listeners: list[Callable[[int], None]] = []
         self._of_user: Counter[tuple[int, bool]] = Counter()
-        self._by_robot: dict[int, set[Connection]] = {}
 
     def listen(self, listener: Callable[[int], None]) -> None:
         """Notify this of each robot whose drivers or observers change."""
@@ -86,7 +48,7 @@ class Connections:
         mine, caps = self._of_user[_counted_as(connection)], self.caps
         if mine >= caps.per_user:
             return f"you already have {mine} connections open; close one first"
-        members = self._by_robot.get(connection.robot.id, ())
+        members = self._registry.robot(connection.robot.id).connections
         there = sum(member.use == connection.use for member in members)
         only_watches = connection.use == "video" and not connection.may_drive
         if there >= caps.per_robot - (caps.per_robot // 4 if only_watches else 0):
@@ -99,7 +61,7 @@ class Connections:
         return None
 
     def _too_many_cameras(self, connection: Connection) -> bool:
-        members = self._by_robot.get(connection.robot.id, ())
+        members = self._registry.robot(connection.robot.id).connections
         watched = {member.camera for member in members if not member.may_drive}
         return len((watched | {connection.camera}) - {""}) > self.caps.cameras_of_observers
 
@@ -107,7 +69,7 @@ class Connections:
     def joined(self, connection: Connection) -> Iterator[None]:
         """Have the connection ended, inside the block, when its link or right is gone."""
         robot_id = connection.robot.id
-        members = self._by_robot.setdefault(robot_id, set())
+        members = self._registry.robot(robot_id).connections
         members.add(connection)
         counted_as = _counted_as(connection)
         self._of_user[counted_as] += 1
@@ -118,8 +80,6 @@ class Connections:
             self._of_user[counted_as] -= 1
             if not self._of_user[counted_as]:
                 del self._of_user[counted_as]
-            if not members and self._by_robot.get(robot_id) is members:
-                del self._by_robot[robot_id]
             if connection.connected:
                 self._changed(robot_id)
 
@@ -134,12 +94,12 @@ class Connections:
 
     def count(self, use: Use) -> int:
         """How many connections of this use there are in all."""
-        return sum(len(self._counted(robot_id, use)) for robot_id in self._by_robot)
+        return sum(len(self._counted(robot.id, use)) for robot in self._registry.robots())
 
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot; with its tunnel end the connections through it."""
         if change.what == "disconnected":
-            for member in list(self._by_robot.get(change.robot_id, ())):
+            for member in list(self._registry.robot(change.robot_id).connections):
                 member.end(close_reasons.link_lost(member.robot.name))
 
     def end_unrighted(self, snapshot: Snapshot) -> None:
@@ -154,7 +114,7 @@ class Connections:
             member.end(close_reason)
 
     def _counted(self, robot_id: int, use: Use) -> list[Connection]:
-        members = self._by_robot.get(robot_id, ())
+        members = self._registry.robot(robot_id).connections
         return [member for member in members if member.connected and member.use == use]
 
     def _changed(self, robot_id: int) -> None:
@@ -162,12 +122,7 @@ class Connections:
             listener(robot_id)
 
     def _all(self) -> list[Connection]:
-        return [member for members in self._by_robot.values() for member in members]
-
-
-def _rules_of(robot: RelayRobot) -> tuple[object, ...]:
-    guard = robot.settings.guard
-    return robot.settings.policy, guard.drive_topics, guard.max_age_ms
+        return [member for robot in self._registry.robots() for member in robot.connections]
 
 
 def _counted_as(connection: Connection) -> tuple[int, bool]:

@@ -8,11 +8,11 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from robotether_server.relay.cells.cells import Cells
-from robotether_server.relay.robots.sessions import SessionRegistry
+from robotether_server.relay.robots.registry import SessionRegistry
 
 log = logging.getLogger(__name__)
 
@@ -35,15 +35,10 @@ class CellDrain:
         self,
         cells: Cells,
         registry: SessionRegistry,
-        *,
-        is_driven: Callable[[int], bool],
-        is_used: Callable[[int], bool],
         rules: DrainRules | None = None,
     ) -> None:
         self._cells = cells
         self._registry = registry
-        self._is_driven = is_driven
-        self._is_used = is_used
         self._rules = rules or DrainRules()
         self._changed = asyncio.Event()
         cells.listen(self._changed.set)
@@ -80,10 +75,10 @@ class CellDrain:
     def _movable(self, began_at: float, *, with_driven: bool) -> Iterator[tuple[int, int]]:
         """Rank the robots that may go now: unused, observed, driven."""
         stays_since = max(began_at, time.monotonic() - self._rules.stays_s)
-        for robot_id, connected_at in self._registry.online():
+        for robot, connected_at in self._registry.online():
             if connected_at > stays_since:
                 continue
-            if not self._is_driven(robot_id):
-                yield int(self._is_used(robot_id)), robot_id
+            if robot.lease.driver is None:
+                yield int(robot.usage.exists), robot.id
             elif with_driven:
-                yield 2, robot_id
+                yield 2, robot.id

@@ -25,24 +25,24 @@ from robotether_server.relay.cells.messages import (
     build,
 )
 from robotether_server.relay.channels.events import ChangedRobots, FleetEvents
-from robotether_server.relay.control.stops import RobotStops, Stops
-from robotether_server.relay.robots.sessions import SessionRegistry
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot_stops import RobotStops
 
 FLEET_PATH = "/cell/v1/fleet"
 PING_EVERY_S = 1.0
 SILENT_AFTER_S = 3.0
 ROBOTS_AT_ONCE = 20
 StopState = tuple[tuple[object, ...], tuple[object, ...]]
+NO_STOPS: StopState = ((), ())
 
 
 class PeerFeed(ChangedRobots):
     """What one other cell has yet to receive."""
 
-    def __init__(self, fleet_events: FleetEvents, registry: SessionRegistry, stops: Stops) -> None:
+    def __init__(self, fleet_events: FleetEvents, registry: SessionRegistry) -> None:
         super().__init__()
         self._fleet_events = fleet_events
         self._registry = registry
-        self._stops = stops
         self._sent: dict[int, PeerRobot] = {}
         self._sent_stops: dict[int, StopState] = {}
         self.mark_all()
@@ -53,19 +53,15 @@ class PeerFeed(ChangedRobots):
 
     def mark_all(self) -> None:
         """Remember that anything may have changed."""
-        online = (robot_id for robot_id, _ in self._registry.online())
-        self.add(*online, *self._stops.robot_ids(), *self._sent)
+        self.add(*(robot.id for robot in self._registry.robots()), *self._sent)
 
     def stops_of(self, robot_id: int) -> Iterator[PeerMessage]:
         """The robot's stops, if they changed since they were sent."""
-        known = self._stops.known(robot_id)
-        if known is None:
-            self._sent_stops.pop(robot_id, None)
-            return
-        state: StopState = (tuple(known.in_force), tuple(known.ended))
-        if state != self._sent_stops.get(robot_id):
+        stops = self._registry.robot(robot_id).stops
+        state: StopState = (tuple(stops.in_force), tuple(stops.ended))
+        if state != self._sent_stops.get(robot_id, NO_STOPS):
             self._sent_stops[robot_id] = state
-            yield from _stop_messages(robot_id, known)
+            yield from _stop_messages(robot_id, stops)
 
     def newest(self, robot_id: int) -> Iterator[PeerMessage]:
         """The robot's newest state, if it is another than the one that was sent."""

@@ -21,7 +21,8 @@ from robotether_server.relay.cells.messages import (
     PeerStopEnd,
 )
 from robotether_server.relay.control.stops import CONFIRMED_WITHIN_S, Stops
-from robotether_server.relay.robots.sessions import Change, SessionRegistry
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change
 
 log = logging.getLogger(__name__)
 
@@ -45,8 +46,6 @@ class Peers:
         self._stops = stops
         self._changed = changed
         self._connected: dict[str, Peer] = {}
-        # Of the robots whose guard somebody waits for.
-        self._reported: dict[int, asyncio.Event] = {}
 
     def count(self) -> int:
         """How many cells are connected."""
@@ -81,8 +80,7 @@ class Peers:
                 peer.robots[robot_id] = message
                 self._end_older_session(robot_id)
                 self._changed(robot_id)
-                if (reported := self._reported.pop(robot_id, None)) is not None:
-                    reported.set()
+                self._registry.robot(robot_id).reported_elsewhere.set()
             case PeerRobot(robot_id):
                 if peer.robots.pop(robot_id, None) is not None:
                     self._on_offline(robot_id)
@@ -120,10 +118,12 @@ class Peers:
         return None if self.owner(robot_id) is None else self._confirmation(robot_id)
 
     async def _confirmation(self, robot_id: int) -> bool:
+        reported = self._registry.robot(robot_id).reported_elsewhere
         try:
             async with asyncio.timeout(CONFIRMED_WITHIN_S):
                 while not self._is_confirmed(robot_id):
-                    await self._reported.setdefault(robot_id, asyncio.Event()).wait()
+                    reported.clear()
+                    await reported.wait()
         except TimeoutError:
             return False
         return True

@@ -11,7 +11,8 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from robotether_server.relay.cells.cells import Cells
-from robotether_server.relay.robots.sessions import SessionRegistry
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Robot
 
 DETAIL = "another machine of the server has fewer robots; connect to the next"
 
@@ -42,16 +43,13 @@ class Rebalancing:
         cells: Cells,
         registry: SessionRegistry,
         *,
-        is_used: Callable[[int], bool],
         unreached: Callable[[], Collection[str]],
         rules: BalanceRules | None = None,
     ) -> None:
         self._cells = cells
         self._registry = registry
-        self._is_used = is_used
         self._unreached = unreached
         self._rules = rules or BalanceRules()
-        self._sent_at: dict[int, float] = {}
 
     async def run(self) -> None:
         """Look every second, and send robots one after the other, for ever."""
@@ -65,11 +63,11 @@ class Rebalancing:
         if self._cells.draining or not self._is_much(self._cells.surplus()[0]):
             return False
         unreached = self._unreached()
-        for robot_id, connected_at in self._registry.online():
-            if self._may_go(robot_id, connected_at):
-                surplus, emptiest = self._cells.surplus(robot_id)
+        for robot, connected_at in self._registry.online():
+            if self._may_go(robot, connected_at):
+                surplus, emptiest = self._cells.surplus(robot.id)
                 if self._is_much(surplus) and emptiest not in unreached:
-                    self._send(robot_id, emptiest)
+                    self._send(robot, emptiest)
                     return True
         return False
 
@@ -77,18 +75,18 @@ class Rebalancing:
         rules = self._rules
         return surplus > max(rules.robots, rules.share * self._registry.online_count())
 
-    def _may_go(self, robot_id: int, connected_at: float) -> bool:
-        stays_s = self._rules.stays_s
-        sent_at = self._sent_at.get(robot_id)
-        if sent_at is not None and connected_at - sent_at < stays_s:
+    def _may_go(self, robot: Robot, connected_at: float) -> bool:
+        stays_s, sent_away_at = self._rules.stays_s, robot.sent_away_at
+        if sent_away_at is not None and connected_at - sent_away_at < stays_s:
             # It came back at once, so that it cannot reach another cell: it stays.
             return False
         # Nobody knows whether somebody works in a shell.
-        is_idle = not self._is_used(robot_id) and not self._registry.has(robot_id, "shell")
+        # What a guard says of a stop is news for this cell, too.
+        is_idle = not (robot.usage.exists or robot.stops.newest or "shell" in robot.links)
         return is_idle and time.monotonic() - connected_at > stays_s
 
-    def _send(self, robot_id: int, cell: str) -> None:
-        self._sent_at[robot_id] = time.monotonic()
-        if (session := self._registry.session_of(robot_id)) is not None:
-            session.send_cells(self._cells.addresses(robot_id, cell))
-        self._registry.end_links(robot_id, "rebalanced", DETAIL)
+    def _send(self, robot: Robot, cell: str) -> None:
+        robot.sent_away_at = time.monotonic()
+        if robot.session is not None:
+            robot.session.send_cells(self._cells.addresses(robot.id, cell))
+        self._registry.end_links(robot.id, "rebalanced", DETAIL)

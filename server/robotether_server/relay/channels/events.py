@@ -23,7 +23,8 @@ from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
 from robotether_server.relay.control.control import Control
-from robotether_server.relay.robots.sessions import Change, SessionRegistry
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change
 from robotether_server.times import rfc3339
 
 COMMENT_EVERY_S = 10.0
@@ -107,7 +108,6 @@ class FleetEvents:
         self._elsewhere = elsewhere
         self._subscribers: set[Subscriber] = set()
         self._followers: set[Follower] = set()
-        self._rtt_notified_at: dict[int, float] = {}
 
     @contextmanager
     def subscribed(self, user_id: int) -> Iterator[Subscriber]:
@@ -151,7 +151,6 @@ class FleetEvents:
 
     def all_changed(self) -> None:
         """Rows or rights changed: every robot that a subscriber shows or may show now."""
-        self._rtt_notified_at.clear()
         for follower in self._followers:
             follower.mark_all()
 
@@ -202,8 +201,9 @@ class FleetEvents:
 
     def _rtt_changed(self, robot_id: int) -> None:
         now = asyncio.get_running_loop().time()
-        if now - self._rtt_notified_at.get(robot_id, 0.0) >= RTT_NOTIFY_EVERY_S:
-            self._rtt_notified_at[robot_id] = now
+        robot = self._registry.robot(robot_id)
+        if now - robot.rtt_notified_at >= RTT_NOTIFY_EVERY_S:
+            robot.rtt_notified_at = now
             self.changed(robot_id)
 
 

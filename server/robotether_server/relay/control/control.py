@@ -12,14 +12,15 @@ from typing import Any
 from robotether_server.db.control import StoredControl
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.db.grants import includes
-from robotether_server.relay.control.leases import Driver, Now, Reserved
 from robotether_server.relay.control.leasing import Leasing, now
 from robotether_server.relay.control.stops import Stops
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
-from robotether_server.relay.robots.sessions import Change, SessionRegistry
+from robotether_server.relay.robots.lease import Driver, Instant, Reservation
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change
 from robotether_server.times import rfc3339
 
 ControlObject = dict[str, Any]
@@ -40,7 +41,6 @@ class Control:
         self._registry = registry
         self._robots_leave = robots_leave
         self._listeners: list[Callable[[int], None]] = []
-        self._watchers: dict[int, set[Callable[[], None]]] = {}
         self.leasing = Leasing(
             database=database,
             event_writer=event_writer,
@@ -63,14 +63,12 @@ class Control:
     @contextmanager
     def watched(self, robot_id: int, changed: Callable[[], None]) -> Iterator[None]:
         """Notify of changes of one robot's control inside the block."""
-        watchers = self._watchers.setdefault(robot_id, set())
+        watchers = self._registry.robot(robot_id).control_watchers
         watchers.add(changed)
         try:
             yield
         finally:
             watchers.discard(changed)
-            if not watchers and self._watchers.get(robot_id) is watchers:
-                del self._watchers[robot_id]
 
     def remember(self, stored: StoredControl) -> None:
         """Take over what the relay before this one kept, or another cell."""
@@ -79,9 +77,7 @@ class Control:
             self.stops.learn(stop, is_written=True)
 
     def on_snapshot(self, snapshot: Snapshot) -> None:
-        """Rights or robots changed."""
-        self.leasing.forget_all_but(snapshot.robots)
-        self.stops.forget_all_but(snapshot.robots)
+        """Rights changed."""
         self.leasing.keep_only(lambda user_id, robot_id: _may_drive(snapshot, user_id, robot_id))
 
     def greeting(self, robot_id: int) -> list[bytes]:
@@ -104,11 +100,6 @@ class Control:
             "guard": self._registry.presence(robot_id).guard,
         }
 
-    def close(self) -> None:
-        """Let the timers go."""
-        self.leasing.close()
-        self.stops.close()
-
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot; who comes back stopped is stopped here, too."""
         self.stops.on_robot_change(change)
@@ -126,7 +117,7 @@ class Control:
         self._notify_watchers(robot_id)
 
     def _notify_watchers(self, robot_id: int) -> None:
-        for changed in list(self._watchers.get(robot_id, ())):
+        for changed in list(self._registry.robot(robot_id).control_watchers):
             changed()
 
     def _waiting(self, robot_id: int) -> ControlObject | None:
@@ -153,11 +144,11 @@ def _driver(driver: Driver | None) -> ControlObject | None:
     return {"user": driver.holder.user, "since": since, "fence": driver.fence}
 
 
-def _reserved(kept: Reserved | None) -> ControlObject | None:
+def _reserved(kept: Reservation | None) -> ControlObject | None:
     return None if kept is None else {"user": kept.user.name, "until": rfc3339(kept.until.utc)}
 
 
-def _timestamp(timestamp: Now | None) -> str | None:
+def _timestamp(timestamp: Instant | None) -> str | None:
     return None if timestamp is None else rfc3339(timestamp.utc)
 
 

@@ -3,28 +3,29 @@
 `rosbridge` begins and ends leases, `control_api` does what people ask for, `stops` ends them. A lease is
 granted only after its number is committed, or while the database is away if the robot's guard has reported the
 newest one, which is enough to go on from. It is over for everybody at once: the robot is notified before the
-connection is closed. The rules themselves are in `leases`.
+connection is closed. The rules themselves are in `robots/lease`.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
 from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
 from robotether_server.db.fleet import AuditEntry, RelayRobot, RelayUser
 from robotether_server.problems import RecordMissing, RecordRefused, StoreProblem
-from robotether_server.relay.auth.connections import Connection
-from robotether_server.relay.control.leases import Driver, HeldError, Lease, Now, Passed
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots import session_messages as lines
-from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+from robotether_server.relay.robots.connection import Connection
+from robotether_server.relay.robots.lease import Driver, Handover, HeldError, Instant, Lease
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
@@ -57,28 +58,20 @@ class Leasing:
         self._registry = registry
         self._stopped = stopped
         self._changed = changed
-        self._leases: dict[int, Lease] = {}
-        self._timers: dict[int, asyncio.TimerHandle] = {}
 
     def of(self, robot_id: int) -> Lease:
         """Return a robot's lease."""
-        return self._leases.setdefault(robot_id, Lease())
+        return self._registry.robot(robot_id).lease
 
     def count(self) -> int:
         """How many robots are driven."""
-        return sum(lease.driver is not None for lease in self._leases.values())
+        return sum(robot.lease.driver is not None for robot in self._registry.robots())
 
     def remember(self, fences: Mapping[int, int]) -> None:
         """Go on from the numbers of the relay before this one."""
         for robot_id, fence in fences.items():
             lease = self.of(robot_id)
             lease.fence = max(lease.fence, fence)
-
-    def forget_all_but(self, robot_ids: Iterable[int]) -> None:
-        """Drop the leases of robots that are gone."""
-        for robot_id in self._leases.keys() - set(robot_ids):
-            del self._leases[robot_id]
-            self._disarm(robot_id)
 
     def line(self, robot_id: int) -> bytes:
         """Build what a robot is sent of its lease."""
@@ -129,9 +122,9 @@ class Leasing:
 
     def keep_only(self, may_drive: Callable[[int, int], bool]) -> None:
         """Forget who waits without the right to drive (user, robot) any more."""
-        for robot_id, lease in self._leases.items():
-            if lease.keep_only(_of_robot(may_drive, robot_id)):
-                self._notify(robot_id)
+        for robot in self._registry.robots():
+            if robot.lease.keep_only(_of_robot(may_drive, robot.id)):
+                self._notify(robot.id)
 
     def ask(self, robot: RelayRobot, asker: LeaseRequester) -> None:
         """Ask the driver for the control."""
@@ -163,11 +156,6 @@ class Leasing:
             driver = None if passed.driver is None else passed.driver.holder.user
             self._audit("lease_taken", robot, asker, driver=driver)
             self._pass(robot.id, passed)
-
-    def close(self) -> None:
-        """Let the timers go."""
-        for robot_id in list(self._timers):
-            self._disarm(robot_id)
 
     def _claim(self, lease: Lease, connection: Connection) -> None:
         robot = connection.robot
@@ -219,7 +207,7 @@ class Leasing:
         """Return the newest number that is known here; the guard's may be another relay's, or a lost database's."""
         return max(self.of(robot_id).fence, self._registry.presence(robot_id).report.fence)
 
-    def _pass(self, robot_id: int, passed: Passed) -> None:
+    def _pass(self, robot_id: int, passed: Handover) -> None:
         if passed.driver is not None:
             self._write_end(robot_id, passed.driver.fence)
         self._notify(robot_id)
@@ -254,7 +242,7 @@ class Leasing:
         due = min(self._due_at(robot_id), default=None)
         if due is not None:
             loop = asyncio.get_running_loop()
-            self._timers[robot_id] = loop.call_at(due, self._on_timer, robot_id)
+            self._registry.robot(robot_id).lease_timer = loop.call_at(due, self._on_timer, robot_id)
 
     def _due_at(self, robot_id: int) -> Iterator[float]:
         lease = self.of(robot_id)
@@ -266,9 +254,10 @@ class Leasing:
             yield kept.until.s
 
     def _disarm(self, robot_id: int) -> None:
-        timer = self._timers.pop(robot_id, None)
-        if timer is not None:
-            timer.cancel()
+        robot = self._registry.robot(robot_id)
+        if robot.lease_timer is not None:
+            robot.lease_timer.cancel()
+            robot.lease_timer = None
 
     def _on_timer(self, robot_id: int) -> None:
         lease = self.of(robot_id)
@@ -283,9 +272,9 @@ class Leasing:
         self._pass(robot_id, passed)
 
 
-def now() -> Now:
+def now() -> Instant:
     """Return the present time; the loop's clock is that of the timers."""
-    return Now(asyncio.get_running_loop().time(), utc_now())
+    return Instant(asyncio.get_running_loop().time(), utc_now())
 
 
 def _of_robot(may_drive: Callable[[int, int], bool], robot_id: int) -> Callable[[int], bool]:

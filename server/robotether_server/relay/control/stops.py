@@ -15,7 +15,7 @@ import asyncio
 import logging
 import math
 import secrets
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from robotether_server.db.control import MAX_NAME, Stop, StopEntry, StopId
@@ -25,8 +25,10 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots import session_messages as lines
-from robotether_server.relay.robots.sessions import Change, SessionRegistry, utc_now
-from robotether_server.times import rfc3339
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change
+from robotether_server.relay.robots.robot_stops import RobotStops
+from robotether_server.times import rfc3339, utc_now
 
 log = logging.getLogger(__name__)
 
@@ -39,8 +41,6 @@ INSIST_EVERY_S = 0.2
 # A page sends one press on two paths; what comes so soon after another person's stop must not hide that one. No less
 # than the resolution in which times are shown, so that two stops of one person never look alike.
 SAME_PRESS_S = 1.0
-# Of a robot, in force or ended. A stop whose end was forgotten here may come back from a cell that never learned of it.
-MAX_STOPS = 32
 # No name of a user reads like this.
 AT_ROBOT = "somebody at the robot"
 
@@ -51,36 +51,6 @@ class ShownStop:
 
     by: str
     at: str
-
-
-class RobotStops:
-    """The stops of one robot: those in force, the newest last, and those that ended last."""
-
-    def __init__(self, robot_id: int) -> None:
-        self.entry = StopEntry(robot_id)
-        self.in_force: dict[StopId, Stop] = {}
-        self.ended: dict[StopId, None] = {}
-
-    def knows(self, stop_id: StopId) -> bool:
-        """Return whether the stop was here before."""
-        return stop_id in self.in_force or stop_id in self.ended
-
-    def begin(self, stop: Stop) -> None:
-        """Add the newest stop."""
-        self.in_force[stop.id] = self.entry.stop = stop
-        if len(self.in_force) > MAX_STOPS:
-            del self.in_force[next(iter(self.in_force))]
-
-    def end(self, stop_ids: Iterable[StopId]) -> None:
-        """Remember that these stops ended."""
-        for stop_id in stop_ids:
-            self.in_force.pop(stop_id, None)
-            self.ended[stop_id] = None
-        # By when they began: what another cell still knows of long ago must not take the place of what ended here last.
-        for stop_id in sorted(self.ended)[:-MAX_STOPS]:
-            del self.ended[stop_id]
-        self.entry.stop = next(reversed(self.in_force.values()), None)
-        self.entry.ended = tuple(self.ended)
 
 
 class Stops:
@@ -100,12 +70,6 @@ class Stops:
         self._robots = robots
         self._revoke = revoke
         self._changed = changed
-        self._stops: dict[int, RobotStops] = {}
-        self._repeats: dict[int, asyncio.TimerHandle] = {}
-        self._sent_at: dict[int, float] = {}
-        self._pressed_at: dict[int, dict[str, float]] = {}
-        self._releases: dict[int, dict[str, asyncio.Future[None]]] = {}
-        self._confirmations: dict[int, set[asyncio.Future[None]]] = {}
 
     def learn(self, stop: Stop, *, is_written: bool = False) -> None:
         """Take over a stop that began at another cell, which may end before it is written, or that the database has."""
@@ -144,25 +108,9 @@ class Stops:
             stops.begin(entry.stop)
         self._event_writer.add(stops.entry)
 
-    def known(self, robot_id: int) -> RobotStops | None:
-        """Return the stops of a robot, in force and ended; None: it never had one."""
-        return self._stops.get(robot_id)
-
-    def robot_ids(self) -> Collection[int]:
-        """Return the robots that have had a stop."""
-        return self._stops.keys()
-
-    def forget_all_but(self, robot_ids: Iterable[int]) -> None:
-        """Drop the stops of robots that are gone."""
-        for robot_id in self._stops.keys() - set(robot_ids):
-            del self._stops[robot_id]
-            self._sent_at.pop(robot_id, None)
-            self._pressed_at.pop(robot_id, None)
-
     def of(self, robot_id: int) -> Stop | None:
         """Return the newest stop of a robot, None when it is not stopped."""
-        stops = self._stops.get(robot_id)
-        return None if stops is None else stops.entry.stop
+        return self._of(robot_id).newest
 
     def shown(self, robot_id: int) -> ShownStop | None:
         """Return what people see of a robot's stop."""
@@ -176,7 +124,7 @@ class Stops:
 
     def count(self) -> int:
         """How many robots are stopped."""
-        return sum(stops.entry.stop is not None for stops in self._stops.values())
+        return sum(robot.stops.newest is not None for robot in self._registry.robots())
 
     def confirmed(self, robot_id: int) -> bool:
         """Return whether the robot's guard has the stop."""
@@ -197,7 +145,7 @@ class Stops:
             return
         self._fail_releases(robot, by)
         self._begin_here(robot, by, reason)
-        self._pressed_at.setdefault(robot.id, {})[by] = asyncio.get_running_loop().time()
+        self._of(robot.id).pressed_at[by] = asyncio.get_running_loop().time()
         details: dict[str, object] = {} if reason is None else {"reason": reason}
         self._audit("robot_stopped", robot, by, address, details)
 
@@ -207,7 +155,7 @@ class Stops:
         if self.confirmed(robot_id) or not presence.online or presence.guard_mode != "on":
             return self.confirmed(robot_id)
         waiting = asyncio.get_running_loop().create_future()
-        waiters = self._confirmations.setdefault(robot_id, set())
+        waiters = self._of(robot_id).confirmations
         waiters.add(waiting)
         try:
             async with asyncio.timeout(CONFIRMED_WITHIN_S):
@@ -216,8 +164,6 @@ class Stops:
             return self.confirmed(robot_id)
         finally:
             waiters.discard(waiting)
-            if not waiters and self._confirmations.get(robot_id) is waiters:
-                del self._confirmations[robot_id]
         return True
 
     async def release(
@@ -258,12 +204,6 @@ class Stops:
         if change.what in {"guard_status", "updated"}:
             self._watch(change.robot_id)
 
-    def close(self) -> None:
-        """Let the timers go."""
-        for timer in self._repeats.values():
-            timer.cancel()
-        self._repeats.clear()
-
     def _same_press(self, robot_id: int, by: str) -> bool:
         """Return whether the robot is stopped by what this person did."""
         stop = self.of(robot_id)
@@ -272,7 +212,7 @@ class Stops:
         # At another cell it may have ended since, which must hear of a new one even if this one hears nothing of it.
         if stop.by == by and self._registry.presence(robot_id).online:
             return True
-        pressed_at = self._pressed_at.get(robot_id, {}).get(by, -math.inf)
+        pressed_at = self._of(robot_id).pressed_at.get(by, -math.inf)
         return asyncio.get_running_loop().time() - pressed_at < SAME_PRESS_S
 
     def _check_seen(self, robot: RelayRobot, seen: ShownStop | None) -> None:
@@ -282,10 +222,10 @@ class Stops:
             raise NotPossible(f"{sentence} too; check again before you release it")
 
     def _of(self, robot_id: int) -> RobotStops:
-        return self._stops.setdefault(robot_id, RobotStops(robot_id))
+        return self._registry.robot(robot_id).stops
 
     def _pending_releases(self, robot_id: int) -> list[asyncio.Future[None]]:
-        return [each for each in self._releases.get(robot_id, {}).values() if _may_end_it(each)]
+        return [each for each in self._of(robot_id).releases.values() if _may_end_it(each)]
 
     def _fail_releases(self, robot: RelayRobot, by: str) -> None:
         for answered in self._pending_releases(robot.id):
@@ -308,7 +248,7 @@ class Stops:
         stops = self._of(robot_id)
         stops.end(stop_ids)
         if stops.entry.stop is None:
-            self._pressed_at.pop(robot_id, None)
+            stops.pressed_at.clear()
         self._event_writer.add(stops.entry)
         self._changed(robot_id)
 
@@ -316,38 +256,36 @@ class Stops:
         link = self._registry.session_of(robot_id)
         if link is not None:
             link.send(lines.stop_line(_message_id(), stop.by))
-            self._sent_at[robot_id] = asyncio.get_running_loop().time()
+            self._of(robot_id).sent_at = asyncio.get_running_loop().time()
             self._watch(robot_id)
 
     def _watch(self, robot_id: int) -> None:
         """Look later whether the guard has the stop."""
-        presence = self._registry.presence(robot_id)
+        presence, stops = self._registry.presence(robot_id), self._of(robot_id)
         is_unconfirmed = (
             presence.online and presence.guard_mode == "on" and not presence.report.stopped
         )
-        if is_unconfirmed and self.of(robot_id) is not None and robot_id not in self._repeats:
+        if is_unconfirmed and stops.newest is not None and stops.repeat_timer is None:
             loop = asyncio.get_running_loop()
-            self._repeats[robot_id] = loop.call_later(REPEAT_EVERY_S, self._repeat, robot_id)
+            stops.repeat_timer = loop.call_later(REPEAT_EVERY_S, self._repeat, robot_id)
 
     def _insist(self, robot_id: int) -> None:
         """Somebody stops the robot once more: send that, but a client that never ceases must not fill its session."""
         now = asyncio.get_running_loop().time()
-        if now - self._sent_at.get(robot_id, -math.inf) >= INSIST_EVERY_S:
+        if now - self._of(robot_id).sent_at >= INSIST_EVERY_S:
             self._repeat(robot_id)
 
     def _repeat(self, robot_id: int) -> None:
         """Send the stop again, unless its guard has it or is being asked to release the robot."""
-        timer = self._repeats.pop(robot_id, None)
-        if timer is not None:
-            timer.cancel()
-        stop = self.of(robot_id)
-        if stop is not None and not self.confirmed(robot_id) and robot_id not in self._releases:
-            self._send_stop(robot_id, stop)
+        stops = self._of(robot_id)
+        stops.close()
+        if stops.newest is not None and not self.confirmed(robot_id) and not stops.releases:
+            self._send_stop(robot_id, stops.newest)
 
     async def _released_by_guard(self, robot: RelayRobot, by: str) -> None:
         link, message_id = self._registry.session_of(robot.id), _message_id()
         answered: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        releases = self._releases.setdefault(robot.id, {})
+        releases = self._of(robot.id).releases
         releases[message_id] = answered
         try:
             if link is not None:
@@ -364,8 +302,6 @@ class Stops:
             ) from exc
         finally:
             del releases[message_id]
-            if not releases and self._releases.get(robot.id) is releases:
-                del self._releases[robot.id]
             # Meanwhile the stop was not repeated; and whoever asked may be gone.
             self._watch(robot.id)
 
@@ -374,12 +310,12 @@ class Stops:
         if report.stopped:
             self._stopped_by_guard(robot_id, report.by)
             return
-        answered = self._releases.get(robot_id, {}).get(change.answers or "")
+        answered = self._of(robot_id).releases.get(change.answers or "")
         if answered is not None and not answered.done():
             answered.set_result(None)
 
     def _stopped_by_guard(self, robot_id: int, by: str) -> None:
-        for waiting in self._confirmations.get(robot_id, ()):
+        for waiting in self._of(robot_id).confirmations:
             if not waiting.done():
                 waiting.set_result(None)
         robot = self._robots().get(robot_id)

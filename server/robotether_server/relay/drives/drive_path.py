@@ -24,9 +24,9 @@ from aiohttp import WSMsgType
 from robotether_common.guard import STAMP
 
 from robotether_server.db.control import DriveEntry
-from robotether_server.relay.drives.viewer_stats import NOTHING, ViewerCounts
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import RateLimiter, RobotClock
+from robotether_server.relay.robots.viewer_stats import NOTHING, ViewerCounts
 
 # Pings may be unanswered as long as a silent client is waited for; of more, the oldest are forgotten.
 MAX_PINGS_OPEN = 64

@@ -27,7 +27,9 @@ from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.http.sockets import RobotSocket, connect_robot
-from robotether_server.relay.robots.sessions import Presence, SessionRegistry, utc_now
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Presence
+from robotether_server.times import utc_now
 
 # An operator is notified within a second when rosbridge does not answer; a robot far away gets as
 # many of its round trips more as opening a channel and a WebSocket needs, and some to spare.

@@ -22,8 +22,8 @@ from robotether_server.relay.http.timing import RateLimiter, RobotClock
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import needs_config, port_of
 from robotether_server.relay.robots.port_checks import LinkChecks, PortChecker, wait_released
+from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.session_messages import BrokenLineError, Preface
-from robotether_server.relay.robots.sessions import SessionRegistry
 
 log = logging.getLogger(__name__)
 
@@ -46,15 +46,12 @@ class LinkRules:
     """What is the same for all links of a relay.
 
     `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped. `prepare` comes
-    before, and reads what other cells wrote of the robot. `needs_media` says of a robot whether somebody watches its
-    video, `is_used` whether anybody is connected to it: a robot that is not used sends and gets heartbeats every
+    before, and reads what other cells wrote of the robot. A robot that nobody uses sends and gets heartbeats every
     `idle_heartbeat_s`. `cells` gives where it connects.
     """
 
     tunnel_host: str
     greeting: Callable[[int], Iterable[bytes]]
-    needs_media: Callable[[int], bool]
-    is_used: Callable[[int], bool]
     cells: Callable[[int], Sequence[SshAddresses]] = lambda _: ()
     heartbeat_s: float = 0.5
     idle_heartbeat_s: float = 2.0
@@ -201,7 +198,7 @@ class RobotLink:
 
     @property
     def _needs_media(self) -> bool:
-        return self._rules.needs_media(self.robot_id)
+        return self._registry.robot(self.robot_id).media_demand.exists
 
     async def _replace_older(self) -> None:
         """End the older link, and this one too if somebody else still holds the robot's port."""
@@ -217,7 +214,8 @@ class RobotLink:
 
     def _configure(self, cells: Sequence[SshAddresses] | None = None) -> None:
         rules, self._configured = self._rules, True
-        self._idle_heartbeat_s = None if rules.is_used(self.robot_id) else rules.idle_heartbeat_s
+        is_used = self._registry.robot(self.robot_id).usage.exists
+        self._idle_heartbeat_s = None if is_used else rules.idle_heartbeat_s
         self._cells = self._cells_now() if cells is None else cells
         self._send(
             lines.config_line(

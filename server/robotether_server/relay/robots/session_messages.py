@@ -26,7 +26,7 @@ from robotether_common.session import (
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.control import MAX_NAME
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.robots.sessions import GuardMode, GuardReport
+from robotether_server.relay.robots.robot import GuardMode, GuardReport
 
 T = TypeVar("T")
 

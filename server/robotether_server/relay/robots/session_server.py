@@ -17,9 +17,9 @@ from robotether_server.problems import StoreUnavailable
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import NotAuthorizedError, authorize
 from robotether_server.relay.robots.port_checks import PortChecker
+from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_link import FAREWELL_S, LinkRules, RobotLink
 from robotether_server.relay.robots.session_messages import Preface, WrongKeyError
-from robotether_server.relay.robots.sessions import SessionRegistry
 
 log = logging.getLogger(__name__)
 

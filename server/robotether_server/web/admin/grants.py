@@ -13,7 +13,7 @@ from robotether_server.db import Transaction, seen_robots, users
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS, Grant
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import User
 from robotether_server.problems import FieldInvalid
 from robotether_server.services import grants
@@ -47,7 +47,7 @@ ENDED_TEXTS = {
 Choices = list[tuple[str, list[tuple[str, str]]]]
 
 
-def for_robot(tx: Transaction, robot: Robot) -> list[Grant]:
+def for_robot(tx: Transaction, robot: RobotRow) -> list[Grant]:
     """Return the grants that reach a robot: its own, its site's and those for all."""
     return [
         one

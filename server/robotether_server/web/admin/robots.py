@@ -15,7 +15,7 @@ from robotether_server.db import Transaction, audit, cells, seen_robots
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.db.seen_robots import FREE, ControlState, SeenRobot
 from robotether_server.problems import Problem, RobotUnknown
 from robotether_server.robot_settings import put_path, remove_path
@@ -171,7 +171,7 @@ def set_region(tx: Transaction, source: Source, name: str) -> Saved:
     return page_of(name), f"Robot {name} is in {f'region {region}' if region else 'no region'}."
 
 
-def _regions(tx: Transaction, robot: Robot) -> list[str]:
+def _regions(tx: Transaction, robot: RobotRow) -> list[str]:
     """Return the regions to choose from; none at a site without regions."""
     own = [] if robot.region is None else [robot.region]
     return sorted({*cells.list_regions(tx), *own})
@@ -199,7 +199,7 @@ def found(name: str) -> Words:
     return {"robot": robot, "name": name, "shell_user": robot.settings.get("shell_user", "")}
 
 
-def _rename(tx: Transaction, source: Source, name: str) -> Robot:
+def _rename(tx: Transaction, source: Source, name: str) -> RobotRow:
     new_name = forms.robot_name("new_name", "New name")
     with forms.named({"name": "new_name"}):
         return robots.rename(tx, source, name, new_name)

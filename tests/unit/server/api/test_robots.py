@@ -12,7 +12,7 @@ from robot_signer import RobotSigner
 from robotether_server.api.operations import plain
 from robotether_server.api.robots import shown_robot
 from robotether_server.db import Database
-from robotether_server.db.robots import Report, Robot
+from robotether_server.db.robots import Report, RobotRow
 from robotether_server.db.seen_robots import FREE, ControlState, SeenRobot
 from robotether_server.identity import parse_robots_key
 from robotether_server.page_settings import DEFAULTS
@@ -267,7 +267,7 @@ def test_no_other_key_than_the_named_one(root: Program, fingerprint: str, action
 
 
 TIMESTAMP = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
-ROBOT = Robot(
+ROBOT = RobotRow(
     id=7,
     mac="00:1b:44:11:3a:b7",
     name="turtle",

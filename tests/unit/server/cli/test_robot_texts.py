@@ -6,11 +6,11 @@ import dataclasses
 import datetime as dt
 
 from robotether_server.cli import robot_texts
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.db.seen_robots import RecordedSession, SeenRobot
 
 AT = dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)
-ROBOT = Robot(7, "00:1b:44:11:3a:b7", "sim1", "pending", 20000, 20001, None, {})
+ROBOT = RobotRow(7, "00:1b:44:11:3a:b7", "sim1", "pending", 20000, 20001, None, {})
 
 
 def test_robot_that_has_not_joined_says_so() -> None:

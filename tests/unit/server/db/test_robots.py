@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from robotether_server import identity
 from robotether_server.db import Database, Transaction, robots, seen_robots, users
-from robotether_server.db.robots import Report, Robot
+from robotether_server.db.robots import Report, RobotRow
 from robotether_server.identity import PublicKey
 from robotether_server.problems import (
     FieldInvalid,
@@ -335,14 +335,14 @@ def test_unknown_robot_is_said_so(database: Database) -> None:
 
 
 @pytest.fixture
-def robot(database: Database) -> Robot:
+def robot(database: Database) -> RobotRow:
     """A robot with a key of its own."""
     with database.transaction() as tx:
         robots.set_key(tx, robots.add(tx, MAC, "sim1"), KEY, REPORT)
         return robots.get(tx, "sim1")
 
 
-def test_claim_waits_under_its_robots_present_name(database: Database, robot: Robot) -> None:
+def test_claim_waits_under_its_robots_present_name(database: Database, robot: RobotRow) -> None:
     """With what it told when it asked; the same key claims once."""
     with database.transaction() as tx:
         robots.add_claim(tx, robot, OTHER_KEY, REPORT)
@@ -357,7 +357,7 @@ def test_claim_waits_under_its_robots_present_name(database: Database, robot: Ro
 
 
 def test_claim_goes_with_its_robot_and_a_rejected_key_stays(
-    database: Database, robot: Robot
+    database: Database, robot: RobotRow
 ) -> None:
     """It keeps the name that its robot had."""
     with database.transaction() as tx:
@@ -371,7 +371,7 @@ def test_claim_goes_with_its_robot_and_a_rejected_key_stays(
     assert rejected.is_rejected
 
 
-def test_rejected_claim_waits_no_more(database: Database, robot: Robot) -> None:
+def test_rejected_claim_waits_no_more(database: Database, robot: RobotRow) -> None:
     """Until it is forgotten, when nothing is left of it."""
     with database.transaction() as tx:
         robots.add_claim(tx, robot, OTHER_KEY, REPORT)
@@ -385,7 +385,7 @@ def test_rejected_claim_waits_no_more(database: Database, robot: Robot) -> None:
         assert robots.find_claim(tx, OTHER_KEY.fingerprint) is None
 
 
-def test_only_old_claims_are_removed(database: Database, robot: Robot) -> None:
+def test_only_old_claims_are_removed(database: Database, robot: RobotRow) -> None:
     """Rejected keys are remembered for good."""
     now = dt.datetime.now(dt.UTC)
     with database.transaction() as tx:

@@ -11,7 +11,7 @@ from relay_server import cell_settings
 from robotether_server.db import Database, cells, control, fleet, robots, seen_robots, users
 from robotether_server.db.control import NewLease
 from robotether_server.db.fleet import SessionEntry
-from robotether_server.db.robots import Report, Robot
+from robotether_server.db.robots import Report, RobotRow
 from robotether_server.db.seen_robots import FREE, ControlState, DrivenBy, Stopped
 from robotether_server.identity import PublicKey
 from robotether_server.problems import (
@@ -73,7 +73,7 @@ def test_presence_is_the_newest_session(database: Database, admin_database: Data
 
 
 @pytest.fixture
-def sim1(database: Database, relay_database: Database) -> Robot:
+def sim1(database: Database, relay_database: Database) -> RobotRow:
     """A robot of cell a, where ann has been driving it since noon."""
     with database.transaction() as tx:
         ann, robot_id = users.add(tx, "ann", "x", "user"), robots.add(tx, MAC, "sim1")
@@ -87,7 +87,7 @@ def sim1(database: Database, relay_database: Database) -> Robot:
 
 
 def test_robot_of_a_dead_cell_is_offline(
-    sim1: Robot, database: Database, admin_database: Database
+    sim1: RobotRow, database: Database, admin_database: Database
 ) -> None:
     """Since the cell was last alive; nobody drives it, though nobody could write either down."""
     with database.transaction() as tx:
@@ -109,7 +109,7 @@ def test_robot_of_a_dead_cell_is_offline(
 
 
 def test_ended_session_that_is_written_late_hides_no_open_one(
-    sim1: Robot, database: Database, relay_database: Database
+    sim1: RobotRow, database: Database, relay_database: Database
 ) -> None:
     """The robot went from b to a while b could not write."""
     left = SessionEntry(sim1.id, NOON - HOUR, "192.0.2.2", ended_at=NOON, end_code="cell_draining")
@@ -197,7 +197,7 @@ def test_driver_and_stop_are_shown(database: Database, admin_database: Database)
 
 
 def test_another_key_shows_on_web_and_at_the_relay(
-    database: Database, relay_database: Database, sim1: Robot
+    database: Database, relay_database: Database, sim1: RobotRow
 ) -> None:
     """While it waits, and when it was rejected; both notice the change."""
     said = []

@@ -116,7 +116,7 @@ async def test_a_stop_outlives_a_relay_that_is_killed_without_the_database(
     async with running_relay(memory_database, journal=path) as relay:
         stops = relay.relay.control.stops
         assert stops.of(sim1.id) == stop
-        assert list(stops.known(sim1.id).in_force) == [stop.id]
+        assert list(relay.relay.registry.robot(sim1.id).stops.in_force) == [stop.id]
         await relay.relay.event_writer.flush(5)
         assert StopEntry(sim1.id, stop) in memory_database.written
     # A thread writes the journal, and has ended.

@@ -12,15 +12,16 @@ from hypothesis import strategies as st
 from relay_server import MemoryDatabase, utc
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import AuditEntry, Entry, RelayRobot, SessionEntry, Snapshot
-from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
 from robotether_server.relay.drives.drive_path import DriveLog
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.metrics import Metrics
-from robotether_server.relay.observers import GuardCounts, RelayObserver
+from robotether_server.relay.observers import RelayObserver, new_refusals
 from robotether_server.relay.records.event_writer import EventWriter
-from robotether_server.relay.robots.sessions import Change, GuardReport, Presence
+from robotether_server.relay.robots.connection import Connection
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change, GuardReport, Presence, Robot
 
 CONNECTED, DISCONNECTED = utc(2026, 1, 1, 12, 3), utc(2026, 1, 1, 12, 30)
 ONLINE = Presence(online=True, since=CONNECTED, address="198.51.100.7")
@@ -55,7 +56,10 @@ def observer(memory_database, event_writer, metrics, caplog) -> RelayObserver:
     """Reports to this writer, these metrics and the test's log."""
     caplog.set_level(logging.INFO)
     return RelayObserver(
-        event_writer, metrics, lambda: Snapshot(memory_database.robots, memory_database.grants)
+        event_writer,
+        metrics,
+        SessionRegistry(),
+        lambda: Snapshot(memory_database.robots, memory_database.grants),
     )
 
 
@@ -220,41 +224,37 @@ def test_watching_and_waiting_are_logged_and_counted_but_no_audit(
     assert b'connection_endings_total{name="client_left"} 1.0' in metrics.render()
 
 
-def test_the_first_word_of_a_robot_is_where_counting_begins():
-    """Robots do not share their counts, and one that was forgotten begins again."""
-    counts = GuardCounts()
-    assert counts.new_refusals(7, [("old", 5), ("held", 1)]) == {}
-    assert counts.new_refusals(7, [("old", 7), ("held", 1)]) == {"old": 2}
-    assert counts.new_refusals(8, [("old", 9)]) == {}
-    counts.keep_only([8])
-    assert counts.new_refusals(7, [("old", 9), ("held", 1)]) == {}
-    assert counts.new_refusals(8, [("old", 10)]) == {"old": 1}
+def test_counting_begins_with_the_first_report():
+    """What a guard refused before the relay started belongs to nobody."""
+    robot = Robot(7)
+    assert new_refusals(robot, [("old", 5), ("held", 1)]) == {}
+    assert new_refusals(robot, [("old", 7), ("held", 1)]) == {"old": 2}
 
 
 def test_a_guard_that_began_anew_is_counted_from_nothing():
     """Also when only one of its counts shows it."""
-    counts = GuardCounts()
-    counts.new_refusals(7, [("old", 5), ("held", 1)])
-    assert counts.new_refusals(7, [("old", 0), ("held", 3)]) == {"held": 3}
+    robot = Robot(7)
+    new_refusals(robot, [("old", 5), ("held", 1)])
+    assert new_refusals(robot, [("old", 0), ("held", 3)]) == {"held": 3}
 
 
 def test_a_guard_that_tells_no_counts_changes_nothing():
     """As one from before they were told."""
-    counts = GuardCounts()
-    counts.new_refusals(7, [("old", 5)])
-    assert counts.new_refusals(7, []) == {}
-    assert counts.new_refusals(7, [("old", 6)]) == {"old": 1}
+    robot = Robot(7)
+    new_refusals(robot, [("old", 5)])
+    assert new_refusals(robot, []) == {}
+    assert new_refusals(robot, [("old", 6)]) == {"old": 1}
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 9)), max_size=20))
 def test_of_what_is_refused_nothing_is_counted_twice(steps):
     """Guards that begin anew tell so first, as they do."""
-    counts, refused, found, reported = GuardCounts(), 0, 0, 0
-    counts.new_refusals(7, [("old", 0)])
+    robot, refused, found, reported = Robot(7), 0, 0, 0
+    new_refusals(robot, [("old", 0)])
     for anew, more in steps:
         if anew:
             reported = 0
-            found += counts.new_refusals(7, [("old", reported)])["old"]
+            found += new_refusals(robot, [("old", reported)])["old"]
         reported, refused = reported + more, refused + more
-        found += counts.new_refusals(7, [("old", reported)])["old"]
+        found += new_refusals(robot, [("old", reported)])["old"]
     assert found == refused

@@ -11,7 +11,7 @@ from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, REPORT, Site, key
 from robot_signer import RobotSigner
 from robotether_server.db import Database, audit, robots, seen_robots
 from robotether_server.db.audit import Source
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.problems import (
     FieldInvalid,
     KeyInUse,
@@ -33,7 +33,7 @@ from robotether_server.services.robots import Registration
 ADMIN = Source("root", "192.0.2.9")
 
 
-def do(site: Site, action: Callable[..., Robot], *args: object, **options: object) -> Robot:
+def do(site: Site, action: Callable[..., RobotRow], *args: object, **options: object) -> RobotRow:
     with site.database.transaction() as tx:
         return action(tx, ADMIN, *args, **options)
 
@@ -272,7 +272,7 @@ def register(
     *,
     token: str | None = None,
     local: bool = False,
-) -> tuple[Robot, bool]:
+) -> tuple[RobotRow, bool]:
     with site.database.transaction() as tx:
         credential = joining.find_credential(tx, token) if token else EnrolmentCredential("root")
         proof = signer.proof(mac) if token else None

@@ -13,7 +13,7 @@ import robotether_server
 from robotether_common.guard import REFUSED_KINDS
 from robotether_common.session import ByeCode
 from robotether_server.db.audit import AuditEvent
-from robotether_server.db.robots import Robot
+from robotether_server.db.robots import RobotRow
 from robotether_server.relay.channels.rosbridge.message_validator import Kind
 from robotether_server.relay.drives.drive_path import GUARD
 from robotether_server.relay.http import close_reasons
@@ -65,7 +65,7 @@ def test_groups_of_a_key_are_the_whole_key() -> None:
 )
 def test_a_state_in_words(state: str, fingerprint: str | None, words: str) -> None:
     """A robot that has not joined is told from one that waits."""
-    robot = Robot(1, "02:00:00:00:00:01", "sim1", state, 1, 2, fingerprint, {})  # type: ignore[arg-type] # a state of the list above
+    robot = RobotRow(1, "02:00:00:00:00:01", "sim1", state, 1, 2, fingerprint, {})  # type: ignore[arg-type] # a state of the list above
     assert state_words(robot) == words
 
 

@@ -17,7 +17,6 @@ from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import Credential
 from robotether_server.problems import HttpProblem, StoreUnavailable
 from robotether_server.relay.auth.access import HandlerContext, Permit, request_of
-from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.channels.rosbridge.bridge import (
     Bridge,
     OwnOperations,
@@ -26,16 +25,16 @@ from robotether_server.relay.channels.rosbridge.bridge import (
 )
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.control.control import Control
-from robotether_server.relay.control.leases import Driver
 from robotether_server.relay.control.leasing import now
 from robotether_server.relay.drives.drive_path import DriveCounters, DriveLease, DriveLog
-from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.relay.http.timing import LivenessLimits
+from robotether_server.relay.robots.connection import Connection
+from robotether_server.relay.robots.lease import Driver
 from robotether_server.relay.robots.robot_dialer import RobotDialer
-from robotether_server.relay.robots.sessions import utc_now
+from robotether_server.times import utc_now
 
 # What an observer may say is short, and parsing it holds up everybody else.
 OBSERVER_LIMIT = 64 * 1024
@@ -73,13 +72,11 @@ class RosbridgeHandler:
         *,
         rules: BridgeRules,
         report: Callable[[ConnectionReport], None],
-        viewer_stats: ViewerStats,
     ) -> None:
         self._context = context
         self._control = control
         self._rules = rules
         self._report = report
-        self._viewer_stats = viewer_stats
         self._dialer = RobotDialer(
             context.client, context.tunnel_host, context.registry, rules.message_limit
         )
@@ -111,7 +108,7 @@ class RosbridgeHandler:
             with (
                 self._context.connections.joined(connection),
                 self._context.credentials.held(permit.credential, gone),
-                self._context.usage.counted(robot.id),
+                self._context.registry.robot(robot.id).usage.counted(),
             ):
                 await operator.open(request)
                 close_reason = await OperatorSession(
@@ -122,7 +119,6 @@ class RosbridgeHandler:
                     self._control,
                     self._dialer,
                     self._report,
-                    self._viewer_stats,
                     address,
                 ).run()
             await bridge.farewell(close_reason)
@@ -156,7 +152,6 @@ class OperatorSession:
     control: Control
     dialer: RobotDialer
     report: Callable[[ConnectionReport], None]
-    viewer_stats: ViewerStats
     address: str | None
     drive: DriveLog | None = None
 
@@ -225,11 +220,11 @@ class OperatorSession:
 
     def _counters(self) -> DriveCounters:
         robot_id, user_id = self.connection.robot.id, self.connection.user_id
-        registry = self.context.registry
+        robot = self.context.registry.robot(robot_id)
         return DriveCounters(
             passed_bytes=lambda: self.bridge.bytes_passed,
-            robot_rtt_ms=lambda: registry.presence(robot_id).rtt_ms,
-            viewer_counts=partial(self.viewer_stats.of, robot_id, user_id),
+            robot_rtt_ms=lambda: robot.presence.rtt_ms,
+            viewer_counts=partial(robot.viewer_stats.of, user_id),
         )
 
     def _end_lease(self) -> None:

@@ -37,8 +37,9 @@ from robotether_server.relay.http.close_reasons import CloseReason, ConnectionCl
 from robotether_server.relay.http.sockets import RobotSocket, connect_robot
 from robotether_server.relay.http.timing import RateLimiter, delays
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S, RETRY_S
+from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
-from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 

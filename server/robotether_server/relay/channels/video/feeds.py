@@ -27,7 +27,8 @@ from robotether_server.relay.channels.video.frame_protocol import (
 )
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
-from robotether_server.relay.robots.sessions import Change
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change
 
 log = logging.getLogger(__name__)
 
@@ -201,10 +202,10 @@ StartFeed = Callable[[Feed], "asyncio.Task[CloseReason]"]
 class Feeds:
     """All feeds, by robot and topic. `start` starts the task that brings a feed its frames."""
 
-    def __init__(self, start: StartFeed) -> None:
+    def __init__(self, registry: SessionRegistry, start: StartFeed) -> None:
         self.traffic = FeedTraffic()
+        self._registry = registry
         self._start = start
-        self._feeds: dict[tuple[int, str], Feed] = {}
         self._tasks: dict[Feed, asyncio.Task[CloseReason]] = {}
         # A task that is cancelled needs some time to end.
         self._all: set[asyncio.Task[CloseReason]] = set()
@@ -212,7 +213,7 @@ class Feeds:
     @contextmanager
     def followed(self, robot: RelayRobot, topic: str, viewer: Viewer) -> Iterator[Feed]:
         """Follow a camera inside the block; the last one's end closes the feed."""
-        feed = self._feeds.get((robot.id, topic)) or self._opened(robot, topic)
+        feed = self._registry.robot(robot.id).feeds.get(topic) or self._opened(robot, topic)
         feed.join(viewer)
         try:
             yield feed
@@ -223,25 +224,27 @@ class Feeds:
 
     def count(self) -> int:
         """How many feeds there are."""
-        return len(self._feeds)
+        return len(self._all_feeds())
 
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot; with its link end its feeds."""
         if change.what == "disconnected":
-            for feed in list(self._feeds.values()):
-                if feed.robot.id == change.robot_id:
-                    feed.end(close_reasons.link_lost(feed.robot.name))
-                    self._close(feed)
+            for feed in list(self._registry.robot(change.robot_id).feeds.values()):
+                feed.end(close_reasons.link_lost(feed.robot.name))
+                self._close(feed)
 
     async def close(self) -> None:
         """Close all feeds; the relay stops."""
-        for feed in list(self._feeds.values()):
+        for feed in self._all_feeds():
             self._close(feed)
         await asyncio.gather(*self._all, return_exceptions=True)
 
+    def _all_feeds(self) -> list[Feed]:
+        return [feed for robot in self._registry.robots() for feed in robot.feeds.values()]
+
     def _opened(self, robot: RelayRobot, topic: str) -> Feed:
         feed = Feed(robot, topic, self.traffic)
-        self._feeds[robot.id, topic] = feed
+        self._registry.robot(robot.id).feeds[topic] = feed
         task = self._tasks[feed] = self._start(feed)
         self._all.add(task)
         task.add_done_callback(lambda done: self._done(feed, done))
@@ -263,10 +266,8 @@ class Feeds:
         feed.end(close_reason)
 
     def _let_linger(self, feed: Feed) -> None:
-        robot_id = feed.robot.id
-        lingering = [
-            each for each in self._feeds.values() if each.robot.id == robot_id and not each.watched
-        ]
+        feeds = self._registry.robot(feed.robot.id).feeds.values()
+        lingering = [each for each in feeds if not each.watched]
         if len(lingering) > MAX_LINGERING:
             self._close(feed)
         else:
@@ -283,6 +284,7 @@ class Feeds:
 
     def _forget(self, feed: Feed) -> asyncio.Task[CloseReason] | None:
         """Let the next viewer open a new one."""
-        if self._feeds.get((feed.robot.id, feed.topic)) is feed:
-            del self._feeds[feed.robot.id, feed.topic]
+        feeds = self._registry.robot(feed.robot.id).feeds
+        if feeds.get(feed.topic) is feed:
+            del feeds[feed.topic]
         return self._tasks.pop(feed, None)

@@ -37,7 +37,7 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import OperatorConnection, ViewerSocket
 from robotether_server.relay.http.timing import Liveness, LivenessLimits, RateLimiter
-from robotether_server.relay.robots.sessions import utc_now
+from robotether_server.times import utc_now
 
 # Two texts a frame at 60 frames a second, and some.
 MESSAGES_PER_S = 200
@@ -112,7 +112,7 @@ class FramesSession(OperatorConnection):
             return self._ended.result()
         with (
             self._context.feeds.followed(robot, topic, self) as self._feed,
-            self._context.viewer_stats.viewing(robot.id, user.id),
+            self._context.registry.robot(robot.id).viewer_stats.viewing(user.id),
         ):
             self._cursor = Cursor(self._feed, time.monotonic())
             return await self._run_until_ended(self._work())
@@ -204,7 +204,8 @@ class FramesSession(OperatorConnection):
         self._credits -= 1
         self._under_way.append(frame.sequence)
         self._cursor.sent(frame)
-        self._context.viewer_stats.count(self._permit.robot.id, self._permit.user.id, frame.size)
+        robot = self._context.registry.robot(self._permit.robot.id)
+        robot.viewer_stats.count(self._permit.user.id, frame.size)
         return frame.message
 
     async def _watch(self) -> CloseReason:

@@ -39,8 +39,9 @@ from robotether_server.relay.channels.video.viewers import VideoContext, connect
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S, RETRY_S
+from robotether_server.relay.robots.robot import Presence
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
-from robotether_server.relay.robots.sessions import Presence, utc_now
+from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 

@@ -14,24 +14,20 @@ from aiohttp import web
 
 from robotether_server.problems import FieldInvalid
 from robotether_server.relay.auth.access import HandlerContext, Permit
-from robotether_server.relay.auth.connections import Connection
 from robotether_server.relay.channels.video.feeds import Feed, Feeds
 from robotether_server.relay.channels.video.frame_protocol import Frame
-from robotether_server.relay.drives.viewer_stats import ViewerStats
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
-from robotether_server.relay.robots.demand import Demand
+from robotether_server.relay.robots.connection import Connection
 
 MAX_TOPIC = 255
 
 
 @dataclass(frozen=True)
 class VideoContext(HandlerContext):
-    """What the handlers of video need besides: feeds, who needs media connections, and who got how much."""
+    """What the handlers of video need besides."""
 
     feeds: Feeds
-    media_demand: Demand
-    viewer_stats: ViewerStats
 
 
 def connection_of(permit: Permit, camera: str, end: Callable[[CloseReason], None]) -> Connection:
@@ -53,11 +49,12 @@ def connection_of(permit: Permit, camera: str, end: Callable[[CloseReason], None
 def counted(context: VideoContext, permit: Permit, connection: Connection) -> Iterator[None]:
     """Count a viewer inside the block, have it ended when it may see no more, and the robot send video."""
     gone = partial(connection.end, close_reasons.rights_ended(permit.robot.name))
+    robot = context.registry.robot(permit.robot.id)
     with (
         context.connections.joined(connection),
         context.credentials.held(permit.credential, gone),
-        context.usage.counted(permit.robot.id),
-        context.media_demand.counted(permit.robot.id),
+        robot.usage.counted(),
+        robot.media_demand.counted(),
     ):
         yield
 

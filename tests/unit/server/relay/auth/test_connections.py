@@ -9,10 +9,12 @@ import pytest
 from relay_server import MemoryDatabase
 from robotether_server import robot_settings
 from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.relay.auth.connections import Caps, Connection, Connections, Use, permits
+from robotether_server.relay.auth.connections import Caps, Connections
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
-from robotether_server.relay.robots.sessions import NEVER_SEEN, Change
+from robotether_server.relay.robots.connection import Connection, Use, permits
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import NEVER_SEEN, Change
 from robotether_server.schemas import Level
 
 USERS = {1: "ann", 2: "bob"}
@@ -22,7 +24,7 @@ class Live:
     """Connections as the handlers make them; remembers how each ended."""
 
     def __init__(self) -> None:
-        self.connections = Connections()
+        self.connections = Connections(SessionRegistry())
         self.changed: list[int] = []
         self.connections.listen(self.changed.append)
         self.close_reasons: dict[Connection, list[str]] = {}

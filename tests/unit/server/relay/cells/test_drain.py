@@ -13,7 +13,7 @@ from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, runni
 from robotether_server.db.cells import Cell
 from robotether_server.relay.cells.drain import DrainRules
 from robotether_server.relay.main import Timing
-from robotether_server.relay.robots.sessions import utc_now
+from robotether_server.times import utc_now
 
 QUICK = DrainRules(robots_per_s=50, drives_last_s=60, stays_s=0)
 OTHER = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 3, False, True)

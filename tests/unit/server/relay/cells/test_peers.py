@@ -11,7 +11,8 @@ from relay_server import SESSION_KEY, until
 from robotether_server.db.control import Stop
 from robotether_server.relay.cells.messages import PeerRobot
 from robotether_server.relay.cells.peers import Peers
-from robotether_server.relay.robots.sessions import SessionRegistry, utc_now
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.times import utc_now
 from site_cells import SiteCell
 
 

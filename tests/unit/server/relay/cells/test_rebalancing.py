@@ -12,7 +12,7 @@ from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, runni
 from robotether_server.db.cells import Cell
 from robotether_server.relay.cells.rebalancing import BalanceRules
 from robotether_server.relay.main import Timing
-from robotether_server.relay.robots.sessions import utc_now
+from robotether_server.times import utc_now
 
 EMPTY = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 0, False, True)
 RULES = BalanceRules(robots=0, share=0, robots_per_s=50, look_every_s=0.05, stays_s=0.3)

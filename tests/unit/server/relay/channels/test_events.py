@@ -14,19 +14,10 @@ from robotether_server.db.fleet import RelayUser, Snapshot
 from robotether_server.relay.auth.connections import Caps, Connections
 from robotether_server.relay.channels import events as module
 from robotether_server.relay.channels.events import FleetEvents
-from robotether_server.relay.robots.sessions import Change, Presence
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change, Presence
 
 NOW = utc(2026, 1, 1, 12, 3)
-
-
-class Robots:
-    """A registry that says what a test told it."""
-
-    def __init__(self) -> None:
-        self.presences: dict[int, Presence] = {}
-
-    def presence(self, robot_id: int) -> Presence:
-        return self.presences.get(robot_id, Presence())
 
 
 class NoControl:
@@ -40,18 +31,18 @@ class NoControl:
 
 
 @pytest.fixture
-def robots() -> Robots:
-    """What is known of the robots: nothing."""
-    return Robots()
+def robots() -> SessionRegistry:
+    """Robots of which nothing is known."""
+    return SessionRegistry()
 
 
 @pytest.fixture
-def fleet_events(memory_database: MemoryDatabase, robots: Robots) -> FleetEvents:
+def fleet_events(memory_database: MemoryDatabase, robots: SessionRegistry) -> FleetEvents:
     """Events over the newest rows and rights."""
     return FleetEvents(
         lambda: Snapshot(dict(memory_database.robots), dict(memory_database.grants)),
         robots,
-        Connections(),
+        Connections(robots),
         NoControl(),
     )
 
@@ -63,7 +54,7 @@ async def test_a_client_that_does_not_read_is_told_the_newest_state_only(
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         for turn in range(1000):
-            robots.presences[7] = Presence(ros="ok" if turn % 2 else "down", video="ok")
+            robots.robot(7).presence = Presence(ros="ok" if turn % 2 else "down", video="ok")
             fleet_events.changed(7)
         (event,) = subscriber.pop_events()
         assert (event[0], event[1]["ros"], event[1]["video"]) == ("robot", "ok", "ok")
@@ -93,11 +84,11 @@ async def test_round_trips_are_told_seldom(fleet_events, robots, sim1, monkeypat
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         for rtt_ms in (1.0, 2.0, 3.0):
-            robots.presences[7] = Presence(rtt_ms=rtt_ms)
-            fleet_events.on_robot_change(Change("heartbeat", 7, robots.presences[7]))
+            robots.robot(7).presence = Presence(rtt_ms=rtt_ms)
+            fleet_events.on_robot_change(Change("heartbeat", 7, robots.presence(7)))
             assert len(subscriber.pop_events()) == (1 if rtt_ms == 1.0 else 0)
         monkeypatch.setattr(module, "RTT_NOTIFY_EVERY_S", 0.0)
-        fleet_events.on_robot_change(Change("heartbeat", 7, robots.presences[7]))
+        fleet_events.on_robot_change(Change("heartbeat", 7, robots.presence(7)))
         assert [event[1]["rtt_ms"] for event in subscriber.pop_events()] == [3.0]
 
 
@@ -106,8 +97,8 @@ async def test_other_changes_are_told_at_once(fleet_events, robots, sim1):
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         for ros in ("ok", "down", "ok"):
-            robots.presences[7] = Presence(online=True, ros=ros)
-            fleet_events.on_robot_change(Change("updated", 7, robots.presences[7]))
+            robots.robot(7).presence = Presence(online=True, ros=ros)
+            fleet_events.on_robot_change(Change("updated", 7, robots.presence(7)))
             assert [event[1]["ros"] for event in subscriber.pop_events()] == [ros]
 
 
@@ -128,7 +119,7 @@ def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots
     """An offline robot shows what the records know; a session that told its own wins."""
     row = replace(sim1, agent_version="0.1.0")
     assert fleet_events.describe(row)["agent_version"] == "0.1.0"
-    robots.presences[7] = Presence(online=True, agent_version="0.2.0")
+    robots.robot(7).presence = Presence(online=True, agent_version="0.2.0")
     assert fleet_events.describe(row)["agent_version"] == "0.2.0"
 
 

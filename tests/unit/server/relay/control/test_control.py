@@ -34,7 +34,7 @@ async def test_a_watcher_hears_inside_the_block(relay, guarded, sim1):
     heard.clear()
     await control.stops.confirmation(sim1.id)
     assert heard == []
-    assert control._watchers == {}
+    assert not relay.relay.registry.robot(sim1.id).control_watchers
 
 
 async def test_a_robot_that_is_removed_is_forgotten(relay, guarded, sim1, memory_database):

@@ -18,11 +18,13 @@ from robotether_server.problems import (
     RecordRefused,
     StoreUnavailable,
 )
-from robotether_server.relay.auth.connections import Connection
-from robotether_server.relay.control import leases, leasing
+from robotether_server.relay.control import leasing
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.robots.sessions import GuardReport, Presence
+from robotether_server.relay.robots import lease as lease_module
+from robotether_server.relay.robots.connection import Connection
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import GuardReport, Presence
 
 ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(3, "ben"), RelayUser(4, "carl")
 NOON = utc(2026, 1, 1, 12, 0)
@@ -43,20 +45,28 @@ class Bare:
         self.ends: list[CloseReason] = []
         self.reported = asyncio.Event()
         self.reported.set()
+        self.registry = SessionRegistry()
         link = SimpleNamespace(
             send=lambda line: self.lines.append(json.loads(line)),
             until_guard_reported=self.reported.wait,
         )
-        self.presence = Presence()
+        self.registry.robot(sim1.id).links["session"] = link
+        self.presence = Presence(online=True)
         self.leasing = leasing.Leasing(
             database=memory_database,
             event_writer=SimpleNamespace(add=self.written.append),
-            registry=SimpleNamespace(
-                session_of={sim1.id: link}.get, presence=lambda _robot_id: self.presence
-            ),
+            registry=self.registry,
             stopped=lambda _robot: None,
             changed=self.changed.append,
         )
+
+    @property
+    def presence(self) -> Presence:
+        return self.registry.presence(self.robot.id)
+
+    @presence.setter
+    def presence(self, presence: Presence) -> None:
+        self.registry.robot(self.robot.id).presence = presence
 
     async def drives(self, user: RelayUser) -> Connection:
         connection = Connection(
@@ -86,7 +96,7 @@ class Bare:
 def bare(sim1, memory_database):
     made = Bare(sim1, memory_database)
     yield made
-    made.leasing.close()
+    made.registry.close()
 
 
 async def test_each_change_of_control_is_written_with_who_and_whom(bare, sim1):
@@ -209,7 +219,7 @@ async def test_who_takes_the_question_back_gets_nothing(bare, sim1):
 
 async def test_what_passes_by_itself_is_written_with_who_drove(bare, sim1, monkeypatch):
     """And the driver's connection is over, and its number."""
-    monkeypatch.setattr(leases, "PASSES_AFTER_S", 0.05)
+    monkeypatch.setattr(lease_module, "PASSES_AFTER_S", 0.05)
     await bare.drives(ANN)
     bare.leasing.ask(sim1, asker(BEN))
     await until(lambda: bare.codes == [4010], "the control passes on")
@@ -258,13 +268,14 @@ async def test_a_claim_that_is_lost_meanwhile_hears_to_whom(
 
 
 async def test_only_robots_that_are_gone_are_forgotten(bare, sim1, monkeypatch):
-    """With their timers: nothing passes on at a robot that is not there any more."""
-    monkeypatch.setattr(leases, "PASSES_AFTER_S", 0.05)
+    """Their timers end, too: control of a robot that is gone does not pass on."""
+    monkeypatch.setattr(lease_module, "PASSES_AFTER_S", 0.05)
     await bare.drives(ANN)
     bare.leasing.ask(sim1, asker(BEN))
-    bare.leasing.forget_all_but([sim1.id])
+    bare.registry.forget_all_but([sim1.id])
     assert bare.leasing.count() == 1
-    bare.leasing.forget_all_but([sim1.id + 1])
+    bare.registry.robot(sim1.id).links.clear()
+    bare.registry.forget_all_but([sim1.id + 1])
     assert bare.leasing.count() == 0
     await asyncio.sleep(0.1)
     assert bare.codes == []

@@ -13,7 +13,8 @@ from relay_server import SESSION_KEY, until
 from robotether_common.session import MAX_FENCE
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart
 from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.control import leases, leasing
+from robotether_server.relay.control import leasing
+from robotether_server.relay.robots import lease as lease_module
 
 ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(3, "ben"), RelayUser(4, "carl")
 
@@ -107,7 +108,9 @@ async def test_a_new_lease_waits_for_the_guards_first_report(relay, sim1, http):
     await robot.start(relay.relay.session_port)
     try:
         async with http.ws_connect(relay.ros_url(sim1)):
-            await until(lambda: relay.relay.usage.of(sim1.id), "the driver is there")
+            await until(
+                lambda: relay.relay.registry.robot(sim1.id).usage.exists, "the driver is there"
+            )
             assert not robot.handshakes
             robot.session.send_guard_status(fence=500)
             (handshake,) = await robot.connections(1)
@@ -144,13 +147,14 @@ async def test_what_a_drive_was_like_stands_in_its_record(
     relay, guarded, sim1, http, memory_database
 ):
     """Round trips, bytes of both directions, and the frames that this driver got of this robot meanwhile."""
-    viewer_stats, observer = relay.relay.viewer_stats, relay.relay.observer
+    viewer_stats = relay.relay.registry.robot(sim1.id).viewer_stats
+    observer = relay.relay.observer
 
     def record() -> DriveEntry | None:
         observer.write_drives()
         return next((one for one in memory_database.written if isinstance(one, DriveEntry)), None)
 
-    viewer_stats.count(sim1.id, ANN.id, 5000)
+    viewer_stats.count(ANN.id, 5000)
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         # A client answers pings while it reads.
         reading = asyncio.create_task(read_all(socket))
@@ -160,8 +164,8 @@ async def test_what_a_drive_was_like_stands_in_its_record(
             while not guarded.received:
                 await socket.send_str(PUBLISH)
                 await asyncio.sleep(0.05)
-        viewer_stats.count(sim1.id, ANN.id, 700)
-        viewer_stats.count(sim1.id, BEN.id, 90)
+        viewer_stats.count(ANN.id, 700)
+        viewer_stats.count(BEN.id, 90)
         await until(lambda: (one := record()) and one.latency_p50_ms, "a round trip is measured")
         await socket.close()
         await reading
@@ -220,7 +224,7 @@ async def test_commands_put_off_that_the_control_passes_on(relay, guarded, sim1,
 
 async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, monkeypatch):
     """Who asked and does not come keeps nobody out for long, and those who watch are told."""
-    monkeypatch.setattr(leases, "RESERVED_FOR_S", 0.2)
+    monkeypatch.setattr(lease_module, "RESERVED_FOR_S", 0.2)
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await driven(relay, sim1)
         relay.relay.control.leasing.take(sim1, asker(CARL))

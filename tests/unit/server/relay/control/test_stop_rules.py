@@ -21,7 +21,9 @@ from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
 from robotether_server.relay.control import stops as stops_module
 from robotether_server.relay.control.stops import ShownStop, Stops
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.robots.sessions import GuardReport, SessionRegistry
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import GuardReport, Robot
+from robotether_server.relay.robots.robot_stops import MAX_STOPS
 
 NOON = utc(2026, 1, 1, 12, 0)
 SIM1, SIM2 = (RelayRobot(at, f"sim{at - 6}", "active", 2000 + at, 3000 + at) for at in (7, 8))
@@ -62,6 +64,10 @@ class World:
         )
         self.registry.listen(self.stops.on_robot_change)
 
+    @property
+    def robot(self) -> Robot:
+        return self.registry.robot(SIM1.id)
+
     def add(self, entry: object) -> None:
         self.written.append(entry)
 
@@ -78,7 +84,7 @@ class World:
 async def world() -> AsyncIterator[World]:
     world = World()
     yield world
-    world.stops.close()
+    world.registry.close()
 
 
 async def test_a_stop_is_sent_shown_and_written(world):
@@ -168,9 +174,11 @@ async def test_a_stop_that_no_guard_confirmed_is_sent_again(world, monkeypatch, 
     if stopped and guard == "on":
         await until(lambda: link.kinds[:2] == ["stop", "stop"], "it is sent again")
         world.registry.on_guard_status(link, STOPPED, None)
-        await until(lambda: not world.stops._repeats, "and no more once it is confirmed")
+        await until(
+            lambda: world.robot.stops.repeat_timer is None, "and no more once it is confirmed"
+        )
     else:
-        assert not world.stops._repeats
+        assert world.robot.stops.repeat_timer is None
 
 
 async def test_all_who_wait_hear_of_the_confirmation(world):
@@ -185,7 +193,7 @@ async def test_all_who_wait_hear_of_the_confirmation(world):
     await asyncio.sleep(0)
     world.registry.on_guard_status(link, STOPPED, None)
     assert await asyncio.gather(*waiting[1:]) == [True, True]
-    assert world.stops._confirmations == {}
+    assert not world.robot.stops.confirmations
     assert await world.stops.confirmation(SIM1.id)
 
 
@@ -198,7 +206,7 @@ async def test_nobody_waits_for_a_guard_that_cannot_answer(world, monkeypatch, g
     world.stops.stop(SIM1, "ben")
     async with asyncio.timeout(WAIT_S):
         assert not await world.stops.confirmation(SIM1.id)
-    assert world.stops._confirmations == {}
+    assert not world.robot.stops.confirmations
 
 
 async def test_a_silent_guard_is_sent_the_stop_after_a_release(world, monkeypatch):
@@ -208,12 +216,12 @@ async def test_a_silent_guard_is_sent_the_stop_after_a_release(world, monkeypatc
     link = world.online()
     world.stops.stop(SIM1, "ben")
     assert not await world.stops.confirmation(SIM1.id)
-    assert world.stops._confirmations == {}
+    assert not world.robot.stops.confirmations
     with pytest.raises(GuardSilent, match=r"guard did not confirm it in 0\.01 s"):
         await world.stops.release(SIM1, "ann")
     assert link.kinds == ["stop", "release", "stop"]
     assert [line["by"] for line in link.sent] == ["ben", "ann", "ben"]
-    assert world.stops._releases == {}
+    assert not world.robot.stops.releases
 
 
 async def test_only_the_answer_to_a_release_ends_it(world):
@@ -232,23 +240,16 @@ async def test_only_the_answer_to_a_release_ends_it(world):
 
 
 async def test_a_robot_that_is_gone_leaves_nothing(world):
-    """Neither its stop, nor who pressed, nor when it was sent; the others keep theirs."""
-    link = world.online()
+    """Its stop goes, with the timer that repeats it; others keep theirs."""
+    world.online()
     for robot in (SIM1, SIM2):
-        world.stops.stop(robot, "ann")
         world.stops.stop(robot, "ben")
-    world.stops.forget_all_but([SIM2.id])
+    stops = world.robot.stops
+    assert stops.repeat_timer is not None
+    world.robot.links.clear()
+    world.registry.forget_all_but([SIM2.id])
     assert (world.stops.of(SIM1.id), world.stops.of(SIM2.id).by) == (None, "ben")
-    link.sent.clear()
-    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
-    world.stops.stop(SIM1, "ben")
-    assert link.kinds == ["stop"]
-    world.stops.stop(SIM1, "ann")
-    assert world.stops.of(SIM1.id).by == "ann"
-    world.stops.stop(SIM2, "ann")
-    assert world.stops.of(SIM2.id).by == "ben"
-    world.stops.forget_all_but([])
-    assert world.stops.of(SIM2.id) is None
+    assert stops.repeat_timer is None
 
 
 async def test_a_stop_of_another_cell_is_sent_and_written_once(world):
@@ -350,19 +351,19 @@ async def test_stops_of_a_robot_are_bounded(world):
     """The oldest are forgotten, of those in force and of those that ended."""
     for minute in range(50):
         world.stops.learn(Stop(SIM1.id, NOON + timedelta(minutes=minute), "ben"))
-    known = world.stops.known(SIM1.id)
-    assert len(known.in_force) == stops_module.MAX_STOPS
+    known = world.robot.stops
+    assert len(known.in_force) == MAX_STOPS
     assert world.stops.of(SIM1.id).at == NOON + timedelta(minutes=49)
     for minute in range(50):
         world.stops.learn_end(SIM1.id, (NOON + timedelta(minutes=minute), "ben"))
-    assert (len(known.ended), known.entry.stop) == (stops_module.MAX_STOPS, None)
+    assert (len(known.ended), known.entry.stop) == (MAX_STOPS, None)
 
 
 async def test_what_ended_long_ago_takes_no_room_of_what_ended_last(world):
     """A cell that was cut off tells all that it remembers, and has the last stop still in force."""
     last = Stop(SIM1.id, NOON + timedelta(hours=1), "ben")
     old = [(NOON + timedelta(minutes=minute), "ben") for minute in range(40)]
-    for stop_id in [*old, last.id, *old[: stops_module.MAX_STOPS]]:
+    for stop_id in [*old, last.id, *old[:MAX_STOPS]]:
         world.stops.learn_end(SIM1.id, stop_id)
     world.stops.learn(last)
     assert world.stops.of(SIM1.id) is None
@@ -377,7 +378,7 @@ async def test_cells_agree_on_stops_whatever_reaches_whom(seed):
     ended: set[object] = set()
 
     def report(to: World, of: World) -> None:
-        known = of.stops.known(SIM1.id)
+        known = of.robot.stops
         for stop_id in list(known.ended) if known else ():
             to.stops.learn_end(SIM1.id, stop_id)
         for stop in list(known.in_force.values()) if known else ():
@@ -391,12 +392,12 @@ async def test_cells_agree_on_stops_whatever_reaches_whom(seed):
         elif chance.random() < 0.7:
             report(cell, other)
         else:
-            known = cells[0].stops.known(SIM1.id)
+            known = cells[0].robot.stops
             ended.update(known.in_force if known else ())
             await cells[0].stops.release(SIM1, "ann")
     for _ in cells:
         for cell, other in itertools.permutations(cells, 2):
             report(cell, other)
     for cell in cells:
-        assert set(cell.stops.known(SIM1.id).in_force) == begun - ended
-        cell.stops.close()
+        assert set(cell.robot.stops.in_force) == begun - ended
+        cell.registry.close()

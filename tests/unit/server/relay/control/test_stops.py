@@ -12,7 +12,7 @@ from robotether_server.db.control import Stop, StopEntry
 from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
 from robotether_server.relay.control import stops as stops_module
 from robotether_server.relay.control.stops import ShownStop
-from robotether_server.relay.robots.sessions import GuardReport
+from robotether_server.relay.robots.robot import GuardReport
 from stopwatch import Stopwatch
 
 NOON = utc(2026, 1, 1, 12, 0)
@@ -143,7 +143,10 @@ async def test_a_release_that_is_given_up_leaves_a_stop_that_is_repeated(relay, 
     await until(lambda: relay.relay.registry.presence(7).guard == "ready", "the guard is known")
     stops.stop(sim1, "ben")
     release = asyncio.create_task(stops.release(sim1, "ann"))
-    await until(lambda: not stops._repeats, "the time to repeat it passes during the release")
+    await until(
+        lambda: relay.relay.registry.robot(sim1.id).stops.repeat_timer is None,
+        "the time to repeat it passes during the release",
+    )
     release.cancel()
     await asyncio.gather(release, return_exceptions=True)
     await until(lambda: orders(robot)[-2:] == ["release", "stop"], "it is told again")

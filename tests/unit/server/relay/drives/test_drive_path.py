@@ -30,7 +30,7 @@ from robotether_server.relay.drives.drive_path import (
     LatencyHistogram,
     stamped,
 )
-from robotether_server.relay.drives.viewer_stats import ViewerCounts
+from robotether_server.relay.robots.viewer_stats import ViewerCounts
 from robotether_server.robot_settings import DEFAULTS
 from stopwatch import Stopwatch
 

@@ -5,39 +5,38 @@ import asyncio
 from robotether_server.relay.robots.demand import Demand
 
 
-async def test_those_who_need_a_robot_count_and_the_last_is_remembered_for_a_while():
-    """Only a beginning and an end are reported; who comes within that while is neither."""
-    changed: list[int] = []
-    demand = Demand(changed.append, kept_s=0.01)
-    with demand.counted(7):
-        with demand.counted(7), demand.counted(8):
-            assert (demand.of(7), demand.of(8), demand.of(9)) == (True, True, False)
-        with demand.counted(8):
-            pass
+async def test_the_last_user_is_remembered_for_a_while():
+    """Demand reports only its beginning and its end; whoever comes within that while is neither."""
+    changes: list[bool] = []
+    demand = Demand(lambda: changes.append(demand.exists), kept_s=0.01)
+    with demand.counted():
+        with demand.counted():
+            assert demand.exists
         await asyncio.sleep(0.05)
-        assert (changed, demand.of(7), demand.of(8)) == ([7, 8, 8], True, False)
-    assert demand.of(7)
+        assert changes == [True]
+    with demand.counted():
+        pass
+    assert (changes, demand.exists) == ([True], True)
     await asyncio.sleep(0.05)
-    assert (changed, demand.of(7)) == ([7, 8, 8, 7], False)
+    assert (changes, demand.exists) == ([True, False], False)
 
 
-async def test_with_published_ports_each_robot_is_needed_always():
-    """Nobody is told of anything."""
-    changed: list[int] = []
-    demand = Demand(changed.append, always=True, kept_s=0)
-    assert demand.of(7)
-    with demand.counted(7):
+async def test_a_robot_with_published_ports_is_always_needed():
+    """Demand that always exists reports no change."""
+    changes: list[bool] = []
+    demand = Demand(lambda: changes.append(True), always=True, kept_s=0)
+    with demand.counted():
         pass
     await asyncio.sleep(0.01)
-    assert (changed, demand.of(7)) == ([], True)
+    assert (changes, demand.exists) == ([], True)
 
 
-async def test_close_ends_what_still_waits():
-    """The relay stops."""
-    changed: list[int] = []
-    demand = Demand(changed.append, kept_s=0.01)
-    with demand.counted(7):
+async def test_close_cancels_the_timer():
+    """A relay that stops calls nobody later."""
+    changes: list[bool] = []
+    demand = Demand(lambda: changes.append(True), kept_s=0.01)
+    with demand.counted():
         pass
     demand.close()
     await asyncio.sleep(0.05)
-    assert changed == [7]
+    assert changes == [True]

@@ -6,8 +6,8 @@ from relay_clients import closing, misbehaving
 from relay_server import utc
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.robots import robot_dialer
+from robotether_server.relay.robots.robot import Presence
 from robotether_server.relay.robots.robot_dialer import MAX_CONNECT_TIMEOUT_S, connect_timeout_s
-from robotether_server.relay.robots.sessions import Presence
 
 BOB = RelayUser(2, "bob")
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_common.session import Battery
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.robots.robot import GuardReport
 from robotether_server.relay.robots.session_messages import (
     MAX_DETAIL,
     BrokenLineError,
@@ -23,7 +24,6 @@ from robotether_server.relay.robots.session_messages import (
     parse_preface,
     pong_line,
 )
-from robotether_server.relay.robots.sessions import GuardReport
 
 PREFACE = {
     "type": "preface",

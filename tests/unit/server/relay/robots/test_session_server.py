@@ -12,7 +12,7 @@ from relay_clients import configured, ended
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.main import Timing
-from robotether_server.relay.robots.sessions import Presence
+from robotether_server.relay.robots.robot import Presence
 
 KINDS = ("session", "media")
 

@@ -8,12 +8,12 @@ from collections.abc import Callable
 import pytest
 from admin_visitor import fingerprint, join, send
 from robotether_server.db import Database, robots
-from robotether_server.db.robots import Report, Robot
+from robotether_server.db.robots import Report, RobotRow
 from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.web.admin.robots import RobotSearch
 from web_visitor import Browser, audit_kinds
 
-ROBOT = Robot(
+ROBOT = RobotRow(
     1, "00:1b:44:11:3a:b7", "lift-7", "active", 20000, 20001, "SHA256:x", {},
     report=Report("Turtle", "0.1.0", "198.51.100.9"),
 )  # fmt: skip
@@ -105,7 +105,7 @@ def test_what_an_unknown_robot_calls_itself_is_text(admin: Browser, program: Bro
         assert "<script>alert" not in page, path
 
 
-def insert_sessions(database: Database, count: int) -> Robot:
+def insert_sessions(database: Database, count: int) -> RobotRow:
     """Sessions of sim1 that a lost link ended; returns the robot."""
     with database.transaction() as tx:
         robot = robots.get(tx, "sim1")
@@ -251,7 +251,7 @@ def active(admin: Browser, program: Browser) -> None:
     assert send(admin, "/admin/pending", **form).status_code == 303
 
 
-def get(database: Database, name: str) -> Robot:
+def get(database: Database, name: str) -> RobotRow:
     """The robot's row."""
     with database.transaction() as tx:
         return robots.get(tx, name)
@@ -273,7 +273,7 @@ def test_action_is_done_and_audited(
     admin: Browser,
     database: Database,
     actions: list[str],
-    is_done: Callable[[Robot], bool],
+    is_done: Callable[[RobotRow], bool],
     kind: str,
 ) -> None:
     """Each leads back to the robot's page."""

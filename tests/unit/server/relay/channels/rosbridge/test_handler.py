@@ -17,7 +17,7 @@ from robotether_server.db.cells import Cell
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.http.sockets import OperatorSocket
-from robotether_server.relay.robots.sessions import utc_now
+from robotether_server.times import utc_now
 from stopwatch import Stopwatch
 
 ANN = RelayUser(1, "ann")
@@ -144,7 +144,7 @@ async def test_heartbeats_are_quick_before_a_lease_and_while_anybody_is_connecte
         assert [line["type"] for line in relevant] == ["config", "lease", "config", "lease"]
         async with http.ws_connect(relay.ros_url(sim1, "observe")):
             await driver.close()
-            assert relay.relay.usage.of(sim1.id)
+            assert relay.relay.registry.robot(sim1.id).usage.exists
     assert len(guarded.session.configs) == 2
 
 

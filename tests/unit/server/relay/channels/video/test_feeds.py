@@ -17,7 +17,8 @@ from robotether_server.relay.channels.video.frame_protocol import (
 )
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
-from robotether_server.relay.robots.sessions import Change, Presence
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change, Presence
 
 JPEG = b"\xff\xd8\xff\xd9"
 
@@ -147,7 +148,7 @@ async def _for_ever() -> CloseReason:
 
 def feeds_that(work) -> Feeds:
     """Feeds whose links do this."""
-    return Feeds(lambda _feed: asyncio.create_task(work()))
+    return Feeds(SessionRegistry(), lambda _feed: asyncio.create_task(work()))
 
 
 async def test_a_feed_closes_after_its_last_viewer_and_not_before(sim1, monkeypatch):

@@ -66,10 +66,10 @@ async def test_who_is_slow_skips_and_slows_no_one(camera, watch, relay):
     await slow.credit()
     assert (await slow.frame()).sequence == sent[-1]
     assert relay.relay.feeds.traffic.skipped == 8
-    assert relay.relay.viewer_stats.of(7, ANN.id).frames == 10
-    assert relay.relay.viewer_stats.of(7, BOB.id).frames == 2
-    assert relay.relay.viewer_stats.of(7, BOB.id).bytes == 2 * (len(JPEG) + 1)
-    assert relay.relay.viewer_stats.of(7, BOB.id).viewed_s > 0
+    assert relay.relay.registry.robot(7).viewer_stats.of(ANN.id).frames == 10
+    assert relay.relay.registry.robot(7).viewer_stats.of(BOB.id).frames == 2
+    assert relay.relay.registry.robot(7).viewer_stats.of(BOB.id).bytes == 2 * (len(JPEG) + 1)
+    assert relay.relay.registry.robot(7).viewer_stats.of(BOB.id).viewed_s > 0
 
 
 async def test_one_stream_leaves_the_robot(camera, watch, relay):
@@ -233,7 +233,7 @@ async def test_a_viewer_that_takes_nothing_is_bounded_and_let_go(camera, watch, 
         await quick.credit()
         sequence = await camera.show(frame)
         assert (await quick.frame()).sequence == sequence
-    sent = relay.relay.viewer_stats.of(7, ANN.id)
+    sent = relay.relay.registry.robot(7).viewer_stats.of(ANN.id)
     assert sent.frames <= 4
     # The other one is there and answers pings.
     answering = asyncio.create_task(quick.socket.receive())

@@ -69,7 +69,7 @@ async def test_a_stream_comes_out_of_the_feed(*, relay, sim1, http, login, on_ai
     assert on_air.topics == ["/a"]
     assert robot.video_requests == []
     await until(lambda: not on_air.connections, "the feed is closed")
-    viewer_counts = relay.relay.viewer_stats.of(7, ANN.id)
+    viewer_counts = relay.relay.registry.robot(7).viewer_stats.of(ANN.id)
     assert viewer_counts.frames >= 3
     assert viewer_counts.bytes == viewer_counts.frames * len(JPEG)
 
@@ -193,6 +193,6 @@ async def test_who_takes_nothing_skips_and_is_cut(
             await viewer.credit()
             sequence = await camera.show(large)
             assert (await viewer.frame()).sequence == sequence
-        assert relay.relay.viewer_stats.of(7, ANN.id).frames <= 50
+        assert relay.relay.registry.robot(7).viewer_stats.of(ANN.id).frames <= 50
         await until(lambda: relay.relay.connections.count("video") == 1, "it is cut")
         answer.close()

@@ -19,7 +19,7 @@ from robotether_server.problems import (
     Problem,
     Throttled,
 )
-from robotether_server.relay.control.leases import HeldError, Lease, Now
+from robotether_server.relay.robots.lease import HeldError, Instant, Lease
 
 ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(2, "ben"), RelayUser(3, "carl")
 NOON = utc(2026, 1, 1, 12, 0)
@@ -40,8 +40,8 @@ class FakeHolder:
         return self.of.name
 
 
-def at(seconds: float) -> Now:
-    return Now(seconds, NOON + timedelta(seconds=seconds))
+def at(seconds: float) -> Instant:
+    return Instant(seconds, NOON + timedelta(seconds=seconds))
 
 
 def driven_by(user: RelayUser, lease: Lease, seconds: float = 0.0) -> FakeHolder:

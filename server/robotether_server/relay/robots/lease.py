@@ -37,15 +37,15 @@ class Holder(Protocol):
 
 
 @dataclass(frozen=True)
-class Now:
+class Instant:
     """One time on two clocks: seconds for durations, and the time for people."""
 
     s: float
     utc: datetime
 
-    def later(self, seconds: float) -> Now:
+    def later(self, seconds: float) -> Instant:
         """Return the time so much later."""
-        return Now(self.s + seconds, self.utc + timedelta(seconds=seconds))
+        return Instant(self.s + seconds, self.utc + timedelta(seconds=seconds))
 
 
 @dataclass
@@ -54,32 +54,32 @@ class Driver:
 
     holder: Holder
     fence: int
-    since: Now
-    input: Now
+    since: Instant
+    input: Instant
 
-    def on_command(self, now: Now) -> None:
+    def on_command(self, now: Instant) -> None:
         """The driver sent a command: it is there."""
         self.input = now
 
 
 @dataclass(frozen=True)
-class Waiting:
+class ControlRequest:
     """Who asked for control."""
 
     user: RelayUser
-    since: Now
+    since: Instant
 
 
 @dataclass(frozen=True)
-class Reserved:
+class Reservation:
     """For whom alone the lease is kept."""
 
     user: RelayUser
-    until: Now
+    until: Instant
 
 
 @dataclass(frozen=True)
-class Passed:
+class Handover:
     """The control went from a driver, if there was one, to a user that has yet to connect."""
 
     driver: Driver | None
@@ -89,7 +89,7 @@ class Passed:
 class HeldError(Exception):
     """Somebody else drives, or the lease is kept for somebody else."""
 
-    def __init__(self, user: str, since: Now | None) -> None:
+    def __init__(self, user: str, since: Instant | None) -> None:
         super().__init__(user)
         self.user = user
         self.since = since
@@ -101,17 +101,17 @@ class Lease:
     def __init__(self, fence: int = 0) -> None:
         self.fence = fence
         self.driver: Driver | None = None
-        self.waiting: Waiting | None = None
-        self._reserved: Reserved | None = None
+        self.waiting: ControlRequest | None = None
+        self._reserved: Reservation | None = None
         self._claimant: Holder | None = None
         self._questions: dict[int, RateLimiter] = {}
 
-    def reserved(self, now: Now) -> Reserved | None:
+    def reserved(self, now: Instant) -> Reservation | None:
         """For whom the lease is kept now."""
         kept = self._reserved
         return kept if kept is not None and now.s < kept.until.s else None
 
-    def claim(self, holder: Holder, now: Now) -> Holder | None:
+    def claim(self, holder: Holder, now: Instant) -> Holder | None:
         """Keep everybody else out until the number is there; return this user's older claimant.
 
         This user's older connection drives on meanwhile. Raises HeldError.
@@ -125,7 +125,7 @@ class Lease:
         older, self._claimant = self._claimant, holder
         return older
 
-    def grant(self, holder: Holder, fence: int, now: Now) -> Driver | None:
+    def grant(self, holder: Holder, fence: int, now: Instant) -> Driver | None:
         """Let the claimant drive with this number, in place of its user's older connection.
 
         None when its claim is gone, or the number is no newer.
@@ -137,7 +137,7 @@ class Lease:
         self.driver = Driver(holder, fence, now, now)
         return self.driver
 
-    def end(self, holder: Holder, now: Now) -> Driver | None:
+    def end(self, holder: Holder, now: Instant) -> Driver | None:
         """A connection is over; return what it held. Who waits is next."""
         if self._claimant is holder:
             self._claimant = None
@@ -154,7 +154,7 @@ class Lease:
         self.driver = self._claimant = self.waiting = self._reserved = None
         return present
 
-    def ask(self, user: RelayUser, now: Now) -> bool:
+    def ask(self, user: RelayUser, now: Instant) -> bool:
         """Ask the driver for the control; False when this user asked already. Throttled after a few in a row."""
         driver = self._driver_or_free(now)
         if driver.holder.user_id == user.id:
@@ -164,7 +164,7 @@ class Lease:
         if self.waiting is not None:
             return False
         self._count_question(user, now)
-        self.waiting = Waiting(user, now)
+        self.waiting = ControlRequest(user, now)
         return True
 
     def withdraw(self, user: RelayUser) -> None:
@@ -173,20 +173,20 @@ class Lease:
             raise NobodyAsks("cannot withdraw the request: you have not asked for control")
         self.waiting = None
 
-    def refuse(self, user: RelayUser, now: Now) -> RelayUser:
+    def refuse(self, user: RelayUser, now: Instant) -> RelayUser:
         """The driver says no; return to whom."""
         asker = self._asker_of(user, now)
         self.waiting = None
         return asker
 
-    def hand_over(self, user: RelayUser, now: Now, to: str | None = None) -> Passed:
+    def hand_over(self, user: RelayUser, now: Instant, to: str | None = None) -> Handover:
         """The driver says yes, to whoever asks or to the one of this name alone."""
         asker = self._asker_of(user, now)
         if to is not None and asker.name != to:
             raise NobodyAsks(f"cannot hand control over: {asker.name} asks for it now")
         return self._pass_to(asker, now)
 
-    def take(self, user: RelayUser, now: Now) -> Passed | None:
+    def take(self, user: RelayUser, now: Instant) -> Handover | None:
         """Give a manager the control at once; None when it has it, or it is kept for it."""
         if self._is_for(user, now):
             return None
@@ -194,14 +194,14 @@ class Lease:
             self._driver_or_free(now)
         return self._pass_to(user, now)
 
-    def passes_at(self) -> Now | None:
+    def passes_at(self) -> Instant | None:
         """When the control passes on by itself, if no command and no answer comes."""
         if self.driver is None or self.waiting is None:
             return None
         last = max(self.driver.input, self.waiting.since, key=lambda timestamp: timestamp.s)
         return last.later(PASSES_AFTER_S)
 
-    def pass_on(self, now: Now) -> Passed | None:
+    def pass_on(self, now: Instant) -> Handover | None:
         """Pass the control on, when that is due."""
         due = self.passes_at()
         if due is None or self.waiting is None or now.s < due.s:
@@ -217,13 +217,13 @@ class Lease:
             self._reserved = None
         return before != (self.waiting, self._reserved)
 
-    def _is_for(self, user: RelayUser, now: Now) -> bool:
+    def _is_for(self, user: RelayUser, now: Instant) -> bool:
         if self.driver is not None:
             return self.driver.holder.user_id == user.id
         kept = self.reserved(now)
         return kept is not None and kept.user.id == user.id
 
-    def _count_question(self, user: RelayUser, now: Now) -> None:
+    def _count_question(self, user: RelayUser, now: Instant) -> None:
         fresh = RateLimiter(now.s, per_s=1 / QUESTION_EVERY_S, at_once=QUESTIONS_AT_ONCE)
         limiter = self._questions.setdefault(user.id, fresh)
         if not limiter.allow(now.s):
@@ -234,7 +234,7 @@ class Lease:
                 wait_s,
             )
 
-    def _driver_or_free(self, now: Now) -> Driver:
+    def _driver_or_free(self, now: Instant) -> Driver:
         if self.driver is not None:
             return self.driver
         kept = self.reserved(now)
@@ -242,19 +242,19 @@ class Lease:
             raise AlreadyAsked(f"cannot ask for control: it is reserved for {kept.user.name}")
         raise LeaseFree("cannot ask for control: nobody drives; just connect")
 
-    def _asker_of(self, user: RelayUser, now: Now) -> RelayUser:
+    def _asker_of(self, user: RelayUser, now: Instant) -> RelayUser:
         if self._driver_or_free(now).holder.user_id != user.id:
             raise LeaseNotYours("cannot answer for the driver: you do not drive this robot")
         if self.waiting is None:
             raise NobodyAsks("cannot answer: nobody asks for control")
         return self.waiting.user
 
-    def _pass_to(self, user: RelayUser, now: Now) -> Passed:
+    def _pass_to(self, user: RelayUser, now: Instant) -> Handover:
         driver, self.driver, self._claimant = self.driver, None, None
         self._keep_for(user, now)
-        return Passed(driver, user)
+        return Handover(driver, user)
 
-    def _keep_for(self, user: RelayUser, now: Now) -> None:
+    def _keep_for(self, user: RelayUser, now: Instant) -> None:
         # Who got it asked with reason.
         self._questions.pop(user.id, None)
-        self.waiting, self._reserved = None, Reserved(user, now.later(RESERVED_FOR_S))
+        self.waiting, self._reserved = None, Reservation(user, now.later(RESERVED_FOR_S))

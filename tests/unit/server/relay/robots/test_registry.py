@@ -6,13 +6,8 @@ from dataclasses import dataclass, field
 
 import pytest
 from relay_server import utc
-from robotether_server.relay.robots.sessions import (
-    NEVER_SEEN,
-    Change,
-    GuardReport,
-    Presence,
-    SessionRegistry,
-)
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import NEVER_SEEN, Change, GuardReport, Presence
 
 NOW = utc(2026, 1, 1, 12, 3)
 
@@ -58,7 +53,7 @@ def test_a_robot_is_online_once_it_is_established(registry, changes):
     assert registry.presence(7) == Presence(
         online=True, since=NOW, connected_at=5.0, address="198.51.100.7"
     )
-    assert registry.online() == [(7, 5.0)]
+    assert registry.online() == [(registry.robot(7), 5.0)]
     assert [change.what for change in changes] == ["connected"]
 
 

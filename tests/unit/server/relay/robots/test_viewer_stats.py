@@ -1,6 +1,6 @@
 """The counts of frames that users got."""
 
-from robotether_server.relay.drives.viewer_stats import ViewerCounts, ViewerStats
+from robotether_server.relay.robots.viewer_stats import ViewerCounts, ViewerStats
 
 
 class _Clock:
@@ -17,13 +17,13 @@ def test_tells_what_came_since_an_earlier_count() -> None:
     """A drive's frames and seconds are those between its beginning and its end."""
     clock = _Clock()
     viewer_stats = ViewerStats(clock)
-    viewer_stats.count(7, 3, 1000)
-    with viewer_stats.viewing(7, 3):
+    viewer_stats.count(3, 1000)
+    with viewer_stats.viewing(3):
         clock.now += 2
-        begun = viewer_stats.of(7, 3)
-        viewer_stats.count(7, 3, 400)
+        begun = viewer_stats.of(3)
+        viewer_stats.count(3, 400)
         clock.now += 3
-        since = viewer_stats.of(7, 3).since(begun)
+        since = viewer_stats.of(3).since(begun)
     assert since == ViewerCounts(frames=1, bytes=400, viewed_s=3.0)
 
 
@@ -31,13 +31,13 @@ def test_two_cameras_at_once_are_watched_for_one_time() -> None:
     """Time counts while at least one video is open, and no longer."""
     clock = _Clock()
     viewer_stats = ViewerStats(clock)
-    with viewer_stats.viewing(7, 3):
+    with viewer_stats.viewing(3):
         clock.now += 1
-        with viewer_stats.viewing(7, 3):
+        with viewer_stats.viewing(3):
             clock.now += 4
         clock.now += 1
     clock.now += 50
-    with viewer_stats.viewing(7, 3):
+    with viewer_stats.viewing(3):
         clock.now += 2
-    assert viewer_stats.of(7, 3).viewed_s == 8.0
-    assert viewer_stats.of(7, 4).viewed_s == 0.0
+    assert viewer_stats.of(3).viewed_s == 8.0
+    assert viewer_stats.of(4).viewed_s == 0.0
