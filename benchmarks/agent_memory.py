@@ -16,15 +16,15 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
+import pandas as pd
 from demo import ROOT
 from fake_cloud import FakeCloud, agent_environ, eventually
 from openssh_server import command_line, descendants
+from report import Row, Section
 from robotether_agent.status import read_status
 from round_trip import simulated_robot
-from sections import Section
 
 AGENT = ROOT / "agent"
 # By then all that the agent starts later has started, and its first work is over.
@@ -32,30 +32,20 @@ SETTLED_AFTER_S = 10.0
 AIM_MB = 45
 
 
-@dataclass(frozen=True)
-class Memory:
-    """One process, in KB."""
-
-    command: str
-    pss: int
-    pss_anon: int
-    uss: int
-    rss: int
-
-    @property
-    def is_python(self) -> bool:
-        """Whether it is the agent or one of its guards, and no OpenSSH."""
-        return not self.command.startswith("ssh ")
-
-
-def memory_of(pid: int) -> Memory:
+def memory_of(pid: int) -> Row:
+    """One process."""
     lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]
     kb = {name: int(value.split()[0]) for name, value in (line.split(":", 1) for line in lines)}
     command = " ".join(Path(word).name for word in command_line(pid).split()[:4])
     if "python" in command:
         command = f"{Path(f'/proc/{pid}/comm').read_text().strip()} ({command})"
-    uss = kb["Private_Clean"] + kb["Private_Dirty"]
-    return Memory(command, kb["Pss"], kb["Pss_Anon"], uss, kb["Rss"])
+    return {
+        "process": command,
+        "PSS MB": kb["Pss"] / 1024,
+        "of it anonymous": kb["Pss_Anon"] / 1024,
+        "USS MB": (kb["Private_Clean"] + kb["Private_Dirty"]) / 1024,
+        "RSS MB": kb["Rss"] / 1024,
+    }
 
 
 def installed(agent: Path, place: Path) -> Path:
@@ -67,7 +57,7 @@ def installed(agent: Path, place: Path) -> Path:
     return place
 
 
-async def measured(agent: Path, settled_after_s: float) -> list[Memory]:
+async def measured(agent: Path, settled_after_s: float) -> list[Row]:
     """Start the agent whose package is in this folder, and measure it when it has been connected for a while."""
     async with AsyncExitStack() as stack:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-")))
@@ -96,28 +86,24 @@ async def measured(agent: Path, settled_after_s: float) -> list[Memory]:
             await process.wait()
 
 
-def rows_of(memories: Sequence[Memory], where: str = "") -> list[tuple[str, ...]]:
-    """The rows of one agent: each process, and the sum of those that are Python."""
-    python = [memory for memory in memories if memory.is_python]
-    total = Memory(
-        f"**Python, {len(python)} processes**",
-        *(sum(getattr(m, name) for m in python) for name in ("pss", "pss_anon", "uss", "rss")),
+def rows_of(memories: Sequence[Row], where: str = "") -> pd.DataFrame:
+    """The rows of one agent: each process, and the sum of those that are Python and not OpenSSH."""
+    every = pd.DataFrame(memories)
+    python = every[~every.process.str.startswith("ssh ")]
+    total = (
+        python.sum(numeric_only=True)
+        .to_frame()
+        .T.assign(process=f"**Python, {len(python)} processes**")
     )
-    rows = [*python, *(memory for memory in memories if not memory.is_python), total]
-    return [
-        (
-            where + row.command,
-            *(f"{kb / 1024:.1f}" for kb in (row.pss, row.pss_anon, row.uss, row.rss)),
-        )
-        for row in rows
-    ]
+    rows = pd.concat([python, every.drop(python.index), total])
+    return rows.assign(process=where + rows.process)
 
 
 def measure(agents: Sequence[Path] = (AGENT,), settled_after_s: float = SETTLED_AFTER_S) -> Section:
     rows = []
     for agent in agents:
         found = asyncio.run(measured(agent.resolve(), settled_after_s))
-        rows += rows_of(found, f"{agent}: " if len(agents) > 1 else "")
+        rows.append(rows_of(found, f"{agent}: " if len(agents) > 1 else ""))
     return Section(
         title="Memory of the agent and its guard",
         text=(
@@ -125,8 +111,7 @@ def measure(agents: Sequence[Path] = (AGENT,), settled_after_s: float = SETTLED_
             "that several processes share once in all, USS what one process has alone.\n\n"
             f"Aim: at most {AIM_MB} MB PSS in all Python processes."
         ),
-        columns="process | PSS MB | of it anonymous | USS MB | RSS MB",
-        rows=rows,
+        rows=pd.concat(rows),
     )
 
 

@@ -26,9 +26,8 @@ from bare_tunnel import new_key, ssh_command
 from demo import ROOT
 from link import Link, Shape, why_not_here
 from local_network import free_port
-from numpy import quantile
 from openssh_server import OpenSshServer, listens, wait_until
-from sections import NONE, Section
+from report import Row, Section, quantiles
 from video_robot import FRAMES_HZ, LENGTH, OFFERED_BIT_S, ROS_PORT, VIDEO_PORT
 
 VIDEO_ROBOT = [sys.executable, str(Path(__file__).with_name("video_robot.py"))]
@@ -239,22 +238,21 @@ def section(measured: list[Setup]) -> Section:
         "relay are not included; the table above has them.\n\n"
         "Aim: p50 under 60 ms and p99 under 100 ms with video."
     )
-    columns = "route | round trips | p50 ms | p99 ms | max ms | video Mbit/s | frames/s | frame age p50 ms | p99 ms"
-    return Section(
-        "Round trip while video fills the uplink", text, columns, [row(one) for one in measured]
-    )
+    return Section("Round trip while video fills the uplink", text, map(row, measured))
 
 
-def row(setup: Setup) -> tuple[object, ...]:
+def row(setup: Setup) -> Row:
     trips, ages = setup.round_trips_ms, setup.frame_ages_ms
-    video: tuple[str, ...] = (NONE,) * 4
-    if ages:
-        rate = setup.frame_bytes * 8 / setup.lasted_s / 1e6
-        times = (f"{quantile(ages, part):.0f}" for part in (0.5, 0.99))
-        video = (f"{rate:.2f}", f"{len(ages) / setup.lasted_s:.1f}", *times)
-    return (
-        setup.name,
-        len(trips),
-        *(f"{quantile(trips, part):.1f}" for part in (0.5, 0.99, 1)),
-        *video,
-    )
+    columns = {
+        "route": setup.name,
+        "round trips": len(trips),
+        **quantiles(trips, 0.5, 0.99, 1, unit="ms"),
+    }
+    if not ages:
+        return columns
+    return {
+        **columns,
+        "video Mbit/s": setup.frame_bytes * 8 / setup.lasted_s / 1e6,
+        "frames/s": len(ages) / setup.lasted_s,
+        **{f"frame age {name}": ms for name, ms in quantiles(ages, 0.5, 0.99, unit="ms").items()},
+    }

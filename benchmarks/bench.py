@@ -26,7 +26,7 @@ import round_trip
 import stopping
 import video
 from demo import ROOT, Demo
-from sections import Section, commit, machine, wrapped
+from report import Section, commit, machine, wrapped
 
 PAGE = ROOT / "docs" / "measurements.md"
 HEAD = """# Measurements

@@ -22,7 +22,7 @@ import aiohttp
 import processes
 from demo import Demo
 from local_network import insecure_tls
-from sections import NONE, Section
+from report import NONE, Row, Section
 
 DRIVEN, LOGS_IN = "sim1", "sim2"
 STOPPED_S = 60.0
@@ -202,12 +202,13 @@ class Fault:
     replaced_s: float | None = None
 
     @property
-    def row(self) -> list[str]:
+    def row(self) -> Row:
         """The program, what happened to it, and when it ran again."""
         killed = self.signal == signal.SIGKILL
         never = f"not in {GIVE_UP_S:g}" if killed else NONE
         again = never if self.replaced_s is None else f"{self.replaced_s:.0f}"
-        return [self.program.name, "killed" if killed else "stopped", again]
+        fault = "killed" if killed else "stopped"
+        return {"program": self.program.name, "fault": fault, "new process": again}
 
     def hurt(self, demo: Demo) -> list[int]:
         """Send the signal: SIGKILL to the main process, SIGSTOP to all of the program."""
@@ -262,7 +263,7 @@ async def _until_calm(signs: Sequence[Sign]) -> None:
         await asyncio.sleep(PAUSE_S)
 
 
-async def _measure_all(demo: Demo, faults: Sequence[Fault]) -> list[list[str]]:
+async def _measure_all(demo: Demo, faults: Sequence[Fault]) -> list[Row]:
     rows = []
     async with asyncio.TaskGroup() as group:
         signs = Attempts(demo).signs()
@@ -270,8 +271,8 @@ async def _measure_all(demo: Demo, faults: Sequence[Fault]) -> list[list[str]]:
         for fault in faults:
             await _until_calm(signs)
             await _endure(demo, fault, signs)
-            rows.append([*fault.row, *(sign.outage(fault.at) for sign in signs)])
-            sys.stderr.write(f"{' | '.join(rows[-1])}\n")
+            rows.append({**fault.row, **{sign.name: sign.outage(fault.at) for sign in signs}})
+            sys.stderr.write(f"{' | '.join(rows[-1].values())}\n")
         for watch in watches:
             watch.cancel()
     return rows
@@ -285,7 +286,6 @@ def measure(demo: Demo, programs: Sequence[Program] = PROGRAMS) -> Section:
         for number in (signal.SIGKILL, signal.SIGSTOP)
     ]
     rows = asyncio.run(_measure_all(demo, faults))
-    signs = " | ".join(sign.name for sign in Attempts(demo).signs())
     return Section(
         title="What comes back by itself after it was killed or hung",
         text=f"SIGKILL of the main process, or SIGSTOP of all of it for {STOPPED_S:g} s, once each. The columns "
@@ -294,6 +294,5 @@ def measure(demo: Demo, programs: Sequence[Program] = PROGRAMS) -> Section:
         f"{PAUSE_S:g} s. A program without a new process went on when the {STOPPED_S:g} s were over. A container keeps "
         "the simulated robot; on a real one, systemd ends an agent that hangs after 20 s.\n\nAim: everything is back "
         "within 60 s without a person.",
-        columns=f"program | fault | new process | {signs}",
         rows=rows,
     )

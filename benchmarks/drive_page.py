@@ -15,10 +15,10 @@ from typing import Any
 
 from demo import Demo
 from frame_stamp import READ_STAMP
-from numpy import quantile
+from numpy import median, quantile
 from pages import chromium, drive_live, expect_live, log_in
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
-from sections import Section
+from report import Row, Section, quantiles
 from sim_watch import Seen, SimWatch
 from stopping import is_zero
 
@@ -221,26 +221,24 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
             "fleet page, with a warm cache. Headless Chromium draws without a GPU, on the cores that run everything "
             "else."
         ),
-        columns="what | measured | aim",
         rows=[
-            ("weight, KB", f"{found.weight.total_kb:.1f} ({parts})", f"under {AIM_KB}"),
-            (
-                f"click to first frame, ms, p50 and max of {len(first_ms)}",
-                f"{quantile(first_ms, 0.5):.0f}, {max(first_ms):.0f}",
-                f"under {AIM_FIRST_MS}",
-            ),
-            (
-                f"age of a frame when the page has drawn it, ms, p50 and p95 of {len(ages_ms)}",
-                f"{quantile(ages_ms, 0.5):.0f}, {quantile(ages_ms, 0.95):.0f}",
-                "p95 under 80",
-            ),
-            (
-                f"animation frames a second, processor {THROTTLE}x slower",
-                f"{found.fps:.1f}",
-                AIM_FPS,
-            ),
-            (f"of {len(gaps_ms)} animation frames, more than half a frame late", late, "-"),
-            ("video frames a second meanwhile", f"{found.frames_per_s:.1f}", 15),
+            {"what": what, "measured": measured, "aim": aim}
+            for what, measured, aim in (
+                ("weight, KB", f"{found.weight.total_kb:.1f} ({parts})", f"under {AIM_KB}"),
+                (
+                    f"click to first frame, ms, p50 and max of {len(first_ms)}",
+                    f"{median(first_ms):.0f}, {max(first_ms):.0f}",
+                    f"under {AIM_FIRST_MS}",
+                ),
+                (
+                    f"age of a frame when the page has drawn it, ms, p50 and p95 of {len(ages_ms)}",
+                    f"{median(ages_ms):.0f}, {quantile(ages_ms, 0.95):.0f}",
+                    "p95 under 80",
+                ),
+                (f"animation frames a second, processor {THROTTLE}x slower", found.fps, AIM_FPS),
+                (f"of {len(gaps_ms)} animation frames, more than half a frame late", late, None),
+                ("video frames a second meanwhile", found.frames_per_s, 15),
+            )
         ],
     )
 
@@ -288,9 +286,8 @@ def press(page: Page, watch: SimWatch) -> tuple[float, float]:
     )
 
 
-def row(event: str, took_ms: list[float]) -> tuple[object, ...]:
-    times = (quantile(took_ms, 0.5), quantile(took_ms, 0.99), max(took_ms))
-    return event, len(took_ms), *(f"{ms:.1f}" for ms in times)
+def row(event: str, took_ms: list[float]) -> Row:
+    return {"event": event, "times": len(took_ms), **quantiles(took_ms, 0.5, 0.99, 1, unit="ms")}
 
 
 def measure_input(demo: Demo, presses: int = PRESSES) -> Section:
@@ -317,7 +314,6 @@ def measure_input(demo: Demo, presses: int = PRESSES) -> Section:
             "video was old.\n\n"
             f"Aim: p50 under {AIM_P50_MS} ms and p99 under {AIM_P99_MS} ms."
         ),
-        columns="event | times | p50 ms | p99 ms | max ms",
         rows=[
             row("key down to the first command", [down for down, _ in both]),
             row("key up to the first zero", [up for _, up in both]),

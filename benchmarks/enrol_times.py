@@ -9,7 +9,6 @@ same run again; and from power-on of an enrolled robot until a drive connection 
 from __future__ import annotations
 
 import asyncio
-import statistics
 import sys
 import tempfile
 import time
@@ -18,8 +17,8 @@ from pathlib import Path
 import aiohttp
 from playbooks import FROM_INDEX, Played, Site
 from programs import Program
+from report import Row, quantiles, table
 from robot_hosts import CA_BUNDLE, WHEELHOUSE, RobotHost, RobotHosts
-from sections import Section
 from stack import Stack
 
 FLEET = 5
@@ -65,12 +64,11 @@ def line_s(site: Site, robot: RobotHost, options: str) -> float:
     return took_s
 
 
-def row(what: str, robots: int, values: list[float]) -> tuple[object, ...]:
-    times = (statistics.median(values), max(values))
-    return what, robots, *(f"{seconds:.1f}" for seconds in times), len(values)
+def row(what: str, robots: int, values: list[float]) -> Row:
+    return {"what": what, "robots": robots, **quantiles(values, 0.5, 1), "runs": len(values)}
 
 
-def measure(site: Site, hosts: RobotHosts) -> Section:
+def measure(site: Site, hosts: RobotHosts) -> list[Row]:
     program = Program(site.stack, site.token)
     one = [hosts.boot("solo")]
     fleet = hosts.boot_all(*(f"fleet{number}" for number in range(1, FLEET + 1)))
@@ -86,9 +84,7 @@ def measure(site: Site, hosts: RobotHosts) -> Section:
             rows.append(row(what, len(robots), [played.took_s]))
     cuts = [asyncio.run(power_on_s(program, one[0])) for _ in range(POWER_CUTS)]
     rows.append(row("power-on of an enrolled robot to drivable", 1, cuts))
-    return Section(
-        "Until a robot can be driven", "", "what | robots | median s | worst s | runs", rows
-    )
+    return rows
 
 
 def report(played: Played) -> None:
@@ -108,7 +104,7 @@ def main() -> None:
                 # The playbook proves each robot by a round trip of its own before it ends.
                 site = Site(folder, stack, hosts, stack.token("enrol-times"))
                 site.variables["robotether_agent_environment"] = str(FROM_INDEX)
-                sys.stdout.write(f"{measure(site, hosts).table}\n")
+                sys.stdout.write(f"{table(measure(site, hosts))}\n")
         finally:
             stack.down()
 

@@ -12,10 +12,10 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from report import Row, Section
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.drives.drive_path import stamped
 from robotether_server.robot_settings import DEFAULTS, Limits
-from sections import Section
 
 # The check alone is measured, not how soon it says that there were too many.
 UNLIMITED = Limits(messages_per_s=10**9, message_kb=DEFAULTS.policy.limits.message_kb)
@@ -35,9 +35,13 @@ class Rate:
     microseconds: float
 
     @property
-    def row(self) -> tuple[str, ...]:
-        rate = f"{1_000_000 / self.microseconds:,.0f}"
-        return self.name, f"{self.size:,}", f"{self.microseconds:,.1f}", rate
+    def row(self) -> Row:
+        return {
+            "message": self.name,
+            "bytes": self.size,
+            "us each": self.microseconds,
+            "a second on a core": 1_000_000 / self.microseconds,
+        }
 
 
 def kinds() -> Mapping[str, bytes]:
@@ -99,6 +103,5 @@ def measure() -> Section:
         f"The time to check and rewrite one message, on one core and connection, the fastest of {REPEATS} rounds. "
         "While the relay reads a large message, it does nothing else. By default a driver's connection may send about "
         f"one of the largest a second.\n\nAim: a small message under {AIM_US} us.",
-        "message | bytes | us each | a second on a core",
         [rate.row for rate in rates],
     )

@@ -30,16 +30,15 @@ import aiohttp
 from aiohttp import web
 from demo import ROOT
 from namespaces import Namespace
-from numpy import quantile
 from openssh_server import OpenSshServer, descendants, kill
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
+from report import Row, Section, quantiles
 from roaming import RoamingNetwork, roaming_networks
 from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
 from robotether_agent.enrolment.join import SshAccess, parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.main import Timing
-from sections import Section
 
 AGENT = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
 REPEAT = 50
@@ -197,15 +196,11 @@ class Cut:
     took_s: list[float] = field(default_factory=list)
 
     @property
-    def failures(self) -> int:
-        """How often it was not drivable in time."""
-        return sum(map(math.isinf, self.took_s))
-
-    @property
-    def row(self) -> list[str]:
-        good = [value for value in self.took_s if not math.isinf(value)] or [math.nan]
-        numbers = (quantile(good, 0.5), quantile(good, 0.99), max(good))
-        return [self.name, *(f"{value:.2f}" for value in numbers), str(self.failures)]
+    def row(self) -> Row:
+        """A failure is a time at which it was not drivable; it is in no percentile."""
+        good = [value for value in self.took_s if math.isfinite(value)]
+        failures = len(self.took_s) - len(good)
+        return {"after": self.name, **quantiles(good, 0.5, 0.99, 1), "failures": failures}
 
 
 def dropped_for(seconds: float) -> Callable[[Subject], Awaitable[float]]:
@@ -268,30 +263,44 @@ async def measure_all(networks: Sequence[RoamingNetwork], repeat: int) -> list[C
 
 
 async def _start_all(stack: AsyncExitStack, networks: Sequence[RoamingNetwork]) -> list[Subject]:
-    records = MemoryDatabase()
-    robots = [
-        records.add_robot(number, f"sim{number}", u1="drive")
-        for number, _ in enumerate(networks, 1)
-    ]
-    relay = await stack.enter_async_context(running_relay(records, Timing()))
-    sshd = OpenSshServer(relay.relay.session_port, address="0.0.0.0", session_key=SESSION_KEY)
-    stack.callback(sshd.close)
-    await asyncio.to_thread(sshd.start)
-    http = await stack.enter_async_context(aiohttp.ClientSession())
-    site = Site(relay, records, sshd, http)
+    site, robots = await start_site(stack, len(networks), "0.0.0.0")
     subjects = []
     for network, robot in zip(networks, robots, strict=True):
-        # The agent's own directory, which holds sockets, must have a short name.
-        folder = Path(tempfile.mkdtemp(prefix="rt-"))
-        stack.callback(shutil.rmtree, folder, ignore_errors=True)
         with network.robot.entered():
             listener = socket.create_server(("127.0.0.1", 9090))
         await stack.enter_async_context(Rosbridge(listener))
-        subjects.append(Subject(site, network, robot, folder))
-        stack.callback(subjects[-1].close)
-        await subjects[-1].enrol()
-        subjects[-1].start_agent()
+        subjects.append(await start_subject(stack, site, network, robot))
     return subjects
+
+
+async def start_site(
+    stack: AsyncExitStack, how_many: int, address: str
+) -> tuple[Site, list[RelayRobot]]:
+    """Relay and sshd, which end with the stack, and what they know of so many robots."""
+    records = MemoryDatabase()
+    robots = [
+        records.add_robot(number, f"sim{number}", u1="drive") for number in range(1, how_many + 1)
+    ]
+    relay = await stack.enter_async_context(running_relay(records, Timing()))
+    sshd = OpenSshServer(relay.relay.session_port, address=address, session_key=SESSION_KEY)
+    stack.callback(sshd.close)
+    await asyncio.to_thread(sshd.start)
+    http = await stack.enter_async_context(aiohttp.ClientSession())
+    return Site(relay, records, sshd, http), robots
+
+
+async def start_subject(
+    stack: AsyncExitStack, site: Site, network: Network, robot: RelayRobot
+) -> Subject:
+    """Its agent, which ends with the stack."""
+    # The agent's own directory, which holds sockets, must have a short name.
+    folder = Path(tempfile.mkdtemp(prefix="rt-"))
+    stack.callback(shutil.rmtree, folder, ignore_errors=True)
+    subject = Subject(site, network, robot, folder)
+    stack.callback(subject.close)
+    await subject.enrol()
+    subject.start_agent()
+    return subject
 
 
 async def _measure(cut: Cut, subject: Subject, repeat: int) -> None:
@@ -319,6 +328,5 @@ def measure(repeat: int = REPEAT) -> Section:
         f"passed a message and its answer, {repeat} times each. All rows run at once, on one machine with network "
         "namespaces. A reboot is a kill and a start of the agent and of all that it started, without the machine's "
         f"boot.\n\nAim: {AIM_S:g} s at p99 and no failure.",
-        columns="after | p50 | p99 | max | failures",
         rows=[cut.row for cut in made],
     )

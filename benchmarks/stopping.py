@@ -19,11 +19,10 @@ from functools import partial
 
 import processes
 from demo import Demo
-from numpy import quantile
 from pages import chromium, drive_live, log_in
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 from program_driver import ProgramDriver
-from sections import NONE, Section
+from report import Row, Section, quantiles
 from sim_watch import Seen, SimWatch
 
 ROBOT = "sim1"
@@ -220,12 +219,16 @@ def _drives(demo: Demo) -> bool:
         return False
 
 
-def row(cause: str, outcome: Outcome) -> tuple[object, ...]:
-    times, losses = outcome.last_command_to_zero, outcome.loss_to_zero
-    if not times:
-        return cause, 0, NONE, NONE, NONE, outcome.drove_on
-    numbers = (quantile(times, 0.5), max(times), quantile(losses, 0.5))
-    return cause, len(times), *(f"{ms:.0f}" for ms in numbers), outcome.drove_on
+def row(cause: str, outcome: Outcome) -> Row:
+    times = quantiles(outcome.last_command_to_zero, 0.5, 1, unit="ms")
+    losses = quantiles(outcome.loss_to_zero, 0.5, unit="ms")
+    return {
+        "cause": cause,
+        "times": len(outcome.loss_to_zero),
+        **{f"last command to zero, {name}": ms for name, ms in times.items()},
+        **{f"loss to zero, {name}": ms for name, ms in losses.items()},
+        "continued to drive": outcome.drove_on,
+    }
 
 
 def measure(demo: Demo, repeat: int) -> Section:
@@ -248,6 +251,5 @@ def measure(demo: Demo, repeat: int) -> Section:
             f"Aim: zero on `cmd_vel` {AIM_MS} ms after the last command, never later than {LIMIT_MS} ms, and no "
             "repetition in which the robot continued to drive."
         ),
-        columns="cause | times | last command to zero, p50 ms | max ms | loss to zero, p50 ms | continued to drive",
         rows=rows,
     )

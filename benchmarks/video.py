@@ -11,10 +11,8 @@ from __future__ import annotations
 
 import asyncio
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
@@ -23,18 +21,17 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
+import pandas as pd
 from bare_tunnel import bare_forward, bare_tunnel
 from behind_video import DOWN, UP, UP_MBIT_S
 from demo import ROOT, Demo
 from link import Link, why_not_here
 from local_network import free_port, insecure_tls
 from namespaces import Namespace
-from numpy import quantile
-from openssh_server import OpenSshServer
-from recovery import Site, Subject
-from relay_server import SESSION_KEY, MemoryDatabase, running_relay, until
-from robotether_server.relay.main import Timing
-from sections import Section
+from paper.costs import use_of
+from recovery import Site, Subject, start_site, start_subject
+from relay_server import until
+from report import Row, Section, quantiles
 from video_viewers import Frame, OnFrame, view_frames, view_stream
 
 SIM_ROBOT = ROOT / "images" / "sim_robot"
@@ -53,30 +50,6 @@ FPS = 15
 # One quality, so that no run has smaller frames than another; it makes frames of some 30 KB.
 STREAM_REQUEST = {"quality_min": 75, "quality_max": 75, "fps": FPS, "latency_ms": 5000}
 AIM_PERCENT = 5
-
-
-@dataclass(frozen=True)
-class Row:
-    """What was seen on one route."""
-
-    where: str
-    transport: str
-    viewed_frames: list[Frame]
-    lasted_s: float
-
-    @property
-    def cells(self) -> tuple[object, ...]:
-        ages = [frame.age_ms for frame in self.viewed_frames]
-        size = sum(len(frame.jpeg) for frame in self.viewed_frames)
-        return (
-            self.where,
-            self.transport,
-            len(ages),
-            *(f"{quantile(ages, part):.0f}" for part in (0.5, 0.95, 1)),
-            f"{len(ages) / self.lasted_s:.1f}",
-            f"{size / len(ages) / 1000:.0f}",
-            f"{size * 8 / self.lasted_s / 1e6:.2f}",
-        )
 
 
 # Looks until it is cancelled.
@@ -115,7 +88,16 @@ async def viewed(where: str, transport: str, view: View, seconds: float) -> Row:
         frames = list(seen)
     if len(frames) < 2:
         raise RuntimeError(f"cannot measure {transport}, {where}: {len(frames)} frames came")
-    return Row(where, transport, frames, seconds)
+    size = sum(len(frame.jpeg) for frame in frames)
+    return {
+        "where": where,
+        "route": transport,
+        "frames": len(frames),
+        **quantiles([frame.age_ms for frame in frames], 0.5, 0.95, 1, unit="ms"),
+        "frames/s": len(frames) / seconds,
+        "KB a frame": size / len(frames) / 1000,
+        "Mbit/s": size * 8 / seconds / 1e6,
+    }
 
 
 async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
@@ -201,24 +183,9 @@ async def until_seen(view: View) -> None:
 async def linked_robot(link: Link) -> AsyncIterator[tuple[Site, Subject]]:
     """Real relay and sshd at the server's end of the link, real agent and the simulator at the robot's."""
     async with AsyncExitStack() as stack:
-        records = MemoryDatabase()
-        robot = records.add_robot(1, ROBOT, u1="drive")
-        relay = await stack.enter_async_context(running_relay(records, Timing()))
-        sshd = OpenSshServer(
-            relay.relay.session_port, address=link.server.address, session_key=SESSION_KEY
-        )
-        stack.callback(sshd.close)
-        await asyncio.to_thread(sshd.start)
-        http = await stack.enter_async_context(aiohttp.ClientSession())
+        site, [robot] = await start_site(stack, 1, link.server.address)
         stack.enter_context(simulator(link.robot))
-        site = Site(relay, records, sshd, http)
-        folder = Path(tempfile.mkdtemp(prefix="rt-"))
-        stack.callback(shutil.rmtree, folder, ignore_errors=True)
-        subject = Subject(site, Uplink(link.server.address, link.robot), robot, folder)
-        stack.callback(subject.close)
-        await subject.enrol()
-        subject.start_agent()
-        yield site, subject
+        yield site, await start_subject(stack, site, Uplink(link.server.address, link.robot), robot)
 
 
 @contextmanager
@@ -253,52 +220,16 @@ def measure_age(demo: Demo, seconds: float = SECONDS) -> Section:
             "time.\n\n"
             f"Aim: p95 under {AIM_LOOPBACK_MS} ms on loopback and under {AIM_LINK_MS} ms over the link."
         ),
-        columns="where | route | frames | p50 ms | p95 ms | max ms | frames/s | KB a frame | Mbit/s",
-        rows=[row.cells for row in rows],
+        rows=rows,
     )
 
 
-@dataclass(frozen=True)
-class Run:
-    """What so many viewers cost."""
-
-    viewers: int
-    frames: int
-    frame_bytes: int
-    uplink_bytes: int
-    relay_cpu_s: float
-    lasted_s: float
-
-    @property
-    def uplink_kb_s(self) -> float:
-        return self.uplink_bytes / self.lasted_s / 1000
-
-    @property
-    def cpu_per_100(self) -> float:
-        """The relay's share of a core, in percent, for each 100 frames that it delivers in a second."""
-        return self.relay_cpu_s / self.frames * 100 * 100
-
-
-class Usage:
-    """What the kernel has counted for two containers."""
-
-    def __init__(self, demo: Demo) -> None:
-        processes = demo.container("relay").top()["Processes"]
-        self._relay_pids = [int(process[1]) for process in processes]
-        self._robot_pid = demo.container(ROBOT).attrs["State"]["Pid"]
-
-    def relay_cpu_s(self) -> float:
-        """Processor time of the relay's processes since their start."""
-        tasks = [task for pid in self._relay_pids for task in Path(f"/proc/{pid}/task").iterdir()]
-        return sum(int((task / "schedstat").read_text().split()[0]) for task in tasks) / 1e9
-
-    def uplink_bytes(self) -> int:
-        """What has left the robot by its network."""
-        lines = Path(f"/proc/{self._robot_pid}/net/dev").read_text().splitlines()
-        [counts] = [
-            line.split(":")[1].split() for line in lines if line.strip().startswith("eth0:")
-        ]
-        return int(counts[8])
+def uplink_bytes(demo: Demo) -> int:
+    """What has left the robot by its network."""
+    pid = demo.container(ROBOT).attrs["State"]["Pid"]
+    lines = Path(f"/proc/{pid}/net/dev").read_text().splitlines()
+    [counts] = [line.split(":")[1].split() for line in lines if line.strip().startswith("eth0:")]
+    return int(counts[8])
 
 
 def beside_relay(demo: Demo) -> View:
@@ -308,38 +239,35 @@ def beside_relay(demo: Demo) -> View:
     return lambda http, on_frame: view_frames(http, url, on_frame, STREAM_REQUEST)
 
 
-async def run(demo: Demo, viewers: int, seconds: float) -> Run:
-    usage = Usage(demo)
+async def run(demo: Demo, viewers: int, seconds: float) -> Row:
+    relay = demo.container("relay")
     views = [beside_relay(demo) for _ in range(viewers)]
     async with looking(views, f"a frame for each of {viewers}") as seen:
         await asyncio.sleep(VIEWERS_SETTLE_S)
         for own in seen:
             own.clear()
-        cpu_s, uplink = usage.relay_cpu_s(), usage.uplink_bytes()
+        cpu_s, uplink = use_of(relay).cpu_s, uplink_bytes(demo)
         started = time.monotonic()
         await asyncio.sleep(seconds)
         frames = [frame for own in seen for frame in own]
-        lasted_s, uplink = time.monotonic() - started, usage.uplink_bytes() - uplink
-        cpu_s = usage.relay_cpu_s() - cpu_s
-    size = sum(len(frame.jpeg) for frame in frames)
-    return Run(viewers, len(frames), size, uplink, cpu_s, lasted_s)
-
-
-def row(one: Run, alone: Run) -> tuple[object, ...]:
-    return (
-        one.viewers,
-        f"{one.frames / one.viewers / one.lasted_s:.1f}",
-        f"{one.frame_bytes / one.frames / 1000:.1f}",
-        f"{one.uplink_kb_s:.0f}",
-        f"{(one.uplink_kb_s / alone.uplink_kb_s - 1) * 100:+.1f} %",
-        f"{one.relay_cpu_s / one.lasted_s * 100:.1f}",
-        f"{one.cpu_per_100:.1f}",
-        f"{100 * 100 / one.cpu_per_100 / FPS:.0f}",
-    )
+        lasted_s, uplink = time.monotonic() - started, uplink_bytes(demo) - uplink
+        cpu_s = use_of(relay).cpu_s - cpu_s
+    per_100 = cpu_s / len(frames) * 100 * 100
+    return {
+        "viewers": viewers,
+        "frames/s each": len(frames) / viewers / lasted_s,
+        "KB a frame": sum(len(frame.jpeg) for frame in frames) / len(frames) / 1000,
+        "robot's uplink KB/s": uplink / lasted_s / 1000,
+        "relay, % of a core": cpu_s / lasted_s * 100,
+        "relay, % of a core for 100 frames/s": per_100,
+        "viewers a core at 15 fps": 100 * 100 / per_100 / FPS,
+    }
 
 
 def measure_viewers(demo: Demo, seconds: float = VIEWERS_SECONDS) -> Section:
-    runs = [asyncio.run(run(demo, viewers, seconds)) for viewers in COUNTS]
+    table = pd.DataFrame([asyncio.run(run(demo, viewers, seconds)) for viewers in COUNTS])
+    uplink = table["robot's uplink KB/s"]
+    table["uplink, % more than for one"] = (uplink / uplink.iloc[0] - 1) * 100
     return Section(
         title="What viewers cost the robot's uplink and the relay",
         text=(
@@ -348,9 +276,5 @@ def measure_viewers(demo: Demo, seconds: float = VIEWERS_SECONDS) -> Section:
             "without nginx and TLS.\n\n"
             f"Aim: the uplink stays the same within {AIM_PERCENT} %."
         ),
-        columns=(
-            "viewers | frames/s each | KB a frame | robot's uplink KB/s | change from one viewer | relay, % of a core "
-            "| relay, % of a core for 100 frames/s | viewers a core at 15 fps"
-        ),
-        rows=[row(one, runs[0]) for one in runs],
+        rows=table,
     )

@@ -15,7 +15,7 @@ from typing import Any
 import docker
 import pytest
 from demo import ROOT
-from sections import commit, machine, number
+from report import commit, machine, number
 
 from paper.page import Chapter, chapter, write_page
 from paper.step import Key, ResultStore, Scale, now

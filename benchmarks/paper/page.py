@@ -1,43 +1,24 @@
-"""Writes a part's page in docs/experiments/ from the kept outcomes, with figures (SVG) and raw data (CSV) beside it.
+"""Writes a part's page and picture in docs/experiments/ from the kept outcomes.
 
-page.md.j2 is the page. What has not run, has failed, could not be reported or falls short is on it; nothing is left
-out for looking bad. The same values give the same files, whenever and wherever they are written.
+What has not run, has failed, could not be reported or falls short is on it; nothing is left out for looking bad. The
+same values give the same files, whenever and wherever they are written.
 """
 
 from __future__ import annotations
 
-import csv
 import statistics
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
-from sections import bullets, duration, number, plain, wrapped
+from report import draw, duration, page, plain
 
-from paper.step import Comparison, Data, Outcome, Part, Plot, Report, ResultStore, Scale
+from paper.step import Comparison, Outcome, Part, Report, ResultStore, Scale
 
-TEMPLATE = "page.md.j2"
 MOST_TITLES, LONGEST_FAILURE = 5, 300
-SIZE_INCHES = (8.0, 4.5)
-# White behind everything, for pages that are dark; ids that do not differ from one drawing to the next.
-STYLE = {
-    "svg.hashsalt": "robotether",
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "font.size": 10,
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +30,7 @@ class Chapter:
     steps: Mapping[str, str]
     outcomes: Mapping[str, Outcome]
     report: Report
-    # What this part's report, figures or data could not be made for, and why.
+    # What this part's report or picture could not be made for, and why.
     problems: list[str] = field(default_factory=list)
 
     @property
@@ -92,19 +73,12 @@ class Chapter:
             for reason, titles in by_reason.items()
         ]
 
-    def files(self) -> Iterator[tuple[str, Callable[[Path], None]]]:
-        """The names of its figures and data, and what writes each."""
-        for plot in self.report.plots:
-            yield f"{plot.name}.svg", partial(_draw, plot)
-        for data in self.report.data:
-            yield f"{data.name}.csv", partial(_write_csv, data)
-
 
 def chapter(part: Part, scale: Scale, store: ResultStore) -> Chapter:
     """Read a part's outcomes and let it report; a report that raises is a problem and not the page's end."""
     steps = {step.name: step.title for step in part.steps(scale)}
     outcomes = store.outcomes(part, scale)
-    problems, report = [], Report(sections=())
+    problems, report = [], Report()
     if outcomes:
         try:
             report = part.report(scale, outcomes)
@@ -125,93 +99,52 @@ def sentence(error: BaseException) -> str:
 
 
 def write_page(folder: Path, one: Chapter, scale: Scale, store: ResultStore) -> Path:
-    """Write a part's page, figures and data; its files of an earlier page that this one has not are removed."""
+    """Write a part's page and picture; a picture that cannot be drawn is a problem of the chapter."""
     folder.mkdir(parents=True, exist_ok=True)
-    written = {name for name, write in one.files() if _try(one, folder / name, write)}
-    page = folder / f"{one.part.name}.md"
-    page.write_text(markdown(one, scale, store, written))
-    for old in folder.glob(f"{one.part.name}-*"):
-        if old.name not in written:
-            old.unlink()
-    return page
+    picture = folder / f"{one.part.name}.svg"
+    picture.unlink(missing_ok=True)
+    if one.report.figure is not None:
+        try:
+            draw(one.report.figure, picture)
+        except Exception as error:  # noqa: BLE001 (the border of a part's own picture)
+            traceback.print_exc()
+            one.problems.append(f"{picture.name} could not be drawn: {sentence(error)}")
+    written = folder / f"{one.part.name}.md"
+    written.write_text(markdown(one, scale, store, has_picture=picture.exists()))
+    return written
 
 
-def _try(one: Chapter, path: Path, write: Callable[[Path], None]) -> bool:
-    """Write a file; one that cannot be made is a problem of its chapter."""
-    try:
-        write(path)
-    except Exception as error:  # noqa: BLE001 (the border of a part's own drawing)
-        traceback.print_exc()
-        one.problems.append(f"{path.name} could not be made: {sentence(error)}")
-        return False
-    return True
-
-
-def markdown(one: Chapter, scale: Scale, store: ResultStore, written: set[str]) -> str:
-    """The whole page; `written` are the files that stand beside it."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
-    filters = (bullets, duration, number, plain, wrapped)
-    environment.filters |= {each.__name__: each for each in filters}
+def markdown(one: Chapter, scale: Scale, store: ResultStore, *, has_picture: bool) -> str:
+    """The whole page."""
     outcomes = list(one.outcomes.values())
-    return environment.get_template(TEMPLATE).render(
-        one=one,
-        circumstances=_circumstances(outcomes, store.sittings(outcomes)),
-        scale=scale,
-        written=written,
-    )
-
-
-def _draw(plot: Plot, path: Path) -> None:
-    """Draw a figure, whose size it may change itself."""
-    with mpl.rc_context(STYLE):
-        drawing = Figure(figsize=SIZE_INCHES, layout="constrained")
-        plot.draw(drawing)
-        canvas = FigureCanvasSVG(drawing)
-        canvas.print_svg(path, metadata={"Date": None, "Creator": None})
-
-
-def _write_csv(data: Data, path: Path) -> None:
-    with path.open("w", newline="") as file:
-        file.write(f"# {' '.join(data.about.split())}\n")
-        csv.writer(file, lineterminator="\n").writerows([data.header, *data.rows])
+    values = {
+        "one": one,
+        "scale": scale,
+        "circumstances": _circumstances(outcomes, store.sittings(outcomes)),
+        "has_picture": has_picture,
+    }
+    name = one.part.name if one.report.values else "experiment"
+    return page(f"{name}.md.j2", **values, **one.report.values)
 
 
 def _circumstances(outcomes: Sequence[Outcome], sittings: Sequence[Mapping[str, Any]]) -> list[str]:
     loads = [step.load for step in outcomes]
     commits = Counter(step.commit for step in outcomes)
     several = "; **steps come from several commits**" if len(commits) > 1 else ""
+    machines = dict.fromkeys(
+        f"{plain(one['processor'])}, {one['cores']} cores, {one['memory_gb']} GB of memory, "
+        f"Linux {plain(one['kernel'])}"
+        for one in sittings
+    )
+    versions = dict.fromkeys(
+        ", ".join(f"{plain(name)} {plain(version)}" for name, version in one["versions"].items())
+        for one in sittings
+    )
     return [
-        f"Machine: {_each(sittings, _machine)}; everything runs on it.",
-        f"Versions: {_each(sittings, _versions)}.",
+        f"Machine: {' / '.join(machines)}; everything runs on it.",
+        f"Versions: {' / '.join(versions)}.",
         f"Commit: {', '.join(f'{plain(name)} ({count} steps)' for name, count in commits.items())}{several}.",
         f"Date: {min(step.began for step in outcomes)} to {max(step.began for step in outcomes)}; the "
         f"{len(outcomes)} steps took {duration(sum(step.took_s for step in outcomes))}; sittings: {len(sittings)}.",
         f"Load when a step began: median {statistics.median(loads):.1f}, most {max(loads):.1f}.",
     ]
-
-
-def _each(
-    sittings: Sequence[Mapping[str, Any]], describe: Callable[[Mapping[str, Any]], str]
-) -> str:
-    """What the sittings were told of, each that differs once."""
-    return " / ".join(dict.fromkeys(map(describe, sittings)))
-
-
-def _machine(sitting: Mapping[str, Any]) -> str:
-    return (
-        f"{plain(sitting['processor'])}, {sitting['cores']} cores, {sitting['memory_gb']} GB of memory, "
-        f"Linux {plain(sitting['kernel'])}"
-    )
-
-
-def _versions(sitting: Mapping[str, Any]) -> str:
-    return ", ".join(
-        f"{plain(name)} {plain(version)}" for name, version in sitting["versions"].items()
-    )

@@ -1,7 +1,7 @@
-"""What an experiment is made of: steps that run once each, what became of them, and what its page makes of that.
+"""What an experiment is made of: steps that run once each, their outcomes, and what its page says of them.
 
-`experiments.py` runs steps and keeps outcomes. An experiment's `report` turns outcomes into its page and
-must be pure, so that the page can be written again from what was kept.
+`experiments.py` runs steps and keeps outcomes. A part's `report` turns outcomes into rows and values for its template
+and must be pure, so that the page can be written again from the outcomes.
 """
 
 from __future__ import annotations
@@ -9,18 +9,15 @@ from __future__ import annotations
 import fcntl
 import json
 import math
-import statistics
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sections import Section
+from report import NONE, Figure, Row, number, plain
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Drawing
-
     from paper.world import World
 
 # What JSON can carry.
@@ -79,12 +76,11 @@ class Outcome:
 Results = Mapping[str, Outcome]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Comparison:
-    """A row of the page's first table: what the paper (or another way) has, and what we have."""
+    """A row of the page's first table: our figure beside that of the paper, of a peer, of an aim or of a rule."""
 
     what: str
-    # Whose figure the reference is: "paper", "bare ssh -R", ...
     against: str
     reference: float
     ours: float
@@ -100,58 +96,51 @@ class Comparison:
     @property
     def is_short(self) -> bool:
         """Whether ours is worse than the reference; what is no number is."""
-        if not math.isfinite(self.ours):
-            return True
-        if self.better == "lower":
-            return self.ours > self.reference
-        return (
-            self.ours < self.reference if self.better == "higher" else self.ours != self.reference
-        )
+        good = {
+            "lower": self.ours <= self.reference,
+            "higher": self.ours >= self.reference,
+            "equal": self.ours == self.reference,
+        }
+        return not (math.isfinite(self.ours) and good[self.better])
+
+    @property
+    def row(self) -> Row:
+        return {
+            "what": plain(self.what),
+            "against": plain(self.against),
+            "reference": plain(f"{number(self.reference)} {self.unit}"),
+            "ours": plain(f"{number(self.ours)} {self.unit}"),
+            "ratio": NONE if self.ratio is None else number(self.ratio),
+            "better is": self.better,
+            "verdict": "**falls short**" if self.is_short else "met",
+        }
 
 
 def against_aim(what: str, aim: float, ours: float | None, unit: str) -> Comparison:
     """Our value beside the most that it should be; one that was not reached at all is no number, which falls short."""
-    value = math.nan if ours is None else ours
-    return Comparison(
-        what=what, against="aim", reference=aim, ours=value, unit=unit, better="lower"
-    )
+    return Comparison(what, "aim", aim, math.nan if ours is None else ours, unit, "lower")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Plot:
-    """A figure of the page."""
-
-    # Without its ending: "spiral-fixed" becomes spiral-fixed.svg.
-    name: str
-    caption: str
-    draw: Callable[[Drawing], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Data:
-    """A CSV file beside the page, named as Plot is; `about` is its first line, behind a #."""
-
-    name: str
-    about: str
-    header: Sequence[str]
-    rows: Sequence[Sequence[object]]
+def exactly(what: str, against: str, reference: float, ours: float, unit: str) -> Comparison:
+    """Our value beside the one that it has to be: another one fails the run."""
+    return Comparison(what, against, reference, ours, unit, "equal")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
     """What the page says of one experiment."""
 
-    sections: Sequence[Section]
+    # What the part's template names, its tables' rows among them.
+    values: Mapping[str, Any] = field(default_factory=dict)
     comparisons: Sequence[Comparison] = ()
-    plots: Sequence[Plot] = ()
-    data: Sequence[Data] = ()
-    # What falls short of the paper, of a peer or of an aim, in sentences, beside the comparisons that do.
+    # What falls short beside the comparisons that do, in sentences.
     shortfalls: Sequence[str] = ()
+    figure: Figure | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One experiment."""
+    """One experiment; its page is templates/NAME.md.j2."""
 
     # For the results and for ONLY: "high-rate".
     name: str
@@ -164,11 +153,6 @@ class Part:
 def succeeded(results: Results) -> dict[str, Values]:
     """What was measured in the steps that did not fail."""
     return {name: one.values for name, one in results.items() if one.values is not None}
-
-
-def spread(values: Sequence[float]) -> float:
-    """The standard deviation of a sample; 0 of a single value."""
-    return statistics.stdev(values) if len(values) > 1 else 0.0
 
 
 def now() -> str:
@@ -204,12 +188,9 @@ class ResultStore:
 
     def outcomes(self, part: Part, scale: Scale) -> dict[str, Outcome]:
         """What is kept of a part's steps, in their order; those that have not run are left out."""
-        kept = {
-            line["step"]: line["outcome"] for line in self._lines() if line.get("part") == part.name
-        }
-        return {
-            step.name: Outcome(**kept[step.name]) for step in part.steps(scale) if step.name in kept
-        }
+        lines = [line for line in self._lines() if line.get("part") == part.name]
+        kept = {line["step"]: Outcome(**line["outcome"]) for line in lines}
+        return {step.name: kept[step.name] for step in part.steps(scale) if step.name in kept}
 
     def sittings(self, outcomes: Iterable[Outcome]) -> list[Mapping[str, Any]]:
         """What is known of the processes that measured these, the first first."""

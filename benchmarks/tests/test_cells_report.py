@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from paper.cells.cells import PART
 from paper.cells.report import report, times
-from paper.step import Outcome, Scale
+from paper.step import Outcome
 
 TRIPS = {"5.00": 99, "50.00": 1}
 
@@ -64,8 +63,8 @@ def test_returns_are_judged_by_their_p99():
     late = {"robot": "one", "at_s": 1.0, "took_s": 9.0, "came": True, "after": "cell_paused"}
     found = short(nemesis=nemesis(returns=[late]))
     assert found["drivable again once a live cell is there, p99"] == 9.0
-    _, section, *_ = report({"nemesis": nemesis(returns=[late])}).sections
-    assert section.rows == [("cell paused", 1, "9.00", "9.00", "9.00")]
+    [row] = report({"nemesis": nemesis(returns=[late])}).values["nemesis"]["return_rows"]
+    assert row == {"after": "cell paused", "times": 1, "p50, s": 9, "p99, s": 9, "max, s": 9}
 
 
 def test_who_gives_up_soon_tells_nothing():
@@ -79,12 +78,6 @@ def test_who_gives_up_soon_tells_nothing():
 def test_a_robot_of_a_killed_cell_that_never_comes_back():
     found = short(cell_killed=Outcome(values=killed(took_s=[1.0, None])))
     assert found == {"robots of a killed cell that never came back": 1.0}
-
-
-def test_processor_of_a_service_is_that_of_all_cells():
-    cpu_s = {"sshd of a": 1.0, "relay of a": 2.5, "sshd of b": 2.0, "robots": 0.25}
-    [section] = report({"cell-killed": Outcome(values=killed(cpu_s=cpu_s))}).sections
-    assert section.text.endswith("worked for 5.8 s: sshd 3.0, relay 2.5, robots 0.2.")
 
 
 def test_drives_without_a_database():
@@ -113,21 +106,3 @@ def test_a_drain_that_loses_commands_or_leaves_robots():
     values = {"robots": 3, "drives": [drive(lost=1)], "drive_s": 30.0, "empty_s": None}
     found = short(drain=Outcome(values=values))
     assert found == {"commands lost in a drain": 1.0, "drains that left robots behind": 1.0}
-
-
-def test_what_cells_carry_is_beside_what_one_carries():
-    def run(cells: int) -> Outcome:
-        drives = [drive(sent=1000, lost=0) for _ in range(cells)]
-        values = {"cells": cells, "robots": 10 * cells, "online_s": 5.0, "drives": drives}
-        return Outcome(values={**values, "seconds": 10.0, "cpu_s": [4.0] * cells, "share": 0.45})
-
-    found = report({"spread-1": run(1), "spread-2": run(2)})
-    [section] = found.sections
-    assert [row[4:6] for row in section.rows] == [("100", "1.00"), ("200", "2.00")]
-
-
-def test_steps_are_as_many_as_cells():
-    for scale in (Scale(quick=True), Scale(), Scale(full=True)):
-        names = [step.name for step in PART.steps(scale)]
-        assert names[0] == "nemesis"
-        assert sum(name.startswith("spread-") for name in names) == (2 if scale.quick else 3)

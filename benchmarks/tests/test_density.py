@@ -20,6 +20,10 @@ def run(*message_s: float | None, **others: Any) -> dict[str, Any]:
         "server_s": 1.0,
         "waits": {},
         "limits": [],
+        "failures": [],
+        "wrong": 0,
+        "received": sum(one is not None for one in message_s),
+        "took_s": 3.0,
         "cpu_s": dict.fromkeys((*SERVICES, "robots"), 0.1),
         "memory_bytes": dict.fromkeys(SERVICES, 2**20),
         "idle_s": 10.0,
@@ -69,8 +73,8 @@ def test_what_a_robot_costs_is_of_all_server_processes():
 
 def test_agents_and_virtual_robots_are_told_apart():
     found = report({"fleet-2": fleet(drive("agent"), drive("virtual", lost=3))})
-    driven = next(one for one in found.sections if one.title == "Driving in a fleet")
-    assert [(row[1], row[3]) for row in driven.rows] == [("1 agents", 0), ("1 virtual robots", 3)]
+    told = [(row["driven"], row["lost"]) for row in found.values["driven"]]
+    assert told == [("1 agents", 0), ("1 virtual robots", 3)]
 
 
 def test_what_was_lost_or_did_not_come_back_falls_short():
@@ -80,7 +84,7 @@ def test_what_was_lost_or_did_not_come_back_falls_short():
     assert "2 robots, late or never back after all containers restart" in short
     assert "2 robots, driven at 50 Hz: lost" in short
     assert any("close code 4408 (2)" in line for line in found.shortfalls)
-    assert any("the return of 2 robots: 1 had no message" in line for line in found.shortfalls)
+    assert any("the return, all containers: 1 of 2 robots" in line for line in found.shortfalls)
 
 
 def test_a_drive_that_failed_has_no_figure_and_is_told():

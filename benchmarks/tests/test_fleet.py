@@ -9,12 +9,11 @@ from typing import Any
 import pytest
 from openssh_server import descendants
 from paper.fleet.operators import Arrivals
-from paper.fleet.report import Group, groups
+from paper.fleet.report import Group, cost_rows
 from paper.robots import ASIDE, no_longer_aside
 from paper.step import Outcome
 
 SECOND_NS = 1_000_000_000
-PLANNED = ["start-2-1", "start-2-2", "whole-2", "reconnect-2-server"]
 
 
 @pytest.fixture
@@ -63,61 +62,44 @@ def test_online_and_the_servers_first_word_count_once(arrivals):
     assert values["server_s"] == 1.0
 
 
-"""How runs are put together, failed and missing ones included."""
-
-
 def run(*message_s: float | None, **others: Any) -> Outcome:
     """A run in which robots got their messages then; None: never."""
-    got = sum(seconds is not None for seconds in message_s)
     usual = {
         "message_s": list(message_s),
         "online_s": list(message_s),
-        "published": len(message_s),
-        "received": got,
+        "received": sum(seconds is not None for seconds in message_s),
         "wrong": 0,
         "waits": {},
         "limits": [],
         "cpu_s": {"sshd": 4.0, "relay": 2.0},
         "memory_bytes": {"sshd": 2000},
-        "server_s": 1.0,
         "took_s": 3.0,
-        "failures": [],
     }
     return Outcome(values={**usual, **others})
 
 
-def one(*outcomes: Outcome, planned: int = 2) -> Group:
-    return Group("start", 2, "", planned, outcomes)
-
-
-def test_steps_are_told_by_their_names():
-    found = groups(PLANNED, {"start-2-2": run(1.0, 2.0)})
-    told = [
-        (group.kind, group.count, group.what, group.planned, len(group.outcomes)) for group in found
-    ]
-    assert told == [
-        ("start", 2, "", 2, 1),
-        ("whole", 2, "", 1, 0),
-        ("reconnect", 2, "server", 1, 0),
-    ]
+def one(*outcomes: Outcome) -> Group:
+    return Group("2", 2, outcomes)
 
 
 def test_a_late_robot_has_failed_and_is_told_apart_from_one_that_never_came():
     group = one(run(1.0, 60.0), run(60.1, None))
-    assert (group.wanted, group.in_time, group.late) == (4, 2, 1)
+    assert (group.wanted, group.in_time, group.late, group.never) == (4, 2, 1, 1)
     assert group.success == 50.0
-    assert group.message_s == [1.0, 60.0, 60.1]
+    assert list(group.seconds("message_s")) == [1.0, 60.0, 60.1]
 
 
 def test_a_run_that_failed_as_a_whole_counts_all_its_robots():
     group = one(run(1.0, 1.0), Outcome(failure="a worker ended"))
-    assert (group.wanted, group.in_time, group.success) == (4, 2, 50.0)
+    assert (group.wanted, group.in_time, group.never, group.success) == (4, 2, 2, 50.0)
 
 
 def test_costs_are_of_robots_that_came():
     group = one(run(1.0, None), run(1.0, 2.0))
     assert group.per_robot("cpu_s", ["sshd", "relay"]) == 4.0
     assert group.per_robot("memory_bytes", ["sshd", "unknown"]) == 4000 / 3
+    [row] = cost_rows([group])
+    assert row["cores busy"] == 2.0
 
 
 def test_what_went_wrong_is_added_up():
@@ -125,21 +107,16 @@ def test_what_went_wrong_is_added_up():
         run(1.0, 2.0, wrong=1, received=3, waits={"closed with 4503": 2}, limits=["b"]),
         run(1.0, 2.0, wrong=2, waits={"closed with 4503": 1}, limits=["a", "b"]),
     )
-    assert (group.wrong, group.doubled) == (3, 1)
+    assert (group.total("wrong"), group.doubled) == (3, 1)
     assert group.waits == {"closed with 4503": 3}
     assert group.limits == ["a", "b"]
 
 
-def test_how_busy_the_machine_was():
-    assert one(run(1.0, 2.0), run(1.0, 2.0)).busy_cores == 2.0
-    assert one().busy_cores is None
-
-
-def test_what_the_idle_fleet_costs_is_of_the_runs_that_looked():
+def test_what_an_idle_robot_costs_is_of_the_runs_that_looked():
     measured = run(1.0, 2.0, idle_s=10.0, idle_cpu_s={"sshd": 1.0, "relay": 0.5, "robots": 3.0})
     group = one(measured, run(1.0, 2.0))
-    assert group.idle_load(("sshd", "relay", "nginx")) == 0.15
-    assert one(run(1.0, 2.0)).idle_load(("sshd",)) is None
+    assert group.idle_ms(("sshd", "relay", "nginx")) == 75.0
+    assert one(run(1.0, 2.0)).idle_ms(("sshd",)) is None
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may take a higher priority")

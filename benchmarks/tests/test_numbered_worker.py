@@ -69,28 +69,6 @@ def port() -> int:
     return free_port()
 
 
-async def test_each_message_arrives_once(port: int) -> None:
-    async with BusRobot(ADDRESS, port), one_pair(port, 100, 500) as pair:
-        sent = await pair.send_all()
-        arrived = await pair.received(100)
-    assert (sent["sent"], sent["unsent"], sent["redials"]) == (100, 0, 0)
-    assert (
-        arrived["received"],
-        arrived["duplicated"],
-        arrived["reordered"],
-        arrived["missing"],
-    ) == (100, 0, 0, [])
-    assert Histogram.of(arrived["latency"]).total == Histogram.of(sent["lateness"]).total == 100
-
-
-async def test_messages_are_sent_when_they_are_due(port: int) -> None:
-    async with BusRobot(ADDRESS, port), one_pair(port, 50, 100) as pair:
-        started = time.monotonic()
-        sent = await pair.send_all()
-        assert time.monotonic() - started >= 0.49
-    assert min(ms for ms, _ in Histogram.of(sent["lateness"]).rows()) >= 0
-
-
 async def test_a_sender_that_is_held_up_hides_no_latency(port: int) -> None:
     async with BusRobot(ADDRESS, port), one_pair(port, 50, 100) as pair:
         sending = asyncio.create_task(pair.send_all())
@@ -99,7 +77,7 @@ async def test_a_sender_that_is_held_up_hides_no_latency(port: int) -> None:
         time.sleep(0.3)  # noqa: ASYNC251
         await sending
         arrived = await pair.received(50)
-    assert (Histogram.of(arrived["latency"]).quantile_ms(0.7) or 0) > 50
+    assert (Histogram(arrived["latency"]).quantile_ms(0.7) or 0) > 50
 
 
 async def test_a_connection_that_ended_is_dialled_again_and_counted(port: int) -> None:
@@ -118,46 +96,3 @@ async def test_a_connection_that_ended_is_dialled_again_and_counted(port: int) -
     assert arrived["redials"] >= 1
     assert sent["endings"] == ["close code 1001"]
     assert arrived["duplicated"] == 0
-
-
-async def test_a_connection_that_fails_before_the_start_is_dialled_again_and_counted(
-    port: int,
-) -> None:
-    async with aiohttp.ClientSession() as http:
-        pair = OnePair(http, port, 10, 100)
-        dialling = asyncio.create_task(pair.sender.dialled.dial_first())
-        await failed(pair)
-        async with BusRobot(ADDRESS, port):
-            await dialling
-            sent = await pair.send_all()
-            await pair.sender.dialled.close()
-    assert (sent["sent"], sent["redials"]) == (10, 0)
-    assert sent["failed_dials"] >= 1
-    assert "Cannot connect" in sent["dial_failures"][0]
-
-
-async def failed(pair: OnePair) -> None:
-    """Wait until the sender has tried in vain."""
-    async with asyncio.timeout(ARRIVES_WITHIN_S):
-        while True:
-            if pair.sender.dialled.failures:
-                return
-            await asyncio.sleep(0.01)
-
-
-async def test_what_cannot_be_sent_in_time_is_told(
-    port: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("paper.numbered.worker.MORE_S", 0.3)
-    async with one_ros(port) as ros, one_pair(port, 20, 100) as pair:
-        await ros.__aexit__()
-        sent = await pair.send_all()
-    assert sent["unsent"] > 0
-    assert sent["sent"] + sent["unsent"] == 20
-
-
-@asynccontextmanager
-async def one_ros(port: int) -> AsyncIterator[BusRobot]:
-    ros = BusRobot(ADDRESS, port)
-    await ros.__aenter__()
-    yield ros

@@ -7,14 +7,13 @@ from typing import Any
 from unittest.mock import Mock
 
 import pytest
-from paper.spiral import course, ends, spiral
-from paper.spiral.course import Change, end_of, punctual, velocities_within
-from paper.spiral.ends import Run, Spread
+from paper.spiral import course, spiral
+from paper.spiral.course import Change, end_of, plan_of, punctual, velocities_within
+from paper.spiral.report import completed, of_commonest_steps, report, runs_of
 from paper.spiral.spiral import Pair
 from paper.spiral.watch import Watch
-from paper.step import Outcome
+from paper.step import Outcome, Scale
 from sim_robot.kinematics import STANDING, STEP_S, Pose, Velocity
-from sim_robot.settings import SimSettings
 
 BEGINNING = velocities_within(2)
 WANTED = [Velocity(1.0, 0.0, 1.0), Velocity(1.05, 0.0, 1.0)]
@@ -38,10 +37,6 @@ def test_each_command_is_a_little_faster_and_turns_alike() -> None:
     assert {each.angular_z for each in first} == {1.0}
 
 
-def test_a_shortened_spiral_has_the_first_commands() -> None:
-    assert course.velocities_within(20) == course.velocities()[:40]
-
-
 def test_a_full_turn_ends_where_it_began() -> None:
     full = course.along(course.START, Velocity(2.0, 0.0, 1.0), 2 * math.pi)
     half = course.along(course.START, Velocity(2.0, 0.0, 1.0), math.pi)
@@ -52,18 +47,6 @@ def test_a_full_turn_ends_where_it_began() -> None:
 def test_without_a_turn_the_way_is_straight() -> None:
     there = course.along(Pose(1.0, 1.0, math.pi / 2), Velocity(2.0, 0.0, 0.0), 3)
     assert (there.x, there.y) == pytest.approx((1, 7))
-
-
-def test_the_way_ends_at_the_end() -> None:
-    changes = course.punctual(course.velocities())
-    end = course.end_of(changes)
-    assert list(course.path_of(changes))[-1] == pytest.approx((end.x, end.y))
-
-
-def test_the_spiral_fits_into_the_simulators_world() -> None:
-    room = SimSettings(name="test").world_size_m / 2 - 1
-    changes = course.punctual(course.velocities())
-    assert all(max(abs(x), abs(y)) < room for x, y in course.path_of(changes))
 
 
 def test_fine_steps_would_come_to_the_exact_end() -> None:
@@ -88,83 +71,55 @@ def test_a_pose_is_seen_from_the_start() -> None:
     assert (seen.x, seen.y, seen.theta) == near(Pose(2.0, 0.0, math.pi / 2))
 
 
-"""From outcomes to runs, and from runs to what their spread is made of."""
-
-
-def run(pair: int = 1, **changes: object) -> Run:
-    usual: dict[str, object] = {
+def results(*pairs: dict[str, Any]) -> dict[str, Outcome]:
+    """A drive with these pairs, and one that failed."""
+    usual = {
         "network": "fixed",
-        "repetition": 1,
-        "pair": pair,
         "failure": "",
         "sent_ms": [0, 500, 1000, 1500, 2000],
         "arrived_ms": [5, 505, 1005, 1505, 2005],
-        "end": Pose(1.0, 2.0, 0.5),
+        "end": [1.0, 2.0, 0.5],
         "steps": 125,
         "travelled_m": 2.15,
-        "path": [(0.0, 0.0), (1.0, 1.0)],
     }
-    return Run(**{**usual, **changes})  # type: ignore[arg-type]
-
-
-def test_outcomes_become_runs_and_failed_drives_none() -> None:
-    pair = {
-        "network": "4g", "pair": 3, "failure": "", "sent_ms": [0], "arrived_ms": [9], "end": [1, 2, 3], "steps": 4,
-        "travelled_m": 5, "way": [[6, 7]],
-    }  # fmt: skip
-    results = {
-        "repetition-07": Outcome(
-            values={"repetition": 7, "pairs": [pair, {**pair, "end": None, "pair": 4}]}
-        ),
+    made = [{**usual, "pair": number, **pair} for number, pair in enumerate(pairs, 1)]
+    return {
+        "repetition-07": Outcome(values={"repetition": 7, "pairs": made}),
         "repetition-08": Outcome(failure="no robots"),
     }
-    first, second = ends.runs(results)
-    assert (first.network, first.repetition, first.pair) == ("4g", 7, 3)
-    assert (first.end, first.path, first.latencies_ms) == (Pose(1, 2, 3), [(6, 7)], [9])
-    assert second.end is None
 
 
-def test_only_completed_runs_have_ends() -> None:
-    given = [run(1), run(2, failure="the connection ended")]
-    assert ends.ends(given) == [Pose(1.0, 2.0, 0.5)]
-    assert ends.failed("fixed", given) == (
-        "1 of 2 spirals on fixed, 94/89 Mbit/s were not driven to the end: repetition 1, pair 2: the connection ended."
-    )
-    assert ends.failed("4g", given) == ""
-
-
-def test_the_spread_is_that_of_a_sample() -> None:
-    found = Spread.of([Pose(0.0, 1.0, 0.0), Pose(0.002, 1.0, 0.0)])
-    assert (found.x_m, found.y_m) == pytest.approx((0.002 / 2**0.5, 0))
+def test_failed_drives_have_no_runs_and_failed_runs_no_end() -> None:
+    runs = runs_of(results({}, {"failure": "it ended", "end": None, "arrived_ms": []}), BEGINNING)
+    assert list(runs.repetition) == [7, 7]
+    assert list(completed(runs).x) == [1.0]
 
 
 def test_commands_that_all_arrive_equally_late_lead_to_the_ideal_end() -> None:
     ideal = end_of(punctual(BEGINNING))
-    same = ends.arrival_end(run(), BEGINNING)
-    assert (same.x, same.y) == pytest.approx((ideal.x, ideal.y))
-    late = ends.arrival_end(run(arrived_ms=[5, 505, 1005, 1505, 2015]), BEGINNING)
-    assert ends.off_m([run(end=late)], ideal) == [
-        pytest.approx(0.01 * BEGINNING[-1].linear_x, rel=0.01)
+    late = {"arrived_ms": [5, 505, 1005, 1505, 2015]}
+    runs = runs_of(results({}, late), BEGINNING)
+    off = [
+        math.dist((run.arrivals_x, run.arrivals_y), (ideal.x, ideal.y)) for run in runs.itertuples()
     ]
+    assert off == pytest.approx([0, 0.01 * BEGINNING[-1].linear_x], rel=0.01, abs=1e-9)
 
 
 def test_runs_of_the_commonest_steps() -> None:
-    given = [
-        run(1, steps=7),
-        run(2, steps=8),
-        run(3, steps=8),
-        *(run(pair, steps=9, failure="x") for pair in range(4, 8)),
+    failed = {"steps": 9, "failure": "x", "arrived_ms": []}
+    runs = runs_of(results({"steps": 7}, {"steps": 8}, {"steps": 8}, *[failed] * 4), BEGINNING)
+    assert list(of_commonest_steps(runs).pair) == [2, 3]
+
+
+def test_a_page_has_the_spread_and_what_failed() -> None:
+    plan = plan_of(Scale(quick=True))
+    came = {"arrived_ms": [500 * number for number in range(len(plan.wanted) + 1)]}
+    failed = {"failure": "the connection ended", "arrived_ms": [], "end": None}
+    found = report(plan, results(came, {**came, "end": [1.002, 2.0, 0.5]}, failed))
+    assert found.values["causes"][0]["driven, mm"] == "1.4 / 0.0"
+    assert found.shortfalls == [
+        "1 of 3 spirals on fixed, 94/89 Mbit/s were not driven to the end: repetition 7, pair 3: the connection ended."
     ]
-    assert [each.pair for each in ends.of_commonest_steps(given)] == [2, 3]
-    assert ends.of_commonest_steps([]) == []
-
-
-def test_intervals_and_latencies() -> None:
-    assert ends.intervals_ms([0, 499, 1001]) == [499, 502]
-    assert run().latencies_ms == [5] * 5
-
-
-"""A run is judged by what reached the robot, and kept as seen from where it started."""
 
 
 def record(**changes: Any) -> dict[str, Any]:
@@ -176,7 +131,6 @@ def record(**changes: Any) -> dict[str, Any]:
         "stands": True,
         "steps": 62,
         "travelled_m": 1.0252,
-        "way": [[10.0, 10.0, math.pi / 2], [10.0, 11.0, math.pi / 2]],
     }
     return {**seen, **changes}
 
@@ -215,13 +169,9 @@ def test_anything_else_is_a_failure_that_says_why(
 def test_what_is_kept_is_seen_from_the_start() -> None:
     kept = spiral.outcome(PAIR, [500_000, 500_500_000, 1_000_500_000], "", record(), WANTED)
     assert kept["end"] == pytest.approx([2.0, 1.0, math.pi / 2], abs=1e-6)
-    assert kept["way"] == [pytest.approx([0, 0]), pytest.approx([1, 0])]
     assert kept["sent_ms"] == [0.0, 500.0, 1000.0]
     assert kept["arrived_ms"] == [0.5, 500.5, 1000.5]
     assert (kept["network"], kept["pair"], kept["failure"]) == ("fixed", 2, "")
-
-
-"""The watching process keeps what reached a robot and each step that it took."""
 
 
 def pose(x: float, speed: float) -> dict[str, Any]:
@@ -241,13 +191,6 @@ def watch(*operations: dict[str, Any]) -> Watch:
     return made
 
 
-def test_a_robot_that_stands_is_watched() -> None:
-    seen = watch(pose(10.0, 0.0))
-    assert seen.watches
-    assert seen.stands
-    assert (seen.reported()["start"], seen.reported()["steps"]) == ([10.0, 0.0, 0.0], 0)
-
-
 def test_each_moving_pose_is_a_step() -> None:
     seen = watch(pose(9.0, 0.0), pose(10.0, 0.0), *(pose(10.0 + n, 2.0) for n in range(1, 5)))
     assert not seen.stands
@@ -258,15 +201,9 @@ def test_each_moving_pose_is_a_step() -> None:
         [14.0, 0.0, 0.0],
     )
     assert reported["travelled_m"] == pytest.approx(4 * 2.0 * STEP_S)
-    assert [x for x, _, _ in reported["way"]] == [11.0, 14.0]
 
 
 def test_the_end_is_where_it_stands_after_its_last_step() -> None:
     seen = watch(pose(10.0, 0.0), pose(11.0, 1.0), pose(11.0, 0.0))
     assert seen.stands
     assert (seen.reported()["start"][0], seen.reported()["end"][0]) == (10.0, 11.0)
-
-
-def test_commands_are_kept_with_their_moment() -> None:
-    seen = watch(command(1.0), {"op": "status", "msg": "none"}, command(1.05))
-    assert seen.reported()["arrived"] == [(0, 1.0, 1.0), (2, 1.05, 1.0)]

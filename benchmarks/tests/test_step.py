@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from paper.page import chapter, write_page
-from paper.step import Comparison, Outcome, Part, Report, ResultStore, Scale, Step, spread
+from paper.step import Comparison, Outcome, Part, Report, ResultStore, Scale, Step
+from report import Figure, arrived, draw, quantiles, table, tail
 
 QUICK = Scale(quick=True)
 KEPT = Outcome(values={"x": 1}, began="2026-01-01T00:00:00Z")
-UNMET = Comparison(
-    what="success", against="paper", reference=100, ours=99.9, unit="%", better="equal"
-)
+UNMET = Comparison("success", "paper", reference=100, ours=99.9, unit="%", better="equal")
 
 
 def part(name: str, *steps: str, unmet: bool = False) -> Part:
@@ -22,7 +23,7 @@ def part(name: str, *steps: str, unmet: bool = False) -> Part:
         name=name,
         title=f"A {name}",
         steps=lambda _scale: made,
-        report=lambda _scale, _results: Report(sections=(), comparisons=[UNMET] * unmet),
+        report=lambda _scale, _results: Report(comparisons=[UNMET] * unmet),
     )
 
 
@@ -57,11 +58,6 @@ def test_ratio_is_ours_divided_by_the_reference() -> None:
     assert replace(UNMET, reference=0, ours=1).ratio is None
 
 
-def test_spread_is_of_a_sample() -> None:
-    assert spread([1, 3]) == pytest.approx(2**0.5)
-    assert spread([5]) == 0.0
-
-
 def test_what_is_measured_anew_is_set_aside_and_the_rest_stays(store: ResultStore) -> None:
     one, other = part("one", "a", "b"), part("other", "a")
     for key in (("one", "a"), ("one", "b"), ("other", "a")):
@@ -89,10 +85,39 @@ def test_failed_missing_and_unmet_are_on_the_page_and_are_not_fine(
     assert "| success | paper | 100 % | 99.9 % | 0.999 | equal | **falls short** |" in unmet
 
 
-def test_a_page_takes_the_place_of_its_own_files_only(store: ResultStore, tmp_path: Path) -> None:
-    store.add(("one", "a"), KEPT)
-    ours, others = tmp_path / "one-old.csv", tmp_path / "other-old.csv"
-    ours.touch()
-    others.touch()
-    write_page(tmp_path, chapter(part("one", "a"), QUICK, store), QUICK, store)
-    assert (ours.exists(), others.exists()) == (False, True)
+def test_a_table_has_three_digits_that_count_and_a_dash_for_what_is_missing() -> None:
+    rows = [{"route": "a", "p50, ms": 1.2345, "sent": 30000}, {"route": "b", "sent": np.nan}]
+    assert table(rows).splitlines() == [
+        "| route | p50, ms | sent |",
+        "| --- | --- | --- |",
+        "| a | 1.23 | 30,000 |",
+        "| b | - | - |",
+    ]
+
+
+def test_what_never_came_is_in_no_percentile() -> None:
+    assert quantiles([1.0, None, 3.0], 0.5, 1) == {"p50, s": 2.0, "max, s": 3.0}
+    assert np.isnan(quantiles([None], 0.99, unit="ms")["p99, ms"])
+
+
+def test_a_line_of_arrivals_ends_at_the_share_that_came() -> None:
+    line = arrived("a", [1.0, 2.0, None, 4.0], of=4)
+    assert (line.x.iloc[-1], line.y.iloc[-1]) == (4.0, 75.0)
+    assert line.x.is_monotonic_increasing
+
+
+def test_a_line_of_long_times_ends_at_the_last_but_none() -> None:
+    line = tail("a", list(range(1001)))
+    assert (line.x.iloc[0], line.y.iloc[0]) == (0, 1)
+    assert line.x.iloc[-1] == pytest.approx(999, abs=0.1)
+
+
+def test_a_picture_is_small_and_the_same_each_time(tmp_path: Path) -> None:
+    lines = [tail(f"run {number}", np.arange(1, 10_000.0)) for number in range(9)]
+    figure = Figure(caption="Latency", points=pd.concat(lines), x="ms", y="share", log="xy")
+    for name in ("first.svg", "second.svg"):
+        draw(figure, tmp_path / name)
+    first, second = ((tmp_path / name).read_text() for name in ("first.svg", "second.svg"))
+    assert first == second
+    assert "run 8" in first
+    assert len(first) < 30_000

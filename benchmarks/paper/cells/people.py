@@ -480,7 +480,7 @@ class People:
 
     def seen(self) -> dict[str, Any]:
         everybody: list[Person] = [*self.drivers, *self.observers, *self.operators, self.recorder]
-        trips = Histogram.merged(one.round_trips for one in self.drivers)
+        trips = Histogram.merged(one.round_trips.as_json() for one in self.drivers)
         return {
             "sent": sum(one.sent for one in self.drivers),
             "heard": trips.total,

@@ -13,40 +13,53 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import pandas as pd
+from report import Figure, arrived
+
 from paper.fleet.fleet import SERVICES, Fleet, with_fleet, with_whole_fleet
-from paper.fleet.report import IN_WORDS, report
-from paper.step import Part, Scale, Step, Values
+from paper.fleet.report import (
+    AGENTS,
+    FAILED_AFTER_S,
+    IN_WORDS,
+    Group,
+    cost_rows,
+    return_rows,
+    shortfalls,
+    start_rows,
+)
+from paper.step import Comparison, Part, Report, Results, Scale, Step, Values, exactly
 from paper.world import World
 
 PAPER_COUNT, PAPER_REPETITIONS = 50, 1000
 DEFAULT_REPETITIONS = 20
 QUICK_COUNT, QUICK_REPETITIONS = 10, 2
-# Once each, to see where this machine ends.
-MORE_COUNTS = (200, 500, 1000)
 # Of the first repetition of each size: what the fleet costs when nobody uses it.
 IDLE_S, QUICK_IDLE_S = 10.0, 2.0
 # What is restarted, by the steps' names.
 RESTARTS: Mapping[str, Sequence[str]] = {"tunnels": ("sshd", "relay"), "server": SERVICES}
 KILLED_AT_ONCE_S = 0
-RETURN_COUNTS, QUICK_RETURN_COUNTS = (50, 200), (10,)
+CAPTION = (
+    "Share of the robots that had a message, by the seconds since the order to start, and since the kill of the "
+    "containers. A line that does not reach 100 % belongs to a fleet of which some robots never got it."
+)
+
+
+def count_of(scale: Scale) -> int:
+    return QUICK_COUNT if scale.quick else PAPER_COUNT
 
 
 def steps(scale: Scale) -> Sequence[Step]:
-    counts = QUICK_RETURN_COUNTS if scale.quick else RETURN_COUNTS
-    returns = [_return_step(count, what) for count in counts for what in RESTARTS]
+    count = count_of(scale)
+    returns = [_return_step(count, what) for what in RESTARTS]
     if scale.quick:
-        return [*_repeated(QUICK_COUNT, QUICK_REPETITIONS, QUICK_IDLE_S), *returns]
+        return [*_repeated(count, QUICK_REPETITIONS, QUICK_IDLE_S), *returns]
     repetitions = PAPER_REPETITIONS if scale.full else DEFAULT_REPETITIONS
-    return [
-        *_repeated(PAPER_COUNT, repetitions),
-        Step(
-            name=f"whole-{PAPER_COUNT}",
-            title=f"{PAPER_COUNT} whole robots",
-            run=lambda world: with_whole_fleet(world, PAPER_COUNT, _once("whole", IDLE_S)),
-        ),
-        *(step for count in MORE_COUNTS for step in _repeated(count, 1)),
-        *returns,
-    ]
+    whole = Step(
+        name=f"whole-{count}",
+        title=f"{count} whole robots",
+        run=lambda world: with_whole_fleet(world, count, _once("whole", IDLE_S)),
+    )
+    return [*_repeated(count, repetitions), whole, *returns]
 
 
 def _repeated(count: int, repetitions: int, idle_s: float = IDLE_S) -> list[Step]:
@@ -110,9 +123,65 @@ def restart_services(world: World, services: Sequence[str]) -> None:
         one.result()
 
 
+def report(scale: Scale, results: Results) -> Report:
+    count = count_of(scale)
+    starts = [
+        _group(scale, results, f"start-{count}", str(count)),
+        _group(scale, results, f"whole-{count}", f"{count} whole"),
+    ]
+    returns = [
+        _group(scale, results, f"reconnect-{count}-{what}", IN_WORDS[what]) for what in RESTARTS
+    ]
+    starts, returns = [[one for one in some if one.outcomes] for some in (starts, returns)]
+    measured = [*starts, *returns]
+    lines = [
+        arrived(line, group.seconds("message_s"), group.wanted).assign(panel=panel)
+        for panel, some in (("started", starts), ("restarted", returns))
+        for group in some
+        if group.runs
+        for line in [f"{group.title} robots" if panel == "started" else group.title]
+    ]
+    return Report(
+        values={
+            "starts": start_rows(starts),
+            "costs": cost_rows(starts),
+            "returns": return_rows(returns),
+            "agents": AGENTS,
+            "failed_after_s": FAILED_AFTER_S,
+        },
+        comparisons=[
+            *(_success(one, "start") for one in starts if one.title == str(count)),
+            *(_success(one, f"return after a restart of {one.title}") for one in returns),
+            exactly(
+                "messages that reached another robot",
+                "none",
+                0,
+                sum(one.total("wrong") for one in measured),
+                "",
+            ),
+        ],
+        shortfalls=[*shortfalls("the start", starts), *shortfalls("the return", returns)],
+        figure=Figure(caption=CAPTION, points=pd.concat(lines), x="s", y="robots, %", log="x"),
+    )
+
+
+def _group(scale: Scale, results: Results, prefix: str, title: str) -> Group:
+    """What has run of the steps of this name, and of its repetitions."""
+    names = [step.name for step in steps(scale) if f"{step.name}-".startswith(f"{prefix}-")]
+    outcomes = [results[name] for name in names if name in results]
+    return Group(title, count_of(scale), outcomes, len(names))
+
+
+def _success(group: Group, what: str) -> Comparison:
+    what = (
+        f"{what}: robots that got their message, {group.count} at once, {len(group.outcomes)} times"
+    )
+    return exactly(what, "paper" if "start:" in what else "all", 100.0, group.success, "%")
+
+
 PART = Part(
     name="startup",
     title="Many robots start at once",
     steps=steps,
-    report=lambda scale, results: report([step.name for step in steps(scale)], results),
+    report=report,
 )

@@ -12,17 +12,17 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from sections import Section
+from report import Row
 
 from paper.networks import PLAIN, ServerLine, Uplink, server_line
 from paper.numbered.messages import FRAME_BYTES, Histogram
 from paper.numbered.report import (
     MICROSECONDS,
     compared,
+    cost_rows,
+    delivery_rows,
     flattened,
-    latency_data,
-    latency_plot,
-    sections,
+    latency_figure,
     server_cost_s,
     shortfalls,
 )
@@ -49,30 +49,6 @@ RATE_HZ, FAST_HZ = 100, 1000
 # The server's line in Mbit/s, each way.
 LADDER = (10, 5, 2, 1)
 MEGABIT = 1e6
-TEXT = (
-    f"Each message is a std_msgs/String in an operation of {FRAME_BYTES} bytes, with its number. It is published on an "
-    "operator's connection (TLS, ticket, relay, tunnel, guard) and received by a subscriber at the robot's own "
-    "rosbridge, or in the other direction where the run says so. Robots are the real agent and guard with the "
-    "simulated robot's rosbridge. Latency in ms is from the time at which the message was due, so it includes the "
-    "sender's lateness, which has columns of its own, and the subscriber's wait for a processor. A run ends when all "
-    "messages have come, or after 10 s of silence. Each message is sent once. A connection that ends is dialled again "
-    "and counted."
-)
-LINE_TEXT = (
-    "The paper limits the server's bandwidth; its rates are unknown, so these are our own. The limit is on both "
-    "directions of one cable in front of the server, for all operators and robots together: the kernel's token bucket, "
-    "with a queue of half a second and at least 64 KiB. The load counts all headers and acknowledgements, in Mbit/s "
-    "over the time that punctual senders take. If it is more than the line, messages wait in its queue, then in the "
-    "senders' sockets; the senders are then late and the run takes longer. The relay ends a driver's connection after "
-    "2.5 s of silence, because the robot must not wait longer, and the messages on their way are lost."
-)
-LINE_COLUMNS = (
-    "run | line Mbit/s | offered to the server | from the server | packets dropped to it | from it | planned s "
-    "| sending s | until all came s"
-)
-CAPTION = (
-    "The share of messages that came later than a latency, for each run; both axes are logarithmic."
-)
 ONLINE_WITHIN_S, ONLINE_S_A_ROBOT = 60, 5
 
 
@@ -178,47 +154,49 @@ def _measured(
 
 
 def report(_scale: Scale, results: Results) -> Report:
-    """Tables, figure and data of the runs that succeeded."""
+    """The page's part, of the runs that succeeded."""
     named = flattened(succeeded(results))
-    if not named:
-        return Report(sections=())
-    runs = {one["title"]: one for one in named.values()}
-    lines = [_line_row(title, one) for title, one in runs.items() if "line" in one]
-    made = sections("Messages at a high rate", TEXT, runs)
-    if lines:
-        made.append(Section("A server with a slow line", LINE_TEXT, LINE_COLUMNS, lines))
+    runs = list(named.values())
+    if not runs:
+        return Report()
     return Report(
-        sections=made,
+        values={
+            "frame_bytes": FRAME_BYTES,
+            "deliveries": delivery_rows(runs),
+            "costs": cost_rows(runs),
+            "lines": [_line_row(one) for one in runs if "line" in one],
+        },
         comparisons=list(_comparisons(named)),
-        plots=[latency_plot("high-rate-latency", CAPTION, runs)],
-        data=latency_data("high-rate-latency", named),
         shortfalls=shortfalls(runs),
+        figure=latency_figure(runs),
     )
 
 
-def _comparisons(named: Mapping[str, Mapping[str, Any]]) -> Iterator[Comparison]:
+def _comparisons(named: Mapping[str, Values]) -> Iterator[Comparison]:
     if (papers := named.get(PAPERS_RUN)) is not None:
-        yield compared(papers["title"], papers)
+        yield compared(papers)
         what = f"{papers['title']}: processor for a message, of all server processes"
         yield against_aim(what, AIM_COST_US, server_cost_s(papers) * MICROSECONDS, "µs")
     if (many := named.get(AIMS_RUN)) is not None:
-        p99_ms = Histogram.of(many["latency"]).quantile_ms(0.99)
+        p99_ms = Histogram(many["latency"]).quantile_ms(0.99)
         yield against_aim(f"{many['title']}: latency at p99", AIM_P99_MS, p99_ms, "ms")
 
 
-def _line_row(title: str, run: Mapping[str, Any]) -> Sequence[str]:
+def _line_row(run: Values) -> Row:
     """What the line had to carry, and what became of it."""
-    line = run["line"]
-    directions = ("to_server", "from_server")
-    # All of it was to pass in the time that the senders were to take.
-    offered = [line[f"{way}_bytes"] * 8 / MEGABIT / run["planned_s"] for way in directions]
-    return (
-        title,
-        f"{line['mbit_s']:g}",
-        *(f"{rate:.2f}" for rate in offered),
-        *(f"{line[f'{way}_dropped']:,}" for way in directions),
-        *(f"{run[name]:.1f}" for name in ("planned_s", "sending_s", "took_s")),
-    )
+    line, planned_s = run["line"], run["planned_s"]
+    return {
+        "run": run["title"],
+        "line Mbit/s": line["mbit_s"],
+        # All of it was to pass in the time that the senders were to take.
+        "offered to the server": line["to_server_bytes"] * 8 / MEGABIT / planned_s,
+        "offered from the server": line["from_server_bytes"] * 8 / MEGABIT / planned_s,
+        "packets dropped to it": line["to_server_dropped"],
+        "packets dropped from it": line["from_server_dropped"],
+        "planned, s": planned_s,
+        "sending, s": run["sending_s"],
+        "until all came, s": run["took_s"],
+    }
 
 
 PART = Part(

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from itertools import accumulate
 from typing import Any
 
-from numpy import quantile, repeat
+import numpy as np
+from numpy.typing import NDArray
 
 TOPIC, TYPE = "/numbered", "std_msgs/String"
 # The whole publish operation, as in the other experiments.
@@ -28,59 +28,35 @@ class Histogram:
     """How often which time was seen; a time is kept to 0.01 ms, from 100 ms on to four digits."""
 
     FINEST_MS = 0.01
-    _DIGITS = 10_000
 
-    def __init__(self, counts: Mapping[int, int] | None = None) -> None:
-        # By hundredths of a ms.
-        self._counts = Counter(counts or {})
-
-    @classmethod
-    def of(cls, kept: Mapping[str, int]) -> Histogram:
-        """Read what `as_json` made."""
-        return cls({round(float(ms) / cls.FINEST_MS): count for ms, count in kept.items()})
+    def __init__(self, kept: Mapping[str, int] | None = None) -> None:
+        # By ms as text, as JSON carries it.
+        self._counts = Counter(kept or {})
 
     @classmethod
-    def merged(cls, parts: Iterable[Histogram]) -> Histogram:
-        counts: Counter[int] = Counter()
-        for part in parts:
-            counts.update(part._counts)
-        return cls(counts)
+    def merged(cls, parts: Iterable[Mapping[str, int]]) -> Histogram:
+        """Of several, as `as_json` made them."""
+        return cls(sum(map(Counter, parts), Counter()))
 
     def add(self, ms: float) -> None:
         """Note one time in ms, which is not negative."""
-        self._counts[self._bin(ms)] += 1
+        self._counts[f"{ms if ms < 100 else float(f'{ms:.4g}'):.2f}"] += 1
 
     def as_json(self) -> dict[str, int]:
-        """How often, by ms as text, the lowest first."""
-        return {f"{ms:.2f}": count for ms, count in self.rows()}
-
-    def rows(self) -> Iterator[tuple[float, int]]:
-        """Each ms and how often, the lowest first."""
-        for one in sorted(self._counts):
-            yield one * self.FINEST_MS, self._counts[one]
+        return dict(self._counts)
 
     @property
     def total(self) -> int:
         return self._counts.total()
 
+    @property
+    def times_ms(self) -> NDArray[np.float64]:
+        """All times, in no order."""
+        return np.repeat(np.array(list(self._counts), dtype=float), list(self._counts.values()))
+
     def quantile_ms(self, part: float) -> float | None:
         """The time that `part` (0 to 1) of them stay below or reach; None where none is."""
-        if not self.total:
-            return None
-        times_ms, counts = zip(*self.rows(), strict=True)
-        return float(quantile(repeat(times_ms, counts), part))
-
-    def exceeded_by(self) -> list[tuple[float, float]]:
-        """Each ms and the share (0 to 1) of times that are longer, for a plot; the last share is 0."""
-        rows = list(self.rows())
-        passed = accumulate(count for _, count in rows)
-        return [(ms, 1 - so_far / self.total) for (ms, _), so_far in zip(rows, passed, strict=True)]
-
-    def _bin(self, ms: float) -> int:
-        hundredths, step = round(ms / self.FINEST_MS), 1
-        while hundredths >= self._DIGITS * step:
-            step *= 10
-        return round(hundredths / step) * step
+        return float(np.quantile(self.times_ms, part)) if self.total else None
 
 
 def publish(pair: int, number: int, due_ns: int) -> str:
@@ -166,7 +142,7 @@ def joined(
 
 
 def _merged(parts: Iterable[Mapping[str, Any]], name: str) -> dict[str, int]:
-    return Histogram.merged(Histogram.of(part[name]) for part in parts).as_json()
+    return Histogram.merged(part[name] for part in parts).as_json()
 
 
 def _parse(data: str) -> tuple[int, int, int]:

@@ -16,43 +16,28 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from numpy import quantile
-from sections import Section, fixed
+import pandas as pd
+from report import Row, quantiles
 
 from paper.fleet.fleet import Fleet, following, robots_of, workers
 from paper.networks import LOSSY, MIXED, WORST, Profile, Uplink
 from paper.numbered.report import (
     compared,
+    cost_rows,
+    delivery_rows,
     flattened,
-    latency_data,
-    latency_plot,
-    sections,
+    latency_figure,
     shortfalls,
 )
 from paper.numbered.run import Pair, Plan, run
 from paper.robots import WholeRobot, wait_all_online
-from paper.step import Comparison, Data, Part, Report, Results, Scale, Step, Values, succeeded
+from paper.step import Comparison, Part, Report, Results, Scale, Step, Values, exactly, succeeded
 from paper.world import Enrolled, World
 
 RATE_HZ, WORST_HZ = 100, 10
 ONLINE_WITHIN_S = 90
 # Whose like the paper has: its robots and operators were behind fixed lines and 4G, and none was lost.
 PAPERS = "mixed"
-START_COLUMNS = "networks | robot and operator behind | got their message | p50 s | p99 s | max s"
-START_TEXT = (
-    "Light robots (the real agent with its own OpenSSH tunnels, as above) start at once, each behind a "
-    "network of its own. Their operators are behind one network of the same kind. The time is from the "
-    "order to start until the robot's subscriber has received one std_msgs/String, with ticket and "
-    "connection. Each robot without a message after 60 s counts as failed."
-)
-TEXT = (
-    "As in the high rate: whole robots, latency in ms from the time at which the message was due. Each robot and each "
-    "operator is behind a network of its own, both of the same kind. A message crosses both, and cannot arrive before "
-    "the sum of their delays. Links keep the order, as a radio link that retransmits does. On the worst network 10 "
-    "messages a second are sent, because 100 with their headers and acknowledgements are more than half of its "
-    "500 kbit/s."
-)
-CAPTION = "The share of messages that came later than a latency, by the networks; both axes are logarithmic."
 ROBOTS_A_NETWORK, QUICK_ROBOTS_A_NETWORK = 2, 1
 REPETITIONS, REPETITIONS_WORSE = 10, 3
 
@@ -185,94 +170,65 @@ def _pairs(placement: Placement, world: World) -> Iterator[list[Pair]]:
 
 
 def report(scale: Scale, results: Results) -> Report:
-    """Tables, figure and data of the steps that succeeded."""
+    """The page's part, of the steps that succeeded."""
     done = succeeded(results)
     named = flattened({name: one for name, one in done.items() if "runs" in one})
-    runs = {one["title"]: one for one in named.values()}
-    starts = {
-        placement: [done[step] for step in done if step.startswith(f"start-{placement.name}-")]
-        for placement in placements(scale)
-    }
-    starts = {placement: some for placement, some in starts.items() if some}
-    made, plots = [], []
-    if starts:
-        made.append(
-            Section("Start on mixed networks", START_TEXT, START_COLUMNS, start_rows(starts))
-        )
-    if runs:
-        made += sections("Messages on mixed networks", TEXT, runs)
-        plots.append(latency_plot("mixed-latency", CAPTION, runs))
+    runs = list(named.values())
+    starts = pd.DataFrame(
+        [
+            {"placement": placement.title, "kind": kind, "took_s": seconds}
+            for placement in placements(scale)
+            for step, one in done.items()
+            if step.startswith(f"start-{placement.name}-")
+            for kind, times in one["message_s"].items()
+            for seconds in times
+        ],
+        columns=["placement", "kind", "took_s"],
+    )
     return Report(
-        sections=made,
-        comparisons=_comparisons(starts, named),
-        plots=plots,
-        data=[*latency_data("mixed-latency", named), *([start_data(starts)] if starts else [])],
+        values={
+            "starts": start_rows(starts),
+            "deliveries": delivery_rows(runs),
+            "costs": cost_rows(runs),
+            "has_runs": bool(runs),
+        },
+        comparisons=_comparisons(scale, starts, named),
         shortfalls=[*_late_starts(starts), *shortfalls(runs)],
+        figure=latency_figure(runs) if runs else None,
     )
 
 
-Starts = Mapping[Placement, Sequence[Values]]
-
-
-def start_rows(starts: Starts) -> list[tuple[str, ...]]:
-    """A row for each kind of network of each place."""
-    rows = []
-    for placement, some in starts.items():
-        for kind in some[0]["message_s"]:
-            times = [seconds for one in some for seconds in one["message_s"][kind]]
-            received = [seconds for seconds in times if seconds is not None]
-            cells = [
-                fixed(quantile(received, part) if received else None, 2) for part in (0.5, 0.99, 1)
-            ]
-            rows.append((placement.title, kind, f"{len(received)} of {len(times)}", *cells))
-    return rows
-
-
-def start_data(starts: Starts) -> Data:
-    rows = [
-        (placement.name, number, kind, "" if seconds is None else seconds)
-        for placement, some in starts.items()
-        for number, one in enumerate(some, 1)
-        for kind, times in one["message_s"].items()
-        for seconds in times
-    ]
-    about = (
-        "Seconds from the order to start until a robot's first message; empty: none came in time"
-    )
-    return Data(
-        name="mixed-start", about=about, header=("networks", "repetition", "network", "seconds"), rows=rows
-    )  # fmt: skip
-
-
-def _comparisons(starts: Starts, named: Mapping[str, Values]) -> list[Comparison]:
-    rows = []
-    for placement, some in starts.items():
-        if placement.name == PAPERS:
-            times = _times(some)
-            rows.append(
-                Comparison(
-                    what=f"start, {placement.title}: robots that got their message, of {len(times)}",
-                    against="paper",
-                    reference=100,
-                    ours=100 * sum(seconds is not None for seconds in times) / len(times),
-                    unit="%",
-                    better="equal",
-                )
-            )
-    rows += [compared(one["title"], one) for name, one in named.items() if name == PAPERS]
-    return rows
-
-
-def _late_starts(starts: Starts) -> list[str]:
+def start_rows(starts: pd.DataFrame) -> list[Row]:
+    """A row for each kind of network of each place; `took_s` is empty where no message came."""
     return [
-        f"Start, {placement.title}: {missing} robots of {len(_times(some))} got no message in time."
-        for placement, some in starts.items()
-        if (missing := _times(some).count(None))
+        {
+            "networks": placement,
+            "robot and operator behind": kind,
+            "got their message": f"{some.took_s.count()} of {len(some)}",
+            **quantiles(some.took_s, 0.5, 0.99, 1),
+        }
+        for (placement, kind), some in starts.groupby(["placement", "kind"], sort=False)
     ]
 
 
-def _times(some: Sequence[Values]) -> list[float | None]:
-    return [seconds for one in some for times in one["message_s"].values() for seconds in times]
+def _comparisons(
+    scale: Scale, starts: pd.DataFrame, named: Mapping[str, Values]
+) -> list[Comparison]:
+    papers = next(one.title for one in placements(scale) if one.name == PAPERS)
+    times = starts.took_s[starts.placement == papers]
+    rows = [compared(one) for name, one in named.items() if name == PAPERS]
+    if len(times):
+        what = f"start, {papers}: robots that got their message, of {len(times)}"
+        rows.insert(0, exactly(what, "paper", 100, 100 * times.count() / len(times), "%"))
+    return rows
+
+
+def _late_starts(starts: pd.DataFrame) -> list[str]:
+    return [
+        f"Start, {placement}: {missing} robots of {len(times)} got no message in time."
+        for placement, times in starts.groupby("placement", sort=False).took_s
+        if (missing := times.isna().sum())
+    ]
 
 
 PART = Part(name="mixed", title="Mixed networks", steps=steps, report=report)

@@ -6,7 +6,7 @@ Frame: that of the robot when it starts: metres, x ahead, y to the left; theta i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
@@ -86,18 +86,6 @@ def end_of(changes: Sequence[Change]) -> Pose:
     for change, following in pairwise(changes):
         pose = along(pose, change.velocity, following.at_s - change.at_s)
     return pose
-
-
-def path_of(changes: Sequence[Change], points: int = 10) -> Iterator[tuple[float, float]]:
-    """(x, y) along the exact way, `points` of them between two changes."""
-    pose = START
-    for change, following in pairwise(changes):
-        lasts_s = following.at_s - change.at_s
-        for n in range(points):
-            here = along(pose, change.velocity, lasts_s * n / points)
-            yield here.x, here.y
-        pose = along(pose, change.velocity, lasts_s)
-    yield pose.x, pose.y
 
 
 def stepped_end(changes: Sequence[Change], phase_s: float) -> Pose:

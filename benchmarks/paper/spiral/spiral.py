@@ -187,7 +187,6 @@ def outcome(
         "end": _seen(start, record["end"]),
         "steps": record["steps"],
         "travelled_m": round(record["travelled_m"], 6),
-        "way": [_seen(start, pose)[:2] for pose in record["way"]] if start else [],
     }
 
 

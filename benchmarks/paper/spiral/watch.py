@@ -27,8 +27,6 @@ CMD_VEL, POSE = "/cmd_vel", "/pose"
 TYPES = {CMD_VEL: "geometry_msgs/Twist", POSE: "turtlesim/Pose"}
 BEGINS_WITHIN_S, STANDS_WITHIN_S = 15.0, 5.0
 POLL_S = 0.02
-# Of the way every third step is kept, 21 a second.
-STEPS_A_POINT = 3
 
 
 class Watch:
@@ -40,8 +38,8 @@ class Watch:
         self.problem = ""
         # (time.monotonic_ns() on arrival, m/s, rad/s)
         self._arrived: list[tuple[int, float, float]] = []
-        # Poses in which it moved: turtlesim shows one a step.
-        self._moved: list[Mapping[str, float]] = []
+        # Speeds of the poses in which it moved: turtlesim shows one a step.
+        self._moved: list[float] = []
         self._before: Mapping[str, float] | None = None
         self._newest: Mapping[str, float] | None = None
 
@@ -69,7 +67,7 @@ class Watch:
             return
         self._newest = message
         if message["linear_velocity"] or message["angular_velocity"]:
-            self._moved.append(message)
+            self._moved.append(message["linear_velocity"])
         elif not self._moved:
             self._before = message
 
@@ -93,8 +91,7 @@ class Watch:
             "end": _pose(self._newest),
             "stands": self.stands,
             "steps": len(self._moved),
-            "travelled_m": sum(each["linear_velocity"] for each in self._moved) * STEP_S,
-            "way": [_pose(each) for each in self._moved[::STEPS_A_POINT]],
+            "travelled_m": sum(self._moved) * STEP_S,
         }
 
 

@@ -1,0 +1,229 @@
+"""Turns rows of results into tables, pages and pictures, for `make bench` and `make experiments`.
+
+Tables are pandas', pages are the Jinja templates in templates/, pictures are matplotlib's. An experiment gives its rows
+and the values that its template names; none writes Markdown or SVG itself.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import platform
+import re
+import subprocess
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from demo import ROOT
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure as Drawing
+
+NONE = "-"
+MINUTE_S, HOUR_S = 60, 3600
+# Characters that have a meaning in Markdown or HTML; a backslash before one takes it away.
+_SIGNS = re.compile(r"([\\`*_{}\[\]<>()#|~&!])")
+# Each run writes these pages again, which does not change the sources.
+OUR_OWN_PAGES = ":(exclude)docs/experiments"
+# Points of a line in a picture: a page's picture stays below 30 KB.
+MAX_POINTS = 50
+# White also on dark pages; text as text and the same ids each time, so that pictures are small and comparable.
+STYLE = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "robotether",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "font.size": 10,
+}
+Row = Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, what was measured and aimed at, and a table."""
+
+    title: str
+    text: str
+    rows: Iterable[Row] = ()
+
+    @property
+    def markdown(self) -> str:
+        return f"## {self.title}\n\n{wrapped(self.text)}\n\n{table(self.rows)}\n"
+
+
+def table(rows: Iterable[Row] | pd.DataFrame) -> str:
+    """The rows in Markdown, with the members' names as columns; a dash for what a row has not got."""
+    whole = rows if isinstance(rows, pd.DataFrame) else list(rows)
+    cells = pd.DataFrame(whole, dtype=object).map(cell)
+    lines = [cells.columns, ["---"] * cells.columns.size, *cells.itertuples(index=False)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def cell(value: object) -> str:
+    """A whole number in full, any other one with three digits that count; a text stays as it is."""
+    if isinstance(value, str):
+        return value
+    if value is None or math.isnan(value):
+        return NONE
+    if value == int(value) or abs(value) >= 100:
+        return f"{value:,.0f}"
+    return f"{value:.3g}"
+
+
+def quantiles(values: Iterable[float | None], *parts: float, unit: str = "s") -> Row:
+    """Columns such as "p50, s", and "max, s" for 1; what did not happen (None) is in none of them."""
+    known = pd.Series(list(values), dtype=float).dropna()
+    names = ("max" if part == 1 else f"p{100 * part:g}" for part in parts)
+    return {
+        f"{name}, {unit}": known.quantile(part) for name, part in zip(names, parts, strict=True)
+    }
+
+
+def wrapped(text: str, indent: str = "") -> str:
+    """The text in lines of at most 100 characters, all but the first indented; an empty line divides its paragraphs."""
+    fill = textwrap.TextWrapper(
+        100, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    ).fill
+    return "\n\n".join(map(fill, re.split(r"\n\s*\n", text.strip())))
+
+
+def plain(text: str) -> str:
+    """The text in one line, so that nothing in it is taken for Markdown or HTML; also good in a table."""
+    return _SIGNS.sub(r"\\\1", " ".join(text.split()))
+
+
+def number(value: float) -> str:
+    """Four digits that count; whole numbers and large ones in full, with commas between thousands."""
+    if not math.isfinite(value):
+        return str(value)
+    if value == int(value) or abs(value) >= 1000:
+        return f"{value:,.0f}"
+    return f"{value:.4g}"
+
+
+def duration(seconds: float) -> str:
+    """`12.3 s`, `4 min 10 s` or `1 h 2 min`."""
+    if seconds < MINUTE_S:
+        return f"{seconds:.1f} s"
+    if seconds < HOUR_S:
+        return f"{int(seconds // MINUTE_S)} min {int(seconds % MINUTE_S)} s"
+    return f"{int(seconds // HOUR_S)} h {int(seconds % HOUR_S // MINUTE_S)} min"
+
+
+def bullets(lines: Iterable[str]) -> str:
+    return "\n".join(wrapped(f"- {line}", "  ") for line in lines)
+
+
+def page(template: str, **values: Any) -> str:
+    """A template of templates/ with these values."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).with_name("templates")),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    filters = (bullets, cell, duration, number, plain, table, wrapped)
+    environment.filters |= {each.__name__: each for each in filters}
+    return environment.get_template(template).render(values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """A page's picture: `points` has the columns line, x and y, and panel if there are several side by side."""
+
+    caption: str
+    points: pd.DataFrame
+    x: str
+    y: str
+    # The logarithmic axes: "", "x", "y" or "xy".
+    log: str = ""
+    # Of the lines, as matplotlib has it: "." for points alone.
+    style: str = "-"
+
+
+def draw(figure: Figure, path: Path) -> None:
+    """Write the picture as SVG."""
+    with mpl.rc_context(STYLE):
+        drawing = Drawing(figsize=(8.0, 4.5), layout="constrained")
+        points = figure.points if "panel" in figure.points else figure.points.assign(panel="")
+        panels = dict(list(points.groupby("panel", sort=False)))
+        [row] = drawing.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)
+        for axes, (title, some) in zip(row, panels.items(), strict=True):
+            for label, line in some.groupby("line", sort=False):
+                axes.plot(
+                    line.x,
+                    line.y,
+                    figure.style,
+                    label=label,
+                    linewidth=1.2,
+                    markersize=4,
+                    mec="none",
+                )
+            axes.set_title(title, fontsize=9)
+            axes.set_xlabel(figure.x)
+            for axis in figure.log:
+                axes.set(**{f"{axis}scale": "log"})
+                getattr(axes, f"{axis}axis").set_major_formatter("{x:g}")
+            axes.minorticks_off()
+        row[0].set_ylabel(figure.y)
+        handles = row[0].get_legend_handles_labels()
+        drawing.legend(*handles, loc="outside lower center", ncols=2, fontsize=8)
+        text = io.StringIO()
+        FigureCanvasSVG(drawing).print_svg(text, metadata={"Date": None, "Creator": None})
+    # A tenth of a pixel is enough, and nobody reads the indents.
+    path.write_text(re.sub(r"(\d\.\d)\d+(?![\d<])|(?<=\n) +", r"\1", text.getvalue()))
+
+
+def arrived(line: str, times: Iterable[float | None], of: int) -> pd.DataFrame:
+    """A picture's line: the share in percent of `of` that came by each time; None never came."""
+    known = pd.Series(list(times), dtype=float).dropna()
+    parts = np.linspace(0, 1, MAX_POINTS)
+    return pd.DataFrame(
+        {"line": line, "x": known.quantile(parts).values, "y": parts * 100 * len(known) / of}
+    )
+
+
+def tail(line: str, times: Sequence[float]) -> pd.DataFrame:
+    """A picture's line: the share of times that are longer than each, as far as the last one."""
+    shares = np.geomspace(1, 1 / max(2, len(times)), MAX_POINTS)
+    return pd.DataFrame({"line": line, "x": np.quantile(times, 1 - shares), "y": shares})
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores, memory (GB) and kernel of this machine."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    memory_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return {
+        "processor": models[0] if models else platform.machine(),
+        "cores": len(os.sched_getaffinity(0)),
+        "memory_gb": round(memory_bytes / 1e9, 1),
+        "kernel": platform.release().split("-")[0],
+    }
+
+
+def commit() -> str:
+    """What `git describe` calls the sources; `unknown` without git or its folder."""
+    try:
+        changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", OUR_OWN_PAGES)
+        return _git("describe", "--always") + ("-dirty" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def _git(*words: str) -> str:
+    done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
