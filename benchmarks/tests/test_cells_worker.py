@@ -146,29 +146,3 @@ async def test_a_drive_with_a_stop_and_a_release_breaks_no_rule(scene: Scene) ->
              for one in history if one.kind == "released"]  # fmt: skip
     whole = sorted([*history, *asked], key=lambda one: one.at_s)
     assert check(whole, Database(drives=drives, fences={"sim1": 2})) == []
-
-
-def kinds_of(history: list[Event]) -> list[str]:
-    return [one.kind for one in history]
-
-
-async def test_a_guard_that_is_killed_in_motion_is_followed_by_one_that_zeroes(
-    scene: Scene,
-) -> None:
-    def after_kill() -> list[str]:
-        kinds = kinds_of(scene.history())
-        return kinds[kinds.index("guard_killed") :]
-
-    await scene.until("session")
-    async with scene.driving(101):
-        await scene.until("moved", 5)
-        assert scene.robot.supervisor is not None
-        await scene.robot.supervisor.kill()
-        await eventually(lambda: "zeroed" in after_kill(), lambda: f"{scene.kinds()}", WAIT_S)
-    history = scene.history()
-    killed = kinds_of(history).index("guard_killed")
-    zeroed = kinds_of(history).index("zeroed", killed)
-    assert "guard_began" in kinds_of(history[killed:zeroed])
-    # What the killed guard had sent before may still come to the robot.
-    arrived = {one.number for one in history[:killed] if one.kind == "arrived"}
-    assert {one.number for one in history[killed:zeroed] if one.kind == "moved"} <= arrived

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 from paper import costs
 from paper.costs import Group, Reading, Use, cpu_between, limits_met, memory_between
 
@@ -74,14 +73,6 @@ def test_what_lies_between_two_readings():
     assert limits_met(FIRST, last) == []
 
 
-def test_limits_that_were_met_are_told():
-    full = replace(USE, memory_failures=9, processes=50)
-    assert limits_met(FIRST, replace(FIRST, services={"sshd": full})) == [
-        "sshd met its memory limit of 1000 bytes",
-        "sshd met its limit of 50 processes",
-    ]
-
-
 def test_a_restarted_container_counts_from_zero():
     fresh = replace(USE, cpu_s=0.5)
     last = replace(FIRST, services={"sshd": fresh})
@@ -96,10 +87,3 @@ def test_processes_count_with_what_they_started(tmp_path, monkeypatch):
         write(tmp_path / str(pid), stat=f"{pid} (a (b) c) {' '.join(fields)}")
     monkeypatch.setattr(costs, "PROC", tmp_path)
     assert costs.trees_cpu_s([10, 99]) == [4.0, 0.0]
-
-
-@pytest.mark.parametrize(
-    ("text", "limit"), [("max", None), ("", None), ("4096", 4096), (str(2**63 - 4096), None)]
-)
-def test_limits_as_the_kernel_writes_them(text, limit):
-    assert costs._limit(text) == limit

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any, cast
 
 import pytest
 from paper.cells import nemesis as module
-from paper.cells.history import History, read
+from paper.cells.history import History
 from paper.cells.nemesis import DRAINED, FAULTS, TAKES_A_CELL, Context, Fault, Nemesis, Target
 
 Deeds = list[tuple[str, str]]
@@ -63,20 +62,6 @@ def test_the_seed_decides(history: History) -> None:
     assert chosen(5) != chosen(6)
 
 
-async def test_what_is_broken_is_mended_and_written_down(
-    tmp_path: Path, history: History, quick: None
-) -> None:
-    deeds: Deeds = []
-    one = open_nemesis(history, deeds)
-    await one.run(0.5)
-    assert sorted(name for what, name in deeds if what == "do") == sorted(one.done)
-    assert sorted(name for what, name in deeds if what == "mend") == sorted(one.done)
-    assert len(one.done) > 3
-    events = read(tmp_path)
-    for kind in ("fault", "healed"):
-        assert sorted(each.what for each in events if each.kind == kind) == sorted(one.done)
-
-
 async def test_one_cell_stays_whole(history: History, quick: None) -> None:
     deeds: Deeds = []
     await open_nemesis(history, deeds).run(1.0)
@@ -115,24 +100,3 @@ async def test_nothing_is_drained_without_a_database_or_a_third_cell(history: Hi
     assert await takers_beside(history, "database_away", Target()) == {}
     for name in (DRAINED, "cell_killed"):
         assert await takers_beside(history, name, Target("b"), cells="ab") == {}
-
-
-async def test_a_run_that_is_interrupted_mends_all(history: History, quick: None) -> None:
-    deeds: Deeds = []
-    one = open_nemesis(history, deeds)
-    running = asyncio.ensure_future(one.run(60))
-    await asyncio.sleep(0.3)
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
-    assert len(deeds) == 2 * len(one.done) > 0
-
-
-async def test_what_cannot_be_mended_does_not_keep_the_others_from_it(history: History) -> None:
-    deeds: Deeds = []
-    one = open_nemesis(history, deeds, failing="peers_cut")
-    for name in ("cell_killed", "peers_cut", "disk_full"):
-        await one.begin(name, Target("a"))
-    with pytest.raises(RuntimeError, match="on fire"):
-        one.mend_all()
-    mended = [name for what, name in deeds if what == "mend"]
-    assert mended == ["disk_full", "peers_cut", "cell_killed"]

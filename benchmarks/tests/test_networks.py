@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import pytest
 from namespaces import Namespace
-from paper.networks import LineCounts, server_line
+from paper.networks import server_line
 
 pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="an emulated line needs root")
 
@@ -63,13 +63,3 @@ def test_both_ends_share_the_line() -> None:
     assert counts.from_server_bytes < SENT_BYTES / 5
     needed_s = 2 * SENT_BYTES * 8 / 4e6
     assert took_s > 0.9 * needed_s
-
-
-def test_counts_are_told_from_a_moment_on() -> None:
-    before, after = LineCounts(1, 2, 3, 4), LineCounts(11, 22, 33, 44)
-    assert after.since(before) == {
-        "to_server_bytes": 10,
-        "from_server_bytes": 20,
-        "to_server_dropped": 30,
-        "from_server_dropped": 40,
-    }

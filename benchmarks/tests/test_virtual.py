@@ -6,20 +6,19 @@ import asyncio
 import shutil
 import tempfile
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import aiohttp
-import pytest
 from fake_cameras import FakeVideoServer
-from fake_cloud import FakeCloud, agent_environ, eventually
+from fake_cloud import agent_environ, eventually
 from fake_robot import HOST
 from fake_rosbridge import FakeRosbridge
 from paper.virtual.robot import Account, VirtualRobot
-from paper.virtual.services import FRAME, Services
+from paper.virtual.services import Services
 from recording_server import RecordingServer, running_agent
 from relay_server import FAST, MemoryDatabase, RelayServer, running_relay
 from robotether_agent import settings as agent_settings
@@ -171,73 +170,3 @@ async def test_the_server_cannot_tell_a_virtual_robot_from_an_agent() -> None:
         assert virtual.told(who, kind) == real.told(who, kind)
     assert real.told("agent", "session")
     assert virtual.statuses == real.statuses == [426, 200, 200, 200]
-
-
-async def test_a_virtual_robot_whose_machine_dies_goes_to_the_next_one() -> None:
-    first, second = FakeCloud(), FakeCloud()
-    place = Path(tempfile.mkdtemp(prefix="rt-"))
-    async with AsyncExitStack() as stack:
-        stack.callback(shutil.rmtree, place)
-        for machine in (first, second):
-            await machine.start()
-            stack.push_async_callback(machine.close)
-        await second.be_of_site(first)
-        # The list of the join is overtaken by that of the session.
-        first.cells = [first.cell]
-        async with virtual_robot(first, place):
-            second.authorize(first.robot_key)
-            await first.link("media")
-            first.configure(cells=[first.cell, second.cell])
-            await first.link("session")
-            pings = len(first.of_kind("session")[0].of_type("ping"))
-            await eventually(
-                lambda: len(first.of_kind("session")[0].of_type("ping")) > pings,
-                lambda: "it has read the list",
-            )
-            first.ssh.stop()
-            await second.link("media")
-            epochs = [
-                (await machine.link("session")).received[0]["epoch"] for machine in (first, second)
-            ]
-            assert epochs[0] < epochs[1]
-
-
-@pytest.mark.parametrize("make", [real_agent, virtual_robot])
-async def test_heartbeats_are_quick_before_a_robot_moves(make: Robot) -> None:
-    """An agent has answered the configuration that asks for quick ones before its guard reports the first command."""
-    async with at_server(make) as (played, relay, database), as_ann(database) as http:
-        await played.line("relay", "checked", ros="ok")
-        pings = [line for line in played.lines("agent", "session") if line["type"] == "ping"]
-        assert len(pings) == 1
-        played.began = len(played.server.said)
-        async with http.ws_connect(relay.ros_url(database.robots[7])) as driver:
-            await begin_to_move(driver, played)
-            await played.line("agent", "ping", count=5)
-    said = [(who, line) for of, who, line in played.server.said[played.began :] if of == "session"]
-    quick = said.index(next(one for one in said if one[1]["type"] == "config"))
-    lease = said.index(next(one for one in said if one[1]["type"] == "lease"))
-    ping = said.index(next(one for one in said if one[0] == "agent" and one[1]["type"] == "ping"))
-    moves = said.index(next(one for one in said if one[1].get("moving")))
-    assert said[quick][1]["idle_heartbeat_s"] is None
-    assert quick < lease < moves
-    assert quick < ping < moves
-
-
-async def test_a_driver_hears_what_was_published_and_sees_the_camera() -> None:
-    async with at_server(virtual_robot) as (played, relay, database), as_ann(database) as http:
-        await played.line("relay", "checked", ros="ok")
-        async with http.ws_connect(relay.ros_url(database.robots[7])) as driver:
-            await driver.send_json({"op": "subscribe", **TYPED})
-            await driver.send_json(MOVE)
-            assert await driver.receive_json(timeout=WAIT_S) == MOVE
-        async with http.ws_connect(f"{relay.url}{FRAMES}") as viewer:
-            await viewer.send_json({"op": "want"})
-            await viewer.send_json({"op": "credit", "frames": 2, "taken": None})
-            frames = []
-            while len(frames) < 2:
-                message = await viewer.receive(timeout=WAIT_S)
-                if message.type is aiohttp.WSMsgType.BINARY:
-                    frames.append(message.data[16:])
-        assert frames == [FRAME, FRAME]
-        async with http.get(f"{relay.url}{FRAMES.replace('frames', 'snapshot')}") as still:
-            assert await still.read() == FRAME
