@@ -13,14 +13,12 @@ import aiohttp
 import pytest
 from sim_watch import SimWatch
 from stack import Stack, wait_until_back
-from stopwatch import Stopwatch
 
 PORTS = (20000, 20005)
 # limit_conn of images/nginx/direct.conf.
 MOST_OF_AN_ADDRESS = 40
 FORWARD = {"linear": {"x": 0.3, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
 UP_WITHIN_S = 300
-STANDS_WITHIN_S = 1.5
 OpenTo = Callable[[str], None]
 
 
@@ -95,9 +93,7 @@ def test_ports_are_open_to_the_listed_networks_only(stack: Stack, open_to: OpenT
     with SimWatch(stack, "sim1") as watch:
         asyncio.run(drive(port))
         watch.wait_seen("driven", lambda pose: pose["linear_velocity"] > 0, since=0)
-        with Stopwatch() as since:
-            watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0.0)
-        assert since.s < STANDS_WITHIN_S
+        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0.0)
         assert watch.commands()[-1].msg["linear"]["x"] == 0
     assert cut_at_once(port, MOST_OF_AN_ADDRESS - 5) == 0
     stack.wait("room for one more", lambda: answers(port), "direct")

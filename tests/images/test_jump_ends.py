@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -121,7 +120,7 @@ def test_watch_that_dies_comes_back(ann: Person, robot: ShellRobot, stack: Stack
     with ann.connected(robot.shell_port) as running:
         _signal_watch(stack, "KILL")
         take_grant(ann, robot)
-        assert ended(running, 5)
+        assert ended(running)
     assert "jump-watch ended with 137; starting it again" in stack.logs("sshd")
 
 
@@ -158,6 +157,5 @@ def test_database_away_leaves_connections_alone_and_lets_nobody_new_in(
             assert not ended(running, 3)
             assert lives(running, "still here")
         stack.wait("she gets in again", lambda: ann.reach(port).stdout, "sshd")
-        begun = time.monotonic()
         take_grant(ann, robot)
-        assert ended(running, 5), f"not ended after {time.monotonic() - begun:.1f} s"
+        assert ended(running)

