@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 from inside import run_inside
 from robot_hosts import CA_BUNDLE, ROOT, WHEELHOUSE, RobotHost, RobotHosts
-from robotether_agent.backoff import FAILED_START_S
 from stack import Stack
 
 INSTALLER = "/root/join.sh"
@@ -240,38 +238,6 @@ def test_without_a_token_an_admin_approves(
 
 
 @pytest.mark.release
-def test_agent_that_fails_at_its_start_leaves_the_processor_alone(
-    stack: Stack, admin: dict[str, str], robot: Robot
-) -> None:
-    """Debian 12's systemd knows every line of the unit, and has no growing delays: the agent itself pauses."""
-    good, said = robot.install(invite(stack, admin))
-    assert good, said
-    unit = "/etc/systemd/system/robotether-agent.service"
-    assert robot.host.run(f"systemd-analyze verify --man=no {unit}") == ""
-    robot.host.run("echo 'run_dir = \"/nowhere/at-all\"' >> /etc/robotether/agent.toml")
-    # A start that fails takes longer than a person should wait.
-    robot.host.run("systemctl restart --no-block robotether-agent")
-
-    def failures() -> list[float]:
-        journal = robot.host.run("journalctl -u robotether-agent -o short-unix --no-pager")
-        return [float(line.split()[0]) for line in journal.splitlines() if "STOPPED:" in line]
-
-    first, second = robot.host.wait(
-        "two failed starts", lambda: failures() if len(failures()) == 2 else None, 60
-    )
-    assert second - first >= FAILED_START_S[0]
-
-
-@pytest.mark.release
-def test_absent_rosbridge_is_no_error(stack: Stack, admin: dict[str, str], robot: Robot) -> None:
-    """The line says that rosbridge is missing, and that nothing else is needed."""
-    robot.host.run("systemctl stop sim-robot")
-    good, said = robot.install(invite(stack, admin))
-    assert good, said
-    assert "rosbridge does not answer yet" in said
-
-
-@pytest.mark.release
 def test_missing_packages_are_installed(stack: Stack, admin: dict[str, str], robot: Robot) -> None:
     """A Debian without the module venv gets it by apt."""
     robot.host.run("apt-get purge -y -qq python3-venv python3.11-venv")
@@ -279,26 +245,6 @@ def test_missing_packages_are_installed(stack: Stack, admin: dict[str, str], rob
     assert good, said
     assert "python3-venv (they stay" in said
     assert robot.host.succeeds("python3 -c 'import ensurepip, venv'")
-
-
-@pytest.mark.release
-def test_mac_of_another_robot_waits(
-    stack: Stack, admin: dict[str, str], robot: Robot, tmp_path: Path
-) -> None:
-    """Who shows the MAC of a robot that has another key is told so, and the first one goes on."""
-    good, said = robot.install(invite(stack, admin))
-    assert good, said
-    stack.wait("the first one online", lambda: online(stack, robot.host.mac), "relay", "sshd")
-    # On another network: a bridge gives what is for a MAC to whoever used it last, and neither of the two would get
-    # all that is its own. It ends with the block: it holds a token, and would be in as soon as the first one's row is
-    # gone.
-    with RobotHosts(tmp_path) as elsewhere:
-        copy = Robot(elsewhere.boot("copied-mac", mac=robot.host.mac))
-        good, said = copy.install(invite(stack, admin))
-        assert good, said
-        assert copy.key() in said
-        assert "done: an admin approves it" in said
-        assert online(stack, robot.host.mac)
 
 
 @pytest.mark.release

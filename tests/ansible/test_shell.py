@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from jump_people import ended
 from playbooks import ANSIBLE, Site
 from robot_hosts import ROOT, USER, WHEELHOUSE, RobotHost, RobotHosts
 from shell_hosts import make_key
@@ -21,7 +20,6 @@ from stack import Stack
 
 NAME = "turtle"
 PERSON = "ann"
-AT_ONCE_S = 2.0
 
 
 @dataclass
@@ -144,14 +142,6 @@ def test_scp_and_rsync_carry_files(known: Person, turtle: RobotHost, tmp_path: P
     assert (tmp_path / "back").read_bytes() == sent.read_bytes()
 
 
-def test_ansible_pings_it(known: Person) -> None:
-    """With no more than the entries."""
-    ansible = Path(sys.executable).with_name("ansible")
-    arguments = ("-i", f"{NAME},", NAME, "-m", "ansible.builtin.ping")
-    said = known.run_well(ansible, *arguments, "--ssh-common-args", f"-F {known.config}")
-    assert '"ping": "pong"' in said
-
-
 def test_ansible_pings_it_from_the_inventory(known: Person, site: Site) -> None:
     """With her token alone, and no entry for the robot."""
     inventory = known.folder / "fleet.yml"
@@ -188,36 +178,3 @@ def test_time_out_ends_the_command_on_the_robot(known: Person, turtle: RobotHost
     assert done.stdout == f"{NAME} | started\n"
     assert "timed out after 3 s" in done.stderr
     turtle.wait("the command has ended", lambda: not turtle.succeeds("pgrep -f 'sleep 432[1]'"), 10)
-
-
-def test_key_opens_nothing_else_on_the_server(known: Person) -> None:
-    """No command, no other port."""
-    jump = next(
-        line.split()[1] for line in known.config.read_text().splitlines() if "ProxyJump" in line
-    )
-    where, port = jump.rsplit(":", 1)
-    for arguments in (("-p", port, where, "true"), ("-W", "mysql:3306", "-p", port, where)):
-        assert known.run("ssh", "-F", known.config, *arguments).returncode != 0
-
-
-def test_shell_ends_when_the_grant_ends(known: Person, stack: Stack) -> None:
-    """Within 2 s, in the middle of a command; and no new one begins."""
-    session = subprocess.Popen(
-        ["ssh", "-F", str(known.config), NAME, "echo in; exec sleep 60"],
-        env=known.environment,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        assert session.stdout is not None
-        assert session.stdout.readline() == b"in\n"
-        stack.robotether("revoke", PERSON, NAME)
-        # The command itself takes its time to say that it is done.
-        assert ended(session, AT_ONCE_S + 1)
-    finally:
-        session.kill()
-        session.communicate()
-    done = known.fleet("true", "--on", NAME)
-    assert done.returncode == 1
-    stack.robotether("grant", PERSON, NAME, "manage")
