@@ -46,15 +46,6 @@ def test_handed_bytes_leave_when_ssh_wrote_them() -> None:
     assert handed.remaining(at(0.03, 1150)) == 1000
 
 
-def test_bytes_that_ssh_cannot_write_are_forgotten() -> None:
-    """They are stuck at a viewer who takes nothing."""
-    handed = UnwrittenBytes()
-    handed.remaining(at(0, 100))
-    handed.add(1000)
-    assert handed.remaining(at(STUCK_AFTER_S - 0.01, 100)) == 1000
-    assert handed.remaining(at(STUCK_AFTER_S + 0.01, 100)) == 0
-
-
 def test_a_bucket_fills_with_time() -> None:
     """Also over a late look, while somebody waits."""
     bucket = TokenBucket(5.0, 0)
