@@ -29,10 +29,7 @@ export class StopBar {
     button.addEventListener("click", ({ detail }) => detail === 0 && this.press());
     stopOnSpace(window, () => this.press());
     if (!this.release) return;
-    this.hold = new Hold({
-      onDone: () => this.letGo(),
-      onState: (state) => this.showHold(state),
-    });
+    this.hold = new Hold({ onDone: () => this.letGo(), onState: (state) => this.showHold(state) });
     this.hold.listen(this.release);
   }
 

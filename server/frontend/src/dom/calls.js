@@ -2,10 +2,7 @@
 
 import { Api, csrfToken } from "../client/api.js";
 
-export const api = new Api({
-  headers: () => ({ "X-CSRFToken": csrfToken() }),
-  onDate: (date) => serverClock.receive(date),
-});
+export const api = new Api({ headers: () => ({ "X-CSRFToken": csrfToken() }), onDate: (date) => serverClock.receive(date) });
 
 // All that this user manages, or those of a site.
 export const stopAll = (site) => api.post("/api/v1/stop", site ? { site } : {}, { keepalive: true });

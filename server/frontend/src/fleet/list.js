@@ -116,30 +116,22 @@ export class Batch {
   }
 }
 
-export class Seldom {
-  // Calls `act` at most once in `everyMs`: at once if it is long ago, else at the end of the time.
-  constructor({ act, everyMs, now = () => performance.now() }) {
-    this.act = act;
-    this.everyMs = everyMs;
-    this.now = now;
-    this.actedAt = -Infinity;
-    /** @type {number | undefined} */
-    this.timer = undefined;
-  }
-
-  ask() {
-    if (this.timer !== undefined) return;
-    const wait = this.actedAt + this.everyMs - this.now();
-    if (wait <= 0) this.run();
-    else this.timer = setTimeout(() => this.run(), wait);
-  }
-
-  run() {
-    clearTimeout(this.timer);
-    this.timer = undefined;
-    this.actedAt = this.now();
-    this.act();
-  }
+// Gives the function that calls `act` at most once in `everyMs`: at once if it is long ago, else at the end of the time.
+export function throttled(act, everyMs, now = () => performance.now()) {
+  let actedAt = -Infinity;
+  /** @type {number | undefined} */
+  let timer;
+  const run = () => {
+    timer = undefined;
+    actedAt = now();
+    act();
+  };
+  return () => {
+    if (timer !== undefined) return;
+    const wait = actedAt + everyMs - now();
+    if (wait <= 0) run();
+    else timer = setTimeout(run, wait);
+  };
 }
 
 // Whether a person is at the list with a pointer, a finger or the keyboard: then nothing moves in it, so that a press

@@ -9,10 +9,8 @@ const EVERY_MS = 5000; // interval between pictures, each some 10 KB of the robo
 const AGAIN_MS = 30_000; // interval after a failure
 
 export class Thumbs {
-  // `queue` and `snapshots` are a Queue and Snapshots.
-  constructor({ queue, snapshots }) {
+  constructor(queue = new Queue()) {
     this.queue = queue;
-    this.snapshots = snapshots;
     this.byElement = new WeakMap();
     this.seen = new Set();
     this.watcher = new IntersectionObserver((entries) => this.see(entries));
@@ -22,7 +20,7 @@ export class Thumbs {
   add(element, robot) {
     const box = part(element, "thumb");
     if (!box) return;
-    this.byElement.set(box, new Thumb(box, { robot, card: element, thumbs: this }));
+    this.byElement.set(box, new Thumb(box, { robot, card: element, queue: this.queue }));
     this.watcher.observe(box);
   }
 
@@ -46,11 +44,11 @@ export class Thumbs {
 }
 
 class Thumb {
-  constructor(box, { robot, card, thumbs }) {
+  constructor(box, { robot, card, queue }) {
     this.box = box;
     this.robot = robot;
     this.card = card;
-    this.thumbs = thumbs;
+    this.queue = queue;
     this.image = part(box, "thumb-image");
     this.words = part(box, "thumb-words");
   }
@@ -66,9 +64,8 @@ class Thumb {
       return this.later(EVERY_MS);
     }
     if (this.image.hidden) this.showState("waiting");
-    const { queue, snapshots } = this.thumbs;
-    const cancel = queue.add(async (signal) => {
-      const snapshot = await snapshots.fetchImage(this.robot, this.card.dataset.camera ?? "", signal).catch(() => ({ problem: "failed" }));
+    const cancel = this.queue.add(async (signal) => {
+      const snapshot = await fetchSnapshot(this.robot, this.card.dataset.camera ?? "", signal).catch(() => ({ problem: "failed" }));
       if (this.cancel !== cancel) return;
       this.cancel = null;
       this.show(snapshot);
@@ -132,10 +129,10 @@ export class Queue {
     this.waiting = [];
   }
 
-  // `job(signal)` gives a promise; the function that is given ends the job or keeps it from beginning.
+  // `job(signal)` gives a promise; gives the function that ends the job or keeps it from beginning.
   add(job) {
     const abort = new AbortController();
-    const entry = { job, signal: abort.signal };
+    const entry = { job, abort };
     this.waiting.push(entry);
     this.next();
     return () => {
@@ -146,42 +143,24 @@ export class Queue {
 
   async next() {
     if (this.running >= this.most || this.waiting.length === 0) return;
-    const { job, signal } = this.waiting.shift();
+    const { job, abort } = this.waiting.shift();
     this.running += 1;
-    await job(signal).catch(() => {});
+    const timer = setTimeout(() => abort.abort(), TIMEOUT_MS);
+    await job(abort.signal).catch(() => {});
+    clearTimeout(timer);
     this.running -= 1;
     this.next();
   }
 }
 
-export class Snapshots {
-  // `fetch` as the browser's.
-  constructor({ fetch = (url, options) => globalThis.fetch(url, options) } = {}) {
-    this.fetch = fetch;
-  }
-
-  // Gives {blob} or {problem, detail}: a problem of texts/fleet.js, and what the robot says of it. With `topic` "" the robot's
-  // first camera is shown, which its agent chooses.
-  async fetchImage(robot, topic, signal) {
-    const query = topic ? { topic, ...SIZE } : SIZE;
-    const answer = await this.fetch(snapshotUrl(robot, query), { signal: signalWithin(signal, TIMEOUT_MS), cache: "no-store" });
-    if (answer.ok) return { blob: await answer.blob() };
-    const { code, detail } = await readRefusal(answer);
-    return { problem: PROBLEMS[code] ?? "failed", detail };
-  }
+// Gives {blob} or {problem, detail}: a problem of texts/fleet.js, and what the robot says of it. With `topic` "" the robot's
+// first camera is shown, which its agent chooses.
+/** @returns {Promise<any>} */
+export async function fetchSnapshot(robot, topic, signal) {
+  const answer = await fetch(snapshotUrl(robot, topic ? { topic, ...SIZE } : SIZE), { signal, cache: "no-store" });
+  if (answer.ok) return { blob: await answer.blob() };
+  const { code, detail } = await readRefusal(answer);
+  return { problem: PROBLEMS[code] ?? "failed", detail };
 }
 
 const PROBLEMS = { robot_offline: "offline", video_down: "video_down" };
-
-// AbortSignal.any is younger than the browsers that the pages are for.
-function signalWithin(signal, ms) {
-  const abort = new AbortController();
-  const timer = setTimeout(() => abort.abort(), ms);
-  const end = () => {
-    clearTimeout(timer);
-    abort.abort();
-  };
-  if (signal.aborted) end();
-  else signal.addEventListener("abort", end, { once: true });
-  return abort.signal;
-}

@@ -116,10 +116,7 @@ export class Limits {
   // Never slower than without.
   get turbo() {
     const { most, share } = this;
-    return {
-      linear: Math.max(this.linear, most.linear * share),
-      angular: Math.max(this.angular, most.angular * share),
-    };
+    return { linear: Math.max(this.linear, most.linear * share), angular: Math.max(this.angular, most.angular * share) };
   }
 }
 

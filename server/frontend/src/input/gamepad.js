@@ -265,10 +265,7 @@ const unranked = () => 0;
 
 const described = ({ id, mapping, axes, buttons }) => ({ id, mapping, axes: axes.length, buttons: buttons.length });
 
-const sampled = ({ axes, buttons }) => ({
-  axes: [...axes],
-  buttons: buttons.map(({ pressed, value }) => pressed || value > PRESSED),
-});
+const sampled = ({ axes, buttons }) => ({ axes: [...axes], buttons: buttons.map(({ pressed, value }) => pressed || value > PRESSED) });
 
 // A page inside another one may not be let look.
 function browserPads() {

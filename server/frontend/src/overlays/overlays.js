@@ -33,10 +33,6 @@ export class Overlays {
 
   // Called now and then, as what is silent grows old.
   show() {
-    this.showDiagnostics();
-  }
-
-  showDiagnostics() {
     const worst = this.diagnostics.worst(this.now());
     this.details.hidden = !worst;
     if (!worst) return;
@@ -78,10 +74,6 @@ export class Diagnostics {
       if (!this.byName.has(name) && this.byName.size >= MAX_NAMES) continue;
       this.byName.set(name, { name, level: readLevel(level), message: String(message ?? ""), at: now });
     }
-  }
-
-  clear() {
-    this.byName.clear();
   }
 
   // [{name, level, message}], the worst first.

@@ -264,13 +264,7 @@ export function gridPixels({ info, data }) {
   if (!place || !fits(width, height, resolution) || cells.length !== width * height) return null;
   const pixels = new Uint32Array(cells.length);
   for (let i = 0; i < cells.length; i++) pixels[i] = COLOURS[cells[i] & 255];
-  return {
-    width,
-    height,
-    resolution,
-    pixels: new Uint8ClampedArray(pixels.buffer),
-    origin: place,
-  };
+  return { width, height, resolution, pixels: new Uint8ClampedArray(pixels.buffer), origin: place };
 }
 
 // Map servers leave the orientation of a map that is not turned as it is: all zeros.
@@ -286,11 +280,7 @@ const signedBytes = (base64) => Int8Array.from(atob(base64), (char) => char.char
 // Where `pose`, which is given in the frame of `frame`, is in the frame that `frame` is given in.
 export function compose(frame, { x, y, theta }) {
   const [cos, sin] = [Math.cos(frame.theta), Math.sin(frame.theta)];
-  return {
-    x: frame.x + x * cos - y * sin,
-    y: frame.y + x * sin + y * cos,
-    theta: frame.theta + theta,
-  };
+  return { x: frame.x + x * cos - y * sin, y: frame.y + x * sin + y * cos, theta: frame.theta + theta };
 }
 
 export function inverse({ x, y, theta }) {

@@ -58,10 +58,7 @@ const session = new Session({
 const { connection } = session;
 const subscribe = (spec, handler) => connection.subscribe({ onUnread: () => view.failToRead(spec.name), ...spec }, handler);
 
-const banner = new Banner(root, {
-  onRetry: () => connection.retryNow({ asked: true }),
-  onBlind: () => interlock.allow(),
-});
+const banner = new Banner(root, { onRetry: () => connection.retryNow({ asked: true }), onBlind: () => interlock.allow() });
 const readings = new Readings(root, { frameAge: () => interlock.ageMs, limits, holdAfterMs });
 const view = new View(root, {
   robot,

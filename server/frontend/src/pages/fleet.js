@@ -5,8 +5,8 @@ import { Feed } from "../client/feed.js";
 import { offerDrive } from "../fleet/cards.js";
 import { filterOf, inNameOrder, inOrder } from "../fleet/filters.js";
 import { CardStop, FleetStops } from "../fleet/fleetStops.js";
-import { Batch, PointerPause, RobotList, Seldom } from "../fleet/list.js";
-import { Snapshots, Queue, Thumbs } from "../fleet/thumbs.js";
+import { Batch, PointerPause, RobotList, throttled } from "../fleet/list.js";
+import { Thumbs } from "../fleet/thumbs.js";
 import { Toolbar } from "../fleet/toolbar.js";
 import { feed as feedTexts } from "../texts/common.js";
 import { LoginUse } from "../dom/calls.js";
@@ -19,7 +19,7 @@ const main = /** @type {HTMLElement} */ (document.querySelector("main"));
 const feedState = byTestId(document, "fleet-feed");
 const fleetStops = new FleetStops(main, { manages: main.dataset.manages === "yes" });
 const stops = new Map();
-const thumbs = new Thumbs({ queue: new Queue(), snapshots: new Snapshots() });
+const thumbs = new Thumbs();
 
 const containers = { cards: part(main, "cards"), table: part(main, "rows") };
 const robots = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, atFirst(dataset)]));
@@ -29,8 +29,8 @@ const lists = { cards: listIn(containers.cards, "robot-card"), table: listIn(con
 
 const toolbar = new Toolbar(main, { onFilter: arrangeNow, onView: showView });
 const batch = new Batch({ apply: update });
-const arranging = new Seldom({ act: arrangeUnlessPaused, everyMs: ARRANGE_EVERY_MS });
-const pause = new PointerPause({ onEnd: () => arrangeLater && arranging.ask() });
+const arrangeSoon = throttled(arrangeUnlessPaused, ARRANGE_EVERY_MS);
+const pause = new PointerPause({ onEnd: () => arrangeLater && arrangeSoon() });
 /** @type {string[] | null} */
 let inOrderOfNames = inNameOrder(robots.keys());
 let arrangeLater = false;
@@ -96,7 +96,7 @@ function update(names) {
     stopOf(name).receive(robot);
   }
   if (fleetStops.results.length) fleetStops.receive([...robots.values()]);
-  arranging.ask();
+  arrangeSoon();
 }
 
 function remove(name) {
@@ -104,7 +104,7 @@ function remove(name) {
   stops.delete(name);
   inOrderOfNames = null;
   for (const list of Object.values(lists)) list.remove(name, pause.active);
-  arranging.ask();
+  arrangeSoon();
 }
 
 // What a person chose is done at once.

@@ -46,11 +46,7 @@ export const connection = {
     detail: ({ reason }) => reason || "Check this device's network; this page keeps trying.",
     action: "Try now",
   },
-  not_allowed: {
-    title: "Not allowed",
-    detail: ({ reason }) => reason || "Your account may not open this robot.",
-    action: "Reload",
-  },
+  not_allowed: { title: "Not allowed", detail: ({ reason }) => reason || "Your account may not open this robot.", action: "Reload" },
   lease_unavailable: {
     title: "Control unavailable",
     detail: ({ reason }) =>
@@ -145,16 +141,9 @@ function offlineSince(since, reason) {
   return reason ? `The server says: ${reason}. ` : "";
 }
 
-export const readings = {
-  none: "-",
-  wanted: (value) => `asked ${value}`,
-  old: (seconds) => `${seconds} s old`,
-};
+export const readings = { none: "-", wanted: (value) => `asked ${value}`, old: (seconds) => `${seconds} s old` };
 
-export const limits = {
-  linear: (value) => `${value.toFixed(2)} m/s`,
-  angular: (value) => `${Math.round((value * 180) / Math.PI)} °/s`,
-};
+export const limits = { linear: (value) => `${value.toFixed(2)} m/s`, angular: (value) => `${Math.round((value * 180) / Math.PI)} °/s` };
 
 export const feed = {
   connecting: "Connecting",
@@ -192,14 +181,8 @@ export const states = {
     detail: ({ video }) => (video === "old" ? "The video is frozen." : "There is no video to drive by."),
     action: "Drive without video",
   },
-  slow: {
-    title: "Connection too slow",
-    detail: () => "Commands are too old when they reach the robot, which drops them.",
-  },
-  blind: {
-    title: "Driving without video",
-    detail: () => "You cannot see what is in front of the robot.",
-  },
+  slow: { title: "Connection too slow", detail: () => "Commands are too old when they reach the robot, which drops them." },
+  blind: { title: "Driving without video", detail: () => "You cannot see what is in front of the robot." },
 };
 
 // What a robot does without commands.

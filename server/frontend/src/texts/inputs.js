@@ -1,24 +1,6 @@
 // Sentences of the pages: what a person drives with. No logic beyond filling in.
 
-const NAMES = [
-  "A",
-  "B",
-  "X",
-  "Y",
-  "LB",
-  "RB",
-  "LT",
-  "RT",
-  "View",
-  "Menu",
-  "left stick",
-  "right stick",
-  "up",
-  "down",
-  "left",
-  "right",
-  "home",
-];
+const NAMES = "A,B,X,Y,LB,RB,LT,RT,View,Menu,left stick,right stick,up,down,left,right,home".split(",");
 
 // As on most gamepads that the browser knows; else by number, from 1.
 export const button = (index, standard) => (standard && NAMES[index] ? `button ${NAMES[index]}` : `button ${index + 1}`);

@@ -134,28 +134,25 @@ export class TopicProbe {
 }
 
 // Which types of messages are too large to be asked for again and again. Pure.
-const LARGE_TYPES = new Set([
-  "sensor_msgs/Image",
-  "sensor_msgs/CompressedImage",
-  "sensor_msgs/PointCloud",
-  "sensor_msgs/PointCloud2",
-  "stereo_msgs/DisparityImage",
-  "theora_image_transport/Packet",
-  "ffmpeg_image_transport_msgs/FFMPEGPacket",
-  "nav_msgs/OccupancyGrid",
-  "nav_msgs/GetMap",
-  "grid_map_msgs/GridMap",
-  "octomap_msgs/Octomap",
-  "octomap_msgs/OctomapWithPose",
-  "costmap_2d/VoxelGrid",
-  "nav2_msgs/VoxelGrid",
-  "nav2_msgs/Costmap",
-  "visualization_msgs/MarkerArray",
-  "shape_msgs/Mesh",
-  "audio_common_msgs/AudioData",
-]);
+const LARGE_TYPES = {
+  sensor_msgs: ["Image", "CompressedImage", "PointCloud", "PointCloud2"],
+  nav_msgs: ["OccupancyGrid", "GetMap"],
+  nav2_msgs: ["VoxelGrid", "Costmap"],
+  octomap_msgs: ["Octomap", "OctomapWithPose"],
+  costmap_2d: ["VoxelGrid"],
+  grid_map_msgs: ["GridMap"],
+  stereo_msgs: ["DisparityImage"],
+  visualization_msgs: ["MarkerArray"],
+  shape_msgs: ["Mesh"],
+  audio_common_msgs: ["AudioData"],
+  theora_image_transport: ["Packet"],
+  ffmpeg_image_transport_msgs: ["FFMPEGPacket"],
+};
 
-const isLargeType = (type) => LARGE_TYPES.has(plainType(type || ""));
+function isLargeType(type) {
+  const [pack, name] = plainType(type || "").split("/");
+  return Boolean(LARGE_TYPES[pack]?.includes(name));
+}
 
 // What is kept of a topic: the numbers of the last minute, and how often messages come. Pure.
 const MINUTE_MS = 60_000;

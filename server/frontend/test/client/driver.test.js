@@ -12,11 +12,7 @@ beforeEach(() => {
   mock.timers.enable({ apis: ["setInterval"] });
   clock = 1000;
   sent = [];
-  driver = new Driver({
-    output: { mayQueue: true, publish: (twist) => sent.push(twist) },
-    now: () => clock,
-    timestamp: () => clock,
-  });
+  driver = new Driver({ output: { mayQueue: true, publish: (twist) => sent.push(twist) }, now: () => clock, timestamp: () => clock });
   driver.arm(true);
 });
 

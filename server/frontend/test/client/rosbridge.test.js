@@ -91,11 +91,7 @@ test("a command carries its moment beside the message", () => {
 test("who publishes hears of a message that the server refuses", () => {
   open();
   const refused = [];
-  const channel = link.advertise({
-    name: "/lights",
-    type: "std_msgs/Bool",
-    onRefused: (why) => refused.push(why),
-  });
+  const channel = link.advertise({ name: "/lights", type: "std_msgs/Bool", onRefused: (why) => refused.push(why) });
   channel.publish({ data: true });
   const { id } = socket.sent.at(-1);
   receive({ op: "status", level: "error", id: "another", msg: "cannot publish to /arm" });
@@ -108,13 +104,7 @@ test("a call settles with the robot's answer, whatever that is, and with the ser
   open();
   const calls = ["/dock", "/lift", "/arm"].map((name) => link.call(name, { a: 1 }, "std_srvs/Trigger"));
   const [dock, lift, arm] = socket.sent;
-  assert.deepEqual(dock, {
-    op: "call_service",
-    id: dock.id,
-    service: "/dock",
-    type: "std_srvs/Trigger",
-    args: { a: 1 },
-  });
+  assert.deepEqual(dock, { op: "call_service", id: dock.id, service: "/dock", type: "std_srvs/Trigger", args: { a: 1 } });
   receive({ op: "status", level: "error", id: arm.id, msg: "cannot call /arm" });
   receive({ op: "service_response", id: lift.id, service: "/lift", result: false, values: "no such service" });
   receive({ op: "service_response", id: dock.id, service: "/dock", result: true, values: { success: true } });
@@ -215,11 +205,7 @@ test("a car that stands points its wheels ahead, and one of unknown size steers 
 
 test("speed is read from odometry and from turtlesim's pose", () => {
   const odometry = { twist: { twist: { linear: { x: 0.5, y: 0.2 }, angular: { z: -1 } } } };
-  assert.deepEqual(speedReader("nav_msgs/Odometry")(odometry), {
-    forward: 0.5,
-    left: 0.2,
-    turn: -1,
-  });
+  assert.deepEqual(speedReader("nav_msgs/Odometry")(odometry), { forward: 0.5, left: 0.2, turn: -1 });
   const pose = { linear_velocity: 0.5, angular_velocity: -1 };
   assert.deepEqual(speedReader("turtlesim/msg/Pose")(pose), { forward: 0.5, left: 0, turn: -1 });
 });

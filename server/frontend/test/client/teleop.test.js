@@ -348,12 +348,7 @@ test("a gamepad that is no longer looked at takes the control and moves nothing"
   assert.deepEqual(sent, []);
 });
 
-const LIMITS = {
-  linear: 0.5,
-  angular: 2,
-  turbo: { linear: 1, angular: 3 },
-  most: { linear: 1, angular: 3 },
-};
+const LIMITS = { linear: 0.5, angular: 2, turbo: { linear: 1, angular: 3 }, most: { linear: 1, angular: 3 } };
 const input = (forward, left, turn, more = {}) => ({ forward, left, turn, ...more });
 
 test("inputs add up to no more than the limit, and opposite ones cancel", () => {

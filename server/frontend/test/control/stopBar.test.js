@@ -9,10 +9,7 @@ import { FakeElement } from "./fakes.js";
 let stops, clicks, window;
 
 // An element that stands inside exactly the given kind of element.
-const inside = (kind) => ({
-  closest: (selector) => selector.split(", ").includes(kind) || null,
-  click: () => (clicks += 1),
-});
+const inside = (kind) => ({ closest: (selector) => selector.split(", ").includes(kind) || null, click: () => (clicks += 1) });
 
 function press(kind, more = {}, name = "keydown") {
   const event = new Event(name, { cancelable: true });

@@ -7,12 +7,7 @@ let clock, wall, changes, hold;
 
 function make(afterMs = 1000) {
   changes = [];
-  hold = new VideoInterlock({
-    afterMs,
-    onChange: () => changes.push(hold.kind),
-    now: () => clock,
-    wall: () => wall,
-  });
+  hold = new VideoInterlock({ afterMs, onChange: () => changes.push(hold.kind), now: () => clock, wall: () => wall });
 }
 
 beforeEach(() => {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { Batch, itemsToMove, PointerPause, Seldom } from "../../src/fleet/list.js";
+import { Batch, itemsToMove, PointerPause, throttled } from "../../src/fleet/list.js";
 
 const moves = (present, wanted) => [...itemsToMove([...present], [...wanted])].join("");
 
@@ -63,11 +63,15 @@ test("what was applied early leaves its frame nothing to do, and later changes g
 
 test("what is costly is done at once, and then seldom, but never left undone", () => {
   let acts = 0;
-  const seldom = new Seldom({ act: () => (acts += 1), everyMs: 1000, now: () => clock });
-  seldom.ask();
+  const seldom = throttled(
+    () => (acts += 1),
+    1000,
+    () => clock,
+  );
+  seldom();
   assert.equal(acts, 1);
   for (let i = 0; i < 9; i++) {
-    seldom.ask();
+    seldom();
     pass(100);
   }
   assert.equal(acts, 1);

@@ -1,7 +1,9 @@
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { mock, test } from "node:test";
 
-import { Snapshots, Queue, lackOf } from "../../src/fleet/thumbs.js";
+import { Queue, fetchSnapshot, lackOf } from "../../src/fleet/thumbs.js";
+
+mock.timers.enable({ apis: ["setTimeout"] });
 
 const settle = () => new Promise((resolve) => setImmediate(resolve));
 
@@ -16,21 +18,19 @@ test("so many pictures are got at once, the others wait their turn", async () =>
   assert.deepEqual(begun, [0, 1, 2]);
 });
 
-test("what is no longer wanted never begins, or is cut", async () => {
+test("what is no longer wanted never begins, or is cut, as is what takes over 10 s", async () => {
   const queue = new Queue(1);
   const signals = [];
   const job = (signal) => new Promise((resolve) => (signals.push(signal), signal.addEventListener("abort", resolve)));
-  const first = queue.add(job);
-  const second = queue.add(job);
-  queue.add(job);
+  const [first, second] = [queue.add(job), queue.add(job), queue.add(job)];
   second();
   first();
   await settle();
-  assert.equal(signals.length, 2);
-  assert.deepEqual(
-    signals.map(({ aborted }) => aborted),
-    [true, false],
-  );
+  const aborted = () => signals.map((signal) => signal.aborted);
+  mock.timers.tick(9999);
+  assert.deepEqual(aborted(), [true, false]);
+  mock.timers.tick(1);
+  assert.deepEqual(aborted(), [true, true]);
 });
 
 test("a job that fails holds up nobody", async () => {
@@ -52,12 +52,11 @@ test("a robot without video is asked for no picture, and one whose video is not 
 
 function serverThat({ status = 200, type = "application/json", body = "" }) {
   const asked = [];
-  const fetch = async (url) => {
+  mock.method(globalThis, "fetch", async (url) => {
     asked.push(url);
     return new Response(body, { status, headers: { "Content-Type": type } });
-  };
-  const { signal } = new AbortController();
-  return { asked, fetchImage: (topic) => new Snapshots({ fetch }).fetchImage("sim 1", topic, signal) };
+  });
+  return { asked, fetchImage: (topic) => fetchSnapshot("sim 1", topic, new AbortController().signal) };
 }
 
 test("a picture is small, and of the camera that the settings name or of the first that the agent names", async () => {

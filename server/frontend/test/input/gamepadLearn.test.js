@@ -16,11 +16,7 @@ beforeEach(() => {
 });
 
 function start(kind) {
-  return new Learner({
-    steps: stepsOf(kind),
-    onAsk: (...what) => asked.push(what.join(" ")),
-    onDone: (what) => (learnt = what),
-  });
+  return new Learner({ steps: stepsOf(kind), onAsk: (...what) => asked.push(what.join(" ")), onDone: (what) => (learnt = what) });
 }
 
 // What is held for half a second, looked at 60 times a second.
@@ -42,14 +38,7 @@ test("sticks and buttons are learnt one after the other, each after all was let 
   act({}, [6]);
   act({}, [7]);
   act({}, [2]);
-  assert.deepEqual(learnt, {
-    rest: 0.05,
-    forward: { axis: 1, sign: -1 },
-    turn: { axis: 0, sign: 1 },
-    enable: 6,
-    turbo: 7,
-    stop: 2,
-  });
+  assert.deepEqual(learnt, { rest: 0.05, forward: { axis: 1, sign: -1 }, turn: { axis: 0, sign: 1 }, enable: 6, turbo: 7, stop: 2 });
   assert.deepEqual(asked.slice(0, 4), ["forward rest", "forward move", "forward back", "turn move"]);
 });
 

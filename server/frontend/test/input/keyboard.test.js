@@ -6,9 +6,7 @@ import { direction, FieldFocus, Keyboard } from "../../src/input/keyboard.js";
 let told, moments, teleop, keyboard;
 
 // An element that stands inside exactly the given kinds of elements.
-const element = (...kinds) => ({
-  closest: (selector) => kinds.some((kind) => selector.split(", ").includes(kind)) || null,
-});
+const element = (...kinds) => ({ closest: (selector) => kinds.some((kind) => selector.split(", ").includes(kind)) || null });
 const BODY = element();
 const TEXT_FIELD = element("input:not([type=range]):not([type=checkbox])");
 const SLIDER = element("input[type=range]");

@@ -12,10 +12,7 @@ function pageWith(text) {
       button.click = listener;
     },
   };
-  const page = {
-    querySelectorAll: () => [button],
-    getElementById: (id) => (id === "line" ? { textContent: text } : null),
-  };
+  const page = { querySelectorAll: () => [button], getElementById: (id) => (id === "line" ? { textContent: text } : null) };
   return { button, page };
 }
 

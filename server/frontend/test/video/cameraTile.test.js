@@ -19,10 +19,7 @@ function openFrames(topic, options) {
 }
 
 // Snapshots stand on the page when the test says so.
-const painter = () => ({
-  turned: 0,
-  show: (jpeg) => new Promise((done, failed) => paintings.push({ jpeg, done, failed })),
-});
+const painter = () => ({ turned: 0, show: (jpeg) => new Promise((done, failed) => paintings.push({ jpeg, done, failed })) });
 
 beforeEach(() => {
   clock = 1000;
