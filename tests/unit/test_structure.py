@@ -111,7 +111,7 @@ ALLOWED = {
     ("pictures", "robotether_server/"): "a column of SQL",
     ("records", "relay/records/"): "of the database, the audit and drives",
     ("switch", "robotether_agent/cli.py"): "a command of the program",
-    ("take", "relay/control/"): "an action of the API",
+    ("take", "server/robotether_server/relay/"): "an action of the API",
     ("tls_front", "robotether_server/settings.py"): "TLS_FRONT's field",
 }
 WHOLE = set(" ".join(BANNED_NAMES).split())

@@ -8,48 +8,8 @@ from typing import Annotated, Any, Literal
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api.operations import ApiOperation
-from robotether_server.schemas import PlainName, RobotName, Timestamp
-
-
-class ShownDriver(Struct):
-    """Who drives; `fence` is the number of the lease."""
-
-    user: str
-    since: Timestamp
-    fence: Annotated[int, Meta(ge=1)]
-
-
-class ShownWaiting(Struct):
-    """Who asks for control, and when it passes without an answer."""
-
-    user: str
-    since: Timestamp
-    passes_at: Timestamp
-
-
-class ShownReservation(Struct):
-    """For whom control is reserved, and until when."""
-
-    user: str
-    until: Timestamp
-
-
-class ConfirmedStop(Struct):
-    """Who stopped the robot, and whether its guard has confirmed it."""
-
-    by: str
-    at: Timestamp
-    confirmed: bool
-
-
-class ShownControl(Struct):
-    """The control object: who drives, who asks, who stopped the robot."""
-
-    driver: ShownDriver | None
-    waiting: ShownWaiting | None
-    reserved: ShownReservation | None
-    stopped: ConfirmedStop | None
-    guard: Literal["ready", "down", "off", "unknown"]
+from robotether_server.contract.control import ControlObject, StoppedRobotList
+from robotether_server.schemas import PlainName, Timestamp
 
 
 class LeaseAction(Struct):
@@ -78,23 +38,8 @@ class StoppedSite(StopReason):
     site: PlainName | UnsetType = UNSET
 
 
-class StoppedRobot(Struct):
-    """The result for one robot; `confirmed`: its guard has the stop."""
-
-    name: RobotName
-    stopped: bool
-    confirmed: bool
-
-
-class StoppedRobotList(Struct):
-    """The result for each robot; the cells named last learn of the stops once they can be reached."""
-
-    robots: list[StoppedRobot]
-    cells_unreached: list[str]
-
-
 BOTH_OR_NEITHER = Meta(extra_json_schema={"dependentRequired": {"by": ["at"], "at": ["by"]}})
-CONTROL: dict[int, Any] = {200: ShownControl}
+CONTROL: dict[int, Any] = {200: ControlObject}
 
 RELAYED = (
     ApiOperation(

@@ -22,6 +22,7 @@ from relay_server import (
     running_relay,
     until,
 )
+from robotether_server.contract.robots import RobotObject
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.cells.keys import CERTIFICATE, KEY, PROOF_HEADER, PeerKeys
 from robotether_server.relay.main import Relay
@@ -136,7 +137,7 @@ class SiteCell:
         peer = self.relay.peers.owner(robot.id)
         return None if peer is None else peer.name
 
-    def shown(self, robot: RelayRobot) -> dict[str, object]:
+    def shown(self, robot: RelayRobot) -> RobotObject:
         """The robot as this cell's clients see it."""
         return self.relay.fleet_events.describe(robot)
 

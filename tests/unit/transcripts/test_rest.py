@@ -395,7 +395,7 @@ def _is_well(server: RelayServer, robot_id: int) -> bool:
     presence = server.relay.registry.presence(robot_id)
     states = (presence.guard, presence.ros, presence.video)
     is_well = states == ("ready", "ok", "ok") and presence.rtt_ms is not None
-    return is_well and server.relay.control.describe(robot_id)["stopped"]["confirmed"]
+    return is_well and server.relay.control.describe(robot_id).stopped.confirmed
 
 
 async def _refusals(ask: Ask) -> None:

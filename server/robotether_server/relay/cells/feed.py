@@ -15,6 +15,7 @@ from itertools import islice
 
 from aiohttp import ClientWebSocketResponse, WSMsgType, web
 
+from robotether_server.contract.robots import LiveState
 from robotether_server.problems import HttpProblem
 from robotether_server.relay.cells.messages import (
     PeerHello,
@@ -69,7 +70,7 @@ class PeerFeed(ChangedRobots):
         if not presence.online:
             if sent is not None:
                 del self._sent[robot_id]
-                yield PeerRobot(robot_id, sent.epoch, online=False, object={})
+                yield PeerRobot(robot_id, sent.epoch, online=False, object=LiveState())
             return
         described = self._fleet_events.describe_here(robot_id)
         robot = PeerRobot(robot_id, presence.epoch, online=True, object=described)

@@ -6,11 +6,12 @@ Pure. The contract is the section "Between cells" of docs/reference/protocols.md
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any, get_args
+from typing import get_args
 
 import msgspec
 from msgspec import Struct
 
+from robotether_server.contract.robots import LiveState
 from robotether_server.db.control import Stop, StopId
 
 
@@ -26,7 +27,7 @@ class PeerRobot(Struct, frozen=True, tag="robot"):
     robot_id: int
     epoch: int
     online: bool
-    object: dict[str, Any]
+    object: LiveState
 
 
 class PeerStop(Struct, frozen=True, tag="stop"):

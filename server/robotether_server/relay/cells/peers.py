@@ -11,8 +11,11 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
+from msgspec.structs import replace
+
+from robotether_server.contract.control import StopObject
+from robotether_server.contract.robots import LiveState
 from robotether_server.relay.cells.messages import (
     PeerHello,
     PeerMessage,
@@ -101,17 +104,16 @@ class Peers:
             return None
         return found
 
-    def described(self, robot_id: int) -> dict[str, Any] | None:
+    def described(self, robot_id: int) -> LiveState | None:
         """Return what the robot's cell reports of it; None: no other cell has the robot."""
         if (peer := self.owner(robot_id)) is None:
             return None
-        described, stop = peer.robots[robot_id].object, self._stops.shown(robot_id)
-        control = described.get("control") or {}
-        if stop is None or control.get("stopped"):
-            return described
+        live, stop = peer.robots[robot_id].object, self._stops.shown(robot_id)
+        if stop is None or live.control.stopped is not None:
+            return live
         # A robot is stopped when any cell says so; that one does not know yet.
-        stopped = {"by": stop.by, "at": stop.at, "confirmed": False}
-        return described | {"control": control | {"stopped": stopped}}
+        stopped = StopObject(stop.by, stop.at, confirmed=False)
+        return replace(live, control=replace(live.control, stopped=stopped))
 
     def confirmation(self, robot_id: int) -> Awaitable[bool] | None:
         """Wait shortly until the guard of a robot at another cell has its stop; None: no other cell has the robot."""
@@ -138,8 +140,9 @@ class Peers:
         return (peer for peer in self._connected.values() if robot_id in peer.robots)
 
     def _is_confirmed(self, robot_id: int) -> bool:
-        described = self.described(robot_id) or {}
-        return bool(((described.get("control") or {}).get("stopped") or {}).get("confirmed"))
+        live = self.described(robot_id)
+        stopped = None if live is None else live.control.stopped
+        return stopped is not None and stopped.confirmed
 
     def _end_older_session(self, robot_id: int) -> None:
         own, peer = self._registry.presence(robot_id), self.owner(robot_id)

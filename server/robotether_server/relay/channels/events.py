@@ -8,14 +8,15 @@ fleet. A client that does not read is disconnected after a while. Robots of othe
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
-from typing import Any, Protocol
+from typing import Protocol
 
+import msgspec
 from aiohttp import web
+from msgspec.structs import asdict, replace
 
+from robotether_server.contract.robots import LiveState, RemovedRobot, RobotObject
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.offline import offline_reason
 from robotether_server.problems import TooManyConnections
@@ -36,8 +37,8 @@ HEADERS = {
 }
 RTT_NOTIFY_EVERY_S = 2.0
 
-RobotObject = dict[str, Any]
-Event = tuple[str, object]
+# Its name, and what is sent.
+Event = tuple[str, list[RobotObject] | RobotObject | RemovedRobot]
 
 
 class ChangedRobots:
@@ -99,7 +100,7 @@ class FleetEvents:
         connections: Connections,
         control: Control,
         *,
-        elsewhere: Callable[[int], RobotObject | None] = lambda _robot_id: None,
+        elsewhere: Callable[[int], LiveState | None] = lambda _robot_id: None,
     ) -> None:
         self._snapshot = snapshot
         self._registry = registry
@@ -172,32 +173,33 @@ class FleetEvents:
 
     def describe(self, robot: RelayRobot) -> RobotObject:
         """Build the robot object of the contract."""
-        part = self._elsewhere(robot.id) or self.describe_here(robot.id)
-        version = part["agent_version"] or robot.agent_version
-        row = {"name": robot.name, "state": robot.state, "site": robot.site}
-        return (
-            row
-            | part
-            | {"agent_version": version, "offline_reason": _offline_reason(robot, part, version)}
+        live = self._elsewhere(robot.id) or self.describe_here(robot.id)
+        live = replace(live, agent_version=live.agent_version or robot.agent_version)
+        return RobotObject(
+            name=robot.name,
+            state=robot.state,
+            site=robot.site,
+            offline_reason=_offline_reason(robot, live),
+            **asdict(live),
         )
 
-    def describe_here(self, robot_id: int) -> RobotObject:
+    def describe_here(self, robot_id: int) -> LiveState:
         """Build what of a robot object this cell knows, and no row."""
         presence, driver = self._registry.presence(robot_id), self._control.driver(robot_id)
-        return {
-            "online": presence.online,
-            "since": rfc3339(presence.since),
-            "end_code": presence.end_code,
-            "address": presence.address,
-            "rtt_ms": presence.rtt_ms,
-            "ros": presence.ros,
-            "video": presence.video,
-            "drivers": [] if driver is None else [driver],
-            "observers": self._connections.observers(robot_id),
-            "agent_version": presence.agent_version,
-            "battery": None if presence.battery is None else asdict(presence.battery),
-            "control": self._control.describe(robot_id),
-        }
+        return LiveState(
+            online=presence.online,
+            since=rfc3339(presence.since),
+            end_code=presence.end_code,
+            address=presence.address,
+            rtt_ms=presence.rtt_ms,
+            ros=presence.ros,
+            video=presence.video,
+            drivers=[] if driver is None else [driver],
+            observers=self._connections.observers(robot_id),
+            agent_version=presence.agent_version,
+            battery=presence.battery,
+            control=self._control.describe(robot_id),
+        )
 
     def _rtt_changed(self, robot_id: int) -> None:
         now = asyncio.get_running_loop().time()
@@ -207,15 +209,15 @@ class FleetEvents:
             self.changed(robot_id)
 
 
-def _offline_reason(robot: RelayRobot, part: RobotObject, version: str | None) -> str | None:
-    if part["online"]:
+def _offline_reason(robot: RelayRobot, live: LiveState) -> str | None:
+    if live.online:
         return None
     return offline_reason(
         robot.state,
-        part["end_code"],
-        ever_online=part["since"] is not None,
+        live.end_code,
+        ever_online=live.since is not None,
         other_key=robot.other_key,
-        agent_version=version,
+        agent_version=live.agent_version,
     )
 
 
@@ -250,9 +252,9 @@ class Subscriber(ChangedRobots):
     def _events_of(self, robot_id: int) -> Iterator[Event]:
         robot = self._fleet_events.find(self.user_id, robot_id)
         shown = self._shown.get(robot_id)
-        if shown is not None and (robot is None or robot.name != shown["name"]):
+        if shown is not None and (robot is None or robot.name != shown.name):
             del self._shown[robot_id]
-            yield "removed", {"name": shown["name"]}
+            yield "removed", RemovedRobot(shown.name)
         if robot is None:
             return
         described = self._fleet_events.describe(robot)
@@ -307,7 +309,7 @@ class EventsHandler:
 def render(events: list[Event]) -> bytes:
     """Write events in the format of text/event-stream."""
     return b"".join(
-        f"event: {name}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n".encode()
+        b"event: %b\ndata: %b\n\n" % (name.encode(), msgspec.json.encode(data))
         for name, data in events
     )
 

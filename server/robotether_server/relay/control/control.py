@@ -7,8 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
+from robotether_server.contract.control import (
+    ControlObject,
+    DriverObject,
+    RequestObject,
+    ReservationObject,
+    StopObject,
+)
 from robotether_server.db.control import StoredControl
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.db.grants import includes
@@ -18,12 +24,10 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
-from robotether_server.relay.robots.lease import Driver, Instant, Reservation
+from robotether_server.relay.robots.lease import Driver, Lease, Reservation
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change
 from robotether_server.times import rfc3339
-
-ControlObject = dict[str, Any]
 
 
 class Control:
@@ -92,13 +96,13 @@ class Control:
     def describe(self, robot_id: int) -> ControlObject:
         """Build the control object of the contract."""
         lease, timestamp = self.leasing.of(robot_id), now()
-        return {
-            "driver": _driver(lease.driver),
-            "waiting": self._waiting(robot_id),
-            "reserved": _reserved(lease.reserved(timestamp)),
-            "stopped": self._stopped(robot_id),
-            "guard": self._registry.presence(robot_id).guard,
-        }
+        return ControlObject(
+            driver=_driver(lease.driver),
+            waiting=_waiting(lease),
+            reserved=_reserved(lease.reserved(timestamp)),
+            stopped=self._stopped(robot_id),
+            guard=self._registry.presence(robot_id).guard,
+        )
 
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot; who comes back stopped is stopped here, too."""
@@ -120,36 +124,30 @@ class Control:
         for changed in list(self._registry.robot(robot_id).control_watchers):
             changed()
 
-    def _waiting(self, robot_id: int) -> ControlObject | None:
-        lease = self.leasing.of(robot_id)
-        if lease.waiting is None:
-            return None
-        return {
-            "user": lease.waiting.user.name,
-            "since": rfc3339(lease.waiting.since.utc),
-            "passes_at": _timestamp(lease.passes_at()),
-        }
-
-    def _stopped(self, robot_id: int) -> ControlObject | None:
+    def _stopped(self, robot_id: int) -> StopObject | None:
         stop = self.stops.shown(robot_id)
         if stop is None:
             return None
-        return {"by": stop.by, "at": stop.at, "confirmed": self.stops.confirmed(robot_id)}
+        return StopObject(stop.by, stop.at, self.stops.confirmed(robot_id))
 
 
-def _driver(driver: Driver | None) -> ControlObject | None:
+def _driver(driver: Driver | None) -> DriverObject | None:
     if driver is None:
         return None
-    since = rfc3339(driver.since.utc)
-    return {"user": driver.holder.user, "since": since, "fence": driver.fence}
+    return DriverObject(driver.holder.user, rfc3339(driver.since.utc), driver.fence)
 
 
-def _reserved(kept: Reservation | None) -> ControlObject | None:
-    return None if kept is None else {"user": kept.user.name, "until": rfc3339(kept.until.utc)}
+def _waiting(lease: Lease) -> RequestObject | None:
+    request, passes_at = lease.waiting, lease.passes_at()
+    if request is None or passes_at is None:
+        return None
+    return RequestObject(request.user.name, rfc3339(request.since.utc), rfc3339(passes_at.utc))
 
 
-def _timestamp(timestamp: Instant | None) -> str | None:
-    return None if timestamp is None else rfc3339(timestamp.utc)
+def _reserved(reservation: Reservation | None) -> ReservationObject | None:
+    if reservation is None:
+        return None
+    return ReservationObject(reservation.user.name, rfc3339(reservation.until.utc))
 
 
 def _may_drive(snapshot: Snapshot, user_id: int, robot_id: int) -> bool:

@@ -13,8 +13,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import msgspec
 from aiohttp import web
+from msgspec import Struct
 
+from robotether_server.contract.control import StoppedRobot, StoppedRobotList
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.db.grants import includes
 from robotether_server.problems import FieldInvalid, GrantMissing, HttpProblem
@@ -128,12 +131,11 @@ class ControlApi:
         confirmed = await asyncio.gather(
             *(elsewhere(robot.id) or stops.confirmation(robot.id) for robot in robots)
         )
-        found = [
-            {"name": robot.name, "stopped": stops.of(robot.id) is not None, "confirmed": has_it}
-            for robot, has_it in zip(robots, confirmed, strict=True)
+        results = [
+            StoppedRobot(robot.name, stops.of(robot.id) is not None, is_confirmed)
+            for robot, is_confirmed in zip(robots, confirmed, strict=True)
         ]
-        answer = {"robots": found, "cells_unreached": self._other_cells.unreached()}
-        return web.json_response(answer, headers=NO_STORE)
+        return _answer(StoppedRobotList(results, self._other_cells.unreached()))
 
     def _handing_over_to(
         self, action: str | None, to: object
@@ -170,7 +172,14 @@ class ControlApi:
             )
 
     def _answer(self, robot: RelayRobot) -> web.Response:
-        return web.json_response(self._control.describe(robot.id), headers=NO_STORE)
+        return _answer(self._control.describe(robot.id))
+
+
+def _answer(answer: Struct) -> web.Response:
+    body = msgspec.json.encode(answer)
+    return web.Response(
+        body=body, content_type="application/json", charset="utf-8", headers=NO_STORE
+    )
 
 
 def _address(request: web.Request) -> str | None:

@@ -222,7 +222,7 @@ async def test_a_robot_that_leaves_is_shown_without_its_drivers(relay, robot, si
             await robot.session.close()
             assert (await closing(socket))[0] == 4505
         subscriber.first_event()
-        assert subscriber.first_event()[1][0]["drivers"] == []
+        assert subscriber.first_event()[1][0].drivers == []
 
 
 async def test_a_robot_whose_row_is_gone_is_forgotten(relay, robot, sim1, memory_database):

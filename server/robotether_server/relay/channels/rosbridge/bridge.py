@@ -19,6 +19,7 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 from aiohttp import WebSocketError, WSCloseCode, WSMsgType
 from aiohttp.http_websocket import WSMessageNoDecodeText
 
@@ -436,7 +437,7 @@ class OwnOperations:
         """Wait until there is something to send; return the control object's message."""
         await self._update_due.wait()
         self._update_due.clear()
-        control = self._control.describe(self._robot.id)
+        control = msgspec.to_builtins(self._control.describe(self._robot.id))
         return _written("robotether.control", control=control, **self._key)
 
     def _changed(self) -> None:

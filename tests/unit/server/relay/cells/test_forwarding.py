@@ -145,5 +145,5 @@ async def test_stopping_all_stops_those_of_other_cells(
                 "cells_unreached": ["b"],
             }
         # Though its own cell does not show it yet.
-        assert cell_a.shown(sim1)["control"]["stopped"]["by"] == "ann"
+        assert cell_a.shown(sim1).control.stopped.by == "ann"
     await until(lambda: at_b.session.stopped, "it is stopped when b follows a again")

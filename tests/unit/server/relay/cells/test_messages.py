@@ -6,6 +6,7 @@ import json
 
 import pytest
 from relay_server import utc
+from robotether_server.contract.robots import LiveState
 from robotether_server.db.control import Stop
 from robotether_server.relay.cells.messages import (
     BrokenPeerMessageError,
@@ -21,9 +22,6 @@ from robotether_server.relay.cells.messages import (
 NOON = utc(2026, 1, 1, 12, 0, 0, 123456)
 MESSAGES = {
     '{"type":"hello","cell":"a"}': PeerHello("a"),
-    '{"type":"robot","robot_id":7,"epoch":12,"online":true,"object":{"ros":"ok"}}': PeerRobot(
-        7, 12, online=True, object={"ros": "ok"}
-    ),
     '{"type":"stop","robot_id":7,"at":"2026-01-01T12:00:00.123456Z","by":"ben","reason":null}': PeerStop(
         7, NOON, "ben"
     ),
@@ -38,6 +36,14 @@ def test_messages_are_read_as_they_were_written(text):
     """Both ways, to the microsecond."""
     assert build(MESSAGES[text]) == text
     assert parse(text) == MESSAGES[text]
+
+
+def test_members_that_an_older_cell_does_not_send_have_defaults():
+    """A cell whose version has fewer members, and the report of a robot that left, are read."""
+    text = '{"type":"robot","robot_id":7,"epoch":12,"online":true,"object":{"ros":"ok"}}'
+    robot = PeerRobot(7, 12, online=True, object=LiveState(ros="ok"))
+    assert parse(text) == robot
+    assert parse(build(robot)) == robot
 
 
 def test_a_stop_and_its_end_name_the_same():

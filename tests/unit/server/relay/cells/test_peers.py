@@ -6,8 +6,11 @@ import asyncio
 
 import pytest
 from fake_robot import RobotSession
+from msgspec.structs import replace
 from relay_clients import configured, ended
 from relay_server import SESSION_KEY, until
+from robotether_server.contract.control import NO_CONTROL, StopObject
+from robotether_server.contract.robots import LiveState
 from robotether_server.db.control import Stop
 from robotether_server.relay.cells.messages import PeerRobot
 from robotether_server.relay.cells.peers import Peers
@@ -28,14 +31,14 @@ async def session(cell: SiteCell, robot_id: int, epoch: int) -> RobotSession:
 async def test_a_robot_of_another_cell_is_shown_as_that_cell_sees_it(site, cell_a, cell_b, sim1):
     """All that sessions and connections know; when it leaves, it is offline since then."""
     robot = await cell_b.robot(sim1)
-    await until(lambda: cell_a.shown(sim1)["ros"] == "ok", "a shows its health")
+    await until(lambda: cell_a.shown(sim1).ros == "ok", "a shows its health")
     await until(lambda: cell_a.shown(sim1) == cell_b.shown(sim1), "and all else")
-    assert cell_a.shown(sim1)["address"] == "198.51.100.7"
+    assert cell_a.shown(sim1).address == "198.51.100.7"
     assert cell_a.owner(sim1) == "b"
     assert cell_b.owner(sim1) is None
     await robot.stop()
-    await until(lambda: not cell_a.shown(sim1)["online"], "a shows it offline")
-    assert cell_a.shown(sim1)["since"] is not None
+    await until(lambda: not cell_a.shown(sim1).online, "a shows it offline")
+    assert cell_a.shown(sim1).since is not None
     assert cell_a.owner(sim1) is None
 
 
@@ -47,8 +50,8 @@ async def test_clients_of_any_cell_follow_all_robots(site, cell_a, cell_b, sim1)
         online = []
         while not online:
             await subscriber.wait(5)
-            online = [robot for _, robot in subscriber.pop_events() if robot["online"]]
-    assert online[0]["name"] == "sim1"
+            online = [robot for _, robot in subscriber.pop_events() if robot.online]
+    assert online[0].name == "sim1"
     await robot.stop()
 
 
@@ -101,7 +104,7 @@ async def test_robots_of_a_cell_that_is_gone_are_offline(site, cell_a, cell_b, s
     if how == "cut":
         async with cell_b.listener.cut():
             await until(lambda: cell_a.owner(sim1) is None, "b is gone")
-            assert not cell_a.shown(sim1)["online"]
+            assert not cell_a.shown(sim1).online
             assert cell_a.relay.control.stops.of(sim1.id).by == "ben"
     else:
         with cell_b.listener.frozen():
@@ -133,7 +136,7 @@ async def test_a_stop_reaches_a_robot_of_another_cell_and_is_confirmed(site, cel
     assert waiting is not None
     assert await waiting
     assert robot.session.stopped_by == "ben"
-    assert cell_a.shown(sim1)["control"]["stopped"]["by"] == "ben"
+    assert cell_a.shown(sim1).control.stopped.by == "ben"
     assert cell_b.relay.peers.confirmation(sim1.id) is None
     await robot.stop()
 
@@ -155,8 +158,9 @@ async def test_who_waits_for_a_guard_looks_when_its_robot_is_reported():
     peer = peers.connected("b", "b.example:8444")
 
     def report(robot_id: int, *, confirmed: bool) -> None:
-        described = {"control": {"stopped": {"confirmed": confirmed}}}
-        peers.on_message(peer, PeerRobot(robot_id, 1, online=True, object=described))
+        stopped = StopObject("ben", "2026-01-01T12:00:00Z", confirmed)
+        live = LiveState(control=replace(NO_CONTROL, stopped=stopped))
+        peers.on_message(peer, PeerRobot(robot_id, 1, online=True, object=live))
 
     for robot_id in (7, 8):
         report(robot_id, confirmed=False)
@@ -233,8 +237,8 @@ async def test_a_stop_that_a_release_did_not_see_outlives_a_partition(site, cell
         await cell_b.relay.control.stops.release(sim1, "carl")
         assert not robot.session.stopped
     await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped again")
-    await until(lambda: cell_a.relay.control.stops.known(sim1.id).ended, "a knows of the release")
-    stops = [cell.relay.control.stops.known(sim1.id) for cell in (cell_a, cell_b)]
+    await until(lambda: cell_a.relay.registry.robot(sim1.id).stops.ended, "a knows of the release")
+    stops = [cell.relay.registry.robot(sim1.id).stops for cell in (cell_a, cell_b)]
     assert [[stop.by for stop in each.in_force.values()] for each in stops] == [["ben"], ["ben"]]
     await robot.stop()
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 from fake_robot import WAIT_S, FakeRobot
 from relay_server import SESSION_KEY, MemoryDatabase, until, utc
+from robotether_server.contract.control import NO_CONTROL, ControlObject
 from robotether_server.db.fleet import RelayUser, Snapshot
 from robotether_server.relay.auth.connections import Caps, Connections
 from robotether_server.relay.channels import events as module
@@ -26,8 +27,8 @@ class NoControl:
     def driver(self, _robot_id: int) -> None:
         return None
 
-    def describe(self, _robot_id: int) -> dict[str, object]:
-        return {}
+    def describe(self, _robot_id: int) -> ControlObject:
+        return NO_CONTROL
 
 
 @pytest.fixture
@@ -57,7 +58,7 @@ async def test_a_client_that_does_not_read_is_told_the_newest_state_only(
             robots.robot(7).presence = Presence(ros="ok" if turn % 2 else "down", video="ok")
             fleet_events.changed(7)
         (event,) = subscriber.pop_events()
-        assert (event[0], event[1]["ros"], event[1]["video"]) == ("robot", "ok", "ok")
+        assert (event[0], event[1].ros, event[1].video) == ("robot", "ok", "ok")
         assert subscriber.pop_events() == []
 
 
@@ -89,7 +90,7 @@ async def test_round_trips_are_told_seldom(fleet_events, robots, sim1, monkeypat
             assert len(subscriber.pop_events()) == (1 if rtt_ms == 1.0 else 0)
         monkeypatch.setattr(module, "RTT_NOTIFY_EVERY_S", 0.0)
         fleet_events.on_robot_change(Change("heartbeat", 7, robots.presence(7)))
-        assert [event[1]["rtt_ms"] for event in subscriber.pop_events()] == [3.0]
+        assert [event[1].rtt_ms for event in subscriber.pop_events()] == [3.0]
 
 
 async def test_other_changes_are_told_at_once(fleet_events, robots, sim1):
@@ -99,7 +100,7 @@ async def test_other_changes_are_told_at_once(fleet_events, robots, sim1):
         for ros in ("ok", "down", "ok"):
             robots.robot(7).presence = Presence(online=True, ros=ros)
             fleet_events.on_robot_change(Change("updated", 7, robots.presence(7)))
-            assert [event[1]["ros"] for event in subscriber.pop_events()] == [ros]
+            assert [event[1].ros for event in subscriber.pop_events()] == [ros]
 
 
 async def test_a_change_wakes_who_waits(fleet_events, sim1):
@@ -118,9 +119,9 @@ async def test_a_change_wakes_who_waits(fleet_events, sim1):
 def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots, sim1):
     """An offline robot shows what the records know; a session that told its own wins."""
     row = replace(sim1, agent_version="0.1.0")
-    assert fleet_events.describe(row)["agent_version"] == "0.1.0"
+    assert fleet_events.describe(row).agent_version == "0.1.0"
     robots.robot(7).presence = Presence(online=True, agent_version="0.2.0")
-    assert fleet_events.describe(row)["agent_version"] == "0.2.0"
+    assert fleet_events.describe(row).agent_version == "0.2.0"
 
 
 class Events:

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from relay_server import until
+from robotether_server.contract.control import NO_CONTROL
 
 
 async def test_a_robot_that_nobody_drives_has_nothing_in_it(relay, sim1):
     """All members are there; of an offline robot nobody knows its guard."""
-    assert relay.relay.control.describe(sim1.id) == {
-        "driver": None,
-        "waiting": None,
-        "reserved": None,
-        "stopped": None,
-        "guard": "unknown",
-    }
+    assert relay.relay.control.describe(sim1.id) == NO_CONTROL
 
 
 async def test_the_guards_state_is_in_it(relay, guarded, sim1):
     """As the guard says, and not known any more when the robot is gone."""
     control = relay.relay.control
-    assert control.describe(sim1.id)["guard"] == "ready"
+    assert control.describe(sim1.id).guard == "ready"
     await guarded.stop()
-    await until(lambda: control.describe(sim1.id)["guard"] == "unknown", "it is gone")
+    await until(lambda: control.describe(sim1.id).guard == "unknown", "it is gone")
 
 
 async def test_a_watcher_hears_inside_the_block(relay, guarded, sim1):

@@ -150,7 +150,7 @@ async def test_who_asks_in_a_loop_is_told_to_wait(
         async with http.post(url, json=body, headers=people["ben"]) as answer:
             assert (answer.status, (await answer.json())["code"]) == (429, "throttled")
             assert 0 < int(answer.headers["Retry-After"]) <= 30
-        assert relay.relay.control.describe(sim1.id)["waiting"] is None
+        assert relay.relay.control.describe(sim1.id).waiting is None
     await relay.relay.event_writer.flush(5)
     assert [line.kind for line in audit_lines(memory_database)].count("lease_asked") == 3
 

@@ -59,7 +59,7 @@ async def test_a_second_driver_is_told_who_drives(relay, guarded, sim1, http):
             code, reason = await closing(second)
         assert code == 4009
         assert reason.startswith("ann has been driving sim1 since ")
-        assert control(relay, sim1)["driver"]["user"] == "ann"
+        assert control(relay, sim1).driver.user == "ann"
         await first.ping()
         assert guarded.clients_ever == 1
 
@@ -138,7 +138,7 @@ async def test_what_the_guard_refuses_stands_in_the_drives_record(
     async with http.ws_connect(relay.ros_url(sim1)):
         await guarded.connections(1)
         guarded.session.send_guard_status(old=2)
-    await until(lambda: control(relay, sim1)["driver"] is None, "nobody drives")
+    await until(lambda: control(relay, sim1).driver is None, "nobody drives")
     guarded.session.send_guard_status(old=2, shape=1)
     await until(lambda: refused() == {"guard_old": 2, "guard_shape": 1}, "the record has both")
 
@@ -182,10 +182,10 @@ async def test_a_users_newer_connection_takes_over(relay, guarded, sim1, http):
         await driven(relay, sim1)
         async with http.ws_connect(relay.ros_url(sim1)) as newer:
             assert (await closing(older))[0] == 4002
-            await until(lambda: control(relay, sim1)["driver"], "the newer drives")
-            assert control(relay, sim1)["driver"]["fence"] == 2
+            await until(lambda: control(relay, sim1).driver, "the newer drives")
+            assert control(relay, sim1).driver.fence == 2
             await newer.ping()
-        await until(lambda: control(relay, sim1)["driver"] is None, "nobody drives")
+        await until(lambda: control(relay, sim1).driver is None, "nobody drives")
 
 
 async def test_the_driver_hands_over_to_who_asks(relay, guarded, sim1, http, memory_database):
@@ -194,15 +194,15 @@ async def test_the_driver_hands_over_to_who_asks(relay, guarded, sim1, http, mem
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await until(lambda: guarded.clients, "ann has reached the robot")
         acts.ask(sim1, asker(BEN))
-        assert control(relay, sim1)["waiting"]["user"] == "ben"
+        assert control(relay, sim1).waiting.user == "ben"
         acts.hand_over(sim1, asker(ANN))
         assert await closing(socket) == (4010, "ben controls sim1 now")
-    assert control(relay, sim1)["reserved"]["user"] == "ben"
+    assert control(relay, sim1).reserved.user == "ben"
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         assert await closing(socket) == (4009, "control of sim1 is reserved for ben; wait a moment")
     async with http.ws_connect(relay.ros_url(sim1, "drive", BEN)):
         await driven(relay, sim1, BEN)
-        assert control(relay, sim1)["reserved"] is None
+        assert control(relay, sim1).reserved is None
     await relay.relay.event_writer.flush(5)
     kinds = [line.kind for line in audit_lines(memory_database)]
     assert kinds[:3] == ["drive_started", "lease_asked", "lease_handed_over"]
@@ -230,9 +230,7 @@ async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, m
         relay.relay.control.leasing.take(sim1, asker(CARL))
         assert (await closing(socket))[0] == 4010
     free: list[bool] = []
-    relay.relay.control.listen(
-        lambda _robot_id: free.append(control(relay, sim1)["reserved"] is None)
-    )
+    relay.relay.control.listen(lambda _robot_id: free.append(control(relay, sim1).reserved is None))
     await until(lambda: True in free, "those who watch are told")
 
 
@@ -263,7 +261,7 @@ async def test_without_a_database_who_drove_lately_drives_again(
     await until(lambda: relay.relay.registry.presence(sim1.id).report.fence == 7, "it is known")
     async with http.ws_connect(relay.ros_url(sim1)):
         handshakes = await guarded.connections(2)
-    await until(lambda: control(relay, sim1)["driver"] is None, "nobody drives")
+    await until(lambda: control(relay, sim1).driver is None, "nobody drives")
     assert handshakes[-1]["Robotether-Fence"] == "8"
     assert memory_database.fences == {sim1.id: 1}
     memory_database.down = False
@@ -290,7 +288,7 @@ async def test_without_a_database_a_newer_connection_of_the_driver_takes_over(
         memory_database.down = True
         async with http.ws_connect(relay.ros_url(sim1)):
             assert (await closing(first))[0] == 4002
-            assert control(relay, sim1)["driver"]["fence"] == 2
+            assert control(relay, sim1).driver.fence == 2
 
 
 async def test_without_a_database_nobody_drives_a_robot_without_a_guard(
@@ -302,7 +300,7 @@ async def test_without_a_database_nobody_drives_a_robot_without_a_guard(
         memory_database.down = True
         async with http.ws_connect(relay.ros_url(sim1)) as second:
             assert (await closing(second))[0] == 4510
-        assert control(relay, sim1)["driver"]["fence"] == 1
+        assert control(relay, sim1).driver.fence == 1
 
 
 def leases_written(memory_database) -> list[tuple[type, int]]:
@@ -349,7 +347,7 @@ async def test_a_lost_link_ends_the_lease(relay, guarded, sim1, http, memory_dat
         await driven(relay, sim1)
         await guarded.session.close()
         assert (await closing(socket))[0] == 4505
-    assert control(relay, sim1)["driver"] is None
+    assert control(relay, sim1).driver is None
     await until(
         lambda: any(isinstance(e, LeaseEnd) for e in memory_database.written), "it is written"
     )
@@ -361,4 +359,4 @@ async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, http, memo
         await driven(relay, sim1)
         relay.relay.control.leasing.ask(sim1, asker(BEN))
         del memory_database.grants[BEN.id, sim1.id]
-        await until(lambda: control(relay, sim1)["waiting"] is None, "nobody waits")
+        await until(lambda: control(relay, sim1).waiting is None, "nobody waits")

@@ -40,7 +40,7 @@ async def test_a_stop_ends_the_drive_and_reaches_the_guard(
     assert stopwatch.s < 0.3
     assert code == 4003
     assert reason.startswith("ben stopped sim1 at ")
-    assert control(relay, sim1)["stopped"]["confirmed"] is True
+    assert control(relay, sim1).stopped.confirmed is True
     assert guarded.session.stopped_by == "ben"
     await until(
         lambda: [e for e in memory_database.written if isinstance(e, StopEntry)], "it is written"
@@ -64,7 +64,7 @@ async def test_a_release_needs_the_guard(relay, guarded, sim1, http, memory_data
     stops = relay.relay.control.stops
     stops.stop(sim1, "ben")
     await stops.release(sim1, "ann")
-    assert control(relay, sim1)["stopped"] is None
+    assert control(relay, sim1).stopped is None
     assert orders(guarded) == ["stop", "release"]
     async with http.ws_connect(relay.ros_url(sim1)):
         await until(lambda: relay.relay.control.driver(sim1.id) == "ann", "ann drives")
@@ -83,16 +83,13 @@ async def test_a_silent_guard_keeps_the_robot_stopped(relay, sim1, monkeypatch):
     assert not await stops.confirmation(sim1.id)
     with pytest.raises(GuardSilent):
         await stops.release(sim1, "ann")
-    assert control(relay, sim1)["stopped"] == {
-        "by": "ben",
-        "at": control(relay, sim1)["stopped"]["at"],
-        "confirmed": False,
-    }
+    stopped = control(relay, sim1).stopped
+    assert (stopped.by, stopped.confirmed) == ("ben", False)
     told = len(robot.session.orders)
     await until(lambda: len(robot.session.orders) > told, "it is told again")
     assert orders(robot)[-1] == "stop"
     robot.session.answers_orders = True
-    await until(lambda: control(relay, sim1)["stopped"]["confirmed"], "at last it is confirmed")
+    await until(lambda: control(relay, sim1).stopped.confirmed, "at last it is confirmed")
     await robot.stop()
 
 
@@ -190,7 +187,7 @@ async def test_a_robot_that_comes_back_stopped_is_stopped_here(relay, sim1, http
     """Its own latch makes the server's."""
     robot = await misbehaving(relay, sim1, "comes_back_stopped")
     await until(lambda: relay.relay.control.stops.of(sim1.id), "it is stopped")
-    assert control(relay, sim1)["stopped"]["by"] == "somebody at the robot"
+    assert control(relay, sim1).stopped.by == "somebody at the robot"
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         assert (await closing(socket))[0] == 4003
     await robot.stop()
@@ -203,7 +200,7 @@ async def test_a_name_that_only_a_robot_tells_is_shown_as_such(relay, guarded, s
     guarded.session.stopped, guarded.session.stopped_by = True, name
     guarded.session.send_guard_status()
     await until(lambda: stops.of(sim1.id), "it is stopped")
-    shown = control(relay, sim1)["stopped"]["by"]
+    shown = control(relay, sim1).stopped.by
     assert shown.startswith("somebody at the robot (b")
     assert shown.count("(") == 1
     assert len(shown) <= 63
@@ -218,7 +215,7 @@ async def test_a_robot_without_a_guard_is_stopped_here_alone(relay, robot, sim1,
         assert (await closing(socket))[0] == 4003
     assert not await stops.confirmation(sim1.id)
     await stops.release(sim1, "ann")
-    assert control(relay, sim1)["stopped"] is None
+    assert control(relay, sim1).stopped is None
 
 
 async def test_a_stop_without_a_database_is_written_when_it_comes_back(
@@ -254,8 +251,8 @@ async def test_another_persons_stop_takes_the_place_of_the_first(
     stops.stop(sim1, "ann")
     await stops.confirmation(sim1.id)
     stops.stop(sim1, "ben", reason="smoke", address="198.51.100.9")
-    shown = control(relay, sim1)["stopped"]
-    assert (shown["by"], shown["confirmed"]) == ("ben", True)
+    stopped = control(relay, sim1).stopped
+    assert (stopped.by, stopped.confirmed) == ("ben", True)
     await until(lambda: guarded.session.stopped_by == "ben", "the guard has the newest name")
     await relay.relay.event_writer.flush(5)
     assert next(e for e in memory_database.written if isinstance(e, StopEntry)).stop.by == "ben"

@@ -226,7 +226,7 @@ async def test_a_stop_overtakes_what_its_sender_does_not_read(relay, robot, sim1
         await socket.send_str('{"op": "robotether.stop"}')
         stopped = relay.relay.control.describe
         with Stopwatch() as stopwatch:
-            await until(lambda: stopped(sim1.id)["stopped"], "the robot is stopped")
+            await until(lambda: stopped(sim1.id).stopped, "the robot is stopped")
         assert stopwatch.s < 2
         transport.abort()
 
