@@ -11,11 +11,12 @@ import argparse
 import asyncio
 import compileall
 import os
+import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Sequence
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
 import pandas as pd
@@ -24,12 +25,12 @@ from fake_cloud import FakeCloud, agent_environ, eventually
 from openssh_server import command_line, descendants
 from report import Row, Section
 from robotether_agent.status import read_status
-from round_trip import simulated_robot
 
 AGENT = ROOT / "agent"
 # By then all that the agent starts later has started, and its first work is over.
 SETTLED_AFTER_S = 10.0
 AIM_MB = 45
+PORT = re.compile(rb"rosbridge listens on [^:]+:(\d+)")
 
 
 def memory_of(pid: int) -> Row:
@@ -55,6 +56,29 @@ def installed(agent: Path, place: Path) -> Path:
             shutil.copytree(package, place / package.name)
     compileall.compile_dir(place, quiet=1)
     return place
+
+
+@asynccontextmanager
+async def simulated_robot() -> AsyncIterator[int]:
+    """The simulated robot as a process; its rosbridge's port."""
+    ports = {"SIM_BIND_ADDRESS": "127.0.0.1", "SIM_ROSBRIDGE_PORT": "0", "SIM_VIDEO_PORT": "0"}
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "sim_robot"),
+        cwd=ROOT / "images" / "sim_robot",
+        env={**os.environ, **ports},
+        stderr=asyncio.subprocess.PIPE,
+    )
+    assert process.stderr is not None
+    try:
+        found = None
+        while found is None:
+            line = await asyncio.wait_for(process.stderr.readline(), 10)
+            assert line, "the simulated robot ended"
+            found = PORT.search(line)
+        yield int(found.group(1))
+    finally:
+        process.terminate()
+        await process.communicate()
 
 
 async def measured(agent: Path, settled_after_s: float) -> list[Row]:

@@ -18,6 +18,7 @@ from datetime import UTC, datetime
 
 import agent_memory
 import behind_video
+import both_robots
 import comebacks
 import drive_page
 import operations_rate
@@ -62,7 +63,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
     "stopping": lambda demo, effort: stopping.measure(demo, effort.times(10, 1)),
     "operations_rate": lambda _demo, _effort: operations_rate.measure(),
     "agent_memory": lambda _demo, _effort: agent_memory.measure(),
-    "guard_latency": lambda _, effort: round_trip.measure_guard(200 if effort.quick else 2000),
+    "both_robots": lambda demo, effort: both_robots.measure(demo, 200 if effort.quick else 2000, effort.times(10, 1)),
 }  # fmt: skip
 
 

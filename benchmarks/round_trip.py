@@ -1,30 +1,26 @@
-"""What a message costs on the whole path, and what the guard adds to it, beside what a user would have without them.
+"""What a message costs on the whole path, beside what a user would have without it.
 
-A 200-byte std_msgs/String is published at 100 Hz and comes back to the same connection, on two or three connections
-whose messages alternate, so that what else the machine does hits all of them. The whole path is nginx, TLS, ticket,
-relay, tunnel and guard; it needs `make demo` and root. Its robot is a real agent in a network of its own and not one of
-the demo's containers: between those and a published port is a process of Docker's, which no other robot meets. The
-guard alone is the real process before a simulated robot's rosbridge. It must never drop a sample: a message that does
-not come back in 5 s ends the run.
+A 200-byte std_msgs/String is published at 100 Hz and comes back to the same connection, on several connections whose
+messages alternate, so that what else the machine does hits all of them. The whole path is nginx, TLS, ticket, relay,
+tunnel and guard; it needs `make demo` and root. Its robot is a real agent in a network of its own and not one of the
+demo's containers: between those and a published port is a process of Docker's, which no other robot meets. It must
+never drop a sample: a message that does not come back in 5 s ends the run.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
-import os
 import re
-import sys
 import time
-from collections.abc import AsyncIterator, Iterator, Mapping
-from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import AsyncExitStack, ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import aiohttp
 import pandas as pd
-from demo import ROOT, Demo
-from guard_process import KEY, GuardProcess
+from demo import Demo
 from local_network import insecure_tls
 from namespaces import Namespace
 from paper.networks import PLAIN, connector_in
@@ -35,12 +31,7 @@ from report import Row, Section, quantiles
 
 FRAME_BYTES = 200
 RATE_HZ = 100
-COUNT, GUARD_COUNT, WARM_UP = 3000, 2000, 50
-# The message passes the guard on its way there and back.
-PASSES = 2
-GUARD_AIM_MS = 0.2
-FENCE = 1
-PORT = re.compile(rb"rosbridge listens on [^:]+:(\d+)")
+COUNT, WARM_UP = 3000, 50
 
 
 class Route:
@@ -48,7 +39,7 @@ class Route:
 
     def __init__(self, name: str, socket: aiohttp.ClientWebSocketResponse) -> None:
         self.name = name
-        self.topic = "/bench_" + name.split(maxsplit=1)[0]
+        self.topic = "/bench_" + re.sub(r"\W+", "_", name)
         self.times_ms: list[float] = []
         self._socket = socket
 
@@ -139,62 +130,4 @@ def measure(demo: Demo, count: int = COUNT) -> Section:
         f"Round trip of a {FRAME_BYTES}-byte publish and its echo at {RATE_HZ} Hz",
         "Aim: at most 0.5 ms above the bare `ssh -R` at p50, and twice its p99.",
         table,
-    )
-
-
-@asynccontextmanager
-async def simulated_robot() -> AsyncIterator[int]:
-    """The simulated robot as a process; its rosbridge's port."""
-    ports = {"SIM_BIND_ADDRESS": "127.0.0.1", "SIM_ROSBRIDGE_PORT": "0", "SIM_VIDEO_PORT": "0"}
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "sim_robot"),
-        cwd=ROOT / "images" / "sim_robot",
-        env={**os.environ, **ports},
-        stderr=asyncio.subprocess.PIPE,
-    )
-    assert process.stderr is not None
-    try:
-        found = None
-        while found is None:
-            line = await asyncio.wait_for(process.stderr.readline(), 10)
-            assert line, "the simulated robot ended"
-            found = PORT.search(line)
-        yield int(found.group(1))
-    finally:
-        process.terminate()
-        await process.communicate()
-
-
-async def past_guard(count: int) -> tuple[list[Route], float]:
-    """Straight and guarded routes, and the seconds until the guard's process listened."""
-    async with AsyncExitStack() as stack:
-        port = await stack.enter_async_context(simulated_robot())
-        folder = Path(stack.enter_context(TemporaryDirectory()))
-        guard = await stack.enter_async_context(GuardProcess(folder, port))
-        await guard.grant(FENCE)
-        urls = {
-            "straight to rosbridge": f"ws://127.0.0.1:{port}/",
-            "through the guard": f"ws://127.0.0.1:{guard.port}/",
-        }
-        headers = {
-            "Robotether-Key": KEY,
-            "Robotether-Mode": "drive",
-            "Robotether-Fence": str(FENCE),
-        }
-        return await measure_all(urls, count, headers), guard.ready_s
-
-
-def measure_guard(count: int = GUARD_COUNT) -> Section:
-    """The guard alone; the topic does not drive."""
-    routes, ready_s = asyncio.run(past_guard(count))
-    table = pd.DataFrame([route.row(0.5, 0.99) for route in routes])
-    added_ms = table["p50, ms"].diff().iloc[1] / PASSES
-    return Section(
-        title="What the guard adds to a message",
-        text=(
-            f"A {FRAME_BYTES}-byte publish and its echo at {RATE_HZ} Hz pass the guard twice. It adds "
-            f"{added_ms:.2f} ms to a message at p50. It listened {ready_s:.2f} s after its start.\n\n"
-            f"Aim: at most {GUARD_AIM_MS} ms."
-        ),
-        rows=table,
     )

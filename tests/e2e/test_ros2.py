@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 from collections.abc import Coroutine, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import aiohttp
 import pytest
-from image_names import ensure_built, image
 from pages import drive_live, expect_armed
 from playwright.sync_api import Page, expect
 from programs import Program, echo, open_echo
+from ros2_robot import NAME as ROBOT
+from ros2_robot import ros2_robot
 from stack import Stack
 
-ROBOT = "ros2"
 FORWARD = {"linear": {"x": 0.4, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
 # More than the action counts in a test that hangs.
 ENDLESS = 10_000
@@ -35,42 +34,14 @@ Result = TypeVar("Result")
 
 
 @pytest.fixture(scope="module", autouse=True)
-def ros2_robot(stack: Stack) -> Iterator[None]:
-    """The robot, which joins like one from outside, and is driven by nobody."""
-    ensure_built("ros2_robot")
-    host = f"cloud:{stack.https_port}"
-    line = stack.robotether("robot", "invite", "--name", ROBOT, "--host", host).splitlines()[-1]
-    container = stack.engine.containers.run(
-        image("ros2_robot"),
-        name=f"{stack.project}-{ROBOT}",
-        detach=True,
-        mac_address="00:1b:44:00:52:01",
-        extra_hosts={"cloud": "host-gateway"},
-        read_only=True,
-        tmpfs={"/run": "", "/tmp": ""},
-        cap_drop=["ALL"],
-        environment={
-            "ROBOTETHER_SERVER": host,
-            "ROBOTETHER_NAME": ROBOT,
-            "ROBOTETHER_TOKEN": _option(line, "token"),
-            "ROBOTETHER_TLS_FINGERPRINT": _option(line, "tls-fingerprint"),
-            "ROBOTETHER_INTERFACE": "eth0",
-        },
-    )
-    try:
-        stack.wait_until_drivable(ROBOT)
-        yield
-    except AssertionError as error:
-        raise AssertionError(f"{error}\n{container.logs(tail=40).decode()}") from error
-    finally:
-        container.remove(force=True, v=True)
-        stack.admin.remove("robots", ROBOT)
-
-
-def _option(line: str, name: str) -> str:
-    found = re.search(rf"--{name} (\S+)", line)
-    assert found is not None, line
-    return found[1]
+def robot(stack: Stack) -> Iterator[None]:
+    """The robot, driven by nobody."""
+    with ros2_robot(stack, {}) as container:
+        try:
+            stack.wait_until_drivable(ROBOT)
+            yield
+        except AssertionError as error:
+            raise AssertionError(f"{error}\n{container.logs(tail=40).decode()}") from error
 
 
 @pytest.fixture(scope="module")

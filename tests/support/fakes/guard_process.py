@@ -30,12 +30,14 @@ WAIT_S = 20.0
 class GuardEnd(ABC):
     """The agent's end of a guard in `place`: it sends a tick every 0.2 s until `silence`."""
 
-    def __init__(self, place: Path, rosbridge_port: int, **guard: Any) -> None:
+    def __init__(
+        self, place: Path, rosbridge_port: int, rosbridge_host: str = "127.0.0.1", **guard: Any
+    ) -> None:
         self.place = place
         self.lines: list[dict[str, Any]] = []
         self.config: dict[str, Any] = {
             "type": "config",
-            "rosbridge_url": f"ws://127.0.0.1:{rosbridge_port}/",
+            "rosbridge_url": f"ws://{rosbridge_host}:{rosbridge_port}/",
             "guard": {"key": KEY, **guard},
             "direct": False,
         }
@@ -151,8 +153,8 @@ class GuardProcess(GuardEnd):
 
     program: tuple[str, ...] = ("-m", "robotether_agent.guard")
 
-    def __init__(self, place: Path, rosbridge_port: int, **guard: Any) -> None:
-        super().__init__(place, rosbridge_port, **guard)
+    def __init__(self, *where: Any, **guard: Any) -> None:
+        super().__init__(*where, **guard)
         self.started_at = time.monotonic()
         self.ready_s = 0.0
         self.process: asyncio.subprocess.Process

@@ -36,15 +36,15 @@ class Seen:
 class SimWatch(LoopThread):
     """Subscribes to a simulator's /pose and /cmd_vel for as long as the `with` block runs."""
 
+    # In the order in which they are subscribed to: with the first message of the last one, which never ends, commands
+    # come too.
+    topics = ("/cmd_vel", "/pose")
+
     def __init__(self, stack: Containers, sim: str) -> None:
         networks = stack.container(sim).attrs["NetworkSettings"]["Networks"]
         self._url = f"ws://{next(iter(networks.values()))['IPAddress']}:9090/"
-        super().__init__(f"/pose from {self._url}")
-        # In the order in which they are subscribed to: with the first pose that comes, commands come too.
-        self._seen: dict[str, deque[Seen]] = {
-            "/cmd_vel": deque(maxlen=4000),
-            "/pose": deque(maxlen=4000),
-        }
+        super().__init__(f"{self.topics[-1]} from {self._url}")
+        self._seen: dict[str, deque[Seen]] = {topic: deque(maxlen=4000) for topic in self.topics}
 
     @property
     def pose(self) -> dict[str, float]:
@@ -82,5 +82,5 @@ class SimWatch(LoopThread):
                 message = json.loads(frame.data)
                 if message.get("op") == "publish":
                     self._seen[message["topic"]].append(Seen(time.monotonic(), message["msg"]))
-                    if message["topic"] == "/pose":
+                    if message["topic"] == self.topics[-1]:
                         self._begun.set()

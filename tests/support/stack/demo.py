@@ -30,11 +30,15 @@ class Demo:
     """The compose project that `make demo` started."""
 
     def __init__(self) -> None:
-        self._engine = docker.from_env()
+        self.engine = docker.from_env()
 
     def compose(self, *arguments: str) -> str:
         """Run tools/compose with the simulated robots and return what it printed."""
         return _run_compose("--profile", "*", *arguments)
+
+    def robotether(self, *arguments: str) -> str:
+        """The admin's command."""
+        return self.compose("exec", "-T", "web", "robotether", *arguments)
 
     @cached_property
     def project(self) -> str:
@@ -47,7 +51,7 @@ class Demo:
             f"com.docker.compose.project={self.project}",
             f"com.docker.compose.service={service}",
         ]
-        [found] = self._engine.containers.list(all=True, filters={"label": labels})
+        [found] = self.engine.containers.list(all=True, filters={"label": labels})
         return found
 
     def address_of(self, service: str) -> str:
@@ -61,8 +65,13 @@ class Demo:
 
         Not localhost, which Docker serves by a proxy process of its own: from outside no such process is in the way.
         """
-        bridge = self._engine.networks.get("bridge").attrs["IPAM"]["Config"][0]["Gateway"]
-        return f"{bridge}:{self.compose('port', 'nginx', '8443').strip().rsplit(':', 1)[1]}"
+        bridge = self.engine.networks.get("bridge").attrs["IPAM"]["Config"][0]["Gateway"]
+        return f"{bridge}:{self.https_port}"
+
+    @cached_property
+    def https_port(self) -> int:
+        """The published port of https."""
+        return int(self.compose("port", "nginx", "8443").rsplit(":", 1)[1])
 
     @property
     def url(self) -> str:
@@ -79,9 +88,9 @@ class Demo:
     def token(self) -> str:
         """An API token of the admin for this run."""
         name = f"{TOKEN_NAME}-{int(time.time())}"
-        return self.compose(
-            "exec", "-T", "web", "robotether", "token", "create", "--user", "admin", "--name", name, "--days", "1"
-        ).split()[-1]  # fmt: skip
+        return self.robotether(
+            "token", "create", "--user", "admin", "--name", name, "--days", "1"
+        ).split()[-1]
 
     def ask(self, method: str, path: str, body: dict[str, object] | None = None) -> Any:
         """One request to the server's API; the parsed answer."""
