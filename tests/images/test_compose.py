@@ -16,7 +16,7 @@ from stack import ROOT, Stack
 
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
 SIMS = ("sim1", "sim2", "sim3")
-ONE_SHOTS = ("secrets", "migrate", "demo")
+ONE_SHOTS = ("settings", "secrets", "migrate", "demo")
 # Beyond none: sshd changes to other accounts, and secrets gives the files of others away.
 CAPABILITIES = {
     "sshd": {"CAP_SETUID", "CAP_SETGID", "CAP_SYS_CHROOT", "CAP_KILL"},
@@ -139,7 +139,7 @@ def test_secrets_are_made_out_of_reach(stack: Stack) -> None:
         service: stack.container(service).attrs["Config"]["User"] in {"", "0", "0:0"}
         for service in ONE_SHOTS
     }
-    assert root == {"secrets": True, "migrate": False, "demo": False}
+    assert root == {"settings": False, "secrets": True, "migrate": False, "demo": False}
     assert stack.container("secrets").attrs["HostConfig"]["NetworkMode"] == "none"
 
 

@@ -15,7 +15,7 @@ from local_network import free_port
 from plain_compose import PASSWORD, PlainCompose
 
 SERVICES = dict.fromkeys(("nginx", "web", "relay", "sshd", "mysql"), "healthy")
-ONE_SHOTS = dict.fromkeys(("certificate", "secrets", "migrate"), "exited 0")
+ONE_SHOTS = dict.fromkeys(("settings", "certificate", "secrets", "migrate"), "exited 0")
 OWNERS = r"""
 from pathlib import Path
 agents = [one for one in Path("/proc").glob("[0-9]*") if b"robotether_agent\0run" in (one / "cmdline").read_bytes()]
@@ -105,7 +105,7 @@ def test_wrong_setting_ends_the_start_with_its_sentence(site: PlainCompose) -> N
     """No service is started again."""
     site.settings["TICKET_TTL_S"] = "soon"
     assert site.run("up", "--detach").returncode != 0
-    assert "cannot use TICKET_TTL_S='soon': allowed is 5 to 300" in site.log("secrets")
+    assert "cannot use TICKET_TTL_S='soon': allowed is 5 to 300" in site.log("settings")
     assert "restarting" not in "".join(site.states().values())
     del site.settings["TICKET_TTL_S"]
     site.compose("up", "--detach", "--wait")
@@ -173,7 +173,7 @@ def test_open_ports_need_a_list_of_sources(site: PlainCompose) -> None:
     assert "DIRECT_PORTS=no\n" in site.compose("exec", "relay", "robotether", "show-settings")
     site.settings["DIRECT_SOURCES"] = "10.0.0"
     assert site.run("up", "--detach").returncode != 0
-    assert "cannot use DIRECT_SOURCES='10.0.0': allowed is networks such as" in site.log("secrets")
+    assert "cannot use DIRECT_SOURCES='10.0.0': allowed is networks such as" in site.log("settings")
     site.settings["DIRECT_SOURCES"] = "192.0.2.0/24"
     site.compose("up", "--detach", "--wait")
     assert f"ports {first} to {first} are open to 192.0.2.0/24" in site.log("direct")

@@ -9,6 +9,8 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 COMPOSE = Path(__file__).resolve().parents[2] / "compose"
 
 
@@ -47,19 +49,27 @@ def test_example_changes_what_it_says(tmp_path: Path) -> None:
     assert after["volumes"]["mysql"]["driver_opts"]["device"] == "/srv/robotether/mysql"
 
 
-def test_another_certificate_makes_nginx_alone_anew(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("setting", "services"),
+    [
+        ("TLS_CERT_FILE=./own.pem\nTLS_KEY_FILE=./own.pem", {"certificate", "nginx"}),
+        ("MAX_PENDING=49", {"settings", "web", "relay"}),
+    ],
+    ids=["certificate", "max-pending"],
+)
+def test_setting_makes_only_these_services_anew(
+    tmp_path: Path, setting: str, services: set[str]
+) -> None:
     """Compose makes anew all that depends on a service whose settings changed; robots' sessions are elsewhere."""
     shutil.copy(COMPOSE / "compose.yaml", tmp_path)
     (tmp_path / ".env").write_text("COMPOSE_PROFILES=demo,demo-more\n")
     before = config(tmp_path)["services"]
-    for name in ("TLS_CERT_FILE", "TLS_KEY_FILE"):
-        with (tmp_path / ".env").open("a") as file:
-            file.write(f"{name}=./own.pem\n")
+    with (tmp_path / ".env").open("a") as file:
+        file.write(setting)
     after = config(tmp_path)["services"]
     anew = {name for name in after if after[name] != before[name]}
-    assert anew == {"certificate"}
     while more := {
         name for name in after if anew & set(after[name].get("depends_on", ())) and name not in anew
     }:
         anew |= more
-    assert anew == {"certificate", "nginx"}
+    assert anew == services

@@ -17,7 +17,7 @@ case "$*" in
   --env*) [ ! -e env ] || sed -n "s/^$2=//p" env ;;
   config) echo 'name: robots' ;;
   'config --services') printf 'secrets\\nweb\\n'; cat database services ;;
-  run*secrets | run*certificate) exit "$(cat "${*##* }_status")" ;;
+  run*) exit "$(cat "${*##* }_status")" ;;
   *openssl*) echo 'sha256 Fingerprint=AA:BB' ;;
 esac
 """
@@ -41,8 +41,8 @@ def checkout(tmp_path: Path) -> Path:
     (tmp_path / "compose" / "secrets").mkdir(parents=True)
     (tmp_path / "database").write_text("mysql\n")
     (tmp_path / "services").write_text("")
-    (tmp_path / "secrets_status").write_text("0")
-    (tmp_path / "certificate_status").write_text("0")
+    for service in ("settings", "certificate", "secrets"):
+        (tmp_path / f"{service}_status").write_text("0")
     (tmp_path / "volumes").write_text("")
     return tmp_path
 
@@ -158,8 +158,8 @@ def test_nothing_waits_for_an_authority(checkout: Path) -> None:
     assert last == "up --detach --no-deps --no-build --pull never acme"
 
 
-@pytest.mark.parametrize("service", ["certificate", "secrets"])
-def test_certificate_that_cannot_serve_stops_the_start(checkout: Path, service: str) -> None:
+@pytest.mark.parametrize("service", ["settings", "certificate", "secrets"])
+def test_what_cannot_be_used_stops_the_start(checkout: Path, service: str) -> None:
     """The service that tries it runs alone, before anything is replaced."""
     (checkout / f"{service}_status").write_text("1")
     done = up(checkout)
