@@ -38,7 +38,7 @@ from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
 from robotether_agent.enrolment.join import SshAccess, parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.main import Timing
+from robotether_server.relay.wiring import Timing
 
 AGENT = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
 REPEAT = 50

@@ -4,7 +4,8 @@ The container `relay` starts it with `python -m robotether_server.relay`. It mus
 comes back from a robot, never wait for the database on the way of a message, and never keep an
 unbounded buffer for anybody.
 
-    main         the process: makes the parts, joins them, starts and stops them in order
+    main         the process: reads settings, runs the relay until it is asked to stop
+    wiring       makes the parts top down, says who is notified of what, starts and stops them
     app          HTTP routes, and the border that turns problems into answers
     observers    log, audit and metrics of what happens
     metrics      the numbers for Prometheus

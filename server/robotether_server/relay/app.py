@@ -8,7 +8,6 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Awaitable, Callable, Collection, Iterable
-from dataclasses import dataclass
 
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
@@ -18,12 +17,10 @@ from robotether_server.problems import PROBLEM_JSON, HttpProblem, OriginRefused,
 from robotether_server.relay.cells.feed import FLEET_PATH, PeerFeedHandler
 from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PROOF_HEADER, PeerKeys
-from robotether_server.relay.channels.events import EventsHandler
-from robotether_server.relay.channels.rosbridge.handler import RosbridgeHandler
-from robotether_server.relay.channels.video.frames_handler import FramesHandler
-from robotether_server.relay.channels.video.handler import VideoHandler
+from robotether_server.relay.channels.kinds import Channels
 from robotether_server.relay.control.control_api import ControlApi
 from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.records.fleet import Fleet
 
 log = logging.getLogger(__name__)
 # For aiohttp's server, in place of its own.
@@ -31,6 +28,8 @@ server_log = logging.getLogger(f"{__name__}.server")
 
 # A reason, a site or an action.
 MAX_BODY_BYTES = 4096
+# Time limit for the handlers when the relay stops.
+HANDLERS_STOP_WITHIN_S = 1.0
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -58,19 +57,12 @@ class WithoutRequest(logging.Filter):
 server_log.addFilter(WithoutRequest())
 
 
-@dataclass(frozen=True)
-class Handlers:
-    """Who answers what of the public routes."""
-
-    rosbridge: RosbridgeHandler
-    frames: FramesHandler
-    video: VideoHandler
-    events: EventsHandler
-    control: ControlApi
-
-
 def public_app(
-    metrics: Metrics, handlers: Handlers, cors: Cors, forwarding: Forwarding | None = None
+    metrics: Metrics,
+    channels: Channels,
+    control_api: ControlApi,
+    cors: Cors,
+    forwarding: Forwarding | None = None,
 ) -> web.Application:
     """Make the application that nginx hands requests to; without `forwarding` all are answered here."""
 
@@ -97,20 +89,14 @@ def public_app(
             return problem_answer(HttpProblem(500, "cannot answer: see the log of the relay"))
 
     app = web.Application(middlewares=[answer_problems], client_max_size=MAX_BODY_BYTES)
-    app.router.add_get("/robots/{name}/ros", handlers.rosbridge.handle, allow_head=False)
-    app.router.add_get("/robots/{name}/video/frames", handlers.frames.handle, allow_head=False)
-    app.router.add_route("*", "/robots/{name}/video", handlers.video.handle)
-    app.router.add_route("*", "/robots/{name}/video/{path:.*}", handlers.video.handle)
-    app.router.add_get("/api/v1/events", handlers.events.handle, allow_head=False)
-    handlers.control.add_routes(app)
+    channels.add_routes(app)
+    control_api.add_routes(app)
     app.on_response_prepare.append(cors.mark)
     return app
 
 
-def peer_app(
-    metrics: Metrics, handlers: Handlers, cors: Cors, *, keys: PeerKeys, feed: PeerFeedHandler
-) -> web.Application:
-    """Make the application for other cells, whose requests nginx's peer listener passes on."""
+def peer_app(app: web.Application, keys: PeerKeys, feed: PeerFeedHandler) -> web.Application:
+    """Make of a public one the application for other cells, whose requests nginx's peer listener passes on."""
 
     @web.middleware
     async def check_proof(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -119,20 +105,19 @@ def peer_app(
             return problem_answer(HttpProblem(403, "cannot serve the request: no cell sent it"))
         return await handler(request)
 
-    app = public_app(metrics, handlers, cors)
     app.middlewares.insert(0, check_proof)
     app.router.add_get(FLEET_PATH, feed.handle, allow_head=False)
     return app
 
 
 def inside_app(
-    metrics: Metrics, store_up: Callable[[], bool], cells: Callable[[], Iterable[str]]
+    metrics: Metrics, fleet: Fleet, cells: Callable[[], Iterable[str]]
 ) -> web.Application:
     """Make the application for health checks, Prometheus, and nginx's list of `cells` that it forwards to."""
 
     async def healthz(_request: web.Request) -> web.Response:
         # A database that is away is no reason to restart the relay: what is open goes on.
-        return web.json_response({"status": "ok", "store": "up" if store_up() else "down"})
+        return web.json_response({"status": "ok", "store": "up" if fleet.store_up else "down"})
 
     async def show_metrics(_request: web.Request) -> web.Response:
         return web.Response(body=metrics.render(), headers={"Content-Type": CONTENT_TYPE_LATEST})
@@ -145,6 +130,20 @@ def inside_app(
     app.router.add_get("/cells", list_cells)
     app.router.add_get("/metrics", show_metrics)
     return app
+
+
+async def serve(app: web.Application, host: str, port: int, *, backlog: int) -> web.AppRunner:
+    """Listen; port 0 is any that is free, and `addresses` has it."""
+    runner = web.AppRunner(
+        app,
+        access_log=None,
+        logger=server_log,
+        handler_cancellation=True,
+        shutdown_timeout=HANDLERS_STOP_WITHIN_S,
+    )
+    await runner.setup()
+    await web.TCPSite(runner, host, port, backlog=backlog).start()
+    return runner
 
 
 def problem_answer(problem: Problem) -> web.Response:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections import Counter
@@ -78,6 +79,12 @@ class RelayObserver:
             self._drive(report, report.drive)
         if close_reason is not None and report.refused:
             self._event_writer.add(_audit(report, "operations_refused", dict(report.refused)))
+
+    async def run(self, every_s: float) -> None:
+        """Write the drives that last, for ever."""
+        while True:
+            await asyncio.sleep(every_s)
+            self.write_drives()
 
     def write_drives(self) -> None:
         """Write the drives that last, so that a relay that is killed loses little of them."""

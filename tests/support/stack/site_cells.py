@@ -25,7 +25,7 @@ from relay_server import (
 from robotether_server.contract.robots import RobotObject
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.cells.keys import CERTIFICATE, KEY, PROOF_HEADER, PeerKeys
-from robotether_server.relay.main import Relay
+from robotether_server.relay.wiring import Relay
 from tls_front import openssl
 
 

@@ -102,7 +102,7 @@ class Connections:
             for member in list(self._registry.robot(change.robot_id).connections):
                 member.end(close_reasons.link_lost(member.robot.name))
 
-    def end_unrighted(self, snapshot: Snapshot) -> None:
+    def on_snapshot(self, snapshot: Snapshot) -> None:
         """End the connections that the newest rights do not permit."""
         for member in self._all():
             if not member.holds_in(snapshot):

@@ -75,7 +75,6 @@ class Cells:
             robot_id, self._known.values(), first or self.name, second=self.name, region=region
         )
 
-    @property
     def robots_leave(self) -> bool:
         """Whether robots go from here to others: this cell is drained, and another one takes them."""
         return self.draining and any(cell.is_listed for cell in self._known.values())

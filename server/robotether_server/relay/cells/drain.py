@@ -57,7 +57,7 @@ class CellDrain:
             "cell %s is taken out of service; its robots go to the others", self._cells.name
         )
         while self._cells.draining:
-            if self._cells.robots_leave:
+            if self._cells.robots_leave():
                 # Their drives have had their time.
                 with_driven = time.monotonic() - leave_since >= self._rules.drives_last_s
                 self._send_one(began_at, with_driven=with_driven)

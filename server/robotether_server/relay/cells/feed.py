@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
 
@@ -17,6 +17,7 @@ from aiohttp import ClientWebSocketResponse, WSMsgType, web
 
 from robotether_server.contract.robots import LiveState
 from robotether_server.problems import HttpProblem
+from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.messages import (
     PeerHello,
     PeerMessage,
@@ -82,11 +83,15 @@ class PeerFeed(ChangedRobots):
 class PeerFeedHandler:
     """Answers /cell/v1/fleet."""
 
-    def __init__(self, cell: str, fleet_events: FleetEvents, feed: Callable[[], PeerFeed]) -> None:
-        self._cell = cell
+    def __init__(self, cells: Cells, fleet_events: FleetEvents, registry: SessionRegistry) -> None:
+        self._cells = cells
         self._fleet_events = fleet_events
-        self._feed = feed
+        self._registry = registry
         self._following: Counter[str] = Counter()
+
+    def unreached(self) -> list[str]:
+        """Name the other cells that do not follow this one, to which its robots are offline."""
+        return [cell.name for cell in self._cells.peers() if not self.is_followed_by(cell.name)]
 
     def is_followed_by(self, cell: str) -> bool:
         """Return whether a cell is connected, and so learns of a stop at once."""
@@ -98,7 +103,7 @@ class PeerFeedHandler:
         if not connection.can_prepare(request):
             raise HttpProblem(426, "cannot follow the fleet: connect with a WebSocket")
         await connection.prepare(request)
-        feed = self._feed()
+        feed = PeerFeed(self._fleet_events, self._registry)
         with self._fleet_events.followed(feed), self._counted(request.query.get("cell", "")):
             tasks = [
                 asyncio.create_task(_listen(connection, feed)),
@@ -124,7 +129,7 @@ class PeerFeedHandler:
             self._following[cell] -= 1
 
     async def _send(self, connection: web.WebSocketResponse, feed: PeerFeed) -> None:
-        await _write(connection, PeerHello(self._cell))
+        await _write(connection, PeerHello(self._cells.name))
         while not feed.ended:
             await _send_changes(connection, feed)
             await feed.wait(PING_EVERY_S)

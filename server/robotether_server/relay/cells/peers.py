@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field
 
@@ -16,6 +17,7 @@ from msgspec.structs import replace
 
 from robotether_server.contract.control import StopObject
 from robotether_server.contract.robots import LiveState
+from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.messages import (
     PeerHello,
     PeerMessage,
@@ -42,13 +44,16 @@ class Peer:
 class Peers:
     """The cells that are connected, with the robots that each has."""
 
-    def __init__(
-        self, registry: SessionRegistry, stops: Stops, changed: Callable[[int], None]
-    ) -> None:
+    def __init__(self, registry: SessionRegistry, stops: Stops, cells: Cells) -> None:
         self._registry = registry
         self._stops = stops
-        self._changed = changed
+        self._cells = cells
+        self._listeners: list[Callable[[int], None]] = []
         self._connected: dict[str, Peer] = {}
+
+    def listen(self, listener: Callable[[int], None]) -> None:
+        """Notify this of each robot of another cell that changes."""
+        self._listeners.append(listener)
 
     def count(self) -> int:
         """How many cells are connected."""
@@ -57,6 +62,13 @@ class Peers:
     def addresses(self) -> list[str]:
         """Where the cells that are connected have their peer listeners."""
         return [peer.address for peer in self._connected.values()]
+
+    def here_for_s(self, robot_id: int) -> float | None:
+        """Return for how long a robot has been here that may have been at another cell before; None: it was not."""
+        connected_at = self._registry.presence(robot_id).connected_at
+        if connected_at is None or not self._cells.peers():
+            return None
+        return time.monotonic() - connected_at
 
     def robot_count(self) -> int:
         """How many robots they have."""
@@ -135,6 +147,10 @@ class Peers:
         if change.what == "updated":
             # The others hear of this change before they hear of the end.
             asyncio.get_running_loop().call_soon(self._end_older_session, change.robot_id)
+
+    def _changed(self, robot_id: int) -> None:
+        for listener in self._listeners:
+            listener(robot_id)
 
     def _having(self, robot_id: int) -> Iterable[Peer]:
         return (peer for peer in self._connected.values() if robot_id in peer.robots)

@@ -99,7 +99,6 @@ class FleetEvents:
         registry: SessionRegistry,
         connections: Connections,
         control: Control,
-        *,
         elsewhere: Callable[[int], LiveState | None] = lambda _robot_id: None,
     ) -> None:
         self._snapshot = snapshot
@@ -150,7 +149,7 @@ class FleetEvents:
         else:
             self.changed(change.robot_id)
 
-    def all_changed(self) -> None:
+    def on_snapshot(self, _snapshot: Snapshot) -> None:
         """Rows or rights changed: every robot that a subscriber shows or may show now."""
         for follower in self._followers:
             follower.mark_all()
@@ -271,19 +270,19 @@ class EventsHandler:
         access: Access,
         credentials: Credentials,
         fleet_events: FleetEvents,
-        max_per_user: Callable[[], int],
+        connections: Connections,
     ) -> None:
         self._access = access
         self._credentials = credentials
         self._fleet_events = fleet_events
-        self._max_per_user = max_per_user
+        self._connections = connections
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Send the fleet, then each change, until the client or its right is gone."""
         asked = request_of(request.headers, request.cookies, request.query)
         asker = await self._access.for_events(asked)
         mine = self._fleet_events.subscribers_of(asker.user.id)
-        if mine >= self._max_per_user():
+        if mine >= self._connections.caps.per_user:
             raise TooManyConnections(f"cannot follow the fleet: you already follow it {mine} times")
         response = web.StreamResponse(headers=HEADERS)
         with (

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import asyncio
 import faulthandler
+import logging
 import socket
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Coroutine
 from typing import Any
 
 import uvloop
+
+log = logging.getLogger(__name__)
 
 
 class EventLoop(uvloop.Loop):
@@ -57,3 +60,15 @@ async def _rearm(max_lateness_s: float) -> None:
     while True:
         faulthandler.dump_traceback_later(max_lateness_s, exit=True)
         await asyncio.sleep(REARM_EVERY_S)
+
+
+def start_task(name: str, work: Coroutine[None, None, None]) -> asyncio.Task[None]:
+    """Start a part that runs for ever; its failure is logged, as nobody awaits it before the relay stops."""
+    task = asyncio.create_task(work, name=name)
+    task.add_done_callback(_report_failure)
+    return task
+
+
+def _report_failure(task: asyncio.Task[None]) -> None:
+    if not task.cancelled() and (problem := task.exception()) is not None:
+        log.critical("task %s failed; restart the relay", task.get_name(), exc_info=problem)

@@ -20,6 +20,8 @@ from aiohttp import (
     ClientSession,
     ClientWebSocketResponse,
     ClientWSTimeout,
+    DummyCookieJar,
+    TCPConnector,
     TraceConfig,
     TraceRequestRedirectParams,
     WSMsgType,
@@ -32,6 +34,9 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 
 log = logging.getLogger(__name__)
+
+# Time for which a name server's answer is kept: sshd may come back with another address.
+NAMES_KEPT_S = 2
 
 # Beyond this an end counts as full, and the other end is not read on.
 SEND_BUFFER_BYTES = 64 * 1024
@@ -254,6 +259,18 @@ def _waiting(transport: asyncio.Transport | None) -> int:
 
 class RedirectedError(ClientError):
     """A robot answered with a redirect."""
+
+
+def robot_client() -> ClientSession:
+    """Make the HTTP client towards robots; it keeps no connection and no cookie."""
+    return ClientSession(
+        connector=TCPConnector(limit=0, force_close=True, ttl_dns_cache=NAMES_KEPT_S),
+        cookie_jar=DummyCookieJar(),
+        auto_decompress=False,
+        trace_configs=[refuse_redirects()],
+        # aiohttp declares the class for text that it decodes; ours never does.
+        ws_response_class=cast(type[ClientWebSocketResponse], RobotSocket),
+    )
 
 
 def refuse_redirects() -> TraceConfig:

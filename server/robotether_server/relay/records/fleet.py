@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from datetime import datetime
+from typing import Protocol
 
 from robotether_server.db.control import StoredControl
 from robotether_server.db.fleet import Changes, Snapshot
@@ -23,26 +24,35 @@ POLL_EVERY_S = 1.0
 RECHECK_EVERY_S = 30.0
 
 
+# A robot's id, when it was last seen, and why its session ended.
+LastSeen = tuple[int, datetime, str | None]
+
+
+class PolledCredentials(Protocol):
+    """The log-ins and tokens in use, which end when the database says so."""
+
+    async def recheck(self) -> None:
+        """Ask for all of them again."""
+
+    async def check_new(self) -> None:
+        """Ask for those that came since."""
+
+
 class Fleet:
-    """Polls the database; calls back when rights or credentials changed."""
+    """Polls the database, and notifies listeners when robots or rights changed."""
 
     def __init__(
         self,
         database: RelayDatabase,
+        credentials: PolledCredentials,
         *,
-        rights_changed: Callable[[Snapshot], None],
-        credentials_changed: Callable[[], Awaitable[None]],
-        check_new_credentials: Callable[[], Awaitable[None]],
-        last_seen: Callable[[list[tuple[int, datetime, str | None]]], None],
-        on_stored_control: Callable[[StoredControl], None],
         poll_every_s: float = POLL_EVERY_S,
     ) -> None:
         self._database = database
-        self._rights_changed = rights_changed
-        self._credentials_changed = credentials_changed
-        self._check_new_credentials = check_new_credentials
-        self._last_seen = last_seen
-        self._on_stored_control = on_stored_control
+        self._credentials = credentials
+        self._listeners: list[Callable[[Snapshot], None]] = []
+        self._on_last_seen: list[Callable[[list[LastSeen]], None]] = []
+        self._on_stored_control: list[Callable[[StoredControl], None]] = []
         self._poll_every_s = poll_every_s
         self._snapshot: Snapshot | None = None
         self._changes: Changes | None = None
@@ -50,7 +60,19 @@ class Fleet:
         self._polling = asyncio.Lock()
         self.store_up = True
 
-    @property
+    def listen(self, *listeners: Callable[[Snapshot], None]) -> None:
+        """Notify these, in order, when robots or rights changed; they must not block."""
+        self._listeners.extend(listeners)
+
+    def restore_into(
+        self,
+        last_seen: Callable[[list[LastSeen]], None],
+        control: Callable[[StoredControl], None],
+    ) -> None:
+        """Hand these what outlived the relay before this one, before anybody is served."""
+        self._on_last_seen.append(last_seen)
+        self._on_stored_control.append(control)
+
     def snapshot(self) -> Snapshot:
         """The last snapshot; StoreUnavailable as long as there has never been one."""
         if self._snapshot is None:
@@ -59,10 +81,14 @@ class Fleet:
             )
         return self._snapshot
 
-    @property
     def known(self) -> Snapshot:
         """The last snapshot, or an empty one."""
         return self._snapshot or Snapshot(robots={}, grants={})
+
+    def region_of(self, robot_id: int) -> str | None:
+        """Return the region of a robot; None: it has none, or is not known."""
+        robot = self.known().robots.get(robot_id)
+        return None if robot is None else robot.settings.region
 
     async def run(self) -> None:
         """Poll for ever."""
@@ -88,19 +114,27 @@ class Fleet:
         before, now = self._changes, await self._database.changes()
         if self._snapshot is None or self._snapshot.rights != now.rights:
             if self._snapshot is None:
-                self._last_seen(await self._database.last_seen())
-                # Before anybody is served: a robot that is stopped stays so, and numbers go on.
-                self._on_stored_control(await self._database.stored_control())
+                await self._restore()
             self._snapshot = await self._database.load()
-            self._rights_changed(self._snapshot)
+            for listener in self._listeners:
+                listener(self._snapshot)
         time = asyncio.get_running_loop().time()
         overdue = time - self._rechecked_at > RECHECK_EVERY_S
         if overdue or before is None or before.credentials != now.credentials:
-            await self._credentials_changed()
+            await self._credentials.recheck()
             self._rechecked_at = time
         else:
-            await self._check_new_credentials()
+            await self._credentials.check_new()
         self._changes = now
+
+    async def _restore(self) -> None:
+        last_seen = await self._database.last_seen()
+        for restore_last_seen in self._on_last_seen:
+            restore_last_seen(last_seen)
+        # A robot that is stopped stays so, and numbers go on.
+        control = await self._database.stored_control()
+        for restore_control in self._on_stored_control:
+            restore_control(control)
 
     def _set_store_up(self, up: bool, why: str = "") -> None:
         if up and not self.store_up:

@@ -12,6 +12,7 @@ from datetime import datetime
 
 from robotether_common.session import Battery, ByeCode, Kind, ServiceState
 
+from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.robots.robot import (
     NEVER_SEEN,
     Change,
@@ -57,9 +58,9 @@ class SessionRegistry:
         """Return all robots that are known."""
         return list(self._robots.values())
 
-    def forget_all_but(self, robot_ids: Iterable[int]) -> None:
+    def on_snapshot(self, snapshot: Snapshot) -> None:
         """Drop robots that are gone and not connected."""
-        for robot_id in self._robots.keys() - set(robot_ids):
+        for robot_id in self._robots.keys() - snapshot.robots.keys():
             robot = self._robots[robot_id]
             if not robot.links:
                 robot.close()

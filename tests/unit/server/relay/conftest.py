@@ -19,8 +19,8 @@ from relay_server import FAST, SESSION_KEY, MemoryDatabase, RelayServer, running
 from robotether_server.db import Database
 from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.db.migrate import set_port_range
-from robotether_server.relay.main import Timing
 from robotether_server.relay.robots import port_checks, robot_dialer
+from robotether_server.relay.wiring import Timing
 
 Connect = Callable[..., Awaitable[RobotSession]]
 

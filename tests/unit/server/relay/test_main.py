@@ -25,8 +25,9 @@ from relay_server import (
 )
 from robotether_server.db.control import Stop, StopEntry
 from robotether_server.db.fleet import Entry, FormerSessions, RelayUser
-from robotether_server.relay.main import Listen, run
+from robotether_server.relay.main import run
 from robotether_server.relay.records.journal import Journal
+from robotether_server.relay.wiring import Listen
 from stopwatch import Stopwatch
 
 
@@ -157,7 +158,7 @@ async def test_without_a_first_snapshot_everything_is_unavailable(memory_databas
             async with http.get(f"{relay.url}{path}") as answer:
                 assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
         memory_database.down = False
-        await until(lambda: 7 in relay.relay.fleet.known.robots, "the records are read")
+        await until(lambda: 7 in relay.relay.fleet.known().robots, "the records are read")
 
 
 class SlowDatabase(MemoryDatabase):
@@ -230,5 +231,5 @@ async def test_a_robot_whose_row_is_gone_is_forgotten(relay, robot, sim1, memory
     row, memory_database.robots = memory_database.robots, {}
     await until(lambda: relay.relay.registry.presence(sim1.id).since is None, "it is forgotten")
     memory_database.robots = row
-    await until(lambda: relay.relay.fleet.known.robots, "the row is back")
+    await until(lambda: relay.relay.fleet.known().robots, "the row is back")
     assert relay.relay.registry.presence(sim1.id).since is None

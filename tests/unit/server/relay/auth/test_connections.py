@@ -132,10 +132,10 @@ def test_only_what_the_newest_rights_forbid_ends(live, memory_database, sim1):
     """A grant lowered to observe ends the driving of that user, and not the watching."""
     drive, watch = live.add(1, sim1, "drive"), live.add(1, sim1, "video")
     other = live.add(2, sim1, "observe")
-    live.connections.end_unrighted(snapshot(memory_database))
+    live.connections.on_snapshot(snapshot(memory_database))
     assert live.how(drive, watch, other) == [[], [], []]
     memory_database.grants[1, sim1.id] = "observe"
-    live.connections.end_unrighted(snapshot(memory_database))
+    live.connections.on_snapshot(snapshot(memory_database))
     assert live.how(drive, watch, other) == [["rights_ended"], [], []]
 
 
@@ -146,7 +146,7 @@ def test_a_robot_that_is_gone_or_another_now_ends_its_connections(
     """Disabled, renamed or removed: who opened it by its name has to open it anew."""
     connection = live.add(1, sim1, "drive")
     memory_database.robots = {} if change is None else {sim1.id: replace(sim1, **change)}
-    live.connections.end_unrighted(snapshot(memory_database))
+    live.connections.on_snapshot(snapshot(memory_database))
     assert live.how(connection) == [["rights_ended"]]
 
 
@@ -217,7 +217,7 @@ def test_another_policy_ends_what_was_opened_under_the_former(
     """What a connection may send was fixed when it was opened; the guard's limits are the guard's."""
     driving, watching = live.add(1, sim1, "drive"), live.add(2, sim1, "video")
     memory_database.robots = {sim1.id: replace(sim1, settings=robot_settings.parse(settings))}
-    live.connections.end_unrighted(snapshot(memory_database))
+    live.connections.on_snapshot(snapshot(memory_database))
     assert live.how(driving, watching) == [[] if goes_on else ["rights_ended"], []]
 
 
@@ -229,7 +229,7 @@ def test_other_buttons_end_no_drive(live, memory_database, sim1):
     driving = live.add(1, sim1, "drive")
     settings = robot_settings.parse({"policy": policy, "buttons": [button]})
     memory_database.robots = {sim1.id: replace(sim1, settings=settings)}
-    live.connections.end_unrighted(snapshot(memory_database))
+    live.connections.on_snapshot(snapshot(memory_database))
     assert live.how(driving) == [[]]
 
 
@@ -239,5 +239,5 @@ def test_a_manager_who_drives_and_is_one_no_more_is_ended(live, memory_database,
     connection = live.add(1, sim1, "drive")
     connection.level = "manage"
     memory_database.grants[1, sim1.id] = "drive"
-    live.connections.end_unrighted(snapshot(memory_database))
+    live.connections.on_snapshot(snapshot(memory_database))
     assert live.how(connection) == [["rights_ended"]]

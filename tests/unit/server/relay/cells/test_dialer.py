@@ -73,7 +73,7 @@ async def test_only_the_sites_own_certificate_is_accepted(site, cell_a, cell_b, 
         listener.relay_port = cell_b.relay.peer_port
         move(cell_a, cell_b, f"{HOST}:{listener.port}")
     else:
-        cell_a.relay._peer_dialer._client.connector._ssl = foreign.tls
+        cell_a.relay.peer_dialer._client.connector._ssl = foreign.tls
         async with cell_b.listener.cut():
             await until(lambda: cell_a.relay.peers.count() == 0, "it is away")
         listener = None

@@ -12,7 +12,7 @@ from relay_clients import closing, configured, ended
 from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, running_relay, until
 from robotether_server.db.cells import Cell
 from robotether_server.relay.cells.drain import DrainRules
-from robotether_server.relay.main import Timing
+from robotether_server.relay.wiring import Timing
 from robotether_server.times import utc_now
 
 QUICK = DrainRules(robots_per_s=50, drives_last_s=60, stays_s=0)
@@ -126,7 +126,7 @@ async def test_one_drives_while_no_other_cell_takes_robots(memory_database, sim1
         async with http.ws_connect(relay.ros_url(sim1)):
             await until(lambda: relay.relay.control.driver(sim1.id), "somebody drives")
         memory_database.cells["b"] = OTHER
-        await until(lambda: relay.relay.cells.robots_leave, "b is back")
+        await until(relay.relay.cells.robots_leave, "b is back")
         assert (await closing(await http.ws_connect(relay.ros_url(sim1))))[0] == 4510
         await robot.stop()
 
@@ -153,7 +153,7 @@ async def test_a_drive_that_began_while_no_other_took_robots_has_its_time(
         await until(lambda: robot.clients, "the driver is connected")
         await asyncio.sleep(0.7)
         memory_database.cells["b"] = OTHER
-        await until(lambda: relay.relay.cells.robots_leave, "b is back")
+        await until(relay.relay.cells.robots_leave, "b is back")
         began = asyncio.get_running_loop().time()
         assert (await closing(driver))[0] == 4505
         assert asyncio.get_running_loop().time() - began > 0.3

@@ -104,7 +104,7 @@ async def test_a_cell_that_does_not_answer_pings_is_let_go(follow, cell_a, monke
     """Until then it counts as one that learns of stops."""
     monkeypatch.setattr(feed_module, "SILENT_AFTER_S", 0.3)
     monkeypatch.setattr(feed_module, "PING_EVERY_S", 0.1)
-    feeds = cell_a.relay._peer_feeds
+    feeds = cell_a.relay.peer_feeds
     deaf = await follow(autoping=False)
     await until(lambda: feeds.is_followed_by("c"), "it follows")
     await until(lambda: not feeds.is_followed_by("c"), "it is let go")

@@ -154,7 +154,7 @@ class AskedStops:
 async def test_who_waits_for_a_guard_looks_when_its_robot_is_reported():
     """After a stop of a whole fleet all wait, and each robot is reported."""
     stops = AskedStops()
-    peers = Peers(SessionRegistry(), stops, lambda _: None)
+    peers = Peers(SessionRegistry(), stops, None)
     peer = peers.connected("b", "b.example:8444")
 
     def report(robot_id: int, *, confirmed: bool) -> None:

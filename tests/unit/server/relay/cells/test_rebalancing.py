@@ -11,7 +11,7 @@ from relay_clients import configured, ended
 from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, running_relay, until
 from robotether_server.db.cells import Cell
 from robotether_server.relay.cells.rebalancing import BalanceRules
-from robotether_server.relay.main import Timing
+from robotether_server.relay.wiring import Timing
 from robotether_server.times import utc_now
 
 EMPTY = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 0, False, True)

@@ -254,7 +254,7 @@ async def test_drivers_and_observers_are_told(relay, robot, sim1, http, follow):
 async def test_only_visible_robots_are_told(relay, robot, memory_database, follow):
     """A user without a grant sees no robot, neither at first nor when it changes."""
     memory_database.add_robot(8, "sim2", u9="observe")
-    await until(lambda: 8 in relay.relay.fleet.known.robots, "sim2 is known")
+    await until(lambda: 8 in relay.relay.fleet.known().robots, "sim2 is known")
     async with follow(EVE) as events:
         _, fleet = await events.next("fleet")
         assert [shown["name"] for shown in fleet] == ["sim2"]

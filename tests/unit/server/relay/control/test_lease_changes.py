@@ -12,7 +12,7 @@ from fake_robot import WAIT_S
 from relay_clients import SlowFences
 from relay_server import until, utc
 from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
-from robotether_server.db.fleet import AuditEntry, RelayUser
+from robotether_server.db.fleet import AuditEntry, RelayUser, Snapshot
 from robotether_server.problems import (
     RecordMissing,
     RecordRefused,
@@ -272,10 +272,10 @@ async def test_only_robots_that_are_gone_are_forgotten(bare, sim1, monkeypatch):
     monkeypatch.setattr(lease_module, "PASSES_AFTER_S", 0.05)
     await bare.drives(ANN)
     bare.leasing.ask(sim1, asker(BEN))
-    bare.registry.forget_all_but([sim1.id])
+    bare.registry.on_snapshot(Snapshot({sim1.id: sim1}, {}))
     assert bare.leasing.count() == 1
     bare.registry.robot(sim1.id).links.clear()
-    bare.registry.forget_all_but([sim1.id + 1])
+    bare.registry.on_snapshot(Snapshot({}, {}))
     assert bare.leasing.count() == 0
     await asyncio.sleep(0.1)
     assert bare.codes == []

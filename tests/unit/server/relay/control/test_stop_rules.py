@@ -16,7 +16,7 @@ import pytest
 from fake_robot import WAIT_S
 from relay_server import until, utc
 from robotether_server.db.control import Stop, StopEntry
-from robotether_server.db.fleet import AuditEntry, RelayRobot
+from robotether_server.db.fleet import AuditEntry, RelayRobot, Snapshot
 from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
 from robotether_server.relay.control import stops as stops_module
 from robotether_server.relay.control.stops import ShownStop, Stops
@@ -247,7 +247,7 @@ async def test_a_robot_that_is_gone_leaves_nothing(world):
     stops = world.robot.stops
     assert stops.repeat_timer is not None
     world.robot.links.clear()
-    world.registry.forget_all_but([SIM2.id])
+    world.registry.on_snapshot(Snapshot({SIM2.id: SIM2}, {}))
     assert (world.stops.of(SIM1.id), world.stops.of(SIM2.id).by) == (None, "ben")
     assert stops.repeat_timer is None
 

@@ -35,14 +35,10 @@ def heard() -> Heard:
 @pytest.fixture
 def fleet(memory_database: MemoryDatabase, heard: Heard) -> Fleet:
     """A fleet that is polled by hand."""
-    return Fleet(
-        memory_database,
-        rights_changed=heard.snapshots.append,
-        credentials_changed=heard.recheck,
-        check_new_credentials=heard.check_new,
-        last_seen=heard.last_seen.append,
-        on_stored_control=heard.kept.append,
-    )
+    fleet = Fleet(memory_database, heard)
+    fleet.listen(heard.snapshots.append)
+    fleet.restore_into(heard.last_seen.append, heard.kept.append)
+    return fleet
 
 
 async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_database, heard):
@@ -53,7 +49,7 @@ async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_dat
     memory_database.add_robot(8, "sim2")
     await fleet.poll()
     assert [sorted(snapshot.robots) for snapshot in heard.snapshots] == [[7], [7, 8]]
-    assert fleet.snapshot is heard.snapshots[1]
+    assert fleet.snapshot() is heard.snapshots[1]
 
 
 async def test_the_past_is_read_once(fleet, memory_database, heard):
@@ -85,8 +81,8 @@ async def test_without_a_first_answer_there_is_no_snapshot(fleet, memory_databas
     memory_database.down = True
     await fleet.poll()
     with pytest.raises(StoreUnavailable):
-        _ = fleet.snapshot
-    assert fleet.known.robots == {}
+        fleet.snapshot()
+    assert fleet.known().robots == {}
 
 
 async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, memory_database, caplog):
@@ -95,7 +91,7 @@ async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, memor
     memory_database.down = True
     for _ in range(3):
         await fleet.poll()
-    assert sorted(fleet.snapshot.robots) == [7]
+    assert sorted(fleet.snapshot().robots) == [7]
     assert not fleet.store_up
     memory_database.down = False
     await fleet.poll()

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import pytest
 from relay_server import utc
+from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import NEVER_SEEN, Change, GuardReport, Presence
 
@@ -81,7 +82,7 @@ def test_robots_that_are_online_are_counted(registry):
         counts.append(registry.online_count())
     registry.disconnected(link, "timeout")
     registry.seen_elsewhere(7)
-    registry.forget_all_but([])
+    registry.on_snapshot(Snapshot({}, {}))
     assert [*counts, registry.online_count()] == [0, 1, 1, 0]
 
 
@@ -154,7 +155,7 @@ def test_robots_that_are_gone_are_forgotten_unless_connected(registry):
     """What is known is never more than the fleet and its links."""
     online(registry)
     registry.remember([(8, NOW, None), (9, NOW, None)])
-    registry.forget_all_but([9])
+    registry.on_snapshot(Snapshot({9: RelayRobot(9, "sim3", "active", 1, 2)}, {}))
     assert registry.presence(7).online
     assert registry.presence(8) is NEVER_SEEN
     assert registry.presence(9).since == NOW

@@ -30,7 +30,7 @@ async def give_shell(
     """Switch the robot's shell on, and wait until the relay knows."""
     with_shell = replace(memory_database.robots[robot.id], shell_port=free_port())
     memory_database.robots = {robot.id: with_shell}
-    await until(lambda: relay.relay.fleet.known.robots[robot.id] == with_shell, "it is known")
+    await until(lambda: relay.relay.fleet.known().robots[robot.id] == with_shell, "it is known")
     return with_shell
 
 
@@ -195,7 +195,7 @@ async def test_a_new_row_says_nothing_before_the_older_link_is_gone(
     robot.mode = "port_taken"
     waiting = await connect()
     memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
-    await until(lambda: "turtle" in relay.relay.fleet.known.by_name, "the name is known")
+    await until(lambda: "turtle" in relay.relay.fleet.known().by_name, "the name is known")
     assert waiting.configs == []
     await robot._close_ports()
     await configured(waiting)
@@ -435,7 +435,7 @@ async def test_a_robot_that_reads_nothing_is_bounded_and_ends(relay, sim1, conne
             session.send_raw(line * 100)
             await asyncio.sleep(0)
     assert b'session_endings_total{code="timeout"} 1.0' in relay.relay.metrics.render()
-    await until(lambda: not relay.relay._sessions._live, "the link is cut")
+    await until(lambda: not relay.relay.sessions._live, "the link is cut")
 
 
 async def test_each_session_has_its_own_guard_key(relay, connect):

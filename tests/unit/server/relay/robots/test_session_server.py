@@ -11,8 +11,8 @@ from fake_robot import HOST, WAIT_S, RobotSession
 from relay_clients import configured, ended
 from relay_server import SESSION_KEY, RelayServer, running_relay, until
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.main import Timing
 from robotether_server.relay.robots.robot import Presence
+from robotether_server.relay.wiring import Timing
 
 KINDS = ("session", "media")
 
@@ -60,7 +60,7 @@ async def test_a_robot_newer_than_the_last_poll_is_admitted(memory_database):
 async def test_a_disabled_robot_is_told(relay, sim1, memory_database, connect):
     """A robot that was disabled before it connects hears robot_disabled."""
     memory_database.robots = {sim1.id: replace(sim1, state="disabled")}
-    await until(lambda: relay.relay.fleet.known.robots[7].state == "disabled", "it is known")
+    await until(lambda: relay.relay.fleet.known().robots[7].state == "disabled", "it is known")
     assert await ended(await connect()) == "robot_disabled"
 
 
@@ -78,7 +78,9 @@ async def test_another_key_is_told(relay, sim1, memory_database, connect):
     memory_database.robots = {
         sim1.id: replace(sim1, fingerprint="SHA256:b", previous_fingerprint="SHA256:a")
     }
-    await until(lambda: relay.relay.fleet.known.robots[7].fingerprint == "SHA256:b", "it is known")
+    await until(
+        lambda: relay.relay.fleet.known().robots[7].fingerprint == "SHA256:b", "it is known"
+    )
     for fingerprint in ("SHA256:a", "SHA256:b"):
         await configured(await connect(fingerprint=fingerprint))
     assert await ended(await connect(fingerprint="SHA256:c")) == "key_changed"
@@ -89,12 +91,16 @@ async def test_a_rotated_key_keeps_its_links_and_a_replaced_one_does_not(
 ):
     """A link lives on through one rotation; another key in the row ends it."""
     memory_database.robots = {sim1.id: replace(sim1, fingerprint="SHA256:a")}
-    await until(lambda: relay.relay.fleet.known.robots[7].fingerprint == "SHA256:a", "it is known")
+    await until(
+        lambda: relay.relay.fleet.known().robots[7].fingerprint == "SHA256:a", "it is known"
+    )
     links = [await configured(await connect(kind, fingerprint="SHA256:a")) for kind in KINDS]
     memory_database.robots = {
         sim1.id: replace(sim1, fingerprint="SHA256:b", previous_fingerprint="SHA256:a")
     }
-    await until(lambda: relay.relay.fleet.known.robots[7].fingerprint == "SHA256:b", "it is known")
+    await until(
+        lambda: relay.relay.fleet.known().robots[7].fingerprint == "SHA256:b", "it is known"
+    )
     assert [link.bye for link in links] == [None, None]
     memory_database.robots = {
         sim1.id: replace(sim1, fingerprint="SHA256:c", previous_fingerprint="SHA256:b")

@@ -43,7 +43,7 @@ async def test_tickets_that_open_nothing(*, relay, robot, sim1, http, memory_dat
     """Each kind of bad ticket is refused over HTTP with its own code."""
     other = memory_database.add_robot(8, "sim2", u1="observe")
     hidden = memory_database.add_robot(9, "sim3")
-    await until(lambda: 9 in relay.relay.fleet.known.robots, "the relay knows all robots")
+    await until(lambda: 9 in relay.relay.fleet.known().robots, "the relay knows all robots")
     good = relay.ticket(sim1)
     base = f"{relay.url}/robots/sim1/ros"
     assert await refusal(http, base) == (401, "ticket_missing")

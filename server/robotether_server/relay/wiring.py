@@ -1,0 +1,326 @@
+"""Makes the relay's parts, each from those above it, and says who is notified of what.
+
+`main` and tests make one `Relay`, and start and stop it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from aiohttp import web
+
+from robotether_server.backups import RECORD
+from robotether_server.db.fleet import FormerSessions
+from robotether_server.relay.app import Cors, inside_app, peer_app, public_app, serve
+from robotether_server.relay.auth.access import Access
+from robotether_server.relay.auth.connections import Connections
+from robotether_server.relay.auth.credentials import Credentials
+from robotether_server.relay.cells.cells import Cells
+from robotether_server.relay.cells.dialer import PeerDialer
+from robotether_server.relay.cells.drain import CellDrain, DrainRules
+from robotether_server.relay.cells.feed import PeerFeedHandler
+from robotether_server.relay.cells.forwarding import Forwarding
+from robotether_server.relay.cells.keys import PeerKeys
+from robotether_server.relay.cells.peers import Peers
+from robotether_server.relay.cells.rebalancing import BalanceRules, Rebalancing
+from robotether_server.relay.cells.stored_control import StoredControlReader
+from robotether_server.relay.channels.events import FleetEvents
+from robotether_server.relay.channels.kinds import make_channels
+from robotether_server.relay.channels.rosbridge.bridge import Traffic
+from robotether_server.relay.channels.rosbridge.handler import BridgeRules
+from robotether_server.relay.channels.video.feed_link import FeedConnector
+from robotether_server.relay.channels.video.feeds import Feeds
+from robotether_server.relay.channels.video.viewers import VideoContext
+from robotether_server.relay.control.control import Control
+from robotether_server.relay.control.control_api import ControlApi, OtherCells
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.event_loop import start_task
+from robotether_server.relay.http.sockets import robot_client
+from robotether_server.relay.http.timing import DRIVER_LIMITS, LivenessLimits
+from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.observers import RelayObserver
+from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.records.event_writer import EventWriter
+from robotether_server.relay.records.fleet import Fleet
+from robotether_server.relay.records.journal import Journal
+from robotether_server.relay.robots.port_checks import PortChecker
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot_link import LinkRules
+from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
+from robotether_server.settings import RelaySettings
+from robotether_server.tickets import TicketSigner
+from robotether_server.times import utc_now
+
+log = logging.getLogger(__name__)
+
+# Time limit for the last events, of the 3 s that a stop takes in all.
+EVENTS_WRITTEN_WITHIN_S = 0.7
+
+
+@dataclass(frozen=True)
+class Listen:
+    """Where the relay listens; tests give port 0."""
+
+    host: str = "0.0.0.0"  # noqa: S104  # compose publishes none of these ports
+    http_port: int = 8080
+    session_port: int = 8091
+    peer_port: int = 8092
+    inside_port: int = 9100
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Times that tests shorten."""
+
+    limits: LivenessLimits = field(default_factory=LivenessLimits)
+    driver_limits: LivenessLimits = DRIVER_LIMITS
+    heartbeat_s: float = 0.5
+    idle_heartbeat_s: float = 2.0
+    timeout_s: float = 5.0
+    poll_every_s: float = 1.0
+    drives_every_s: float = 10.0
+    drain: DrainRules = field(default_factory=DrainRules)
+    balance: BalanceRules = field(default_factory=BalanceRules)
+
+
+class Relay:
+    """All parts of the relay; made and run in one event loop."""
+
+    def __init__(
+        self,
+        settings: RelaySettings,
+        database: RelayDatabase,
+        *,
+        listen: Listen | None = None,
+        timing: Timing | None = None,
+        peer_keys: PeerKeys | None = None,
+        journal: Path | None = None,
+    ) -> None:
+        self._settings = settings
+        self._database = database
+        self._listen = listen or Listen()
+        self._timing = timing or Timing()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._runners: list[web.AppRunner] = []
+        self.http_port = self.session_port = self.peer_port = self.inside_port = 0
+
+        # Published ports, as in the paper, are there for whoever connects to them.
+        self.registry = SessionRegistry(always_needed=settings.direct)
+        self.connections = Connections(self.registry)
+        self.event_writer = EventWriter(
+            database, journal=None if journal is None else Journal(journal)
+        )
+        self.credentials = Credentials(database)
+        self.fleet = Fleet(database, self.credentials, poll_every_s=self._timing.poll_every_s)
+        self._make_control()
+        self._make_sessions()
+        self._make_channels()
+        self._make_apps(peer_keys)
+        self._notify()
+        self._add_gauges()
+
+    async def start(self) -> None:
+        """Read the records once, if they can be read, and listen."""
+        for stops in self.event_writer.restore():
+            self.control.stops.restore(stops)
+        self.event_writer.add(FormerSessions(before=utc_now()))
+        await asyncio.gather(self.fleet.poll(), self.cells.poll())
+        self._tasks = [
+            start_task("cells", self.cells.run()),
+            start_task("cell_drain", self.cell_drain.run()),
+            start_task("rebalancing", self.rebalancing.run()),
+            start_task("fleet", self.fleet.run()),
+            start_task("event_writer", self.event_writer.run()),
+            start_task("drives", self.observer.run(self._timing.drives_every_s)),
+            start_task("stops", self.stored_control.run()),
+        ]
+        listen = self._listen
+        self.inside_port = await self._serve(self._inside, listen.inside_port)
+        self.http_port = await self._serve(self._public, listen.http_port)
+        if self._peer_app is not None:
+            self.peer_port = await self._serve(self._peer_app, listen.peer_port)
+        if self.peer_dialer is not None:
+            self.peer_dialer.start()
+        await self.sessions.start(listen.host, listen.session_port)
+        self.session_port = self.sessions.port
+        log.info("listening on %s: %d and %d", listen.host, self.http_port, self.session_port)
+
+    async def stop(self) -> None:
+        """Notify operators, then robots, and write the rest down."""
+        self.connections.end_all(close_reasons.relay_stopping())
+        self.fleet_events.end_subscriptions()
+        # Operators first: they must be notified that the relay stops, and not that a link was lost.
+        await asyncio.gather(*(runner.cleanup() for runner in self._runners))
+        await self.feeds.close()
+        await self.sessions.stop()
+        if self.peer_dialer is not None:
+            await self.peer_dialer.stop()
+        self.registry.close()
+        await self.event_writer.flush(EVENTS_WRITTEN_WITHIN_S)
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self.event_writer.close()
+        await self._client.close()
+        self._database.close()
+
+    def _make_control(self) -> None:
+        """Make the cells, who drives, and who follows both."""
+        timing, registry = self._timing, self.registry
+        self.cells = Cells(
+            self._settings.cell,
+            self._database,
+            registry.online_count,
+            region_of=self.fleet.region_of,
+            poll_every_s=timing.poll_every_s,
+        )
+        self.control = Control(
+            database=self._database,
+            event_writer=self.event_writer,
+            registry=registry,
+            snapshot=self.fleet.known,
+            robots_leave=self.cells.robots_leave,
+        )
+        self.peers = Peers(registry, self.control.stops, self.cells)
+        self.stored_control = StoredControlReader(
+            self._database, self.control, self.cells, self.peers, timing.poll_every_s
+        )
+        self.fleet_events = FleetEvents(
+            self.fleet.known, registry, self.connections, self.control, self.peers.described
+        )
+        self.peer_feeds = PeerFeedHandler(self.cells, self.fleet_events, registry)
+        self.cell_drain = CellDrain(self.cells, registry, rules=timing.drain)
+        self.rebalancing = Rebalancing(
+            self.cells, registry, unreached=self.peer_feeds.unreached, rules=timing.balance
+        )
+
+    def _make_sessions(self) -> None:
+        settings, timing = self._settings, self._timing
+        self.traffic = Traffic()
+        self.metrics = Metrics(self.traffic)
+        self.observer = RelayObserver(
+            self.event_writer, self.metrics, self.registry, self.fleet.known
+        )
+        self.sessions = SessionServer(
+            registry=self.registry,
+            snapshot=self.fleet.snapshot,
+            refresh=self.fleet.poll,
+            session_key=settings.session_key,
+            rules=LinkRules(
+                settings.tunnel_host,
+                greeting=self.control.greeting,
+                cells=self.cells.addresses,
+                heartbeat_s=timing.heartbeat_s,
+                idle_heartbeat_s=timing.idle_heartbeat_s,
+                timeout_s=timing.timeout_s,
+                direct=settings.direct,
+                prepare=self.stored_control.read,
+            ),
+            checker=PortChecker(settings.tunnel_host, self.observer.port_checked),
+            refused=self.observer.session_refused,
+        )
+
+    def _make_channels(self) -> None:
+        settings, timing = self._settings, self._timing
+        self._client = robot_client()
+        connector = FeedConnector(self._client, settings.tunnel_host, self.registry)
+        self.feeds = Feeds(self.registry, connector.start)
+        self.access = Access(
+            signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
+            credentials=self.credentials,
+            snapshot=self.fleet.snapshot,
+            allowed_origins=settings.allowed_origins,
+            clock=utc_now,
+            online_s=self.peers.here_for_s,
+        )
+        context = VideoContext(
+            access=self.access,
+            credentials=self.credentials,
+            registry=self.registry,
+            connections=self.connections,
+            client=self._client,
+            tunnel_host=settings.tunnel_host,
+            feeds=self.feeds,
+        )
+        self._channels = make_channels(
+            context,
+            self.control,
+            self.fleet_events,
+            rules=BridgeRules(
+                timing.limits, timing.driver_limits, settings.message_limit_bytes, self.traffic
+            ),
+            report=self.observer.connection,
+        )
+        self._control_api = ControlApi(
+            self.access,
+            self.control,
+            self.fleet.snapshot,
+            OtherCells(self.peers.confirmation, self.peer_feeds.unreached),
+        )
+
+    def _make_apps(self, peer_keys: PeerKeys | None) -> None:
+        """Make what nginx, the inside and other cells are served; the last if this cell has what to show them."""
+        cors = Cors(self._settings.allowed_origins)
+        forwarding = Forwarding(self.peers, self.fleet.known, self.access)
+        parts = (self.metrics, self._channels, self._control_api, cors)
+        self._public = public_app(*parts, forwarding)
+        self._inside = inside_app(self.metrics, self.fleet, self.peers.addresses)
+        self._peer_app: web.Application | None = None
+        self.peer_dialer: PeerDialer | None = None
+        if peer_keys is not None:
+            self._peer_app = peer_app(public_app(*parts), peer_keys, self.peer_feeds)
+            if self._settings.cell.peer_address is not None:
+                self.peer_dialer = PeerDialer(self.cells, self.peers, peer_keys)
+
+    def _notify(self) -> None:
+        """Say who is notified of what, in which order."""
+        self.fleet.restore_into(self.registry.remember, self.control.remember)
+        # Operators first: they must be notified that their right ended, and not that a link was lost.
+        self.fleet.listen(
+            self.connections.on_snapshot,
+            self.control.on_snapshot,
+            self.sessions.on_snapshot,
+            self.registry.on_snapshot,
+            self.fleet_events.on_snapshot,
+        )
+        # First those whose link is lost or whose robot is stopped, then those who watch, then the records.
+        self.registry.listen(
+            self.connections.on_robot_change,
+            self.control.on_robot_change,
+            self.fleet_events.on_robot_change,
+            self.observer.on_robot_change,
+            self.peers.on_robot_change,
+            self.feeds.on_robot_change,
+        )
+        self.connections.listen(self.fleet_events.changed)
+        self.control.listen(self.fleet_events.changed)
+        self.peers.listen(self.fleet_events.changed)
+        self.cells.listen(self.sessions.on_cells)
+
+    def _add_gauges(self) -> None:
+        gauge, connections = self.metrics.gauge, self.connections
+        gauge("robots_online", "Robots with a session", self.registry.online_count)
+        gauge("media_links", "Robots' media connections", lambda: self.registry.count("media"))
+        gauge("shell_links", "Robots' shell connections", lambda: self.registry.count("shell"))
+        gauge("leases", "Robots that somebody drives", self.control.leasing.count)
+        gauge("robots_stopped", "Robots that are stopped", self.control.stops.count)
+        gauge("drivers", "Connections that drive", lambda: connections.count("drive"))
+        gauge("observers", "Connections that observe", lambda: connections.count("observe"))
+        gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
+        gauge("video_feeds", "Cameras that are watched", self.feeds.count)
+        gauge("cells_connected", "Other cells that are connected", self.peers.count)
+        gauge("robots_elsewhere", "Robots of other cells", self.peers.robot_count)
+        gauge("event_clients", "Clients of the live fleet", self.fleet_events.subscriber_count)
+        gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
+        gauge("journal_waiting", "Entries not yet written", self.event_writer.waiting)
+        gauge("journal_dropped", "Entries given up", lambda: self.event_writer.dropped)
+        self.metrics.collect_feeds(self.feeds.traffic)
+        self.metrics.collect_backups(RECORD)
+
+    async def _serve(self, app: web.Application, port: int) -> int:
+        runner = await serve(app, self._listen.host, port, backlog=BACKLOG)
+        self._runners.append(runner)
+        return int(runner.addresses[0][1])
