@@ -4,19 +4,18 @@ import { beforeEach, mock, test } from "node:test";
 import { mixed, Teleop } from "../../src/client/teleop.js";
 
 const FORWARD = { forward: 1, left: 0, turn: 0 };
+const HALF = { forward: 0.5, left: 0, turn: 0 }; // what it becomes by the limits
 const STILL = { forward: 0, left: 0, turn: 0 };
+const ZEROS = Array(5).fill(STILL);
 
-let clock, timestamp, sent, moments, wanted, drops, takes, output, teleop;
+let clock, timestamp, sent, timestamps, wanted, drops, takes, output, teleop;
 
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setInterval"] });
-  clock = timestamp = 0;
-  sent = [];
-  moments = [];
-  wanted = [];
-  drops = takes = 0;
-  output = { mayQueue: true, publish: (twist, at) => sent.push(twist) && moments.push(at) };
+  clock = timestamp = takes = 0;
+  [sent, timestamps, wanted] = [[], [], []];
+  output = { mayQueue: true, publish: (twist, at) => sent.push(twist) && timestamps.push(at) };
   teleop = new Teleop({
     output,
     limits: { linear: 0.5, angular: 2 },
@@ -49,189 +48,153 @@ function sleep(ms) {
   clock += ms;
 }
 
+const hold = (input = "keyboard", value = FORWARD, ...more) => teleop.hold(input, value, ...more);
+const release = (input = "keyboard") => teleop.release(input);
+const forget = () => (sent.length = drops = 0);
+
 test("holding sends at once and then at 20 Hz, in the limits' units", () => {
-  teleop.hold("keyboard", { forward: 1, left: 0, turn: -1 });
+  hold("keyboard", { forward: 1, left: 0, turn: -1 });
   assert.deepEqual(sent, [{ forward: 0.5, left: 0, turn: -2 }]);
   pass(1000);
   assert.equal(sent.length, 21);
 });
 
 test("a change of a held input goes out with the next period, not faster", () => {
-  teleop.hold("joystick", FORWARD);
-  for (let i = 1; i <= 10; i++) teleop.hold("joystick", { forward: i / 10, left: 0, turn: 0 });
+  for (let i = 0; i <= 10; i++) hold("joystick", { forward: i / 10, left: 0, turn: 0 });
   assert.equal(sent.length, 1);
-  teleop.hold("joystick", { forward: 0.5, left: 0, turn: 0 });
+  hold("joystick", HALF);
   pass(50);
   assert.deepEqual(sent.at(-1), { forward: 0.25, left: 0, turn: 0 });
 });
 
-test("release sends zero at once, a few times, and then nothing", () => {
-  teleop.hold("keyboard", FORWARD);
-  sent.length = 0;
-  teleop.release("keyboard");
-  assert.deepEqual(sent, [STILL]);
-  pass(10_000);
-  assert.deepEqual(sent, Array(5).fill(STILL));
-});
-
 test("two inputs add up to no more than the limit, and the last release stops", () => {
-  teleop.hold("keyboard", FORWARD);
-  teleop.hold("joystick", { forward: 0.5, left: 0, turn: 0.25 });
+  hold();
+  hold("joystick", { forward: 0.5, left: 0, turn: 0.25 });
   pass(50);
   assert.deepEqual(sent.at(-1), { forward: 0.5, left: 0, turn: 0.5 });
-  teleop.release("keyboard");
+  release();
   pass(50);
   assert.deepEqual(sent.at(-1), { forward: 0.25, left: 0, turn: 0.5 });
-  teleop.release("joystick");
+  release("joystick");
   assert.deepEqual(sent.at(-1), STILL);
-});
-
-test("halt zeroes at once, drops what is held, and tells the inputs", () => {
-  teleop.hold("keyboard", FORWARD);
-  sent.length = 0;
-  teleop.halt();
-  assert.deepEqual(sent, [STILL]);
-  assert.equal(drops, 1);
-  pass(10_000);
-  assert.deepEqual(sent, Array(5).fill(STILL));
 });
 
 test("zero goes out whatever the rest of the page does", () => {
   const fail = () => {
     throw new Error("cannot draw");
   };
-  teleop.hold("keyboard", FORWARD);
+  hold();
   Object.assign(teleop.handlers, { onWanted: fail, onDrop: fail });
-  sent.length = 0;
-  assert.throws(() => teleop.release("keyboard"), /cannot draw/);
+  forget();
+  assert.throws(() => release(), /cannot draw/);
   assert.throws(() => teleop.halt(), /cannot draw/);
   assert.deepEqual(sent, [STILL, STILL]);
 });
 
-test("a page that nobody looks at zeroes what is held, and is silent when nothing is", () => {
+test("a page that nobody looks at is silent when nothing is held", () => {
   teleop.letGo();
-  assert.deepEqual(sent, []);
-  assert.equal(drops, 1);
-  teleop.hold("joystick", FORWARD);
-  teleop.letGo();
-  assert.deepEqual(sent.at(-1), STILL);
-  assert.equal(drops, 2);
+  assert.deepEqual([sent, drops], [[], 1]);
 });
 
-test("a hold during the zeros of the last release drives again", () => {
-  teleop.hold("keyboard", FORWARD);
-  teleop.release("keyboard");
-  teleop.hold("keyboard", FORWARD);
-  sent.length = 0;
-  pass(500);
-  assert.deepEqual(sent, Array(10).fill({ forward: 0.5, left: 0, turn: 0 }));
-});
+// What is sent at once and in the 10 s after, how often the inputs were told to drop, by what ends a hold.
+for (const [name, end, now, later, times] of [
+  ["release sends zero at once, a few times, and then nothing", () => release(), [STILL], ZEROS, 0],
+  ["halt zeroes at once and tells the inputs to drop what they hold", () => teleop.halt(), [STILL], ZEROS, 1],
+  ["so does a page that nobody looks at", () => teleop.letGo(), [STILL], ZEROS, 1],
+  ["a new link drops what the old one drove, even when no cut was reported", () => teleop.arm(true), [], [], 1],
+  ["disarmed, it ends with zeros, and only a new press drives", () => [teleop.disarm(), hold()], [STILL], ZEROS, 1],
+  ["disarmed, then armed again: what was held stays dropped", () => [teleop.disarm(), pass(500), teleop.arm(true)], ZEROS, ZEROS, 2],
+  ["without a link nothing is sent, nor on the next one", () => [teleop.arm(false), hold(), teleop.arm(true)], [], [], 2],
+  ["without a link nothing is sent, not even by halt", () => [teleop.arm(false), teleop.halt(), release()], [], [], 2],
+  ["zeros that a freeze held back are not sent: somebody else may drive", () => [release(), forget(), freeze(10_000)], [], [], 1],
+]) {
+  test(name, () => {
+    hold();
+    forget();
+    end();
+    assert.deepEqual(sent, now);
+    pass(10_000);
+    assert.deepEqual([sent, drops], [later, times]);
+    assert.deepEqual(wanted.at(-1), STILL);
+  });
+}
 
-test("disarming stops sending, and what was held before stays dropped when armed again", () => {
-  teleop.hold("keyboard", FORWARD);
-  sent.length = 0;
-  teleop.arm(false);
-  assert.equal(drops, 1);
-  teleop.hold("keyboard", FORWARD);
-  teleop.arm(true);
-  assert.equal(drops, 2);
-  pass(10_000);
-  assert.deepEqual(sent, []);
-  assert.deepEqual(wanted.at(-1), STILL);
-});
-
-test("a new link drops what the old one drove, even when nothing told of a cut", () => {
-  teleop.hold("keyboard", FORWARD);
-  sent.length = 0;
-  teleop.arm(true);
-  pass(10_000);
-  assert.deepEqual(sent, []);
-  assert.equal(drops, 1);
+test("a hold drives again during the zeros of the last release, and after a disarm", () => {
+  for (const end of [() => release(), () => [teleop.disarm(), teleop.arm(true)]]) {
+    hold();
+    end();
+    hold();
+    forget();
+    pass(500);
+    assert.deepEqual(sent, Array(10).fill(HALF));
+  }
 });
 
 for (const [how, happen] of [
   ["the page froze", () => freeze(10_000)],
   ["a timer was late by more than 300 ms", () => freeze(340)],
   ["the machine slept, although the clock of events stood still", () => sleep(60_000)],
-  ["the page froze and something else is pressed during the thaw", () => freeze(10_000) ?? teleop.hold("joystick", FORWARD)],
+  ["the page froze and something else is pressed during the thaw", () => freeze(10_000) ?? hold("joystick")],
 ]) {
   test(`what was held does not drive on when ${how}`, () => {
-    teleop.hold("keyboard", FORWARD);
+    hold();
     pass(500);
-    sent.length = drops = 0;
+    forget();
     happen();
     pass(1000);
-    assert.deepEqual(sent, Array(5).fill(STILL));
-    assert.equal(drops, 1);
+    assert.deepEqual([sent, drops], [ZEROS, 1]);
   });
 }
 
-test("zeros that a freeze held back are not sent after it, since somebody else may drive", () => {
-  teleop.hold("keyboard", FORWARD);
-  teleop.release("keyboard");
-  sent.length = 0;
-  freeze(10_000);
-  pass(1000);
-  assert.deepEqual(sent, []);
-});
-
 test("a busy page that is late by less than 300 ms drives on", () => {
-  teleop.hold("keyboard", FORWARD);
+  hold();
   freeze(290);
   pass(1000);
-  assert.deepEqual(sent.at(-1), { forward: 0.5, left: 0, turn: 0 });
+  assert.deepEqual(sent.at(-1), HALF);
 });
 
-test("a press has the moment of its event, and what is held the moment at which that was seen", () => {
-  timestamp = 1000;
-  teleop.hold("keyboard", FORWARD, 960);
-  pass(100);
-  assert.deepEqual(moments, [960, 1050, 1100]);
-});
+// A poll says for how long its value holds.
+const poll = () => hold("gamepad", FORWARD, timestamp, 200);
 
-test("a moment that lies ahead, of a browser with another clock, is that of now", () => {
-  timestamp = 1000;
-  teleop.hold("keyboard", FORWARD, 1_700_000_000_000);
-  assert.deepEqual(moments, [1000]);
-});
+for (const [name, act, expected] of [
+  [
+    "a press has its event's, and what is held that at which it was seen",
+    () => [hold("keyboard", FORWARD, 960), pass(100)],
+    [960, 1050, 1100],
+  ],
+  ["one that lies ahead, of a browser with another clock, is that of now", () => hold("keyboard", FORWARD, 1_700_000_000_000), [1000]],
+  ["a late timer answers for when it should have run", () => [hold(), freeze(200), pass(50), pass(50)], [1000, 1050, 1300]],
+  ["zero is meant whenever it is sent", () => [hold(), freeze(250), release()], [1000, 1250]],
+  ["a poll has its own", () => [poll(), pass(40), poll(), pass(40), poll(), pass(40)], [1000, 1040, 1080]],
+  ["what is polled no more grows older", () => [poll(), pass(200)], Array(5).fill(1000)],
+  ["a key beside a polled input does not make it younger", () => [hold(), poll(), pass(100)], Array(3).fill(1000)],
+]) {
+  test(`the timestamp of a command: ${name}`, () => {
+    timestamp = 1000;
+    act();
+    assert.deepEqual([timestamps, drops], [expected, 0]);
+  });
+}
 
-test("a late timer answers for the time at which it should have run, not for later", () => {
-  teleop.hold("keyboard", FORWARD, 0);
-  freeze(200);
-  pass(50);
-  assert.deepEqual(moments, [0, 50]);
-  pass(50);
-  assert.equal(moments.at(-1), 300);
-});
-
-test("zero is meant whenever it is sent", () => {
-  teleop.hold("keyboard", FORWARD, 0);
-  freeze(250);
-  teleop.release("keyboard");
-  assert.equal(moments.at(-1), 250);
-});
-
-test("nothing is sent while disarmed, not even by halt: somebody else may drive", () => {
-  teleop.disarm();
-  pass(100);
-  teleop.arm(false);
-  teleop.halt();
-  teleop.release("keyboard");
+test("what was polled is let go when nobody polls any more", () => {
+  poll();
+  pass(200);
+  forget();
   pass(1000);
-  assert.deepEqual(sent, []);
+  assert.deepEqual([sent, drops], [ZEROS, 1]);
 });
 
 test("commands are left out while older ones wait in the browser, zero is not", () => {
   output.mayQueue = false;
-  teleop.hold("keyboard", FORWARD);
+  hold();
   pass(500);
   assert.deepEqual(sent, []);
-  teleop.release("keyboard");
+  release();
   assert.deepEqual(sent, [STILL]);
 });
 
-test("a network that is stuck for longer than the robot's patience needs a new press", () => {
-  teleop.hold("keyboard", FORWARD);
+test("a network that is stuck for longer than the robot's time limit needs a new press", () => {
+  hold();
   output.mayQueue = false;
   pass(600);
   output.mayQueue = true;
@@ -242,111 +205,56 @@ test("a network that is stuck for longer than the robot's patience needs a new p
 });
 
 test("a limit that changes while driving counts from the next command on", () => {
-  teleop.hold("keyboard", FORWARD);
+  hold();
   teleop.limits.linear = 0.1;
   pass(50);
   assert.deepEqual(sent.at(-1), { forward: 0.1, left: 0, turn: 0 });
 });
 
-test("a polled input drives for as long as it is polled, each time with the poll's moment", () => {
-  teleop.hold("gamepad", FORWARD, 0, 200);
-  for (let i = 0; i < 4; i++) {
-    pass(40);
-    teleop.hold("gamepad", FORWARD, timestamp, 200);
-  }
-  assert.deepEqual(moments, [0, 40, 80, 120]);
-  assert.equal(drops, 0);
-});
-
-test("what was polled is let go when nobody polls any more, and until then it grows older", () => {
-  teleop.hold("gamepad", FORWARD, 0, 200);
-  pass(200);
-  assert.deepEqual(moments, [0, 0, 0, 0, 0]);
-  sent.length = 0;
-  pass(1000);
-  assert.deepEqual(sent, Array(5).fill(STILL));
-  assert.equal(drops, 1);
-});
-
-test("a key that is held beside a polled input does not make it younger", () => {
-  teleop.hold("keyboard", FORWARD, 0);
-  teleop.hold("gamepad", FORWARD, 0, 200);
-  pass(100);
-  assert.deepEqual(moments, [0, 0, 0]);
-});
-
-test("where a person may not drive on, zeros end what is under way, and only a new press drives", () => {
-  teleop.hold("keyboard", FORWARD);
-  sent.length = 0;
-  teleop.disarm();
-  teleop.hold("keyboard", FORWARD);
-  pass(1000);
-  assert.deepEqual(sent, Array(5).fill(STILL));
-  assert.equal(drops, 1);
-  teleop.arm(true);
-  pass(1000);
-  assert.equal(sent.length, 5);
-  teleop.hold("keyboard", FORWARD);
-  assert.equal(sent.at(-1).forward, 0.5);
-});
-
 test("a press on a page that watches asks for control and sends nothing", () => {
   teleop.watch();
-  teleop.hold("keyboard", FORWARD);
+  hold();
   pass(900);
   assert.equal(takes, 1);
-  teleop.release("keyboard");
+  release();
   pass(200);
   assert.deepEqual(sent, []);
 });
 
-test("what took the control and is held still drives on from the moment at which it came", () => {
+test("what took the control and is held still drives on from when it came", () => {
   teleop.watch();
-  teleop.hold("keyboard", FORWARD);
+  hold();
   pass(300);
   teleop.arm(true);
-  assert.deepEqual(sent, [{ forward: 0.5, left: 0, turn: 0 }]);
-  assert.ok(moments[0] <= timestamp);
+  assert.deepEqual(sent, [HALF]);
+  assert.ok(timestamps[0] <= timestamp);
   pass(100);
   assert.equal(sent.length, 3);
-  teleop.release("keyboard");
+  release();
   assert.deepEqual(sent.at(-1), STILL);
 });
 
-test("control that comes more than a second after the press moves nothing until it is pressed anew", () => {
-  teleop.watch();
-  teleop.hold("keyboard", FORWARD);
-  pass(1100);
-  assert.ok(drops > 0);
-  teleop.arm(true);
-  pass(500);
-  assert.deepEqual(sent, []);
-  teleop.hold("keyboard", FORWARD);
-  assert.equal(sent.length, 1);
-});
-
-// prettier-ignore
-for (const [end, act] of [["the focus goes", () => teleop.letGo()], ["the link fails", () => teleop.arm(false)], ["driving is held", () => teleop.disarm()], ["it is let go", () => teleop.release("keyboard")], ["the page freezes", () => freeze(600)]]) {
-  test(`what took the control moves nothing when ${end} meanwhile`, () => {
+for (const [end, act] of [
+  ["the focus goes", () => teleop.letGo()],
+  ["the link fails", () => teleop.arm(false)],
+  ["driving is held", () => teleop.disarm()],
+  ["it is let go", () => release()],
+  ["the page freezes", () => freeze(600)],
+  ["control comes more than a second later", () => pass(1000)],
+  ["a gamepad, which took it, is polled no more", () => [release(), hold("gamepad", FORWARD, timestamp, 250), pass(400)]],
+]) {
+  test(`what took the control moves nothing when ${end}, until it is pressed anew`, () => {
     teleop.watch();
-    teleop.hold("keyboard", FORWARD);
+    hold();
     pass(100);
     act();
     teleop.arm(true);
     pass(500);
     assert.deepEqual(sent, []);
+    hold();
+    assert.deepEqual(sent, [HALF]);
   });
 }
-
-test("a gamepad that is no longer looked at takes the control and moves nothing", () => {
-  teleop.watch();
-  teleop.hold("gamepad", FORWARD, timestamp, 250);
-  pass(400);
-  teleop.arm(true);
-  pass(500);
-  assert.equal(takes, 1);
-  assert.deepEqual(sent, []);
-});
 
 const LIMITS = { linear: 0.5, angular: 2, turbo: { linear: 1, angular: 3 }, most: { linear: 1, angular: 3 } };
 const input = (forward, left, turn, more = {}) => ({ forward, left, turn, ...more });

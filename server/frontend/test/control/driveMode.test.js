@@ -9,292 +9,224 @@ const SINCE = "2026-01-01T12:03:00Z";
 const ann = { user: "ann", since: SINCE, fence: 1 };
 const ben = { user: "ben", since: SINCE, passes_at: SINCE };
 const me = { user: "me", since: SINCE, passes_at: SINCE };
+const mine = { ...ann, user: "me" };
 const stopped = { by: "ben", at: SINCE, confirmed: true };
 
 let moves, driveMode;
 
-function sitDown(level, drove = { armed: true }) {
+function sitDown(level = "drive", drove = null) {
   moves = [];
   driveMode = new DriveMode({ me: "me", level, drove, onMove: () => moves.push(driveMode.mode) });
 }
 
-beforeEach(() => sitDown("drive"));
+const receive = (control) => driveMode.receive(control);
+const lose = (why, reason = "") => driveMode.lose(why, reason);
+const ask = () => driveMode.ask();
+const askAnn = () => [lose("lease_held"), receive({ driver: ann }), ask(), receive({ driver: ann, waiting: me })];
 
-function askAnn() {
-  driveMode.lose("lease_held", "");
-  driveMode.receive({ driver: ann });
-  driveMode.ask();
-  driveMode.receive({ driver: ann, waiting: me });
+// What is so after some steps, by the drive mode's own members; `moves` are the connections it asked for, `why` is that of its note.
+function check(expected) {
+  for (const [name, value] of Object.entries({ moves: [], ...expected })) {
+    const { why } = driveMode.note ?? { why: null };
+    assert.deepEqual({ ...driveMode, moves, why, asking: driveMode.asking, free: driveMode.free }[name], value, name);
+  }
+}
+
+// Of a page that drives.
+const WHILE_DRIVING = {
+  "who gives up the control watches": [() => driveMode.leave(), { moves: ["observe"], mode: "observe", armed: false, why: "left" }],
+  "control that is kept for who asked is taken, not armed, though the question was not seen standing": [
+    () => [lose("lease_held"), ask(), receive({ driver: null, reserved: me })],
+    { moves: ["drive"], armed: false, why: "arrived" },
+  ],
+  "a driver who leaves leaves the control to who asked": [() => [askAnn(), receive({ driver: null })], { moves: ["drive"], armed: false }],
+  "a question that is gone while the driver stays was refused": [
+    () => [askAnn(), receive({ driver: ann, waiting: null })],
+    { note: { why: "refused", by: "ann" }, asked: null },
+  ],
+  "a question that was refused brings no control": [
+    () => [askAnn(), receive({ driver: ann, waiting: null }), receive({ driver: null, reserved: me })],
+    { mode: "observe" },
+  ],
+  "news from before the question is no refusal": [() => [lose("lease_held"), ask(), receive({ driver: ann })], { asked: "sent" }],
+  "a question that was withdrawn brings no control": [
+    () => [askAnn(), driveMode.withdraw(), receive({ driver: null, reserved: me })],
+    { mode: "observe" },
+  ],
+  "who withdraws and asks again at once is not told of a refusal": [
+    () => [askAnn(), driveMode.withdraw(), ask(), receive({ driver: ann, waiting: null })],
+    { note: null, asked: "sent" },
+  ],
+  "who asked again is waited for": [
+    () => [askAnn(), driveMode.withdraw(), ask(), receive({ driver: ann, waiting: null }), receive({ driver: ann, waiting: me })],
+    { asked: "waiting" },
+  ],
+  "a stop ends the question": [() => [askAnn(), receive({ driver: null, stopped })], { asked: null, why: "stopped_meanwhile" }],
+  "a question answered for another window of the same person ends here": [() => [askAnn(), receive({ driver: mine })], { asked: null }],
+  "who drove when the robot was stopped may drive on by releasing it": [
+    () => [lose("robot_stopped"), receive({ stopped })],
+    { wasStopped: true },
+  ],
+  "who releases it so drives on": [
+    () => [lose("robot_stopped"), receive({ stopped }), driveMode.released(true)],
+    { moves: ["drive"], armed: true },
+  ],
+  "who drove when the robot was stopped has no more claim on it once somebody released it": [
+    () => [lose("robot_stopped"), receive({ stopped }), receive({ stopped: null }), receive({ stopped })],
+    { wasStopped: false },
+  ],
+  "only the driver's own page is asked": [() => receive({ driver: mine, waiting: ben }), { asking: ben }],
+  "a page that no longer drives is not asked": [() => [receive({ driver: mine, waiting: ben }), lose("superseded")], { asking: null }],
+  "a page that is told nothing any more says of nobody that they drive or ask": [
+    () => [askAnn(), driveMode.end()],
+    { known: false, asking: null, note: null, asked: null },
+  ],
+  "a page that is told nothing any more takes nothing": [() => [askAnn(), driveMode.end(), receive({ driver: null })], { mode: "observe" }],
+  "a release ends no note of something else": [
+    () => [lose("lease_held"), receive({ driver: ann, stopped }), receive({ driver: ann })],
+    { why: "lease_held" },
+  ],
+};
+
+for (const [name, [act, expected]] of Object.entries(WHILE_DRIVING)) {
+  test(name, () => {
+    sitDown("drive", { armed: true });
+    act();
+    check(expected);
+  });
+}
+
+// Of a page that watches.
+const WHILE_WATCHING = {
+  "for others a release leaves the control free": [
+    () => [receive({ stopped }), driveMode.released(false)],
+    { wasStopped: false, mode: "observe" },
+  ],
+  "a press takes the control that nobody has, and says so": [
+    () => [receive({ driver: null }), check({ free: true }), assert.ok(driveMode.press())],
+    { moves: ["drive"], armed: true, why: "pressed", pressed: true },
+  ],
+  "a press has driven on once the connection stands": [
+    () => [receive({ driver: null }), driveMode.press(), driveMode.settle()],
+    { moves: ["drive"], pressed: false },
+  ],
+  "a press before it is known who drives does nothing": [() => assert.ok(!driveMode.press() && driveMode.actions(true).length === 0), {}],
+  "a press that lost the race for the control has to be made anew": [
+    () => [receive({ driver: null }), driveMode.press(), lose("lease_held")],
+    { moves: ["drive"], pressed: false, armed: false },
+  ],
+  "who asked before a reload, or got no answer, can ask again and is waited for": [
+    () => [receive({ driver: ann, waiting: me }), ask(), receive({ driver: ann, waiting: null })],
+    { note: { why: "refused", by: "ann" } },
+  ],
+};
+
+for (const [name, [act, expected]] of Object.entries(WHILE_WATCHING)) {
+  test(name, () => {
+    sitDown();
+    act();
+    check(expected);
+  });
 }
 
 test("a page that is opened watches, whoever opens it, as does one whose person may no longer drive", () => {
-  for (const level of ["observe", "drive", "manage"]) {
-    sitDown(level, null);
-    assert.equal(driveMode.mode, "observe");
-    assert.equal(driveMode.armed, false);
-    driveMode.receive({ driver: null });
-    assert.deepEqual(moves, []);
+  for (const [level, drove] of [["observe"], ["drive"], ["manage"], ["observe", { armed: true }]]) {
+    sitDown(level, drove);
+    receive({ driver: null });
+    check({ mode: "observe", armed: false });
+    assert.deepEqual(driveMode.actions(true), level === "observe" ? [] : ["drive"]);
   }
-  sitDown("observe");
-  assert.deepEqual([driveMode.mode, driveMode.actions(true)], ["observe", []]);
 });
 
 test("a page that is loaded anew while it drove drives on, armed if it was", () => {
-  assert.equal(driveMode.mode, "drive");
-  assert.deepEqual(driveMode.saved, { armed: true });
-  sitDown("drive", { armed: false });
-  assert.equal(driveMode.mode, "drive");
-  assert.equal(driveMode.armed, false);
+  for (const armed of [true, false]) {
+    sitDown("drive", { armed });
+    check({ mode: "drive", armed });
+    assert.deepEqual(driveMode.saved, { armed });
+  }
   driveMode.leave();
   assert.equal(driveMode.saved, null);
 });
 
 for (const why of ["superseded", "robot_stopped", "lease_held", "lease_lost"]) {
   test(`after ${why} the page watches, not armed, and does not come back by itself`, () => {
-    driveMode.lose(why, "reason");
-    assert.equal(driveMode.mode, "observe");
-    assert.equal(driveMode.armed, false);
-    driveMode.receive({ driver: null });
-    driveMode.receive({ driver: null, reserved: me });
-    assert.equal(driveMode.mode, "observe");
-    assert.deepEqual(moves, []);
+    sitDown("drive", { armed: true });
+    lose(why, "reason");
+    for (const control of [{ driver: null }, { driver: null, reserved: me }]) {
+      receive(control);
+      check({ mode: "observe", armed: false });
+    }
   });
 }
 
 test("who handed the control over reads that, and not that somebody else has it", () => {
+  sitDown("drive", { armed: true });
   driveMode.handedTo = "ben";
-  driveMode.lose("lease_lost", "ben controls sim1 now");
-  assert.deepEqual(driveMode.note, { why: "handed_over", by: "ben" });
+  lose("lease_lost", "ben controls sim1 now");
+  check({ note: { why: "handed_over", by: "ben" } });
   assert.match(notes.handed_over(driveMode.note), /^You handed control to ben\.$/);
   driveMode.drive();
-  driveMode.lose("lease_lost", "ann controls sim1 now");
-  assert.deepEqual(driveMode.note, { why: "lease_lost", reason: "ann controls sim1 now" });
-});
-
-test("control that is kept for who asked is taken, not armed, and drives after a word of the person", () => {
-  driveMode.lose("lease_held", "");
-  driveMode.ask(); // the question need not have been seen standing
-  driveMode.receive({ driver: null, reserved: me });
-  assert.deepEqual(moves, ["drive"]);
-  assert.equal(driveMode.armed, false);
-  assert.equal(driveMode.note.why, "arrived");
-  assert.deepEqual(driveMode.actions(true), ["arm", "leave"]);
-  driveMode.arm();
-  assert.equal(driveMode.armed, true);
-});
-
-test("a driver who leaves leaves the control to who asked", () => {
-  askAnn();
-  driveMode.receive({ driver: null });
-  assert.deepEqual(moves, ["drive"]);
-  assert.equal(driveMode.armed, false);
-});
-
-test("a question that is gone while the driver stays was refused", () => {
-  askAnn();
-  driveMode.receive({ driver: ann, waiting: null });
-  assert.deepEqual(driveMode.note, { why: "refused", by: "ann" });
-  assert.equal(driveMode.asked, null);
-  driveMode.receive({ driver: null, reserved: me });
-  assert.deepEqual(moves, []);
-});
-
-test("news from before the question is no refusal", () => {
-  driveMode.lose("lease_held", "");
-  driveMode.ask();
-  driveMode.receive({ driver: ann });
-  assert.equal(driveMode.asked, "sent");
-});
-
-test("a question that was withdrawn brings no control", () => {
-  askAnn();
-  driveMode.withdraw();
-  driveMode.receive({ driver: null, reserved: me });
-  assert.deepEqual(moves, []);
-});
-
-test("who withdraws and asks again at once is not told of a refusal", () => {
-  askAnn();
-  driveMode.withdraw();
-  driveMode.ask();
-  driveMode.receive({ driver: ann, waiting: null });
-  assert.equal(driveMode.note, null);
-  driveMode.receive({ driver: ann, waiting: me });
-  assert.equal(driveMode.asked, "waiting");
-});
-
-test("a stop ends the question, whatever else the news says", () => {
-  askAnn();
-  driveMode.receive({ driver: null, stopped });
-  assert.equal(driveMode.asked, null);
-  assert.equal(driveMode.note.why, "stopped_meanwhile");
-  assert.deepEqual(moves, []);
-});
-
-test("a question answered for another window of the same person ends here", () => {
-  askAnn();
-  driveMode.receive({ driver: { ...ann, user: "me" } });
-  assert.equal(driveMode.asked, null);
-  assert.deepEqual(moves, []);
-});
-
-test("who drove when the robot was stopped drives on by releasing it", () => {
-  driveMode.lose("robot_stopped", "");
-  driveMode.receive({ stopped });
-  assert.equal(driveMode.wasStopped, true);
-  driveMode.released(true);
-  assert.deepEqual(moves, ["drive"]);
-  assert.equal(driveMode.armed, true);
-});
-
-test("for others a release leaves the control free", () => {
-  sitDown("drive", null);
-  driveMode.receive({ stopped });
-  assert.equal(driveMode.wasStopped, false);
-  driveMode.released(false);
-  assert.deepEqual(moves, []);
-  assert.equal(driveMode.mode, "observe");
-});
-
-test("who drove when the robot was stopped has no more claim on it once somebody released it", () => {
-  driveMode.lose("robot_stopped", "");
-  driveMode.receive({ stopped });
-  driveMode.receive({ stopped: null });
-  driveMode.receive({ stopped });
-  assert.equal(driveMode.wasStopped, false);
-});
-
-test("a press takes the control that nobody has, and says so", () => {
-  sitDown("drive", null);
-  driveMode.receive({ driver: null });
-  assert.equal(driveMode.free, true);
-  assert.equal(driveMode.press(), true);
-  assert.deepEqual(moves, ["drive"]);
-  assert.equal(driveMode.armed, true);
-  assert.equal(driveMode.note.why, "pressed");
-  driveMode.settle();
-  assert.equal(driveMode.pressed, false);
-});
-
-test("a press before it is known who drives does nothing", () => {
-  sitDown("drive", null);
-  assert.equal(driveMode.press(), false);
-  assert.deepEqual(driveMode.actions(true), []);
-  assert.deepEqual(moves, []);
+  lose("lease_lost", "ann controls sim1 now");
+  check({ moves: ["drive"], note: { why: "lease_lost", reason: "ann controls sim1 now" } });
 });
 
 for (const [who, control, why] of [
   ["somebody else drives", { driver: ann }, "busy_driver"],
-  ["another window of the same person drives", { driver: { ...ann, user: "me" } }, "busy_window"],
+  ["another window of the same person drives", { driver: mine }, "busy_window"],
   ["somebody is about to drive", { reserved: ben }, "busy_reserved"],
   ["the robot is stopped", { stopped }, "busy_stopped"],
 ]) {
   test(`a press while ${who} takes and asks nothing, and says why until that changes`, () => {
-    sitDown("drive", null);
-    driveMode.receive(control);
-    assert.equal(driveMode.free, false);
+    sitDown();
+    receive(control);
     assert.equal(driveMode.press(), false);
-    assert.deepEqual(moves, []);
-    assert.equal(driveMode.asked, null);
-    assert.equal(driveMode.note.why, why);
-    driveMode.receive(control);
-    assert.equal(driveMode.note.why, why);
-    driveMode.receive({ driver: null });
-    assert.equal(driveMode.note, null);
+    check({ free: false, asked: null, why });
+    receive(control);
+    check({ why });
+    receive({ driver: null });
+    check({ note: null });
   });
 }
 
-test("a press that lost the race for the control has to be made anew", () => {
-  sitDown("drive", null);
-  driveMode.receive({ driver: null });
-  driveMode.press();
-  driveMode.lose("lease_held", "");
-  assert.equal(driveMode.pressed, false);
-  assert.equal(driveMode.armed, false);
-});
-
-test("who gives up the control watches", () => {
-  driveMode.leave();
-  assert.deepEqual(moves, ["observe"]);
-  assert.equal(driveMode.armed, false);
-  assert.equal(driveMode.note.why, "left");
-});
-
-test("only the driver's own page is asked", () => {
-  driveMode.receive({ driver: { ...ann, user: "me" }, waiting: ben });
-  assert.equal(driveMode.asking.user, "ben");
-  driveMode.lose("superseded", "");
-  assert.equal(driveMode.asking, null);
-});
-
 test("that the robot was stopped is said until it is released", () => {
-  for (const note of [() => driveMode.lose("robot_stopped", ""), () => driveMode.setNote({ why: "stopped_meanwhile" })]) {
-    note();
-    driveMode.receive({ driver: null, stopped });
+  sitDown("drive", { armed: true });
+  for (const say of [() => lose("robot_stopped"), () => driveMode.setNote({ why: "stopped_meanwhile" })]) {
+    say();
+    receive({ driver: null, stopped });
     assert.notEqual(driveMode.note, null);
-    driveMode.receive({ driver: ann });
-    assert.equal(driveMode.note, null);
+    receive({ driver: ann });
+    check({ note: null });
   }
 });
 
-test("a page that is told nothing any more says of nobody that they drive or ask, and takes nothing", () => {
-  askAnn();
-  driveMode.end();
-  assert.deepEqual([driveMode.control.driver, driveMode.asking, driveMode.note, driveMode.asked], [null, null, null, null]);
-  driveMode.receive({ driver: null });
-  assert.deepEqual([driveMode.mode, moves], ["observe", []]);
-});
-
-test("a release ends no note of something else", () => {
-  driveMode.lose("lease_held", "");
-  driveMode.receive({ driver: ann, stopped });
-  driveMode.receive({ driver: ann });
-  assert.equal(driveMode.note.why, "lease_held");
-});
-
-test("what can be done depends on who drives, who waits and whether the robot is stopped", () => {
-  const offered = (control) => {
-    driveMode.receive(control);
-    return driveMode.actions(true);
-  };
-  driveMode.lose("lease_held", "");
-  assert.deepEqual(offered({ driver: null }), ["drive"]);
-  assert.deepEqual(offered({ driver: { ...ann, user: "me" } }), ["drive"]);
-  assert.deepEqual(offered({ driver: null, reserved: ben }), []);
-  assert.deepEqual(offered({ driver: ann }), ["ask"]);
-  assert.deepEqual(offered({ driver: ann, waiting: ben }), []);
-  assert.deepEqual(offered({ driver: null, stopped }), []);
-  driveMode.ask();
-  assert.deepEqual(offered({ driver: ann, waiting: me }), ["withdraw"]);
-  assert.deepEqual(driveMode.actions(false), []);
-});
-
-test("a manager can take the control, also while asking", () => {
-  sitDown("manage");
-  driveMode.lose("lease_held", "");
-  driveMode.receive({ driver: ann });
-  assert.deepEqual(driveMode.actions(true), ["ask", "take"]);
-  driveMode.ask();
-  assert.deepEqual(driveMode.actions(true), ["withdraw", "take"]);
-});
-
-test("who asked before a reload, or got no answer, can ask again and is waited for", () => {
-  sitDown("drive", null);
-  driveMode.receive({ driver: ann, waiting: me });
-  assert.deepEqual(driveMode.actions(true), ["ask"]);
-  driveMode.ask();
-  assert.deepEqual(driveMode.actions(true), ["withdraw"]);
-  driveMode.receive({ driver: ann, waiting: null });
-  assert.deepEqual(driveMode.note, { why: "refused", by: "ann" });
-  assert.deepEqual(moves, []);
-});
+// What the buttons offer: the level, what has happened, and the actions on a page that is connected.
+for (const [level, act, actions] of [
+  ["drive", () => receive({ driver: null }), ["drive"]],
+  ["drive", () => receive({ driver: mine }), ["drive"]],
+  ["drive", () => receive({ driver: null, reserved: ben }), []],
+  ["drive", () => receive({ driver: ann }), ["ask"]],
+  ["drive", () => receive({ driver: ann, waiting: ben }), []],
+  ["drive", () => receive({ driver: ann, waiting: me }), ["ask"]],
+  ["drive", () => receive({ driver: null, stopped }), []],
+  ["drive", () => [ask(), receive({ driver: ann, waiting: me })], ["withdraw"]],
+  ["drive", () => [receive({ driver: ann, waiting: me }), ask()], ["withdraw"]],
+  ["drive", () => [ask(), receive({ driver: null, reserved: me })], ["arm", "leave"]],
+  ["drive", () => [ask(), receive({ driver: null, reserved: me }), driveMode.arm()], ["leave"]],
+  ["manage", () => receive({ driver: ann }), ["ask", "take"]],
+  ["manage", () => [receive({ driver: ann }), ask()], ["withdraw", "take"]],
+]) {
+  test(`at level ${level} after ${act} a page offers [${actions}], and without a connection nothing`, () => {
+    sitDown(level);
+    act();
+    assert.deepEqual([driveMode.actions(true), driveMode.actions(false)], [actions, []]);
+  });
+}
 
 test("a page that drives and waits for its robot can give the control up, and takes it no more when the robot is back", () => {
-  assert.deepEqual(driveMode.actions(false), []);
-  assert.deepEqual(driveMode.actions(false, true), ["leave"]);
+  sitDown("drive", { armed: true });
+  assert.deepEqual([driveMode.actions(false), driveMode.actions(false, true)], [[], ["leave"]]);
   driveMode.leave();
-  assert.equal(driveMode.mode, "observe");
-  assert.deepEqual(driveMode.actions(false, true), []);
+  assert.deepEqual([driveMode.mode, driveMode.actions(false, true)], ["observe", []]);
 });
 
 let store, clock, arrival;

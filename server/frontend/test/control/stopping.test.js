@@ -30,112 +30,77 @@ async function answer(what) {
   for (let i = 0; i < 5; i++) await Promise.resolve();
 }
 
+const press = () => stopping.press();
+const receive = (stopped) => stopping.receive(stopped);
+const stoppedBy = (by, confirmed = true) => receive({ by, at: BY_BEN.at, confirmed });
+const tick = (ms) => mock.timers.tick(ms);
 const kind = () => stopping.shown.kind;
 
-test("a press goes out on both ways before either has answered", () => {
-  stopping.press();
-  assert.deepEqual(ways, ["link", "post"]);
-  assert.equal(kind(), "asked");
-});
-
 test("only what is confirmed is said: server, then robot", async () => {
-  stopping.press();
+  press();
   await answer(OK);
   assert.deepEqual([kind(), stopping.holds], ["heard", true]);
-  stopping.receive({ ...BY_BEN, confirmed: false });
+  stoppedBy("ben", false);
   assert.equal(kind(), "stopping");
-  stopping.receive({ ...BY_BEN, confirmed: true });
+  stoppedBy("ben");
   assert.deepEqual([stopping.shown, stopping.holds], [{ kind: "stopped", by: "ben", at: BY_BEN.at }, true]);
-  stopping.receive(null);
+  receive(null);
   assert.equal(kind(), "none");
 });
 
 test("the attempts end after a while, ask for another press and then keep nobody from going on", async () => {
   assert.equal(stopping.holds, false);
-  stopping.press();
+  press();
   for (let i = 0; i < 15; i++) {
     assert.equal(stopping.holds, true);
     await answer(NO_ANSWER);
-    mock.timers.tick(1000);
+    tick(1000);
   }
-  assert.deepEqual([kind(), stopping.holds], ["failed", false]);
-  const before = ways.length;
-  mock.timers.tick(60_000);
-  assert.equal(ways.length, before);
-});
-
-test("the attempts end when the stop was heard of on another way", async () => {
-  stopping.press();
-  await answer(NO_ANSWER);
-  stopping.receive({ ...BY_BEN, confirmed: true });
-  mock.timers.tick(60_000);
-  assert.deepEqual(ways, ["link", "post"]);
-  assert.equal(kind(), "stopped");
-});
-
-test("a late answer to a stop that was released meanwhile says nothing", async () => {
-  stopping.press();
-  stopping.receive({ ...BY_BEN, confirmed: true });
-  stopping.receive(null);
-  await answer(NO_ANSWER);
-  assert.equal(kind(), "none");
+  assert.deepEqual([kind(), stopping.holds, ways.length], ["failed", false, 30]);
+  tick(60_000);
+  assert.equal(ways.length, 30);
 });
 
 test("a refusal is final and gives its reason", async () => {
-  stopping.press();
+  press();
   await answer({ ok: false, status: 404, detail: "there is no such robot" });
   assert.deepEqual([kind(), stopping.holds], ["refused", false]);
-  mock.timers.tick(60_000);
+  tick(60_000);
   assert.deepEqual(ways, ["link", "post"]);
   assert.match(texts.refused(stopping.shown), /no such robot/);
 });
 
-test("news of a robot that is not stopped does not hide a stop that is on its way", async () => {
-  stopping.press();
-  stopping.receive(null);
-  assert.equal(kind(), "asked");
-  await answer(OK);
-  stopping.receive(null);
-  assert.equal(kind(), "heard");
-  mock.timers.tick(5000);
-  assert.equal(kind(), "none");
-});
-
-test("a stop that the server has is not forgotten while the page hears nothing", async () => {
-  stopping.press();
-  await answer(OK);
-  mock.timers.tick(60_000);
-  assert.equal(kind(), "heard");
-  stopping.receive(null);
-  mock.timers.tick(5000);
-  assert.equal(kind(), "none");
-});
-
-test("the release of an earlier stop does not end a stop that is on its way", async () => {
-  stopping.receive({ ...BY_BEN, confirmed: true });
-  stopping.press();
-  stopping.receive(null);
-  assert.equal(kind(), "asked");
-  await answer(NO_ANSWER);
-  assert.equal(kind(), "unheard");
-  mock.timers.tick(1000);
-  assert.deepEqual(ways, ["link", "post", "link", "post"]);
-  await answer(OK);
-  assert.equal(kind(), "heard");
-});
+// What is said after some steps, each with the answer that comes then, and how often the stop was sent on both ways.
+for (const [name, steps, said, times] of [
+  ["a press goes out on both ways before either has answered", [press], "asked", 1],
+  ["a second press is said again at once", [press, press], "asked", 2],
+  ["without an answer it is said again", [press, NO_ANSWER, () => tick(1000), OK], "heard", 2],
+  ["what was heard of on another way ends the attempts", [press, NO_ANSWER, () => stoppedBy("ben"), () => tick(60_000)], "stopped", 1],
+  ["a late answer to a stop that was released says nothing", [press, () => stoppedBy("ben"), () => receive(null), NO_ANSWER], "none", 1],
+  ["no news of a stop hides none that is on its way", [press, () => receive(null)], "asked", 1],
+  ["nor one that the server has, for a while", [press, () => receive(null), OK, () => receive(null)], "heard", 1],
+  ["nor longer", [press, () => receive(null), OK, () => receive(null), () => tick(5000)], "none", 1],
+  ["one that the server has is not forgotten while the page hears nothing", [press, OK, () => tick(60_000)], "heard", 1],
+  ["until it hears something", [press, OK, () => tick(60_000), () => receive(null), () => tick(5000)], "none", 1],
+  ["the release of an earlier stop ends none on its way", [() => stoppedBy("ben"), press, () => receive(null), NO_ANSWER], "unheard", 1],
+]) {
+  test(name, async () => {
+    for (const step of steps) await (typeof step === "function" ? step() : answer(step));
+    assert.deepEqual([kind(), ways], [said, Array(times).fill(["link", "post"]).flat()]);
+  });
+}
 
 test("news of somebody else's earlier stop does not end a stop that is on its way", async () => {
-  stopping.receive({ ...BY_BEN, confirmed: false });
-  stopping.press();
-  stopping.receive({ ...BY_BEN, confirmed: true });
+  stoppedBy("ben", false);
+  press();
+  stoppedBy("ben");
   await answer(NO_ANSWER);
-  mock.timers.tick(1000);
+  tick(1000);
   assert.deepEqual(ways, ["link", "post", "link", "post"]);
-  stopping.receive({ by: "me", at: BY_BEN.at, confirmed: true });
+  stoppedBy("me");
   await answer(NO_ANSWER);
-  mock.timers.tick(60_000);
-  assert.equal(ways.length, 4);
-  assert.equal(stopping.shown.by, "me");
+  tick(60_000);
+  assert.deepEqual([ways.length, stopping.shown.by], [4, "me"]);
 });
 
 test("a stop is another one by its name or moment, not by its confirmation", () => {
@@ -144,12 +109,6 @@ test("a stop is another one by its name or moment, not by its confirmation", () 
   assert.ok(!sameStop(BY_BEN, null));
   assert.ok(!sameStop(BY_BEN, { ...BY_BEN, by: "ann" }));
   assert.ok(!sameStop(BY_BEN, { ...BY_BEN, at: "2026-01-01T12:03:01Z" }));
-});
-
-test("a second press is said again at once", () => {
-  stopping.press();
-  stopping.press();
-  assert.deepEqual(ways, ["link", "post", "link", "post"]);
 });
 
 test("every kind has its sentence, and only a confirmed stop is called one", () => {

@@ -3,130 +3,124 @@ import { beforeEach, test } from "node:test";
 
 import { direction, FieldFocus, Keyboard } from "../../src/input/keyboard.js";
 
-let told, moments, teleop, keyboard;
+const FORWARD = { forward: 1, left: 0, turn: 0 };
+const LEFT = { forward: 0, left: 0, turn: 1 };
 
-// An element that stands inside exactly the given kinds of elements.
-const element = (...kinds) => ({ closest: (selector) => kinds.some((kind) => selector.split(", ").includes(kind)) || null });
-const BODY = element();
+let told, timestamps, steps, stale, lit, teleop, keyboard;
+
+// An element that stands inside exactly the given kind of element.
+const element = (kind) => ({ closest: (selector) => selector.split(", ").includes(kind) || null });
 const TEXT_FIELD = element("input:not([type=range]):not([type=checkbox])");
 const SLIDER = element("input[type=range]");
 
-function key(code, more = {}) {
-  const event = { code, target: BODY, timeStamp: 1000, prevented: false, ...more };
+const down = (code, more = {}) => press("down", code, more);
+const up = (code, more = {}) => press("up", code, more);
+
+// Gives whether the usual effect of the key was prevented.
+function press(name, code, more) {
+  const event = { code, target: element(), timeStamp: 1000, prevented: false, ...more };
   event.preventDefault = () => (event.prevented = true);
-  return event;
+  keyboard[name](event);
+  return event.prevented;
 }
 
-beforeEach(() => {
-  told = [];
-  moments = [];
+function make(kind = "differential") {
+  [told, timestamps, steps, stale, lit] = [[], [], [], [], []];
   teleop = {
     accepts: true,
-    hold: (_, input, at) => told.push(input) && moments.push(at),
+    hold: (_, input, at) => told.push(input) && timestamps.push(at),
     release: () => told.push("released"),
     letGo: () => told.push("let go"),
   };
-  keyboard = new Keyboard({ teleop, kind: "differential" });
-});
+  const handlers = { onStep: (by) => steps.push(by), onStale: (any) => stale.push(any), onKeys: (codes) => lit.push(codes) };
+  keyboard = new Keyboard({ teleop, kind, ...handlers });
+}
 
-test("W drives forward, A turns left, and arrows do the same", () => {
-  assert.deepEqual(direction(["KeyW", "KeyA"]), { forward: 1, left: 0, turn: 1 });
-  assert.deepEqual(direction(["ArrowDown", "ArrowRight"]), { forward: -1, left: 0, turn: -1 });
-});
+beforeEach(() => make());
 
-test("opposite keys cancel, and two keys for one direction count once", () => {
-  assert.deepEqual(direction(["KeyW", "KeyS", "KeyD"]), { forward: 0, left: 0, turn: -1 });
-  assert.deepEqual(direction(["KeyW", "ArrowUp"]), { forward: 1, left: 0, turn: 0 });
-  assert.deepEqual(direction(["KeyW", "ArrowUp", "KeyS"]), { forward: 0, left: 0, turn: 0 });
-});
+for (const [codes, expected] of [
+  [["KeyW", "KeyA"], { forward: 1, left: 0, turn: 1 }],
+  [["ArrowDown", "ArrowRight"], { forward: -1, left: 0, turn: -1 }],
+  [["KeyW", "KeyS", "KeyD"], { forward: 0, left: 0, turn: -1 }],
+  [["KeyW", "ArrowUp"], FORWARD],
+  [["KeyW", "ArrowUp", "KeyS"], { forward: 0, left: 0, turn: 0 }],
+]) {
+  test(`${codes.join(" and ")} drive in their direction: opposite keys cancel, and two for one count once`, () => {
+    assert.deepEqual(direction(codes), expected);
+  });
+}
 
-test("holding and letting go is told once each, whatever the key repeat", () => {
-  keyboard.down(key("KeyW", { timeStamp: 1234.5 }));
-  keyboard.down(key("KeyW", { repeat: true }));
-  keyboard.up(key("KeyW"));
-  assert.deepEqual([told, moments], [[{ forward: 1, left: 0, turn: 0 }, "released"], [1234.5]]);
-});
+const REPEAT = { repeat: true };
+const TYPED = { target: TEXT_FIELD };
+const CTRL = { ctrlKey: true };
+const ARROW = "ArrowUp";
 
-test("a key that a halt dropped does not drive on by its repeats", () => {
-  keyboard.down(key("KeyW"));
-  keyboard.drop();
-  keyboard.down(key("KeyW", { repeat: true }));
-  keyboard.up(key("KeyW"));
-  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
+// What the keys report to the controls, by what is pressed and released.
+for (const [name, act, expected] of [
+  ["a held key counts once, whatever its repeats", () => [down("KeyW"), down("KeyW", REPEAT), up("KeyW")], [FORWARD, "released"]],
+  ["after a halt its repeats drive no more", () => [down("KeyW"), keyboard.drop(), down("KeyW", REPEAT), up("KeyW")], [FORWARD]],
+  ["keys typed into a field do nothing", () => [down("KeyW", TYPED), down("Space", TYPED)], []],
+  ["letters drive from a checkbox", () => down("KeyW", { target: element("input[type=checkbox]") }), [FORWARD]],
+  ["a key let go in a field is let go", () => [down("KeyW"), up("KeyW", TYPED)], [FORWARD, "released"]],
+  ["Q and E do nothing on a robot that goes no way sideways", () => [down("KeyQ"), down("KeyE")], []],
+  ["Ctrl with W, which closes the page, is no step", () => [down("ControlLeft", CTRL), down("KeyW", CTRL)], ["let go", "let go"]],
+  ["Ctrl, which may swallow the keyup, lets go", () => [down("KeyW"), down("KeyD", CTRL)], [FORWARD, "let go"]],
+  ["Meta does so, too", () => [down("KeyW"), down("KeyD", { metaKey: true })], [FORWARD, "let go"]],
+  ["Alt does so, too", () => [down("KeyW"), down("KeyD", { altKey: true })], [FORWARD, "let go"]],
+]) {
+  test(name, () => {
+    act();
+    assert.deepEqual(told, expected);
+  });
+}
+
+test("a press has its own timestamp, and the space bar is not this input's: it stops the robot", () => {
+  assert.equal(down("Space"), false);
+  down("KeyW", { timeStamp: 1234.5 });
+  assert.deepEqual([told, timestamps], [[FORWARD], [1234.5]]);
 });
 
 test("a key that was held through a reload or a halt is reported, until it is let go or dropped", () => {
-  const stale = [];
-  keyboard.onStale = (any) => stale.push(any);
-  keyboard.down(key("KeyW", { repeat: true }));
-  keyboard.up(key("KeyW"));
+  down("KeyW", REPEAT);
+  up("KeyW");
   assert.deepEqual([stale, told], [[true, false], []]);
-  keyboard.down(key("KeyW"));
-  keyboard.down(key("KeyW", { repeat: true }));
+  down("KeyW");
+  down("KeyW", REPEAT);
   assert.deepEqual(stale, [true, false]);
   keyboard.drop();
-  keyboard.down(key("KeyW", { repeat: true }));
+  down("KeyW", REPEAT);
   assert.equal(stale.at(-1), true);
   keyboard.drop();
   assert.equal(stale.at(-1), false);
 });
 
-test("keys typed into a field do nothing, nor does the space bar, which stops the robot; a checkbox keeps none", () => {
-  const space = key("Space");
-  for (const event of [key("KeyW", { target: TEXT_FIELD }), key("Space", { target: TEXT_FIELD }), space]) keyboard.down(event);
-  assert.deepEqual([told, space.prevented], [[], false]);
-  keyboard.down(key("KeyW", { target: element("input[type=checkbox]") }));
-  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
-});
-
 test("letters drive past a menu or slider that has the focus, which keeps its arrow keys", () => {
   for (const target of [element("select"), SLIDER]) {
-    const arrow = key("ArrowUp", { target });
-    keyboard.down(arrow);
-    assert.equal(arrow.prevented, false);
-    const letter = key("KeyW", { target });
-    keyboard.down(letter);
-    assert.equal(letter.prevented, true);
-    keyboard.up(key("KeyW", { target }));
+    assert.deepEqual([down(ARROW, { target }), down("KeyW", { target })], [false, true]);
+    up("KeyW", { target });
   }
-  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "released", { forward: 1, left: 0, turn: 0 }, "released"]);
-});
-
-test("a key pressed on the page and let go in a field is let go", () => {
-  keyboard.down(key("KeyW"));
-  keyboard.up(key("KeyW", { target: TEXT_FIELD }));
-  assert.equal(told.at(-1), "released");
+  assert.deepEqual(told, [FORWARD, "released", FORWARD, "released"]);
 });
 
 test("the repeats of an arrow key that drives do not push a slider that took the focus", () => {
-  keyboard.down(key("ArrowUp"));
-  const repeated = key("ArrowUp", { target: SLIDER, repeat: true });
-  keyboard.down(repeated);
-  assert.equal(repeated.prevented, true);
-  keyboard.up(key("ArrowUp", { target: SLIDER }));
-  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "released"]);
+  down(ARROW);
+  assert.equal(down(ARROW, { target: SLIDER, repeat: true }), true);
+  up(ARROW, { target: SLIDER });
+  assert.deepEqual(told, [FORWARD, "released"]);
 });
-
-for (const modifier of ["ctrlKey", "metaKey", "altKey"]) {
-  test(`${modifier} lets go of everything, since what it opens may swallow the keyup`, () => {
-    keyboard.down(key("KeyW"));
-    keyboard.down(key("KeyD", { [modifier]: true }));
-    assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }, "let go"]);
-  });
-}
 
 test("a key pressed while driving is not armed never counts, not by its repeats nor with another key", () => {
   teleop.accepts = false;
-  keyboard.down(key("KeyW"));
+  down("KeyW");
   teleop.accepts = true;
-  keyboard.down(key("KeyW", { repeat: true }));
+  down("KeyW", REPEAT);
   assert.deepEqual(told, []);
-  keyboard.down(key("KeyD"));
-  keyboard.up(key("KeyD"));
-  keyboard.up(key("KeyW"));
-  assert.deepEqual(told, [{ forward: 0, left: 0, turn: -1 }, "released"]);
-  keyboard.down(key("KeyW"));
-  assert.deepEqual(told.at(-1), { forward: 1, left: 0, turn: 0 });
+  down("KeyA");
+  up("KeyA");
+  up("KeyW");
+  assert.deepEqual(told, [LEFT, "released"]);
+  down("KeyW");
+  assert.deepEqual(told.at(-1), FORWARD);
 });
 
 test("a key that repeats into a window that just got the focus does not count", () => {
@@ -134,53 +128,42 @@ test("a key that repeats into a window that just got the focus does not count", 
   keyboard.listen(target);
   const focus = new Event("focus");
   target.dispatchEvent(focus);
-  keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 40 }));
-  keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 400, repeat: true }));
+  down("KeyW", { timeStamp: focus.timeStamp + 40 });
+  down("KeyW", { timeStamp: focus.timeStamp + 400, repeat: true });
   assert.deepEqual(told, []);
-  keyboard.down(key("KeyW", { timeStamp: focus.timeStamp + 400 }));
-  assert.deepEqual(told, [{ forward: 1, left: 0, turn: 0 }]);
+  down("KeyW", { timeStamp: focus.timeStamp + 400 });
+  assert.deepEqual(told, [FORWARD]);
 });
 
 test("Q and E go sideways, on a robot that can", () => {
-  keyboard.down(key("KeyQ"));
-  assert.deepEqual(told, []);
-  keyboard = new Keyboard({ teleop, kind: "holonomic" });
-  keyboard.down(key("KeyQ"));
-  keyboard.down(key("KeyE"));
-  keyboard.up(key("KeyQ"));
-  assert.deepEqual(
-    told.map(({ left }) => left),
-    [1, 0, -1],
-  );
+  make("holonomic");
+  down("KeyQ");
+  down("KeyE");
+  up("KeyQ");
+  assert.equal(told.map(({ left }) => left).join(), "1,0,-1");
 });
 
 test("Shift asks for a step faster and X for a slower one, as long as they are held and counted", () => {
-  const steps = [];
-  const lit = [];
-  keyboard = new Keyboard({ teleop, kind: "differential", onStep: (by) => steps.push(by), onKeys: (codes) => lit.push(codes) });
-  keyboard.down(key("ShiftLeft"));
-  keyboard.down(key("KeyW", { shiftKey: true }));
-  keyboard.down(key("KeyX", { shiftKey: true }));
+  down("ShiftLeft");
+  down("KeyW", { shiftKey: true });
+  down("KeyX", { shiftKey: true });
   assert.deepEqual(lit.at(-1), ["KeyW", "ShiftLeft", "KeyX"]);
-  keyboard.up(key("ShiftLeft", { shiftKey: false }));
-  keyboard.up(key("KeyX", { shiftKey: false }));
+  up("ShiftLeft", { shiftKey: false });
+  up("KeyX", { shiftKey: false });
   assert.deepEqual(steps, [1, 0, -1, 0]);
-  keyboard.down(key("ShiftLeft"));
+  down("ShiftLeft");
   keyboard.drop();
-  keyboard.down(key("ShiftLeft", { repeat: true }));
-  keyboard.down(key("KeyX", { target: TEXT_FIELD }));
+  down("ShiftLeft", REPEAT);
+  down("KeyX", { target: TEXT_FIELD });
   teleop.accepts = false;
-  keyboard.down(key("ShiftRight"));
-  assert.deepEqual(steps.slice(4), [1, 0]);
-  assert.deepEqual(lit.at(-1), []);
+  down("ShiftRight");
+  assert.deepEqual([steps.slice(4), lit.at(-1)], [[1, 0], []]);
 });
 
 test("a Shift whose release nobody reported is none with the next key", () => {
-  const steps = [];
-  keyboard = new Keyboard({ teleop, kind: "differential", onStep: (by) => steps.push(by) });
-  keyboard.down(key("ShiftLeft", { shiftKey: true }));
-  keyboard.down(key("ShiftRight", { shiftKey: true }));
-  keyboard.up(key("ShiftRight", { shiftKey: false }));
+  down("ShiftLeft", { shiftKey: true });
+  down("ShiftRight", { shiftKey: true });
+  up("ShiftRight", { shiftKey: false });
   assert.equal(steps.at(-1), 0);
 });
 
