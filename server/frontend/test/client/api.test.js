@@ -5,40 +5,20 @@ import { backoff, framesUrl, rosUrl, streamUrl } from "../../src/client/api.js";
 
 const SERVER = "https://robots.example:8443";
 
-test("WebSockets are wss, and names and topics are written so that they stay what they are", () => {
-  assert.equal(rosUrl(SERVER, "sim 1", "a+b"), "wss://robots.example:8443/robots/sim%201/ros?ticket=a%2Bb");
-  assert.equal(
-    framesUrl(SERVER, "sim1", "/camera/image_raw"),
-    "wss://robots.example:8443/robots/sim1/video/frames?topic=/camera/image_raw",
-  );
-});
+for (const [what, address, expected] of [
+  ["a name and a ticket stay what they are", rosUrl(SERVER, "sim 1", "a+b"), "wss://robots.example:8443/robots/sim%201/ros?ticket=a%2Bb"],
+  ["so does a topic", framesUrl(SERVER, "sim1", "/cam/raw"), "wss://robots.example:8443/robots/sim1/video/frames?topic=/cam/raw"],
+  ["of a page only the host counts", framesUrl("http://lab/x?y#z", "a", "/c", "t"), "ws://lab/robots/a/video/frames?topic=/c&ticket=t"],
+  ["a stream has more", streamUrl(SERVER, "a", "/c", "t", { fps: 5 }), `${SERVER}/robots/a/video/stream?topic=/c&fps=5&ticket=t`],
+]) {
+  test(`addresses: ${what}`, () => assert.equal(address, expected));
+}
 
-test("of a page's own address only the host counts", () => {
-  assert.equal(
-    framesUrl("http://localhost/robots/sim1?x#y", "sim1", "/c", "t"),
-    "ws://localhost/robots/sim1/video/frames?topic=/c&ticket=t",
-  );
-});
-
-test("a stream has what it is asked for", () => {
-  assert.equal(streamUrl(SERVER, "sim1", "/c", "t", { quality: 50 }), `${SERVER}/robots/sim1/video/stream?topic=/c&quality=50&ticket=t`);
-});
-
-const first = (count, random) => {
-  const delays = backoff(random);
-  return Array.from({ length: count }, () => delays.next().value);
+const first = (random) => {
+  const delays = backoff(() => random);
+  return Array.from({ length: 6 }, () => delays.next().value).join();
 };
 
-test("delays double from half a second and stay at five seconds", () => {
-  assert.deepEqual(
-    first(6, () => 1),
-    [500, 1000, 2000, 4000, 5000, 5000],
-  );
-});
-
-test("jitter takes off at most half and never goes below half a second", () => {
-  assert.deepEqual(
-    first(6, () => 0),
-    [500, 500, 1000, 2000, 2500, 2500],
-  );
+test("delays double from half a second to five, and jitter takes off at most half of them", () => {
+  assert.deepEqual([first(1), first(0)], ["500,1000,2000,4000,5000,5000", "500,500,1000,2000,2500,2500"]);
 });

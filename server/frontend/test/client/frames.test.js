@@ -63,6 +63,12 @@ async function goOpen() {
 }
 
 const last = () => statuses.at(-1);
+const why = () => [last().picture, last().why];
+
+async function receive(frame, socket = sockets[0]) {
+  socket.frame(frame);
+  await settle();
+}
 
 test("it says what it wants, beats, and gives two credits", async () => {
   const socket = await goOpen();
@@ -75,9 +81,8 @@ test("it says what it wants, beats, and gives two credits", async () => {
 });
 
 test("a picture comes with its moment on this page's clock", async () => {
-  const socket = await goOpen();
-  socket.frame({ number: 7, timestampMs: AHEAD + 940, jpeg: [1, 2], quality: 60 });
-  await settle();
+  await goOpen();
+  await receive({ number: 7, timestampMs: AHEAD + 940, jpeg: [1, 2], quality: 60 });
   assert.deepEqual(frames, [{ number: 7, at: 940, jpeg: [1, 2] }]);
   assert.equal(last().picture, "live");
   assert.equal(last().quality, 60);
@@ -85,13 +90,11 @@ test("a picture comes with its moment on this page's clock", async () => {
 });
 
 test("a picture counts when it has been shown, and one that cannot be shown never does", async () => {
-  const socket = await goOpen();
-  socket.frame({ number: 1, timestampMs: AHEAD + 990 });
-  await settle();
+  await goOpen();
+  await receive({ number: 1, timestampMs: AHEAD + 990 });
   clock += 500;
   hold = withResolvers();
-  socket.frame({ number: 2, timestampMs: AHEAD + 1490 });
-  await settle();
+  await receive({ number: 2, timestampMs: AHEAD + 1490 });
   assert.equal(stream.ageMs, 510);
   hold.reject(new Error("broken JPEG"));
   await settle();
@@ -99,10 +102,9 @@ test("a picture counts when it has been shown, and one that cannot be shown neve
 });
 
 test("a picture that is shown after the stream was stopped does not count", async () => {
-  const socket = await goOpen();
+  await goOpen();
   hold = withResolvers();
-  socket.frame({ number: 1, timestampMs: AHEAD + 990 });
-  await settle();
+  await receive({ number: 1, timestampMs: AHEAD + 990 });
   stream.stop();
   hold.resolve();
   await settle();
@@ -113,8 +115,7 @@ test("the next picture is asked for when this one has been shown", async () => {
   const socket = await goOpen();
   hold = withResolvers();
   socket.frame({ number: 7, timestampMs: AHEAD + 990 });
-  socket.frame({ number: 8, timestampMs: AHEAD + 995 });
-  await settle();
+  await receive({ number: 8, timestampMs: AHEAD + 995 });
   assert.equal(socket.said("credit").length, 1);
   assert.equal(frames.length, 1);
   const first = hold;
@@ -138,10 +139,8 @@ test("a picture that cannot be shown, of another codec or without a known moment
   const socket = await goOpen();
   hold = withResolvers();
   hold.reject(new Error("broken JPEG"));
-  socket.frame({ number: 7, timestampMs: AHEAD });
-  await settle();
-  socket.frame({ number: 8, codec: 2 });
-  await settle();
+  await receive({ number: 7, timestampMs: AHEAD });
+  await receive({ number: 8, codec: 2 });
   assert.equal(socket.said("credit").length, 3);
   assert.equal(frames.length, 1);
 });
@@ -150,27 +149,23 @@ test("a picture before the first answered beat is not shown: its age is unknown"
   stream.start();
   await settle();
   sockets[0].open();
-  sockets[0].frame({ number: 1, timestampMs: AHEAD });
-  await settle();
+  await receive({ number: 1, timestampMs: AHEAD });
   assert.deepEqual(frames, []);
   assert.equal(last().picture, "none");
   assert.equal(sockets[0].said("credit").length, 2);
 });
 
 test("a picture is old after a second, whether it came late or no other came", async () => {
-  const socket = await goOpen();
-  socket.frame({ number: 1, timestampMs: AHEAD + 1000 });
-  await settle();
+  await goOpen();
+  await receive({ number: 1, timestampMs: AHEAD + 1000 });
   await pass(1000);
   assert.equal(last().picture, "live");
   await pass(100);
-  assert.deepEqual([last().picture, last().why], ["old", "old"]);
-  socket.frame({ number: 2, timestampMs: AHEAD + clock - 1500 });
-  await settle();
+  assert.deepEqual(why(), ["old", "old"]);
+  await receive({ number: 2, timestampMs: AHEAD + clock - 1500 });
   assert.equal(last().picture, "old");
-  socket.frame({ number: 3, timestampMs: AHEAD + clock });
-  await settle();
-  assert.deepEqual([last().picture, last().why], ["live", ""]);
+  await receive({ number: 3, timestampMs: AHEAD + clock });
+  assert.deepEqual(why(), ["live", ""]);
 });
 
 test("the sender's status says why there is no picture", async () => {
@@ -184,17 +179,15 @@ test("unknown operations and broken texts are skipped", async () => {
   socket.tell({ op: "new" });
   socket.onmessage({ data: "{" });
   socket.onmessage({ data: "null" });
-  socket.frame({ timestampMs: AHEAD + 1000 });
-  await settle();
+  await receive({ timestampMs: AHEAD + 1000 });
   assert.equal(frames.length, 1);
 });
 
 test("after a cut there is no picture, and a new link after a while", async () => {
   const socket = await goOpen();
-  socket.frame({ timestampMs: AHEAD + 1000 });
-  await settle();
+  await receive({ timestampMs: AHEAD + 1000 });
   socket.end(1006);
-  assert.deepEqual([last().picture, last().why], ["none", "cut"]);
+  assert.deepEqual(why(), ["none", "cut"]);
   assert.equal(stream.ageMs, null);
   await pass(500);
   assert.equal(sockets.length, 2);
@@ -238,7 +231,7 @@ test("an ended stream closes its link and asks for nothing more", async () => {
   const socket = await goOpen();
   stream.stop();
   assert.equal(socket.closed, true);
-  assert.deepEqual([last().picture, last().why], ["none", "paused"]);
+  assert.deepEqual(why(), ["none", "paused"]);
   socket.frame({ timestampMs: AHEAD });
   await pass(20_000);
   assert.equal(frames.length, 0);

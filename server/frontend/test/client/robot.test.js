@@ -283,15 +283,6 @@ test("a name without its first slash is the same topic", async () => {
   assert.throws(() => robot.publish("/cmd_vel", "geometry_msgs/Twist", {}), /drive\(\) does/);
 });
 
-test("a topic that is advertised before there is a connection stands when it is live", async () => {
-  const robot = make();
-  robot.advertise("/lights", "std_msgs/Bool");
-  await goLive(robot);
-  const [lights] = sockets[0].said("advertise").filter(({ topic }) => topic === "/lights");
-  assert.equal(lights.type, "std_msgs/Bool");
-  assert.deepEqual(sockets[0].said("publish"), []);
-});
-
 test("a link on which nothing was asked for stays, as the robot answers each second", async () => {
   let clock = 0;
   mock.method(performance, "now", () => clock);
@@ -313,19 +304,4 @@ test("a link on which nothing was asked for stays, as the robot answers each sec
   assert.equal(robot.driving, false);
   robot.close();
   mock.restoreAll();
-});
-
-test("a closed robot connects anew when it is asked to", async () => {
-  const robot = await goLive();
-  robot.close();
-  assert.equal(robot.driving, false);
-  const again = robot.connect();
-  let settled = false;
-  again.then(() => (settled = true));
-  await settle();
-  assert.equal(settled, false);
-  sockets[1].open();
-  await settle();
-  await again;
-  assert.equal(robot.driving, true);
 });

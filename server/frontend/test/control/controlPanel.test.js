@@ -204,7 +204,7 @@ const stoppedBy = (confirmed) => ({ stopped: { by: "ben", at: "", confirmed }, .
 for (const [status, state, facts] of [
   ["live", LIVE, {}],
   ["live", LIVE, { video: "off" }],
-  ["live", LIVE, { disabled: true }],
+  ["live", LIVE, { disabled: true, control: undefined }],
   ["offline", { name: "offline" }, { control: stoppedBy(true), video: "old" }],
   ["disabled", { name: "offline" }, { disabled: true }],
   ["disabled", { name: "link_lost" }, { disabled: true }],

@@ -3,11 +3,11 @@ import { beforeEach, test } from "node:test";
 
 import { Sleep, VideoInterlock } from "../../src/control/arming.js";
 
-let clock, wall, changes, hold;
+let clock, wall, changes, interlock;
 
 function make(afterMs = 1000) {
   changes = [];
-  hold = new VideoInterlock({ afterMs, onChange: () => changes.push(hold.kind), now: () => clock, wall: () => wall });
+  interlock = new VideoInterlock({ afterMs, onChange: () => changes.push(interlock.kind), now: () => clock, wall: () => wall });
 }
 
 beforeEach(() => {
@@ -16,102 +16,57 @@ beforeEach(() => {
   make();
 });
 
-function pass(ms) {
+function pass(ms, check = true) {
   clock += ms;
   wall += ms;
-  hold.check();
+  if (check) interlock.check();
 }
 
-const see = (ageMs) => hold.receive({ offered: true, at: clock - ageMs });
+function sleep(ms) {
+  wall += ms;
+  interlock.check();
+}
 
-test("driving is held until the first picture, which grows old by itself", () => {
-  assert.equal(hold.held, true);
-  see(40);
-  pass(960);
-  assert.equal(hold.held, false);
-  pass(1);
-  assert.equal(hold.held, true);
-  assert.deepEqual(changes, ["seen", "old"]);
-});
+const see = (ageMs) => interlock.receive({ offered: true, at: clock - ageMs });
+const lose = () => interlock.receive({ offered: true, at: null });
 
-test("the limit is the robot's, whatever the picture itself calls old", () => {
-  make(3000);
-  see(2500);
-  assert.equal(hold.held, false);
-  make(300);
-  see(400);
-  assert.equal(hold.held, true);
-});
+// How the kind changes by some steps; it is missing to begin with.
+for (const [name, act, ...kinds] of [
+  ["driving is held until the first frame", () => {}],
+  ["a frame lets it go on", () => see(40), "seen"],
+  ["a frame is good up to its time limit", () => [see(40), pass(960)], "seen"],
+  ["a frame grows old by itself", () => [see(40), pass(961)], "seen", "old"],
+  ["a frame that is lost holds at once", () => [see(10), lose()], "seen", "missing"],
+  ["a reading without an age is no frame", () => [see(10), see(NaN)], "seen", "missing"],
+  ["the limit is the robot's, and may be longer", () => [make(3000), see(2500)], "seen"],
+  ["the limit is the robot's, and may be shorter", () => [make(300), see(400)], "old"],
+  ["a robot without a camera is never held", () => interlock.receive({ offered: false, at: null }), "off"],
+  ["a person may drive without video", () => [interlock.allow(), lose(), pass(10_000)], "blind"],
+  ["until it is back, and then not again", () => [interlock.allow(), see(10), pass(2000)], "blind", "seen", "old"],
+  ["what was allowed on one link is not on the next", () => [interlock.allow(), interlock.revoke()], "blind", "missing"],
+  ["after a sleep, in which the clock of ages stood, a frame is old", () => [see(10), sleep(60_000)], "seen", "old"],
+  ["one from before the sleep does not count", () => [see(10), sleep(60_000), pass(50), see(60)], "seen", "old"],
+  ["only a newer one does", () => [see(10), sleep(60_000), pass(50), see(60), pass(50), see(20)], "seen", "old", "seen"],
+  ["between two checks all read the same", () => [see(990), pass(20, false)], "seen"],
+  ["so that none misses a change", () => [see(990), pass(20, false), see(5), pass(1001)], "seen", "old"],
+]) {
+  test(name, () => {
+    act();
+    const kind = kinds.at(-1) ?? "missing";
+    assert.deepEqual([changes, interlock.kind, interlock.held], [kinds, kind, ["missing", "old"].includes(kind)]);
+  });
+}
 
-test("a picture that is lost, or has no age, holds at once", () => {
-  for (const at of [null, NaN]) {
-    see(10);
-    hold.receive({ offered: true, at });
-    assert.deepEqual([hold.kind, hold.held], ["missing", true]);
-  }
-});
-
-test("a robot without a camera is never held, nor one whose settings say so", () => {
-  hold.receive({ offered: false, at: null });
-  assert.equal(hold.held, false);
+test("a robot whose settings say so is never held", () => {
   make(null);
-  hold.receive({ offered: true, at: null });
+  lose();
   pass(60_000);
-  assert.equal(hold.held, false);
+  assert.deepEqual([interlock.kind, interlock.held, changes], ["off", false, []]);
 });
 
-test("a person may drive without the picture until it is back, and then not again", () => {
-  hold.allow();
-  assert.equal(hold.kind, "blind");
-  hold.receive({ offered: true, at: null });
-  pass(10_000);
-  assert.equal(hold.held, false);
-  see(10);
-  pass(2000);
-  assert.equal(hold.kind, "old");
-  assert.deepEqual(changes, ["blind", "seen", "old"]);
-});
-
-test("what was allowed on one link is not on the next", () => {
-  hold.allow();
-  hold.revoke();
-  assert.equal(hold.held, true);
-});
-
-test("after a sleep of the machine, in which the clock of ages stood, only a newer picture counts", () => {
-  see(10);
-  wall += 60_000;
-  hold.check();
-  assert.equal(hold.kind, "old");
-  clock += 50;
-  wall += 50;
-  see(60); // still the one from before the sleep
-  assert.equal(hold.kind, "old");
-  clock += 50;
-  wall += 50;
-  see(20);
-  assert.equal(hold.kind, "seen");
-});
-
-test("between two checks all read the same, so that none misses a change", () => {
-  see(990);
-  clock += 20;
-  wall += 20;
-  assert.equal(hold.kind, "seen");
-  see(5);
-  assert.deepEqual(changes, ["seen"]);
-  clock += 1001;
-  wall += 1001;
-  hold.check();
-  assert.equal(hold.held, true);
-  assert.deepEqual(changes, ["seen", "old"]);
-});
-
-test("a machine that slept, or whose time of day was set, is told from one that was busy", () => {
+test("a machine that slept, or whose time of day was set, is distinguished from one that was busy", () => {
   const sleep = new Sleep();
-  assert.equal(sleep.isOver(0, 1_000_000), false);
-  assert.equal(sleep.isOver(5000, 1_005_010), false);
-  assert.equal(sleep.isOver(5100, 1_065_110), true);
-  assert.equal(sleep.isOver(5200, 1_065_210), false);
-  assert.equal(sleep.isOver(5300, 1_000_000), true);
+  const looks = [sleep.isOver(0, 1_000_000), sleep.isOver(5000, 1_005_010), sleep.isOver(5100, 1_065_110)];
+  assert.deepEqual(looks, [false, false, true]);
+  assert.deepEqual([sleep.isOver(5200, 1_065_210), sleep.isOver(5300, 1_000_000)], [false, true]);
 });

@@ -5,24 +5,17 @@ import { Batch, itemsToMove, PointerPause, throttled } from "../../src/fleet/lis
 
 const moves = (present, wanted) => [...itemsToMove([...present], [...wanted])].join("");
 
-test("what is in order stays", () => {
-  assert.equal(moves("abcd", "abcd"), "");
-  assert.equal(moves("", ""), "");
-});
-
-test("one that goes to the other end moves alone", () => {
-  assert.equal(moves("abcd", "bcda"), "a");
-  assert.equal(moves("abcd", "dabc"), "d");
-});
-
-test("what is new moves in, what is gone moves nobody", () => {
-  assert.equal(moves("abd", "abcd"), "c");
-  assert.equal(moves("abcd", "abd"), "");
-});
-
-test("of a list that is turned around, all but one move", () => {
-  assert.equal(itemsToMove([..."abcd"], [..."dcba"]).size, 3);
-});
+for (const [name, present, wanted, moved] of [
+  ["what is in order stays", "abcd", "abcd", ""],
+  ["nothing stays as it is", "", "", ""],
+  ["what goes to the end moves alone", "abcd", "bcda", "a"],
+  ["what goes to the front moves alone", "abcd", "dabc", "d"],
+  ["what is new moves in", "abd", "abcd", "c"],
+  ["what is gone moves nobody", "abcd", "abd", ""],
+  ["of a list that is turned around all but one move", "abcd", "dcba", "dcb"],
+]) {
+  test(name, () => assert.equal(moves(present, wanted), moved));
+}
 
 test("what moves brings the list into order, wherever it was", () => {
   const wanted = Array.from({ length: 60 }, (_, i) => `r${i}`);

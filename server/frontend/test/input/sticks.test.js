@@ -3,11 +3,10 @@ import { beforeEach, test } from "node:test";
 
 import { Joystick, stick } from "../../src/input/sticks.js";
 
-let told, armed, element, joystick;
+let told, timestamps, armed, element, joystick;
 
 beforeEach(() => {
-  told = [];
-  armed = true;
+  [told, timestamps, armed] = [[], [], true];
   const captured = new Set();
   element = {
     dataset: {},
@@ -24,19 +23,22 @@ beforeEach(() => {
     element,
     knob: { offsetWidth: 40, style: {} },
     accepts: () => armed,
-    onHold: (input) => told.push(input),
+    onHold: (input, at) => told.push(input) && timestamps.push(at),
     onRelease: () => told.push("released"),
   });
 });
 
 function pointer(name, pointerId, clientX, clientY, buttons = 1) {
-  element.handlers[name]({ pointerId, clientX, clientY, button: 0, buttons, preventDefault() {} });
+  element.handlers[`pointer${name}`]({ pointerId, clientX, clientY, button: 0, buttons, timeStamp: 77.5, preventDefault() {} });
 }
 
+const down = (y = 20, id = 1) => pointer("down", id, 120, y);
+const move = (y = 20, id = 1, buttons = 1) => pointer("move", id, 120, y, buttons);
+const up = (id = 1) => pointer("up", id, 120, 20, 0);
+const UP = { up: 1, left: 0 };
+
 test("up and left count as positive, full at the rim and no more beyond it", () => {
-  assert.deepEqual(stick(0, -100, 100), { up: 1, left: 0 });
-  assert.equal(stick(-100, 0, 100).left, 1);
-  assert.equal(stick(0, 300, 100).up, -1);
+  assert.deepEqual([stick(0, -100, 100), stick(-100, 0, 100).left, stick(0, 300, 100).up], [UP, 1, -1]);
   const corner = stick(300, -300, 100);
   assert.ok(Math.abs(Math.hypot(corner.up, corner.left) - 1) < 1e-9);
 });
@@ -46,78 +48,49 @@ test("a resting thumb near the centre moves nothing, and strength grows from the
   assert.ok(stick(0, -9, 100).up < 0.02);
 });
 
-test("dragging is told, and letting go is told once", () => {
-  pointer("pointerdown", 1, 120, 120);
-  pointer("pointermove", 1, 120, 20);
-  pointer("pointerup", 1, 120, 20);
-  pointer("lostpointercapture", 1, 120, 20);
-  assert.deepEqual(told, [{ up: 0, left: 0 }, { up: 1, left: 0 }, "released"]);
-});
+// What the stick reports, by what the pointers do.
+for (const [name, act, ...expected] of [
+  [
+    "dragging is reported, and letting go once",
+    () => [down(120), move(), up(), element.handlers.lostpointercapture({ pointerId: 1 })],
+    { up: 0, left: 0 },
+    UP,
+    "released",
+  ],
+  ["a second finger changes nothing", () => [down(), down(120, 2), move(220, 2), up(2)], UP],
+  ["a pointer that is cancelled lets go", () => [down(), pointer("cancel", 1, 120, 20)], UP, "released"],
+  ["after a drop the same drag drives no longer", () => [down(), joystick.drop(), move()], UP],
+  ["until it is pressed anew", () => [down(), joystick.drop(), move(), down()], UP, UP],
+  ["a press while driving is not armed never counts", () => [(armed = false), down(), (armed = true), move(21), up()]],
+  ["the next one does", () => [(armed = false), down(), (armed = true), move(21), up(), down()], UP],
+  ["a pointer that moves without being pressed has been let go elsewhere", () => [down(), move(20, 1, 0), move()], UP, "released"],
+]) {
+  test(name, () => {
+    act();
+    assert.deepEqual(told, expected);
+  });
+}
 
-test("a second finger changes nothing", () => {
-  pointer("pointerdown", 1, 120, 20);
-  pointer("pointerdown", 2, 220, 120);
-  pointer("pointermove", 2, 20, 120);
-  pointer("pointerup", 2, 20, 120);
-  assert.equal(told.length, 1);
-  pointer("pointercancel", 1, 120, 20);
-  assert.equal(told.at(-1), "released");
-});
-
-test("after a drop the same drag drives no longer until it is pressed anew", () => {
-  pointer("pointerdown", 1, 120, 20);
-  joystick.drop();
-  pointer("pointermove", 1, 120, 20);
-  assert.equal(told.length, 1);
-  pointer("pointerdown", 1, 120, 20);
-  assert.equal(told.length, 2);
-});
-
-test("a press while driving is not armed never counts, however it moves after arming", () => {
-  armed = false;
-  pointer("pointerdown", 1, 120, 20);
-  armed = true;
-  pointer("pointermove", 1, 120, 21);
-  pointer("pointerup", 1, 120, 21);
-  assert.deepEqual(told, []);
-  pointer("pointerdown", 1, 120, 20);
-  assert.deepEqual(told, [{ up: 1, left: 0 }]);
-});
-
-test("a pointer that moves without being pressed has been let go elsewhere", () => {
-  pointer("pointerdown", 1, 120, 20);
-  pointer("pointermove", 1, 120, 20, 0);
-  assert.equal(told.at(-1), "released");
-  pointer("pointermove", 1, 120, 20, 1);
-  assert.equal(told.at(-1), "released");
-});
-
-test("a stick that the page moves while it is pressed does not steer", () => {
-  pointer("pointerdown", 1, 120, 20);
-  const pressed = told.at(-1);
+test("a stick that the page moves while it is pressed does not steer, and a hold has its event's timestamp", () => {
+  down();
   element.getBoundingClientRect = () => ({ left: 0, top: 60, width: 240, height: 240 });
-  pointer("pointermove", 1, 120, 20);
-  assert.deepEqual(told.at(-1), pressed);
-  pointer("pointerup", 1, 120, 20, 0);
-  pointer("pointerdown", 1, 120, 180);
+  move();
+  assert.deepEqual(
+    [told, timestamps],
+    [
+      [UP, UP],
+      [77.5, 77.5],
+    ],
+  );
+  up();
+  down(180);
   assert.deepEqual(told.at(-1), { up: 0, left: 0 });
-});
-
-test("a hold has the moment of its event", () => {
-  const moments = [];
-  joystick.onHold = (_, at) => moments.push(at);
-  const event = { pointerId: 1, clientX: 120, clientY: 20, button: 0, buttons: 1, timeStamp: 77.5 };
-  element.handlers.pointerdown({ ...event, preventDefault() {} });
-  assert.deepEqual(moments, [77.5]);
 });
 
 test("a throttle goes up and down only, a rudder to the sides only", () => {
   joystick.ways = "upright";
-  pointer("pointerdown", 1, 20, 20);
+  pointer("down", 1, 20, 20);
   joystick.ways = "level";
-  pointer("pointermove", 1, 20, 20);
-  assert.deepEqual(told, [
-    { up: 1, left: 0 },
-    { up: 0, left: 1 },
-  ]);
+  pointer("move", 1, 20, 20);
+  assert.deepEqual(told, [UP, { up: 0, left: 1 }]);
 });

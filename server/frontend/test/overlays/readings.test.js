@@ -3,17 +3,16 @@ import { beforeEach, mock, test } from "node:test";
 
 import { health, latencyBreakdown, Readback, speedText } from "../../src/overlays/readings.js";
 
-test("what is left of the round trip is the robot's rosbridge", () => {
-  assert.deepEqual(latencyBreakdown({ total: 60, server: 12, robot: 40 }), { server: 12, robot: 40, rosbridge: 8 });
-});
-
-test("nothing takes less than no time, though the parts are measured apart", () => {
-  assert.equal(latencyBreakdown({ total: 50, server: 12, robot: 40 }).rosbridge, 0);
-});
-
-test("what is not known leaves the rest unknown", () => {
-  assert.deepEqual(latencyBreakdown({ total: 60, server: null, robot: 40 }), { server: null, robot: 40, rosbridge: null });
-});
+for (const [what, parts, rosbridge] of [
+  ["what is left", { total: 60, server: 12, robot: 40 }, 8],
+  ["never less than nothing, though the parts are measured apart", { total: 50, server: 12, robot: 40 }, 0],
+  ["unknown where a part is", { total: 60, server: null, robot: 40 }, null],
+]) {
+  test(`the robot's rosbridge takes of a round trip ${what}`, () => {
+    const { server, robot } = parts;
+    assert.deepEqual(latencyBreakdown(parts), { server, robot, rosbridge });
+  });
+}
 
 test("a number is good, fair or poor by its bounds, and nothing when it is not known", () => {
   assert.deepEqual(

@@ -30,12 +30,6 @@ test("what a turned laser off the middle sees is where it is of the robot", () =
   assert.deepEqual(seen("base_link", "laser", 2, 0, 0, 1), [0.15, 2, -0.85, 0]);
 });
 
-test("what the simulated robots' lasers see is where the simulator has it", () => {
-  const hangs = { x: Math.cos(-Math.PI / 8), y: Math.sin(-Math.PI / 8), z: 0, w: 0 };
-  receive([link("base_link", "laser", [0, -0.1, 0.3], hangs)]);
-  assert.deepEqual(seen("base_link", "laser", Math.SQRT2, 0, 0, Math.SQRT2), [1, -1.1, -1, -1.1]);
-});
-
 test("a laser that hangs upside down sees left and right the other way round, and one that looks down a line", () => {
   receive([link("base_link", "hangs", [0, 0, 1], UPSIDE_DOWN), link("base_link", "down", [0.2, 0, 1], FACING_DOWN)]);
   assert.deepEqual(seen("base_link", "hangs", 2, 0, 0, 1), [2, 0, 0, -1]);
@@ -53,12 +47,6 @@ test("frames are joined up and down the tree, whatever slash they are written wi
   assert.deepEqual(seen("/wheel", "/laser", 0, 0), [-1, -1]);
   assert.deepEqual(seen("laser", "base_footprint", -1, 0), [0, 0]);
   assert.deepEqual(seen("laser", "laser", 1, 2), [1, 2]);
-});
-
-test("the newest place of a frame counts", () => {
-  receive([link("odom", "base_link", [1, 0, 0])]);
-  receive([link("odom", "base_link", [2, 0, 0])]);
-  assert.deepEqual(seen("odom", "base_link", 0, 0), [2, 0]);
 });
 
 test("it is fixed if all its parts are, and as old as the oldest part that is not", () => {

@@ -36,11 +36,7 @@ test("a button copies the text of its element, and says so for a while", async (
 test("a browser that refuses says to copy by hand", async (t) => {
   t.mock.timers.enable({ apis: ["setTimeout"] });
   const { button, page } = pageWith("text");
-  wireCopyButtons(page, {
-    writeText: async () => {
-      throw new Error("not allowed");
-    },
-  });
+  wireCopyButtons(page, { writeText: () => Promise.reject(new Error("not allowed")) });
   await button.click();
   assert.equal(button.textContent, "Select and copy by hand");
 });

@@ -15,36 +15,32 @@ test("a robot without settings drives on /cmd_vel with usual limits", () => {
   });
 });
 
-test("the drive topic is the one that is set, or the guard's first that is a name", () => {
-  const guard = { drive_topics: ["*/cmd_vel", "/base/move", "/other"] };
-  assert.equal(driveSettings({ guard, page: { drive_topic: null } }).driveTopic, "/base/move");
-  assert.equal(driveSettings({ guard, page: { drive_topic: "/a/cmd_vel" } }).driveTopic, "/a/cmd_vel");
-  assert.equal(driveSettings({ guard: { drive_topics: ["*/cmd_vel"] } }).driveTopic, "/cmd_vel");
-});
+const GUARD = { drive_topics: ["*/cmd_vel", "/base/move", "/other"] };
+const fits = (...drive_topics) => ({ guard: { drive_topics } });
 
-test("where only patterns are drive topics that /cmd_vel does not fit, there is none to publish to", () => {
-  const found = (...drive_topics) => driveSettings({ guard: { drive_topics } }).driveTopic;
-  assert.deepEqual([found("/*/cmd_vel"), found("/base*"), found("*cmd_vel_safe")], ["", "", ""]);
-  assert.deepEqual([found("/*/cmd_vel", "/cmd_*"), found("*")], ["/cmd_vel", "/cmd_vel"]);
-});
-
-test("the type of drive commands may be set", () => {
-  assert.equal(driveSettings({ page: { drive_type: "geometry_msgs/TwistStamped" } }).driveType, "geometry_msgs/TwistStamped");
-});
+for (const [what, settings, expected] of [
+  ["the drive topic is the guard's first that is a name", { guard: GUARD, page: { drive_topic: null } }, { driveTopic: "/base/move" }],
+  ["or the one that is set", { guard: GUARD, page: { drive_topic: "/a/cmd_vel" } }, { driveTopic: "/a/cmd_vel" }],
+  ["or the usual one, where a pattern fits it", fits("*/cmd_vel"), { driveTopic: "/cmd_vel" }],
+  ["or where one of several does", fits("/*/cmd_vel", "/cmd_*"), { driveTopic: "/cmd_vel" }],
+  ["or where all do", fits("*"), { driveTopic: "/cmd_vel" }],
+  ["and else none: of another namespace", fits("/*/cmd_vel"), { driveTopic: "" }],
+  ["of another base", fits("/base*"), { driveTopic: "" }],
+  ["of another end", fits("*cmd_vel_safe"), { driveTopic: "" }],
+  ["the type of drive commands may be set", { page: { drive_type: "geometry_msgs/Twist" } }, { driveType: "geometry_msgs/Twist" }],
+  ["old video pauses driving after a time that is set", { page: { hold_after_ms: 2500 } }, { holdAfterMs: 2500 }],
+  ["or never", { page: { hold_after_ms: null } }, { holdAfterMs: null }],
+  ["a robot that steers has a wheelbase", { page: { kind: "ackermann", wheelbase_m: 0.5 } }, { kind: "ackermann", wheelbase: 0.5 }],
+]) {
+  test(`settings: ${what}`, () => {
+    const found = driveSettings(settings);
+    for (const [name, value] of Object.entries(expected)) assert.equal(found[name], value, name);
+  });
+}
 
 test("the sliders end where the guard's limit is", () => {
   const guard = { max_speed_m_s: 0.5, max_turn_rad_s: null };
   const { limits } = driveSettings({ guard, page: { max_speed_m_s: 2, max_turn_rad_s: 3 } });
   assert.deepEqual(limits, { maxLinear: 0.5, maxAngular: 3 });
   assert.equal(driveSettings({ guard: { max_speed_m_s: 4 } }).limits.maxLinear, 4);
-});
-
-test("driving is held for an old picture unless the settings say never", () => {
-  assert.equal(driveSettings({ page: { hold_after_ms: 2500 } }).holdAfterMs, 2500);
-  assert.equal(driveSettings({ page: { hold_after_ms: null } }).holdAfterMs, null);
-});
-
-test("a robot that steers has its wheelbase", () => {
-  const { kind, wheelbase } = driveSettings({ page: { kind: "ackermann", wheelbase_m: 0.5 } });
-  assert.deepEqual([kind, wheelbase], ["ackermann", 0.5]);
 });

@@ -133,53 +133,40 @@ test("before the first picture the reason is told in words", async () => {
   assert.equal(parts.words.textContent, "The camera sends no video.");
 });
 
-// A canvas that writes down what is drawn, in place of a browser's.
-test("the rate is that of the last two seconds and falls when nothing comes", () => {
+test("the rate is that of the last two seconds and falls when nothing comes; one frame has none", () => {
   const rate = new FrameRate();
+  rate.hit(-10);
+  assert.equal(rate.perSecond(0), null);
   for (let at = 0; at <= 3000; at += 100) rate.hit(at);
   assert.equal(rate.perSecond(3000), 10);
   assert.equal(rate.perSecond(4000), 5);
   assert.equal(rate.perSecond(9000), 0);
 });
 
-test("one picture is no rate", () => {
-  const rate = new FrameRate();
-  rate.hit(0);
-  assert.equal(rate.perSecond(10), null);
-});
-
-const full = { width: 640, height: 480 };
 const none = { width: null, height: null };
-const size = (box, more = {}) => requestedSize({ full, set: none, box, turned: 0, ...more });
+const SET = { width: 800, height: 600 };
+
+// The size that is asked for, by the place on the page and what differs from a camera of 640 x 480 without a size in the settings.
+for (const [what, width, height, more, expected] of [
+  ["a large place wants the camera's own", 900, 700, {}, none],
+  ["so does one not much smaller", 500, 375, {}, none],
+  ["a small one wants a half", 320, 240, {}, { width: 320, height: 240 }],
+  ["a few pixels more change nothing", 345, 260, {}, { width: 320, height: 240 }],
+  ["a smaller one wants a quarter", 170, 130, {}, { width: 160, height: 120 }],
+  ["one on its side is as wide as the place is high", 170, 320, { turned: 90 }, { width: 320, height: 240 }],
+  ["before the camera's size is known its own is wanted", 100, 80, { full: null }, none],
+  ["before the place is known, too", 0, 0, {}, none],
+  ["the settings' size stands for the camera's own", 900, 700, { set: SET }, SET],
+  ["of that a half is wanted, too", 400, 300, { set: SET, full: null }, { width: 400, height: 300 }],
+]) {
+  test(`size: ${what}`, () => {
+    const size = { full: { width: 640, height: 480 }, set: none, box: { width, height }, turned: 0, ...more };
+    assert.deepEqual(requestedSize(size), expected);
+  });
+}
 
 test("automatic is the settings' range, and a step is that alone", () => {
   assert.deepEqual(requestedQuality("auto", { quality_min: 30, quality_max: 60 }), { quality_min: 30, quality_max: 60 });
   assert.deepEqual(requestedQuality("50", {}), { quality_min: 50, quality_max: 50 });
   assert.deepEqual(requestedQuality("nonsense"), { quality_min: 20, quality_max: 80 });
-});
-
-test("a large place wants the camera's own size, small ones a half or a quarter", () => {
-  assert.deepEqual(size({ width: 900, height: 700 }), none);
-  assert.deepEqual(size({ width: 500, height: 375 }), none);
-  assert.deepEqual(size({ width: 320, height: 240 }), { width: 320, height: 240 });
-  assert.deepEqual(size({ width: 170, height: 130 }), { width: 160, height: 120 });
-});
-
-test("a few pixels more or less ask for nothing new", () => {
-  assert.deepEqual(size({ width: 345, height: 260 }), size({ width: 310, height: 230 }));
-});
-
-test("a picture that is turned on its side is as wide as the place is high", () => {
-  assert.deepEqual(size({ width: 170, height: 320 }, { turned: 90 }), { width: 320, height: 240 });
-});
-
-test("nothing is asked for before the camera's size or the place is known", () => {
-  assert.deepEqual(size({ width: 100, height: 80 }, { full: null }), none);
-  assert.deepEqual(size({ width: 0, height: 0 }), none);
-});
-
-test("the settings' size stands for the camera's own", () => {
-  const set = { width: 800, height: 600 };
-  assert.deepEqual(size({ width: 900, height: 700 }, { set }), set);
-  assert.deepEqual(size({ width: 400, height: 300 }, { set, full: null }), { width: 400, height: 300 });
 });

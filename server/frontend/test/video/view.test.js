@@ -5,31 +5,21 @@ import { MAP } from "../../src/video/layout.js";
 import { MainTimestamp, View, viewActionOf, snapshotName } from "../../src/video/view.js";
 
 const within = (...selectors) => ({ closest: (asked) => selectors.some((one) => asked.includes(one)) || null });
-const page = within();
 
-test("C is the next camera, numbers name one, F is fullscreen", () => {
-  assert.deepEqual(viewActionOf({ code: "KeyC", target: page }), { next: true });
-  assert.deepEqual(viewActionOf({ code: "Digit3", target: page }), { nth: 2 });
-  assert.deepEqual(viewActionOf({ code: "Numpad1", target: page }), { nth: 0 });
-  assert.deepEqual(viewActionOf({ code: "KeyF", target: page }), { fullscreen: true });
-});
+const DRIVING = ["KeyW", "KeyA", "KeyS", "KeyD", "KeyQ", "KeyE", "ArrowUp", "Space", "Digit5", "Digit0"];
 
-test("keys that drive and stop, and any other, mean nothing here", () => {
-  for (const code of ["KeyW", "KeyA", "KeyS", "KeyD", "KeyQ", "KeyE", "ArrowUp", "Space", "Digit5", "Digit0"]) {
-    assert.equal(viewActionOf({ code, target: page }), null);
-  }
-});
-
-test("shortcuts, repeats and typed text are not for the picture", () => {
-  assert.equal(viewActionOf({ code: "KeyC", ctrlKey: true, target: page }), null);
-  assert.equal(viewActionOf({ code: "KeyC", metaKey: true, target: page }), null);
-  assert.equal(viewActionOf({ code: "KeyC", repeat: true, target: page }), null);
-  assert.equal(viewActionOf({ code: "Digit1", target: within("textarea") }), null);
-});
-
-test("a menu that has the focus keeps no letter and no number", () => {
-  assert.deepEqual(viewActionOf({ code: "KeyC", target: within("select") }), { next: true });
-});
+for (const [what, event, action] of [
+  ["C is the next camera", { code: "KeyC" }, { next: true }],
+  ["a digit names one", { code: "Digit3" }, { nth: 2 }],
+  ["so does one of the keypad", { code: "Numpad1" }, { nth: 0 }],
+  ["F is fullscreen", { code: "KeyF" }, { fullscreen: true }],
+  ["a menu that has the focus keeps no letter", { code: "KeyC", target: within("select") }, { next: true }],
+  ["typed text means nothing", { code: "Digit1", target: within("textarea") }, null],
+  ...["ctrlKey", "metaKey", "altKey", "repeat"].map((how) => [`with ${how} a key means nothing`, { code: "KeyC", [how]: true }, null]),
+  ...DRIVING.map((code) => [`${code}, which drives, stops or is any other, means nothing`, { code }, null]),
+]) {
+  test(`keys: ${what}`, () => assert.deepEqual(viewActionOf({ target: within(), ...event }), action));
+}
 
 test("a file is named after robot, camera and time, in plain letters", () => {
   const time = new Date("2026-01-02T03:04:05.678Z");
