@@ -12,7 +12,6 @@ from typing import Literal
 PATH = "/robotether/frames"
 # Codec, flags, quality, sequence, and the timestamp in ms.
 HEADER = struct.Struct("!BBHId")
-JPEG = 1
 # A flag: the timestamp is the camera's own.
 STAMPED = 1
 SEQUENCES = 2**32

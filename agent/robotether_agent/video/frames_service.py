@@ -155,7 +155,7 @@ class FramesService:
             frame = await newest.first()
         finally:
             newest.leave()
-        return web.Response(body=frame.jpeg, content_type="image/jpeg")
+        return web.Response(body=frame.data, content_type=frame.codec.mime_type)
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         source_request = _asked(request, _topic(request))
@@ -256,8 +256,8 @@ async def _pour(request: web.Request, first: CameraFrame, newest: _Newest) -> we
 
 
 def _part(frame: CameraFrame) -> bytes:
-    head = f"Content-type: image/jpeg\r\nContent-Length: {len(frame.jpeg)}\r\n\r\n"
-    return head.encode() + frame.jpeg + f"\r\n--{BOUNDARY}\r\n".encode()
+    head = f"Content-type: {frame.codec.mime_type}\r\nContent-Length: {len(frame.data)}\r\n\r\n"
+    return head.encode() + frame.data + f"\r\n--{BOUNDARY}\r\n".encode()
 
 
 def _keep_little_unsent(request: web.Request) -> None:

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from aiohttp import WSMsgType, web
+from robotether_common.codecs import JPEG, Codec
 from robotether_common.frames import (
     FPS,
     HEADER,
-    JPEG,
     LATENCIES_MS,
     MAX_CREDITS,
     QUALITIES,
@@ -244,7 +244,7 @@ class Receiver:
         self._wake.set()
 
     def _learn_size(self, frame: CameraFrame) -> None:
-        self._own_size = jpeg_size(frame.jpeg)
+        self._own_size = jpeg_size(frame.data)
         if self._own_size is not None and self._stream_request is not None:
             self._use_levels(self._stream_request)
 
@@ -266,8 +266,8 @@ class Receiver:
         self._in_flight.append(Sent(sequence, frame.arrived_s, source_request))
         self._sent.note(self._clock())
         quality = source_request.quality if self._can_step() else 0
-        header = Header(sequence, frame.timestamp_s * 1000, quality, frame.is_stamped)
-        await self._socket.send_bytes(header.packed() + frame.jpeg)
+        header = Header(sequence, frame.timestamp_s * 1000, quality, frame.is_stamped, frame.codec)
+        await self._socket.send_bytes(header.packed() + frame.data)
 
     def _queue_text(self, text: JsonFields) -> None:
         self._texts.append(text)
@@ -330,13 +330,13 @@ class Header:
     timestamp_ms: float
     quality: int = 0
     is_stamped: bool = False
-    codec: int = JPEG
+    codec: Codec = JPEG
 
     def packed(self) -> bytes:
         """Return the header as it is on the wire."""
         flags = STAMPED if self.is_stamped else 0
         return HEADER.pack(
-            self.codec, flags, self.quality, self.sequence % SEQUENCES, self.timestamp_ms
+            self.codec.number, flags, self.quality, self.sequence % SEQUENCES, self.timestamp_ms
         )
 
 

@@ -21,6 +21,7 @@ from typing import NoReturn
 from urllib.parse import quote
 
 import aiohttp
+from robotether_common.codecs import JPEG, Codec
 from robotether_common.frames import MAX_FRAME_BYTES, QOS, Source, no_frames
 from yarl import URL
 
@@ -70,12 +71,13 @@ _FRAME = struct.Struct("!HBHH")
 
 @dataclass(frozen=True)
 class CameraFrame:
-    """One JPEG; both times are on the robot's clock (CLOCK_BOOTTIME), the first is what the frame shows."""
+    """One frame; both times are on the robot's clock (CLOCK_BOOTTIME), the first is what the frame shows."""
 
-    jpeg: bytes
+    data: bytes
     timestamp_s: float
     arrived_s: float
     is_stamped: bool = False
+    codec: Codec = JPEG
 
 
 @dataclass(frozen=True)

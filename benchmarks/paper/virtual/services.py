@@ -23,7 +23,8 @@ from aiohttp import WSMsgType, web
 from robotether_agent.clock import robot_time
 from robotether_agent.guard.authorizer import Authorizer, NotAuthorized
 from robotether_agent.guard.topics import Authorization
-from robotether_common.frames import HEADER, JPEG, MAX_CREDITS, PATH, STAMPED
+from robotether_common.codecs import JPEG
+from robotether_common.frames import HEADER, MAX_CREDITS, PATH, STAMPED
 from robotether_common.guard import DEFAULT_MS, REFUSED_KINDS, STAMP
 
 # What a fleet's operators and drivers use, and what its pages find.
@@ -286,7 +287,7 @@ class _Camera:
             await asyncio.sleep(due - robot_time())
             number += 1
             self._open -= 1
-            header = HEADER.pack(JPEG, STAMPED, QUALITY, number, robot_time() * 1000)
+            header = HEADER.pack(JPEG.number, STAMPED, QUALITY, number, robot_time() * 1000)
             await self._viewer.send_bytes(header + FRAME)
 
 

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
 
+from robotether_common.services import SERVICES, ServiceName
+
 from robotether_server import robot_settings
 from robotether_server.db import control
 from robotether_server.db.cells import LOST_CODE
@@ -56,6 +58,11 @@ class RelayRobot:
     site: str | None = None
     # Of a machine with this robot's MAC and a key that is not the robot's: waiting, rejected, or None.
     other_key: str | None = None
+
+    @cached_property
+    def ports(self) -> Mapping[ServiceName, int | None]:
+        """The server's port of each service; None: it is off."""
+        return {service.name: getattr(self, service.port_member) for service in SERVICES}
 
 
 @dataclass(frozen=True)

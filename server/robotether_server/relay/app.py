@@ -1,6 +1,6 @@
 """The relay's HTTP applications: the public routes behind nginx, the same for other cells, and the inside ones.
 
-`main` makes both. The middleware is the border at which a Problem becomes an answer.
+`wiring` makes both. The middleware is the border at which a Problem becomes an answer.
 """
 
 from __future__ import annotations

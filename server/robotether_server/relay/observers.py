@@ -1,6 +1,6 @@
 """Reports events of robots and operators to log, event writer and metrics.
 
-`main` hands it to the registry as a listener and to the handlers as their report. It never waits.
+`wiring` hands it to the registry as a listener and to the handlers as their report. It never waits.
 """
 
 from __future__ import annotations

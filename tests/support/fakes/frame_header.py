@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from robotether_agent.video.receiver import Header
+from robotether_common.codecs import CODECS
 from robotether_common.frames import HEADER, STAMPED
 
 SIZE = HEADER.size
@@ -11,4 +12,4 @@ SIZE = HEADER.size
 def unpacked(message: bytes) -> Header:
     """Return the header at the start of `message`."""
     codec, flags, quality, sequence, timestamp_ms = HEADER.unpack_from(message)
-    return Header(sequence, timestamp_ms, quality, bool(flags & STAMPED), codec)
+    return Header(sequence, timestamp_ms, quality, bool(flags & STAMPED), CODECS[codec])

@@ -1,6 +1,6 @@
 """This relay's cell and the others of the site: writes its own heartbeat and reads all cells, each second.
 
-`main` runs it. While the database is away all stays as it was last read.
+`wiring` runs it. While the database is away all stays as it was last read.
 """
 
 from __future__ import annotations

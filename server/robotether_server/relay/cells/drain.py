@@ -1,6 +1,6 @@
 """Takes this cell out of service: sends its robots to the other cells, those first that nobody uses.
 
-`main` runs it. Robots stay while no other cell takes them, as they would only come back, and are driven here.
+`wiring` runs it. Robots stay while no other cell takes them, as they would only come back, and are driven here.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Sends idle robots from this cell to another that has far fewer, such as one that was away.
 
-`main` runs it. Who loses a cell goes to the others, and would stay there: the next loss would move ever more robots.
+`wiring` runs it. Who loses a cell goes to the others, and would stay there: the next loss would move ever more robots.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Reads from the database what other cells wrote of robots' leases and stops, where the link to a cell cannot say it.
 
-`wiring` makes one: each robot that begins a session here waits for it shortly, and `main` runs it.
+`wiring` makes one: each robot that begins a session here waits for it shortly, and it polls while a cell is away.
 """
 
 from __future__ import annotations

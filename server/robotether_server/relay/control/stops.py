@@ -1,6 +1,6 @@
 """Which robots are stopped: written to the database, sent to their guards, and ended by a release.
 
-`control_api` and drivers' and observers' own operations stop robots, `main` hands it what guards report. A
+`control_api` and drivers' and observers' own operations stop robots, `wiring` hands it what guards report. A
 stop needs no database: it holds in memory at once, its row is written when the database is there. A robot
 is stopped when either side says so. The newest stop takes the older one's place, so that a release which
 names what its person saw cannot end one unseen. Nothing here ever releases a robot that did not confirm it.

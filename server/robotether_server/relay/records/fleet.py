@@ -1,6 +1,6 @@
 """The newest snapshot of robots and rights, kept in memory and read again when they change.
 
-`main` runs it. While the database is away everything goes on with the last snapshot; the log says
+`wiring` runs it. While the database is away everything goes on with the last snapshot; the log says
 so once, and the metrics all the time.
 """
 

@@ -7,6 +7,7 @@ away from a robot ends every connection that may still hold it.
 
 from __future__ import annotations
 
+from robotether_common.services import BY_CONNECTION
 from robotether_common.session import ByeCode, Kind
 
 from robotether_server.db.fleet import RelayRobot, Snapshot
@@ -31,10 +32,10 @@ def authorize(snapshot: Snapshot, preface: Preface) -> RelayRobot:
         raise NotAuthorizedError("robot_disabled", f"robot {robot.name} is {robot.state}")
     if not _is_key_of(robot, preface.fingerprint):
         raise NotAuthorizedError("key_changed", f"robot {robot.name} has another key by now")
-    if preface.kind == "shell" and robot.shell_port is None:
+    if preface.kind == "shell" and port_of("shell", robot) is None:
         raise NotAuthorizedError("shell_off", f"the shell of robot {robot.name} is off")
     # A robot may log in, wait while its port goes to another one, and only then show itself here.
-    if not preface.ports <= {robot.ros_port, robot.video_port, robot.shell_port}:
+    if not preface.ports <= set(robot.ports.values()):
         raise _ports_changed(robot)
     return robot
 
@@ -48,9 +49,7 @@ def needs_config(before: RelayRobot, after: RelayRobot) -> bool:
 
 def port_of(kind: Kind, robot: RelayRobot) -> int | None:
     """Return the port that a connection of this kind is there for."""
-    if kind == "session":
-        return robot.ros_port
-    return robot.video_port if kind == "media" else robot.shell_port
+    return robot.ports[BY_CONNECTION[kind].name]
 
 
 def _ports_changed(robot: RelayRobot) -> NotAuthorizedError:
@@ -65,13 +64,9 @@ def _lost_port(before: RelayRobot, after: RelayRobot) -> bool:
     # A first shell port takes nothing away: the agent opens another connection for it.
     return any(
         old is not None and old != new
-        for old, new in (
-            (before.ros_port, after.ros_port),
-            (before.video_port, after.video_port),
-            (before.shell_port, after.shell_port),
-        )
+        for old, new in zip(before.ports.values(), after.ports.values(), strict=True)
     )
 
 
 def _config_of(robot: RelayRobot) -> tuple[object, ...]:
-    return (robot.name, robot.shell_port, robot.rotate_key, robot.settings.guard)
+    return (robot.name, robot.ports["shell"], robot.rotate_key, robot.settings.guard)

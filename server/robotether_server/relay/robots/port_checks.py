@@ -9,18 +9,17 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
+from robotether_common.services import ServiceName
 from robotether_common.session import ServiceState
 
 from robotether_server.db.fleet import RelayRobot
 
 log = logging.getLogger(__name__)
 
-Service = Literal["ros", "video", "shell"]
-Note = Callable[[Service, ServiceState], None]
+Note = Callable[[ServiceName, ServiceState], None]
 
 # A robot at the far end of a busy uplink answers within this, or operators would not wait either.
 ANSWER_WITHIN_S = 3.0
@@ -32,6 +31,13 @@ CHECKS_AT_ONCE = 64
 _REQUEST = (
     b"GET / HTTP/1.1\r\nHost: robot\r\nUser-Agent: robotether-relay\r\nConnection: close\r\n\r\n"
 )
+# What is sent to each service, and how its answer begins; in the order of PortHealth.
+_PROBES: Mapping[ServiceName, tuple[bytes, re.Pattern[bytes]]] = {
+    # The guard answers 426, or 502 when rosbridge behind it does not.
+    "ros": (_REQUEST, re.compile(rb"HTTP/1\.[01] [1-4]")),
+    "video": (_REQUEST, re.compile(rb"HTTP/1\.[01] [1-5]")),
+    "shell": (b"", re.compile(rb"SSH-")),
+}
 # How many bytes of an answer are enough: of HTTP's its status, of SSH's its name.
 _LOOKED_AT = {True: len(b"HTTP/1.1 2"), False: len(b"SSH-")}
 RELEASE_POLL_S = 0.02
@@ -59,22 +65,15 @@ class PortChecker:
 
     async def check(self, robot: RelayRobot, *, video: bool) -> PortHealth:
         """Try the robot's ports beside each other; not the one of `video` when its connection is not open."""
-        video_port = robot.video_port if video else None
+        ports = robot.ports if video else {**robot.ports, "video": None}
         async with self._slots:
-            found = await asyncio.gather(
-                # The guard answers 426, or 502 when rosbridge behind it does not.
-                self._try("ros", robot.ros_port, _REQUEST, re.compile(rb"HTTP/1\.[01] [1-4]")),
-                self._try("video", video_port, _REQUEST, re.compile(rb"HTTP/1\.[01] [1-5]")),
-                self._try("shell", robot.shell_port, b"", re.compile(rb"SSH-")),
-            )
-        return PortHealth(*found)
+            health = await asyncio.gather(*(self._try(name, ports[name]) for name in _PROBES))
+        return PortHealth(*health)
 
-    async def _try(
-        self, service: Service, port: int | None, request: bytes, beginning: re.Pattern[bytes]
-    ) -> ServiceState:
+    async def _try(self, service: ServiceName, port: int | None) -> ServiceState:
         health: ServiceState = "unknown"
         if port is not None:
-            health = await self._ask(port, request, beginning)
+            health = await self._ask(port, *_PROBES[service])
         self._note(service, health)
         return health
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeVar, get_args
 import msgspec
 from msgspec import Meta, Struct
 from robotether_common.guard import REFUSED_KINDS
+from robotether_common.services import SERVICES
 from robotether_common.session import (
     MAX_EPOCH,
     MAX_FENCE,
@@ -212,9 +213,7 @@ def config_line(
     return _line(
         "config",
         robot=robot.name,
-        ros_port=robot.ros_port,
-        video_port=robot.video_port,
-        shell_port=robot.shell_port,
+        **{service.port_member: robot.ports[service.name] for service in SERVICES},
         rotate_key=robot.rotate_key,
         heartbeat_s=heartbeat_s,
         idle_heartbeat_s=idle_heartbeat_s,

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Protocol
 
-from robotether_common.frames import JPEG, MAX_CREDITS, SEQUENCES, StreamRequest
+from robotether_common.codecs import CODECS
+from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.channels.video.frame_protocol import (
@@ -166,7 +167,7 @@ class Feed:
             self._shift = (last + 1 - sequence) % SEQUENCES
         sequence = (sequence + self._shift) % SEQUENCES
         self._untaken.append(sequence)
-        if codec != JPEG or timestamp_s is None:
+        if codec not in CODECS or timestamp_s is None:
             # Nobody here can show it, or know how old it is.
             self.taken(sequence)
             return

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, TypeGuard, get_args
 
+from robotether_common.codecs import CODECS
 from robotether_common.frames import (
     FPS,
     HEADER,
@@ -45,19 +46,20 @@ class BrokenFramesError(ValueError):
 class Frame:
     """One frame on its way through the relay; `timestamp_s` and `received_s` are on the relay's clock.
 
-    `position` counts the frames that came, `sequence` those that the robot's source gave.
+    `position` counts the frames that came, `sequence` those that the robot's source gave. The codec must be known.
     """
 
     def __init__(
         self, data: bytes, *, sequence: int, position: int, timestamp_s: float, received_s: float
     ) -> None:
-        codec, flags, quality, _, _ = HEADER.unpack_from(data)
+        number, flags, quality, _, _ = HEADER.unpack_from(data)
+        self.codec = CODECS[number]
         self.sequence = sequence
         self.position = position
         self.timestamp_s = timestamp_s
         self.received_s = received_s
         self.size = len(data) - HEADER.size
-        header = HEADER.pack(codec, flags, quality, sequence, timestamp_s * 1000)
+        header = HEADER.pack(number, flags, quality, sequence, timestamp_s * 1000)
         start = websocket_header(WHOLE_BINARY, len(data))
         self._begins_at = len(start) + HEADER.size
         # As it is on each viewer's connection.
@@ -65,7 +67,7 @@ class Frame:
         self.message = b"".join((start, header, memoryview(data)[HEADER.size :]))
 
     @property
-    def jpeg(self) -> memoryview:
+    def data(self) -> memoryview:
         """The frame alone, not copied."""
         return memoryview(self.message)[self._begins_at :]
 
@@ -76,12 +78,12 @@ class Frame:
         """
         if self._part is None:
             head = (
-                "Content-Type: image/jpeg\r\n"
+                f"Content-Type: {self.codec.mime_type}\r\n"
                 f"X-Timestamp: {self.timestamp_s + unix_ahead_s:.6f}\r\n"
                 f"X-Number: {self.sequence}\r\n"
                 f"Content-Length: {self.size}\r\n\r\n"
             )
-            self._part = b"".join((head.encode(), self.jpeg, f"\r\n--{boundary}\r\n".encode()))
+            self._part = b"".join((head.encode(), self.data, f"\r\n--{boundary}\r\n".encode()))
         return self._part
 
 
