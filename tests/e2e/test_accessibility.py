@@ -20,6 +20,14 @@ BY_LOOK = {
         "values": ["color-contrast", "link-in-text-block", "scrollable-region-focusable"],
     }
 }
+# Of the violations what a person needs to find them.
+RUN_AXE = """async (options) => {
+  const found = await axe.run({ ...options, resultTypes: ['violations'] });
+  const words = (node) => `${node.html.slice(0, 120)} ${node.failureSummary}`;
+  return {
+    violations: found.violations.map(({ id, nodes }) => [id, ...nodes.map(words)]), passes: found.passes.length,
+  };
+}"""
 ROBOT = "sim1"
 DESKTOP = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"}
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "color_scheme": "dark"}
@@ -44,23 +52,23 @@ def _assert_accessible(page: Page, what: str) -> None:
 
 
 def _assert_no_violation(page: Page, what: str, rules: dict[str, Any]) -> None:
-    results = Axe().run(page, options=rules)
-    assert results.violations_count == 0, f"{what}: {results.generate_report()}"
-    assert results.response["passes"], f"{what}: axe has looked at nothing"
+    if not page.evaluate("'axe' in window"):
+        page.evaluate(Axe().axe_script)
+    found = page.evaluate(RUN_AXE, rules)
+    assert found["violations"] == [], f"{what}: {found['violations']}"
+    assert found["passes"], f"{what}: axe has looked at nothing"
 
 
 @BOTH
 def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
-    """As cards and as a table; driving, with all that unfolds, held for an old picture, stopped and released."""
+    """As cards and as a table; driving with all that unfolds, held for an old picture, stopped and released."""
     open_page(page, stack, "/")
     for view in ("table", "cards"):
         page.get_by_test_id(f"view-{view}").click()
         _assert_accessible(page, f"the fleet as {view}")
     stack.wait_until_drivable(ROBOT)
     open_robot(page, stack, ROBOT)
-    _assert_accessible(page, "the drive page of a watcher")
     take_control(page)
-    _assert_accessible(page, "the drive page")
     open_drawer(page)
     for opener in ("gamepad-open", "topics"):
         fold = page.get_by_test_id(opener)
@@ -95,6 +103,7 @@ def test_each_slider_has_its_name(page: Page, stack: Stack) -> None:
         expect(page.get_by_role("slider", name=name, exact=True)).to_have_count(1)
 
 
+@pytest.mark.release
 def test_documents_are_accessible(page: Page, stack: Stack) -> None:
     """The page of drivers with its pictures and tables, and one with code."""
     for path in ("howto/driving/", "tutorial/program/"):

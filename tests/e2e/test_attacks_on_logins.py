@@ -15,7 +15,7 @@ from stack import Stack
 
 USER = "tunnel@127.0.0.1"
 HALF_OPEN = 40
-LOG_INS = 20
+LOG_INS = 8
 AT_ONCE = 4
 
 

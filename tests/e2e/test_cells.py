@@ -291,29 +291,6 @@ def test_it_is_stopped_and_released_there(program: Program, first: Stack, second
     assert first.sql("SELECT * FROM robot_stops") == []
 
 
-def test_all_robots_are_stopped_at_once(program: Program, first: Stack, second: Stack) -> None:
-    """Each by its own cell, which confirms it."""
-    answer = first.admin.ask("POST", "/stop")
-    assert answer["cells_unreached"] == []
-    assert all(robot["confirmed"] for robot in answer["robots"])
-    for robot in ("sim1", "sim2", "sim3"):
-        assert second.admin.ask("POST", f"/robots/{robot}/release")["stopped"] is None
-    first.wait("a knows", lambda: control(first, "sim1")["stopped"] is None)
-
-
-def test_fleet_shows_it(program: Program, first: Stack) -> None:
-    """As online, in the live fleet of the other cell."""
-    request = urllib.request.Request(f"{first.url}/api/v1/events", headers=program.headers)
-    with urllib.request.urlopen(request, timeout=10, context=insecure_tls()) as answer:
-        assert answer.readline() == b"event: fleet\n"
-        robots = json.loads(answer.readline().removeprefix(b"data: "))
-    assert {(robot["name"], robot["online"]) for robot in robots} == {
-        ("sim1", True),
-        ("sim2", True),
-        ("sim3", True),
-    }
-
-
 async def test_ticket_opens_one_connection_at_all_cells(program: Program, second: Stack) -> None:
     """The robot's cell burns it, whichever was asked."""
     ticket = await asyncio.to_thread(program.ticket, "sim1", "observe")

@@ -83,6 +83,7 @@ def cut_at_once(port: int, count: int) -> int:
         return len(ended)
 
 
+@pytest.mark.release
 def test_ports_are_open_to_the_listed_networks_only(stack: Stack, open_to: OpenTo) -> None:
     """A source outside gets nothing; one inside drives through the guard, which stops the robot afterwards."""
     port = ros_port(stack)

@@ -19,7 +19,7 @@ NOT_RUN = {
         r"(cd|cp|mv|mkdir|rm|cat|scp|gzip|zcat|git|export|alias|set|\.|for) |\w+=\S+$"
     ),
     "is how CI runs, or starts and ends the stack that all tests share": (
-        r"make |\.venv/|npm |node |tools/(lock|build|up)\b|tools/compose (down|stop|up|--profile)"
+        r"make |\.venv/|npm |node |tools/(lint|lock|build|up)\b|tools/compose (down|stop|up|--profile)"
     ),
     "starts a stack from nothing: tests/images/test_plain_compose.py": (
         r"(COMPOSE_PROFILES=\S+ )?docker compose up"

@@ -150,14 +150,21 @@ def test_keys_and_mouse_drive_until_they_are_let_go(
     page.keyboard.up("w")
     expect(page.locator("[data-lit=true]")).to_have_count(0)
     _falls_silent(watch)
-    expect_armed(page)
     box = page.get_by_test_id("joystick").bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x - box["width"] / 6, y - box["height"] / 3, steps=4)
-    watch.wait_pose("turning left as it goes", lambda pose: _moving(pose) and _turning(pose))
+
+    def drag() -> None:
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x - box["width"] / 6, y - box["height"] / 3, steps=4)
+
+    page_holds.hold(
+        page,
+        drag,
+        page.mouse.up,
+        lambda: watch.wait_pose("in a curve", lambda pose: _moving(pose) and _turning(pose)),
+    )
     page.mouse.up()
     _falls_silent(watch)
 
@@ -378,8 +385,13 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
     expect_armed(page)
     expect_no_sideways_scroll(page)
     fingers = TouchScreen(page)
-    fingers.put("joystick", up=0.9, left=0.5)
-    watch.wait_pose("going straight", lambda pose: _moving(pose) and pose["angular_velocity"] == 0)
+    page_holds.hold(
+        page,
+        lambda: fingers.put("joystick", up=0.9, left=0.5),
+        lambda: fingers.lift("joystick"),
+        lambda: watch.wait_pose("straight", lambda pose: _moving(pose) and not _turning(pose)),
+    )
+    assert watch.pose["angular_velocity"] == 0
     fingers.put("joystick-turn", up=0.5, left=0.9)
     watch.wait_pose("turning as it goes", lambda pose: _moving(pose) and _turning(pose))
     fingers.lift("joystick")
@@ -398,7 +410,7 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
         fingers.tap(point)
         # A click comes before what the page does next.
         page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done)))")
-        expect_mode(page, "drive")
+        expect(page.get_by_test_id("control")).to_have_attribute("data-mode", "drive")
         under = page.evaluate("(at) => document.elementFromPoint(...at).dataset.testid", point)
         assert under == "control-leave"
     finally:

@@ -8,10 +8,12 @@ note(page)
 hold something, and see what the robot does
 if had_to_let_go(page): let go, and hold it once more
 
-`drive` is that for a key and a robot that has to move.
+`hold` is that for anything that is pressed, `drive` for a key and a robot that has to move.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 from pages import expect_armed
 from playwright.sync_api import Page
@@ -54,18 +56,33 @@ def had_to_let_go(page: Page) -> bool:
     return bool(noted["held"] or noted["longestMs"] > LOOK_MS)
 
 
-def drive(page: Page, watch: SimWatch, key: str = "w") -> None:
-    """Hold a key that drives forward until the robot moves; it stays down."""
+def hold(
+    page: Page,
+    press: Callable[[], object],
+    release: Callable[[], object],
+    until: Callable[[], object],
+) -> None:
+    """Press until it has its effect, which `until` waits for; it stays pressed."""
     for _ in range(MAX_PRESSES):
         expect_armed(page)
         note(page)
-        page.keyboard.down(key)
+        press()
         try:
-            watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1)
+            until()
         except AssertionError:
             if not had_to_let_go(page):
                 raise
-            page.keyboard.up(key)
+            release()
         else:
             return
     raise AssertionError(f"the page let go of each of {MAX_PRESSES} presses")
+
+
+def drive(page: Page, watch: SimWatch, key: str = "w") -> None:
+    """Hold a key that drives forward until the robot moves; it stays down."""
+    hold(
+        page,
+        lambda: page.keyboard.down(key),
+        lambda: page.keyboard.up(key),
+        lambda: watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0.1),
+    )
