@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from jump_people import BANNER, JUMP, Person, ShellRobot, end, ended, first_line, lives
+from jump_people import BANNER, JUMP, Person, ShellRobot, end, ended, lives
+from robot_key import first_line
 from stack import Stack
 
 REGISTER = "/run/robotether/jump"

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from jump_people import JUMP, Person, ShellRobot, ended, first_line, lives
+from jump_people import JUMP, Person, ShellRobot, ended, lives
+from robot_key import first_line
 from stack import Stack, database_away
 
 
@@ -73,6 +74,7 @@ def test_connection_ends_with_its_robot(ann: Person, robot: ShellRobot, tmp_path
         extra.remove()
 
 
+@pytest.mark.release
 def test_person_has_32_connections_at_most(ann: Person, bob: Person, robot: ShellRobot) -> None:
     """One person cannot fill the container; more connections than that end, and other people's do not."""
     target = ("-W", f"127.0.0.1:{robot.shell_port}", JUMP)

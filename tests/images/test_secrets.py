@@ -277,17 +277,16 @@ def test_database_elsewhere_has_its_own_certificate(site: Site) -> None:
     assert "database_ca_key.pem" not in site.export()
 
 
-@pytest.mark.parametrize(
-    ("given", "missing"),
-    [("peer_key.pem", "peer_cert.pem"), ("database_cert.pem", "database_key.pem")],
-)
-def test_half_a_pair_stops_the_start(site: Site, given: str, missing: str) -> None:
+def test_half_a_pair_stops_the_start(site: Site) -> None:
     """The other half, which was made, would not fit."""
     site.make()
-    (site.own / given).write_text("half")
-    status, said = site.make()
-    assert status == 1
-    assert f"cannot use your own {given}: {missing} is missing" in said
+    halves = {"peer_key.pem": "peer_cert.pem", "database_cert.pem": "database_key.pem"}
+    for given, missing in halves.items():
+        (site.own / given).write_text("half")
+        status, said = site.make()
+        assert status == 1
+        assert f"cannot use your own {given}: {missing} is missing" in said
+        (site.own / given).unlink()
 
 
 @pytest.fixture
@@ -313,32 +312,23 @@ def test_pair_for_another_name_stops_the_start(site: Site, pair: tuple[str, str]
         (site.own / f"{name}_key.pem").unlink()
 
 
-@pytest.mark.parametrize(
-    ("wrong", "why"),
-    [
-        ("cert", "database_cert.pem: it is no certificate in PEM"),
-        ("key", "database_key.pem: it is no private key in PEM"),
-        ("other", "database_key.pem: it is not the key of database_cert.pem"),
-        ("ca", "database_cert.pem: self-signed certificate"),
-        ("", "secrets: made"),
-    ],
-)
-def test_own_pair_is_tried_before_anything_is_made(
-    site: Site, pair: tuple[str, str], wrong: str, why: str
-) -> None:
+def test_own_pair_is_tried_before_anything_is_made(site: Site, pair: tuple[str, str]) -> None:
     """MariaDB would not start with a wrong one, for ever."""
     certificate, key = pair
-    [other, authority] = [
-        openssl("genpkey", "-algorithm", "ed25519"),
-        openssl("req", "-x509", "-newkey", "ed25519", "-noenc", "-subj", "/CN=ca", "-keyout", "/dev/null"),
-    ]  # fmt: skip
-    files = {"cert": certificate, "key": key, "ca": certificate}
-    replaced = {"cert": key, "key": certificate, "ca": authority.decode()}
-    files |= {"key": other.decode()} if wrong == "other" else {}
-    files |= {wrong: replaced[wrong]} if wrong in replaced else {}
-    for name, text in files.items():
-        (site.own / f"database_{name}.pem").write_text(text)
-    status, said = site.make(database="localhost")
-    assert status == (1 if wrong else 0)
-    assert why in said
-    assert (site.texts() == {}) == bool(wrong)
+    good = {"cert": certificate, "key": key, "ca": certificate}
+    other = openssl("genpkey", "-algorithm", "ed25519").decode()
+    request = ("req", "-x509", "-newkey", "ed25519", "-noenc", "-subj", "/CN=ca")
+    authority = openssl(*request, "-keyout", "/dev/null").decode()
+    for wrong, why in (
+        ({"cert": key}, "database_cert.pem: it is no certificate in PEM"),
+        ({"key": certificate}, "database_key.pem: it is no private key in PEM"),
+        ({"key": other}, "database_key.pem: it is not the key of database_cert.pem"),
+        ({"ca": authority}, "database_cert.pem: self-signed certificate"),
+        ({}, "secrets: made"),
+    ):
+        for name, text in (good | wrong).items():
+            (site.own / f"database_{name}.pem").write_text(text)
+        status, said = site.make(database="localhost")
+        assert status == (1 if wrong else 0)
+        assert why in said
+        assert (site.texts() == {}) == bool(wrong)

@@ -10,6 +10,9 @@ from pathlib import Path
 from robotether_common.join import JOIN_NAMESPACE, join_message
 from stack import Stack
 
+# More than a server on a busy machine takes for a log-in.
+ANSWER_S = 30
+
 
 class RobotKey:
     """An ed25519 key pair in a folder, and what one can do with it against the stack's sshd."""
@@ -65,7 +68,7 @@ class RobotKey:
             "IdentitiesOnly=yes",
             "StrictHostKeyChecking=accept-new",
             f"UserKnownHostsFile={self._known_hosts}",
-            "ConnectTimeout=5",
+            f"ConnectTimeout={ANSWER_S}",
             "ExitOnForwardFailure=yes",
         ]
         return [
@@ -81,7 +84,7 @@ class RobotKey:
         ]
 
     def ssh(
-        self, *arguments: str, port: int | None = None, timeout: float = 15
+        self, *arguments: str, port: int | None = None, timeout: float = 2 * ANSWER_S
     ) -> subprocess.CompletedProcess[str]:
         """Run the client to its end."""
         return subprocess.run(
@@ -104,12 +107,17 @@ class RobotKey:
         )
 
 
-def session_line(running: subprocess.Popen[str], seconds: float = 10) -> dict[str, object]:
-    """The first line that the relay sends on a session, which proves the whole way."""
+def first_line(running: subprocess.Popen[str], seconds: float = ANSWER_S) -> str:
+    """The first line that the client prints; fails with its error when none comes."""
     assert running.stdout is not None
     ready, _, _ = select.select([running.stdout], [], [], seconds)
-    if not ready:
+    line = running.stdout.readline() if ready else ""
+    if not line:
         running.kill()
         raise AssertionError(f"no line in {seconds} s: {running.communicate()[1]}")
-    line: dict[str, object] = json.loads(running.stdout.readline())
     return line
+
+
+def session_line(running: subprocess.Popen[str]) -> dict[str, object]:
+    """The first line that the relay sends on a session, which proves the whole way."""
+    return dict(json.loads(first_line(running)))

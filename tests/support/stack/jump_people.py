@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import json
-import select
 import subprocess
 import threading
 import time
@@ -18,7 +17,7 @@ from pathlib import Path
 from socketserver import BaseRequestHandler, ThreadingTCPServer
 from typing import Any
 
-from robot_key import RobotKey
+from robot_key import RobotKey, first_line
 from stack import Stack
 
 JUMP = "jump@127.0.0.1"
@@ -178,17 +177,6 @@ class Person:
             yield running
         finally:
             end(running)
-
-
-def first_line(running: subprocess.Popen[str], seconds: float = 10) -> str:
-    """The first line that the client prints; fails with its error when none comes."""
-    assert running.stdout is not None
-    ready, _, _ = select.select([running.stdout], [], [], seconds)
-    line = running.stdout.readline() if ready else ""
-    if not line:
-        running.kill()
-        raise AssertionError(f"no line in {seconds} s: {running.communicate()[1]}")
-    return line
 
 
 def end(running: subprocess.Popen[str]) -> str:
