@@ -164,15 +164,6 @@ def test_playbooks_have_full_names(home: Path) -> None:
         assert f"playbook: {place}" in printed
 
 
-def test_playbooks_run_from_a_checkout(tmp_path: Path) -> None:
-    """By their old names, with nothing installed and without this folder's ansible.cfg."""
-    (tmp_path / "hosts.ini").write_text("[robots]\nturtle\n[robotether_server]\ncloud\n")
-    names = [ANSIBLE / f"{name}.yml" for name in PLAYBOOKS]
-    ansible(
-        "ansible-playbook", "-i", "hosts.ini", "--list-tasks", *names, home=tmp_path, cwd=tmp_path
-    )
-
-
 def untagged(tasks: list[dict[str, Any]]) -> Iterator[str]:
     """Give what no tag can choose, and what is left out inside when it is chosen."""
     for task in tasks:
