@@ -147,6 +147,57 @@ def test_commands_are_understood() -> None:
     assert wrong == []
 
 
+def how_to_add(what: str) -> str:
+    """The item of CONTRIBUTING.md on how to add something."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    items = text.split("## How to add", 1)[1].split("\n## ", 1)[0].split("\n- ")
+    [found] = [item for item in items if item.startswith(f"**{what}**")]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("what", "table"),
+    [("A codec", "robotether_common.codecs"), ("A forwarded port", "robotether_common.services")],
+)
+def test_what_a_table_is_used_by_is_named(what: str, table: str) -> None:
+    """How to add a row names the table and each module of the product that reads it."""
+    readers = {
+        str(path.relative_to(ROOT))
+        for path in tracked("*.py")
+        if {"tests", "benchmarks"}.isdisjoint(path.parts)
+        and f"from {table} import" in path.read_text()
+    }
+    assert readers
+    assert readers <= set(re.findall(r"`([\w/.-]+)`", how_to_add(what)))
+
+
+@pytest.mark.parametrize(
+    "what", ["An endpoint of the relay", "A channel", "A codec", "A forwarded port", "A page"]
+)
+def test_files_of_an_addition_are_there(what: str) -> None:
+    """Each file and folder that it names is there."""
+    named = re.findall(r"`([\w-]+/[\w/.-]+)`", how_to_add(what))
+    assert [name for name in named if not (ROOT / name).exists()] == []
+    assert named
+
+
+def test_each_path_of_the_relay_has_its_place_in_nginx() -> None:
+    """Nginx leads what the relay's code routes to the relay, and the description of the API names it."""
+    sources = ("control/control_api.py", "channels/kinds.py")
+    relay = ROOT / "server" / "robotether_server" / "relay"
+    paths = [
+        re.sub(r"\{[^}]*\}", "x", path)
+        for source in sources
+        for path in re.findall(r'"(/(?:api|robots)/[^"]*)"', (relay / source).read_text())
+    ]
+    text = (ROOT / "images" / "nginx" / "nginx.conf").read_text()
+    located = [
+        rf"{re.escape(path)}$" if sign == "=" else path.strip('"')
+        for sign, path in re.findall(r"location (=|~) (\S+) \{", text)
+    ]
+    assert [path for path in paths if not any(re.match(one, path) for one in located)] == []
+
+
 def test_each_decision_has_its_parts() -> None:
     """Each record has status, date and alternatives, and the index by subject names it once."""
     folder = ROOT / "docs" / "adr"
