@@ -23,23 +23,25 @@ from robotether_agent.problems import (
 
 MIN_DELAY_S = 0.5
 MAX_DELAY_S = 15.0
-# Where the attempt itself waited for an answer, or the server is known to answer now.
+# Pause after an attempt that itself waited for an answer, or while the server is known to answer.
 AT_ONCE_S = (0.02, 0.2)
-# After silence on a connection that was up: the network's, or this machine slept. When the server itself was silent,
-# its whole fleet returns at the same time, which this spreads, behind those of it that were in use.
+# Pause after silence on an open connection: of the network, or of this machine, which was suspended. If
+# the server was silent, its whole fleet returns at once; this spreads it, after the robots in use.
 AFTER_SILENCE_S = (0.2, 0.7)
-# Of a robot that somebody used before the others, at most so often in a row: longer than a server takes for a restart.
+# Pause of a robot that was in use, and maximum number of such attempts in a row: together longer than a
+# server's restart.
 USED_S, USED_TRIES = (0.1, 0.6), 30
-# A server that handles as many log-ins as it accepts at once has room again when one of them ends; to be told so costs
-# it next to nothing.
+# Maximum pause after a busy server rejected a log-in: it has room as soon as another one ends, and
+# a rejection costs it almost nothing.
 MAX_BUSY_S = 4.0
 ASK_AGAIN_S = (5.0, 15.0)
 SLOWLY_S = (15.0, 30.0)
-# The agent that fails at its start: systemd restarts it a second after its end, for ever. Below WatchdogSec.
+# Pause of an agent that fails at its start, below WatchdogSec: systemd restarts it a second after
+# its end.
 FAILED_START_S = (5.0, 15.0)
-# A connection that was up this long was a good one: what follows is a new problem, not the old one.
+# Time after which a connection counts as stable: its end is then a new problem.
 STABLE_S = 10.0
-# The first ceiling after one that was up for a shorter time.
+# First maximum of the pause after a connection that was not stable.
 AFTER_SHORT_S = 2.0
 
 log = logging.getLogger(__name__)

@@ -26,7 +26,7 @@ from robotether_agent.problems import StateUnusable
 from robotether_agent.rosbridge import RosGraph, connected, own_topic
 from robotether_agent.tasks import first_of, within
 
-# A BatteryState lists the voltage and the temperature of each cell.
+# Maximum size of a BatteryState, which lists voltage and temperature of each cell.
 MAX_MESSAGE_BYTES = 1024 * 1024
 BATTERY_TYPE = "sensor_msgs/BatteryState"
 # In the robot's namespace, the best first.
@@ -40,16 +40,17 @@ MEMORY_FILE = "battery.json"
 
 # What a driver's `percentage` of 1 means: all (as the message defines it), or a hundredth.
 Unit = Literal["fraction", "percent"]
-# A fraction may come out a little over 1; what is greater is percent.
+# Maximum level read as a fraction, which may slightly exceed 1; a higher level is a percentage.
 MAX_FRACTION = 1.2
-# From here on a fraction is full, and percent next to empty.
+# Minimum fraction of a full battery; as a percentage the same level would be almost empty.
 NEARLY_ONE = 0.99
-# A level that changes by less in this time is a fraction: percent next to empty would be gone, unless it charges.
+# Time after which a level that changed by less than STEADY_CHANGE is a fraction: an almost empty
+# battery without a charger would be flat by then.
 STEADY_S = 900.0
 STEADY_CHANGE = 0.15
-# The largest difference at which a charge measured in Ah and a percentage say the same.
+# Maximum difference between a charge in Ah and a percentage that agree.
 SAME_LEVEL = 0.1
-# Lowest and highest voltage, empty and full, of a cell of lithium ion, a cell of LFP, and a block of lead of 6 V.
+# Voltages, empty and full, of a cell of lithium ion, a cell of LFP, and a block of lead of 6 V.
 CELLS = (
     ((2.9, 3.4), (4.0, 4.25)),
     ((2.8, 3.1), (3.3, 3.65)),

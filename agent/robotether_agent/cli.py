@@ -350,7 +350,7 @@ COMMANDS: dict[str, Callable[[Call], int]] = {
     ),
     "show-settings": lambda call: _show_settings(call.settings),
 }
-# What an installer asks before it knows the server.
+# Commands that an installer runs before it knows the server.
 WITHOUT_SERVER = frozenset({"identity", "key", "forget"})
 
 

@@ -32,7 +32,8 @@ TIMEOUT_S = 1.0
 # The kernel's lists of TCP sockets, and the state LISTEN in them.
 LISTS = ("tcp", "tcp6")
 LISTEN = "0A"
-# Asks for the address of a network interface (linux/sockios.h); a struct ifreq begins with the name, in 16 bytes.
+# Request number for an interface's address (linux/sockios.h); a struct ifreq begins with its name,
+# in 16 bytes.
 SIOCGIFADDR = 0x8915
 IFREQ = struct.Struct("16s2xH4s16x")
 

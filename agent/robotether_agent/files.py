@@ -18,7 +18,7 @@ READ_ONLY = (
     "the disk is read-only",
     "mount it writable; Linux does that to a disk or memory card that fails (dmesg)",
 )
-# What keeps this machine from opening anything, a file or a connection: why, and what to do about it.
+# Reasons why this machine cannot open anything, a file or a connection, and what to do about it.
 MACHINE_FAULTS: Mapping[int, tuple[str, str]] = {
     errno.EMFILE: (
         "this program has too many files and connections open",

@@ -30,7 +30,7 @@ from robotether_agent.video.sources import SourceSettings
 
 PROBE_EVERY_S = 2.0
 TIMEOUT_S = 2.0
-# rosapi, cameras and the kernel's listening sockets are asked once in so many times.
+# Number of checks between two looks at rosapi, cameras and the kernel's listening sockets.
 SELDOM = 15
 SPREAD = 0.5, 1.5
 

@@ -37,7 +37,8 @@ PROXY_LOGIN = re.compile(r"[A-Za-z0-9._~!$&'()*+,;=%-]+:[A-Za-z0-9._~!$&'()*+,;=
 INTERFACE = re.compile(r"[A-Za-z0-9._-]{1,15}")
 # OpenSSH expands % and ${} in its file options and splits some at blanks.
 PLAIN_PATH = re.compile(r"/[A-Za-z0-9._/+@:,=-]*")
-# A Unix socket's path has at most 107 bytes, and OpenSSH adds 17 to the control socket's while it binds.
+# Maximum length of the run directory: a Unix socket's path has at most 107 bytes, and OpenSSH adds
+# 17 to the control socket's while it binds.
 MAX_RUN_DIR_LENGTH = 107 - 17 - len("/session.ctl")
 MAX_PORT = 65535
 MAX_PORTS = 8

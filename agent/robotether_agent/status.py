@@ -24,7 +24,7 @@ from robotether_agent.problems import AgentProblem, StateUnusable
 log = logging.getLogger(__name__)
 
 FILE = "status.json"
-# Three missed refreshes: the agent has ended or hangs.
+# Age at which the status is stale: after three missed refreshes the agent has ended or hangs.
 STALE_S = 8.0
 CONNECTED = "connected"
 

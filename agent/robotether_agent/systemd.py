@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from robotether_agent.problems import UpgradeFailed
 
 SERVICE = "robotether-agent.service"
-# Until it gives up on a service that does not end: TimeoutStopSec, then TimeoutStartSec.
+# Time limit for systemctl: TimeoutStopSec, then TimeoutStartSec.
 TIMEOUT_S = 120.0
 # syslog's numbers, which journald takes off the line again.
 PRIORITIES = {

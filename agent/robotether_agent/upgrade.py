@@ -43,7 +43,7 @@ After=network-online.target robotether-agent.service
 Type=exec
 ExecStart={was}/bin/robotether-agent finish-switch --wait {wait_s:g} {was} {target} {state}
 """
-# A version that crashes and is started again shows a good state for a short time, too.
+# Time for which a new version must work; one that crashes and restarts also looks good briefly.
 STABLE_S = 2.0
 POLL_S = 0.2
 # systemd's words for a service that nobody stopped.

@@ -12,23 +12,23 @@ from typing import Literal
 PATH = "/robotether/frames"
 # Codec, flags, quality, sequence, and the timestamp in ms.
 HEADER = struct.Struct("!BBHId")
-# A flag: the timestamp is the camera's own.
+# Flag: the timestamp is the camera's own.
 STAMPED = 1
 SEQUENCES = 2**32
 MAX_FRAME_BYTES = 10 * 1024 * 1024
 MAX_TEXT_BYTES = 4096
-# More frames than these never wait unanswered on one hop.
+# Maximum number of frames that one hop may have granted and not yet received.
 MAX_CREDITS = 2
 
-# Bounds of a stream request.
+# Maximum values of a stream request.
 MAX_SIDE = 4096
 QUALITIES = (1, 100)
 FPS = (0.1, 60)
 LATENCIES_MS = (50, 5000)
 SIDES = (1, MAX_SIDE)
 
-# What web_video_server is asked for beside the camera: without it, it hears no ROS 2 camera that publishes best effort,
-# as sensors do. It hears reliable ones with it, too. In ROS 1 it knows no such word, and skips it.
+# Query of web_video_server beside the camera. Without it, it does not receive ROS 2 cameras that publish
+# best effort, as sensors do. With it, it receives reliable ones, too. ROS 1 ignores it.
 QOS_NAME = "qos_profile"
 QOS = f"{QOS_NAME}=sensor_data"
 

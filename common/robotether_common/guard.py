@@ -18,11 +18,11 @@ DISK_REFUSED = 507
 STAMP = "robotether"
 
 DEFAULT_TOPICS = ("/cmd_vel", "*/cmd_vel")
-# Of the deadman and of a command's age: times in which a robot can stop before it matters, and over which it would not.
+# Default limit, in ms, of the deadman and of a command's age: a robot can stop within it.
 DEFAULT_MS = 500
 TIMES_MS = (200, 2000)
 
-# Of the numbers in a drive command. No robot's; and beyond 3e38 a float32 of ROS is infinite.
+# Maximum magnitude of a number in a drive command; beyond 3e38 a float32 of ROS is infinite.
 MAX_NUMBER = 1e9
 
 # old: its age; fence: another one's lease; stopped: the latch; shape: what it says; held: nobody may drive now.

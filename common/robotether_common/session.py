@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 MAX_LINE_BYTES = 64 * 1024
-# The numbers of drives, which the database counts.
+# Maximum fence; the database counts them in a signed integer of 64 bits.
 MAX_FENCE = 2**63 - 1
-# The agent's number of a session, in milliseconds; each is greater than the one before.
+# Maximum epoch of a session, in ms; each is greater than the one before.
 MAX_EPOCH = 2**53
 
 # What a robot's SSH connection is for.

@@ -42,7 +42,7 @@ from robotether_agent.tunnel.openssh import (
     why_not_connected,
 )
 
-# A little more than the client's own ConnectTimeout.
+# Time limit for a connection attempt, slightly above the client's own ConnectTimeout.
 TIMEOUT_S = 13.0
 START = "sudo systemctl start robotether-agent"
 AS_ABOVE = "what stands above"

@@ -86,9 +86,11 @@ HARMLESS_ONCE_ENROLLED = (
     SettingsInvalid,
     StateUnusable,
 )
-# A server that moves is rare, and one whose sshd is away gets requests of its whole fleet.
+# Minimum interval between requests for the server's address: servers rarely move, and one whose
+# sshd is down gets requests from its whole fleet.
 ASK_ADDRESS_EVERY_S = 60.0
-# An enrolled robot asks only in passing; joins of many robots take turns of up to 3 s at the server.
+# Time limit for a join of an enrolled robot; joins of many robots take turns of up to 3 s at the
+# server.
 QUICK_ANSWER_S = 4.0
 # The private keys first: whatever stops this half-way, the machine has then ceased to be that robot.
 FILES = (

@@ -23,7 +23,7 @@ from robotether_agent.tasks import first_of, within
 
 TICK_S = 0.2
 SILENCE_S = 0.6
-# It publishes zeros for 0.5 s before it ends.
+# Time limit for a guard's exit; it first publishes zeros for 0.5 s.
 EXIT_S = 1.5
 MAX_LINE_BYTES = 64 * 1024
 MAX_UNREAD_BYTES = 64 * 1024

@@ -41,13 +41,14 @@ from robotether_agent.guard.topics import (
     Topics,
 )
 
-# A timestamp may lie ahead by the drift of two clocks; more is a mistake, which would hide an age.
+# Maximum time by which a timestamp may be ahead, for the drift of two clocks; more would hide an
+# age.
 AHEAD_MS = 100.0
 # Time after its last use for which a topic counts as driven.
 DRIVEN_FOR_S = 10.0
 # Time within which rosbridge and ROS register a topic that was advertised.
 REGISTERED_WITHIN_S = 2.0
-# rosbridge keeps a topic for 10 s after it was unadvertised (unregister_timeout), and only then registers it anew.
+# Time after which rosbridge registers an unadvertised topic again; its unregister_timeout is 10 s.
 UNREGISTERED_AFTER_S = 12.0
 
 log = logging.getLogger(__name__)

@@ -66,7 +66,8 @@ _MEMBERS: Mapping[Shape, frozenset[str]] = {
 }
 _STAMP_MEMBERS = frozenset({"secs", "nsecs", "sec", "nanosec"})
 MAX_WHOLE = 2**63 - 1
-# After a pause the robot may not make up for it at once.
+# Maximum time between commands that counts for acceleration: the robot must not catch up after a
+# pause.
 MAX_STEP_S = 0.1
 
 

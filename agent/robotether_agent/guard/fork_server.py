@@ -36,7 +36,7 @@ FORK, WAIT, PING = b"fork", b"wait", b"ping"
 MAX_PACKET_BYTES = 64
 # As `ps -o comm` shows them, instead of the agent's own name; the kernel keeps 15 characters.
 SERVER_NAME, GUARD_NAME = "guard-forks", "robot-guard"
-# Until a program's first answer; a small computer that boots needs seconds to load Python.
+# Time limit for a program's first answer; a small computer that boots needs seconds to load Python.
 START_S = 20.0
 ANSWER_S = 1.0
 

@@ -39,7 +39,8 @@ from robotether_agent.guard.topics import MotionFile
 from robotether_agent.tasks import first_of, within
 
 TICK_EVERY_S = 0.2
-# The zeros take 0.5 s; a rosbridge that does not read them must not delay the guard's end; the motion file stays.
+# Time limit for the last zeros, which take 0.5 s: a rosbridge that does not read must not delay the
+# guard's end. The motion file stays.
 LAST_ZEROS_WITHIN_S = 1.0
 LAST_WRITE_WITHIN_S = 2.0
 MAX_LINE_BYTES = 64 * 1024

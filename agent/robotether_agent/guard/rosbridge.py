@@ -33,14 +33,14 @@ from robotether_agent.tasks import within
 CONNECT_WITHIN_S = 3.0
 FAREWELL_S = 0.5
 FROM_ROBOT_BYTES = 64 * 1024 * 1024
-# Beyond this a socket counts as full, and the other end is not read on.
+# Maximum unsent size before a socket counts as full and the other end is no longer read.
 SEND_BUFFER_BYTES = 64 * 1024
 RETRY_S = 0.2
-# Of the kernel's own buffer of the publisher; the least that it gives is some 4 KB, twenty commands.
+# Size of the kernel's buffer of the publisher; the minimum is some 4 KB, twenty commands.
 KERNEL_BUFFER_BYTES = 4096
-# A pong that is later than this means that what is sent now would wait.
+# Maximum delay of a pong before the connection counts as full.
 FULL_AFTER_S = 0.1
-# ... and later than this, that rosbridge does not read.
+# Maximum delay of a pong before rosbridge counts as not reading.
 STALLED_AFTER_S = 0.5
 GIVEN_UP_AFTER_S = 10.0
 IDLE_PING_EVERY_S = 1.0

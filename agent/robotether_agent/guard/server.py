@@ -44,16 +44,17 @@ from robotether_agent.tasks import first_of, within
 
 ADDRESS = "127.0.0.1"
 MAX_CONNECTIONS = 128
-# The others are reserved for the server: for the 64 observers and the driver that its relay admits, and for
-# those that left and are not gone yet when the next ones come. Its look-ups are no upgrades, and do not count.
+# Maximum number of connections without a key. The others are reserved for the relay's 64 observers,
+# its driver, and connections that are about to close. Look-ups are no upgrades and do not count.
 MAX_DIRECT_CONNECTIONS = 32
 SHUTDOWN_S = 0.2
 
-# The relay takes 10 MB; reading a message holds up all others, and the zeros.
+# Maximum size of a client's message; the relay accepts 10 MB, and reading delays all other clients
+# and the zeros.
 FROM_CLIENT_BYTES = 16 * 1024 * 1024
-# Of each kind of refusal.
+# Minimum interval between answers to refusals of the same kind.
 ANSWER_EVERY_S = 1.0
-# A client that takes nothing gets no answers either.
+# Maximum size of unsent answers; a client that reads nothing gets no more.
 ANSWERS_WAITING_BYTES = 16 * 1024
 GOING_AWAY = 1001
 # RFC 6455 reserves these for connections that ended without a code.

@@ -26,17 +26,17 @@ from robotether_agent.guard.fork_server import ForkServer
 from robotether_agent.problems import GuardDown
 from robotether_agent.tasks import first_of
 
-# A guard that lived this long was a good one: its end is a new problem, not the old one.
+# Time after which a guard counts as stable: its end is then a new problem.
 STABLE_S = 3.0
 FIRST_PAUSE_S = 0.1
-# A guard that dies while the robot moves is followed by one that stops it, and that within a second.
+# Maximum pause before a guard is replaced; the next one must stop a moving robot within a second.
 MAX_PAUSE_S = 0.4
 FORK_SERVER_CHECK_S = 1.0
-# Lines that a session has not sent yet; the guard says few.
+# Maximum number of lines that a session has not sent yet.
 MAX_UNSENT_LINES = 64
-# Of the names of drive topics in the status.
+# Maximum length of the names of drive topics in the status.
 MAX_NAMES_LENGTH = 500
-# The message that gives a guard a stop that the one before it had confirmed.
+# Message that gives a new guard the stop that the previous one had confirmed.
 KEPT = "kept"
 STATE = re.compile("ready|down")
 NO_STATUS = MappingProxyType({"moving": False, "refused": dict.fromkeys(REFUSED_KINDS, 0)})

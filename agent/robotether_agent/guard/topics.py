@@ -39,17 +39,18 @@ from robotether_agent.guard.drive_messages import (
 from robotether_agent.problems import StateUnusable
 
 MAX_TOPICS = 16
-# A client advertises a topic once, so the type outlives the topic here. Without one, rosbridge uses what its graph says
-# of the topic: just after its start that is nothing, and it refuses the zeros. Nor does an empty message, which is a
-# zero, show what it is.
+# Maximum number of topics whose type is stored. A client advertises a topic once, so the type
+# outlives the topic. Without it rosbridge uses its graph, which is empty just after its start, and
+# rejects the zeros; nor does an empty message, which is a zero, show its type.
 MAX_TYPES = 64
 ZERO_EVERY_S = 0.05
 ZEROS = 10
-# What a rosbridge that has just started publishes reaches nobody until its publisher and the base have found each
-# other, which takes seconds on a slow robot.
+# Number of zeros at a new rosbridge: its publisher and the base need seconds to find each other on
+# a slow robot.
 ZEROS_AFTER_RECONNECT = 60
 MOTION_FILE = "motion.json"
-# A driver's clean stop is often followed by the next motion; the file need not be written for each.
+# Delay before the motion file is removed: the next motion often follows soon, and need not write it
+# again.
 REMOVED_AFTER_S = 1.0
 
 Mode = Literal["observe", "drive", "direct"]

@@ -17,7 +17,7 @@ from robotether_agent.problems import AgentProblem, NoAnswer, ServerBusy, Server
 
 T = TypeVar("T")
 Pause = Callable[[], Awaitable[None]]
-# Attempts may be without end; their last problems say enough.
+# Maximum number of problems that are reported, the last ones.
 MAX_PROBLEMS = 8
 WHERE = re.compile(r"(.*) \(([^()]*)\)")
 

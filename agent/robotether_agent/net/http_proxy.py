@@ -19,7 +19,7 @@ from robotether_agent.problems import AgentProblem, NoAnswer, ServerUnreachable
 from robotether_agent.tasks import within
 
 DEFAULT_PORT = 3128
-# The proxy answers when it has reached the server, or knows that it cannot.
+# Time limit for the proxy's answer, which it gives once it has reached the server or failed.
 TIMEOUT_S = 5.0
 MAX_ANSWER_BYTES = 8 * 1024
 END = b"\r\n\r\n"

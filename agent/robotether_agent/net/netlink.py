@@ -27,7 +27,7 @@ KINDS = {16: "link", 17: "link", 20: "address", 21: "address", 24: "route", 25: 
 HEADER = struct.Struct("=IHHII")
 ALIGNMENT = 4
 BUFFER = 64 * 1024
-# One change of network comes as many messages; this many are read in one go at most.
+# Maximum number of messages read at once; one change of network causes as many.
 READS = 64
 
 log = logging.getLogger(__name__)

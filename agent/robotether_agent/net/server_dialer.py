@@ -31,30 +31,32 @@ SSH = b"SSH-"
 # What sshd says in place of its banner when it lets no further log-in begin: OpenSSH 10, and those before it.
 FULL = (b"Not allowed at this time", b"Exceeded MaxStartups")
 CLIENT_BANNER = b"SSH-2.0-robotether\r\n"
-# A server that speaks first does so one round trip after the connection is up, unless it is overloaded. To be spoken
-# to by mistake costs it a second connection, so this is long; ports that are known to wait are spoken to at once.
+# Time after which the client speaks first. A server that speaks first does so after one round trip,
+# unless it is overloaded, and a wrong guess costs it a second connection. At ports that are known
+# to wait the client speaks at once.
 SPEAK_AFTER_S = 6.0
-# Also of a server that is overloaded.
+# Time limit for a banner, even of an overloaded server.
 BANNER_TIMEOUT_S = 15.0
 HTTPS = 443
-# Silence on the first port, where packets to it are dropped, costs no more than this.
+# Delay before the next port is tried, for a network that drops packets to the first one.
 NEXT_PORT_AFTER_S = 0.5
-# A cell that cannot be reached for so long is likely to be gone, and not only slow.
+# Delay before the next cell is tried; a slow cell usually answers sooner.
 NEXT_CELL_AFTER_S = 2.0
-# While nothing answers a fresh attempt starts that often, since the kernel's own retries become rare soon.
+# Interval between fresh attempts while nothing answers; the kernel's own retries soon become rare.
 TRY_EVERY_S = (0.4, 0.6)
-# A server that accepts a connection but stays silent is overloaded, and each further one adds load: many
-# robots that ask twice a second keep it from ever answering. So while one is up, the next port and the next attempt
-# come later, and the caller waits longer.
+# Delay before the next port and attempt while a connection is silent. A server that accepts a
+# connection but stays silent is overloaded; retrying adds load, and frequent retries of many robots
+# keep it from ever answering.
 BUSY_NEXT_PORT_AFTER_S = 6.0
 BUSY_TRY_AFTER_S = (5.0, 7.0)
 BUSY_FIND_TIMEOUT_S, BUSY_ANSWER_S = 15.0, 0.5
-# Nor does a fleet leave a busy cell all together for the next one. A machine that hangs looks the same, and its robots
-# are to be drivable elsewhere within 5 s; each robot asks each cell once.
+# Delay before the next cell is tried when one is silent, random so that a fleet does not leave a
+# busy cell all at once. A machine that hangs looks the same, and its robots must be drivable
+# elsewhere within 5 s; each robot tries each cell once.
 BUSY_NEXT_CELL_AFTER_S = (2.0, 4.0)
-# After a change of the network it takes a while until addresses and routes have settled.
+# Delay after a change of the network until addresses and routes have settled.
 SETTLED_AFTER_S = 0.05
-# Then the caller learns that nothing answers, and may ask again. It is longer with several cells.
+# Time limit for finding a server with one cell, after which the caller may retry.
 FIND_TIMEOUT_S = 5.0
 SPARE_S = 3.0
 

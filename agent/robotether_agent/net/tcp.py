@@ -24,9 +24,10 @@ from robotether_agent.net.happy_eyeballs import HappyEyeballs, after
 from robotether_agent.problems import NoAnswer, ServerUnreachable
 from robotether_agent.tasks import within
 
-# A path that takes nothing for so long is given up, also by a client whose agent is gone.
+# Time limit for acknowledgements, after which the kernel closes a connection, even if its agent has
+# ended.
 USER_TIMEOUT_MS = 8000
-# What the kernel holds beside what is under way: more would only be older video when it leaves.
+# Maximum unsent size in the kernel; more would only make video older.
 MEDIA_UNSENT_BYTES = 16 * 1024
 # Numbers of linux/tcp.h, of which not every Python has the names.
 TCP_INFO = 11
@@ -36,17 +37,18 @@ TCP_NOTSENT_LOWAT = 25
 # struct tcp_info begins with bytes: the state, and third the time-outs since the last acknowledgement.
 TCP_INFO_START = struct.Struct("=BxB")
 ESTABLISHED = 1
-# A name service that is there answers in less.
+# Time limit for the name service while an earlier address is known.
 CACHED_TIMEOUT_S = 0.3
-# Without a known address there is nothing else to do than to wait for the name service.
+# Time limit for the name service without a known address.
 RESOLVE_TIMEOUT_S = 3.0
 THREADS = 4
 
 Address = tuple[socket.AddressFamily, Any]
 Resolve = Callable[[str, int], Sequence[Address]]
-# A first packet that is lost is sent again after 1 s; a second loss is left to the next attempt.
+# Time limit for a TCP connection; a lost first packet is repeated after 1 s, a second loss is left
+# to the next attempt.
 CONNECT_TIMEOUT_S = 3.0
-# RFC 8305 recommends it for the pause between two addresses.
+# Delay between attempts at two addresses, as RFC 8305 recommends.
 STAGGER_S = 0.25
 CHECK_NETWORK = "check this robot's network, and that the server's firewall allows this port"
 CHECK_SERVER = "see that the server runs and has this port, and that no firewall refuses it"

@@ -25,13 +25,13 @@ from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.session import DriveMessageHandler, Session, SessionConfig
 from robotether_agent.tunnel.tunnel import Tunnel
 
-# The server answers at most once in 5 s.
+# Minimum interval between checks; the server answers at most once in 5 s.
 CHECK_PAUSE_S = 5.5
 CHECK_EVERY_S = 60.0
-# Of a robot that nobody uses, only its own status shows what they find.
+# Interval between checks of an idle robot, whose own status alone shows the result.
 IDLE_CHECK_EVERY_S = 600.0
-# A log-in may wait for those of a whole fleet. After it the relay has little to do: one that has not done it by now
-# hangs, and another cell may serve the robot.
+# Time limit for the relay's first line after a log-in; a relay that exceeds it hangs, and another
+# cell may serve the robot.
 RELAY_ANSWERS_WITHIN_S = 5.0
 LOGGED_IN_CHECK_EVERY_S = 0.2
 

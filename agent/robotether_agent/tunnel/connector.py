@@ -39,12 +39,14 @@ from robotether_agent.tunnel.connection import Role, run_connection
 from robotether_agent.tunnel.openssh import SshFiles
 from robotether_agent.tunnel.session import NO_RELAY_BYES, Session, SessionConfig
 
-# A cut is mostly the network's: only after a longer one the server may have moved.
+# Time without a connection before the agent asks web for the server's address; shorter cuts are
+# mostly the network's.
 ASK_WEB_AFTER_S = 15.0
 ASK_WEB_EVERY_S = 30.0
-# A cell that fell silent so shortly before has had its time to answer.
+# Maximum age of a cell's silence that counts as its time to answer.
 JUST_SILENT_S = 3.0
-# OpenSSH gives a log-in up after 10 to 15 s without an answer; a refusal comes sooner.
+# Time after which a log-in counts as hanging; OpenSSH gives it up after 10 to 15 s, and a rejection
+# comes sooner.
 HANGS_AFTER_S = 8.0
 OTHERS_ADVICE = (
     "SOMEBODY MAY BE POSING AS THE SERVER there: ask the server's administrator whether that address is one of its "

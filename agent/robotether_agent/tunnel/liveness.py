@@ -26,17 +26,19 @@ from robotether_agent.problems import AgentProblem, LinkProblem, NetworkChanged,
 from robotether_agent.tasks import first_of
 from robotether_agent.tunnel.tunnel import Tunnel
 
-# Two heartbeats of the server and some more have not come; those of an idle robot come `idle_delay_s` later.
+# Time without data before a connection counts as silent, two heartbeats and a margin; an idle robot
+# adds `idle_delay_s`.
 SILENT_AFTER_S = 1.2
-# Whatever would still come on this connection, a new one is drivable earlier.
+# Time of silence after which a new connection is drivable earlier than the old one.
 HOPELESS_AFTER_S = 4.0
 CHECK_EVERY_S = 0.2
-# A poll that comes so late was not delayed by other work: this process or the whole machine did not run.
+# Minimum delay of a poll that shows that this process or the whole machine was suspended.
 PAUSED_S = 1.5
-# From then on, and for so long, less silence is enough.
+# Time after a suspension during which DISTRUSTED_AFTER_S of silence is enough.
 DISTRUST_S = 3.0
 DISTRUSTED_AFTER_S = 0.6
-# A new network without a way to the server must not be asked all the time while the old one works.
+# Pause after a failed attempt on another connection: a new network without a route to the server
+# must not be tried all the time while the old one works.
 REST_S = 10.0
 
 log = logging.getLogger(__name__)

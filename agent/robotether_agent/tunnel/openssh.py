@@ -43,7 +43,7 @@ CONNECT_TIMEOUT_S = 10
 # OpenSSH's own choice for a client without a terminal is the lowest class for all of them.
 # 8 is "throughput", a name that OpenSSH 10 takes for no class at all.
 IP_QOS: dict[Kind, str] = {"session": "af21", "media": "8", "shell": "8"}
-# ssh ends with 255 for its own errors; any other status is that of the command on the server.
+# Exit status of ssh's own errors; any other is that of the command on the server.
 SSH_FAILED = 255
 HELPER = Path(__file__).with_name("fd_passing_helper.py")
 

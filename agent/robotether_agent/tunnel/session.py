@@ -40,11 +40,12 @@ from robotether_agent.tasks import first_of
 
 MESSAGE_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 SOMEBODY = "somebody"
-# Until the server has sent its own times: logging in, key look-up, and the end of an older session.
+# Time limit until the server has sent its own limits: log-in, key look-up, and the end of an older
+# session.
 FIRST_TIMEOUT_S = 30.0
-# A configuration may shorten the time at any time.
+# Interval between checks of the time limit, which a configuration may shorten.
 CHECK_EVERY_S = 1.0
-# Who looks so much later did not run meanwhile, as after this machine's sleep: the server is not to blame.
+# Minimum delay of a check that shows that this process was suspended: the server is not to blame.
 FROZEN_S = 0.5
 MAX_UNSENT_BYTES = 64 * 1024
 MAX_PINGS = 16

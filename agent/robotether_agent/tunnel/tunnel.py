@@ -36,7 +36,7 @@ from robotether_agent.tunnel.openssh import (
 
 MAX_STDERR_BYTES = 8 * 1024
 CONTROL_TIMEOUT_S = 10.0
-# A server that is gone must not hold up a stop: systemd waits, and so does the next connection.
+# Time limit for ending a connection; systemd and the next connection wait for it.
 END_TIMEOUT_S = 1.5
 
 log = logging.getLogger(__name__)

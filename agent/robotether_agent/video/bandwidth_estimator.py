@@ -24,34 +24,39 @@ from dataclasses import dataclass
 from math import sqrt
 
 MIN_ROUND_S = 0.04
-# A round says what the path takes if somebody waited for the window during this part of it.
+# Minimum part of a round during which a sender waited for the window, so that the round measures
+# the path.
 FULL_PART = 0.8
-# Fewer segments are no frame. The last byte's arrival is seen so much too late, as often as one looks.
+# Minimum number of segments of a frame, and the delay of one check with which its last byte is
+# noticed.
 MIN_BURST_SEGMENTS = 4
 SEEN_LATE_S = 0.004
-# The queue that keeps the link busy between two looks, and the one that shows that the estimate is too high.
+# Length of the queue that keeps the link busy between two checks, and of the one that shows that
+# the estimate is too high.
 QUEUE_S = 0.006
 CEILING_S = 0.015
 BASE_FOR_S = 10.0
-# Round trips differ by this without any meaning.
+# Difference between round trips that has no meaning.
 BASE_NOISE_S = 0.001
 DRAIN_ROUNDS = 4
 DRAIN_PAUSE_S = 3.0
-# Less than this part of what the path holds is left behind a frame: no queue of ours hides the path's length.
+# Part of the path's capacity below which no queue of ours hides the path's length after a frame.
 PAUSE_PART = 0.8
-# So many more rounds with a queue over the ceiling than without one: it is no passing one.
+# Number by which rounds with a queue must exceed those without one before the queue counts as
+# lasting.
 LASTING_ROUNDS = 8
 MAX_ROUNDS = 8
 SEGMENTS_AT_START = 10
 MIN_SEGMENTS = 4
 MAX_WINDOW = 4 * 1024 * 1024
-# At the start the window doubles each round, until a round brings less than this more or a queue shows.
+# Gain of the window per round at the start, until rounds bring less than START_GROWTH or a queue
+# appears.
 START_GAIN = 2.0
 START_GROWTH = 1.25
 MAX_FLAT_ROUNDS = 3
-# Later, while no queue shows at all: the path may take more.
+# Gain of the window per round later, while there is no queue.
 SEARCH_GAIN = 1.15
-# Bytes are handed on at most so much faster than the path takes them: a burst is a queue too, if a short one.
+# Maximum ratio of the sending rate to the path's: a burst is a short queue, too.
 SPEED_GAIN = 1.25
 
 

@@ -36,9 +36,9 @@ from robotether_agent.video.sources import (
 
 ADDRESS = "127.0.0.1"
 MAX_TOPIC_LENGTH = 256
-# The relay has one a camera, and briefly two when it reconnects.
+# Maximum number of receivers; the relay has one per camera, and briefly two when it reconnects.
 MAX_RECEIVERS = 2 * MAX_SHARED_SOURCES
-# What waits in the kernel is old when it leaves.
+# Size of the kernel's send buffer; a frame that waits there is old when it leaves.
 SEND_BYTES = 16 * 1024
 SHUTDOWN_S = 0.2
 FAREWELL_S = 0.5

@@ -19,16 +19,16 @@ from collections.abc import Callable
 
 from robotether_agent.video.bandwidth_estimator import BandwidthEstimator, Reading
 
-# ssh takes at once what it can send. What it has not written by then is stuck at a viewer who takes nothing,
-# and must not count against the others.
+# Time after which unwritten data is stuck at a viewer that reads nothing, and must not delay the
+# others.
 STUCK_AFTER_S = 0.25
-# What may have gathered while nobody wanted to send.
+# Maximum sending time that idle senders save.
 SAVED_S = 0.012
-# Between two looks while somebody waits, and until what was handed on has arrived, but no longer than this: how fast
-# a frame went is seen at its end.
+# Maximum interval between checks while a sender waits and until the data has arrived: the end shows
+# how fast a frame was.
 CHECK_EVERY_S = 0.004
 ARRIVES_WITHIN_S = 1.0
-# The most in one turn, so that a stream does not wait long for the others, and the least, so that ssh makes no
+# Maximum and minimum size of one turn: a stream must not delay the others, and ssh must make no
 # encrypted packets of a few bytes.
 MAX_TURN_BYTES = 16 * 1024
 MIN_TURN_BYTES = 2 * 1024

@@ -13,14 +13,15 @@ QUALITY_STEP = 10
 SCALES = (0.75, 0.5, 0.35)
 LATE_FRAMES = 3
 VERY_LATE = 2.0
-# What comes within this part of the wanted time leaves room for a step up.
+# Part of the requested latency that leaves room for a step up.
 WELL_WITHIN = 0.6
 UP_AFTER_S, MAX_UP_AFTER_S = 4.0, 60.0
-# A step down that follows one up so soon shows that the way up was wrong.
+# Time after a step up in which a step down shows that the step up was wrong.
 REGRET_S = 10.0
-# So long without a step down, and the ways up are quick again.
+# Time without a step down after which steps up are quick again.
 CALM_S = 120.0
-# Less than this part of what comes in goes out, for so many looks: too few.
+# Minimum part of the offered frames that must leave, number of checks in a row below it that mean too
+# few, and minimum number of offered frames.
 FEW, FEW_LOOKS, FEW_OFFERED = 0.8, 3, 3
 GAIN = 1.1
 TRIED_S = 3.0

@@ -42,17 +42,18 @@ from robotether_agent.video.quality import Steps, ladder
 from robotether_agent.video.shared_sources import SharedSources, SourceSwitch
 from robotether_agent.video.sources import CameraFrame, SourceRequest, jpeg_size
 
-# Saved up for jitter: a camera of just the wanted rate comes early as often as late.
+# Maximum number of frames saved for jitter: a camera at the requested rate is early as often as
+# late.
 MAX_SAVED = 2.0
 IDLE_S = 2.0
 CHECK_EVERY_S = 0.25
 STATUS_EVERY_S = 1.0
 MAX_TEXTS = 8
-# Frames that went out and are not confirmed yet; more than a receiver that keeps the rules ever has.
+# Maximum number of unconfirmed frames; a receiver that keeps the rules never has as many.
 MAX_IN_FLIGHT = 8
 MIN_SIZE = 16
 
-# A browser's clock in ms; far beyond any, so that a sum never loses its fractions.
+# Maximum clock of a browser in ms, so that a sum never loses its fractions.
 MAX_CLOCK_MS = 1e13
 
 Getter = Callable[[JsonObject, str, Any, Any], Any]

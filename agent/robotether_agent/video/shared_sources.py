@@ -26,14 +26,14 @@ from robotether_agent.video.sources import (
     SourceRequest,
 )
 
-# A source that is open and gave no frame for so long is waited for.
+# Time without a frame after which an open source is waiting.
 WAITS_AFTER_S = 2.0
-# ... and after so long it counts as down. What cannot be opened ends before that.
+# Time without a frame after which a source counts as down; one that cannot be opened fails sooner.
 SILENT_AFTER_S = 4.0
 MAX_PAUSE_S = 5.0
 MAX_SHARED_SOURCES = 8
 GIVE_UP_S = 5.0
-# Of the time between two frames: what comes sooner after the last one, of another source, is the same one again.
+# Part of the interval between frames in which a frame of another source is the same frame.
 SAME = 0.5
 MAX_INTERVAL_S = 1.0
 

@@ -45,21 +45,22 @@ from robotether_agent.video.multipart import (
     boundary_of,
 )
 
-# What is older than this was stamped by another clock than this robot's.
+# Maximum age of a frame's timestamp; an older one is of another clock than this robot's.
 NEAR_S = 10.0
 CONNECT_WITHIN_S = 3.0
-# Without a frame for so long a source is opened again.
+# Time without a frame after which a source is opened again.
 STALL_S = 10.0
-# web_video_server finds a later publisher by itself, and of a silent topic it keeps each stream whose viewer left.
+# Time without a frame after which web_video_server's stream is opened again: it finds a later
+# publisher by itself, and keeps a silent topic's streams after their viewers left.
 SERVER_STALL_S = 60.0
-# Where both kinds may be, so often is looked whether web_video_server has come back.
+# Interval between checks for web_video_server where both kinds of source are allowed.
 RECHECK_S = 10.0
-# Without a frame for this time, ROS is asked whether web_video_server can show the camera at all.
+# Time without a frame after which ROS is asked whether web_video_server can show the camera.
 FIRST_FRAME_S = 1.0
-# As base64, and what is around it.
+# Maximum size of a message: a frame in base64, and its envelope.
 MAX_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
-# rosbridge sends nothing sooner than this part of the time between two frames; all of it would drop every second one
-# of a camera that has just the wanted rate.
+# Part of the interval between frames that rosbridge waits; all of it would drop every second frame
+# of a camera at the requested rate.
 THROTTLE = 0.75
 JPEG_START = b"\xff\xd8"
 # The markers that begin a frame's own header: start of frame, without the tables that share their range (C4, C8, CC).

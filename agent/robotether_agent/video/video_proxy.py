@@ -30,20 +30,20 @@ from robotether_agent.tasks import within
 from robotether_agent.video.pacer import Pacer
 
 CHUNK = 16 * 1024
-# The server opens at most 64 streams a robot; besides there are its look-ups of whether video works.
+# Maximum number of streams; the server opens at most 64 per robot, and checks whether video works.
 MAX_STREAMS = 80
 BACKLOG = 64
-# The frames that wait in the kernel between web_video_server and here are old when they leave. The kernel gives its
-# sender room by the segment, 64 KB on loopback, so that some MB would wait there.
+# Size of the receive buffer from web_video_server: frames that wait in the kernel are old when they
+# leave, and by default some MB would wait, since it grants 64 KB segments on loopback.
 RECEIVE_BYTES = 16 * 1024
 SEGMENT = 1448
 SEND_BYTES = 32 * 1024
 DIAL_TIMEOUT_S = 5.0
-# The first words of what is the agent's own, and how long is waited for the rest of one that begins so.
+# First bytes of the agent's own paths, and time limit for the rest of a path that begins so.
 LOCAL_PATHS = (b"GET /robotether/", b"HEAD /robotether/")
 LOCAL_PATH_BYTES = max(map(len, LOCAL_PATHS))
 FIRST_WORDS_S = 5.0
-# For what is on the way when one side has ended.
+# Time limit for data on the way when one side has ended.
 LAST_S = 10.0
 
 log = logging.getLogger(__name__)
