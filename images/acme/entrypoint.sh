@@ -8,6 +8,11 @@ readonly STATE=/var/lib/acme
 readonly CHALLENGES=/var/lib/acme-challenge
 readonly OUT=/etc/nginx/acme
 readonly ACCOUNT=$STATE/account
+# Touched every BEAT_S seconds, also while lego works or this sleeps.
+readonly ALIVE=/tmp/alive
+readonly BEAT_S=5
+# Time limit for one attempt of lego, which has a shorter one for each of its steps.
+readonly ATTEMPT_S=600
 readonly SHORTEST_LOOK_S=5
 readonly LONGEST_LOOK_S=21600
 readonly FIRST_PAUSE_S=20
@@ -42,8 +47,18 @@ life_s() { # certificate
   echo "$(($(seconds_of -enddate "$1") - $(seconds_of -startdate "$1")))"
 }
 
+# Keeps saying that this is alive while a command runs; ends with its status.
+beating() { # command
+  "$@" &
+  while kill -0 "$!" 2>/dev/null; do
+    touch "$ALIVE"
+    sleep "$BEAT_S"
+  done
+  wait "$!"
+}
+
 ask() { # run or renew, with its options
-  lego --accept-tos --email "$ACME_EMAIL" --domains "$DOMAIN" --server "$ACME_SERVER" --path "$STATE" \
+  beating timeout --signal=KILL "$ATTEMPT_S" lego --accept-tos --email "$ACME_EMAIL" --domains "$DOMAIN" --server "$ACME_SERVER" --path "$STATE" \
     --http --http.webroot "$CHALLENGES" "$@"
 }
 
@@ -99,10 +114,10 @@ main() {
   while :; do
     if get && { is_handed_over || hand_over; }; then
       pause_s=$FIRST_PAUSE_S
-      sleep "$(until_next_look_s)"
+      beating sleep "$(until_next_look_s)"
     else
       echo "acme: no certificate for $DOMAIN, or none newer; next try in $pause_s s. $DOMAIN must lead to port 80 of this server" >&2
-      sleep "$pause_s"
+      beating sleep "$pause_s"
       pause_s=$((pause_s * 4))
       if [ "$pause_s" -gt "$LONGEST_PAUSE_S" ]; then pause_s=$LONGEST_PAUSE_S; fi
     fi

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import processes
 import pytest
 from acme_network import DOMAIN, OTHER, AcmeNetwork, make_certificate
+from inside import run_inside
 
 HSTS = "strict-transport-security"
 VALIDITY_S = 30
 GOT = b"has a certificate until"
 NOT_YET = b"renewal is not needed"
 ASKED_TO = b"renewal is needed"
+ALIVE = "/usr/lib/robotether/alive"
 
 
 def let_in(folder: Path) -> Path:
@@ -134,6 +139,18 @@ def test_a_wrong_domain_stops_the_start(lonely: AcmeNetwork, domain: str) -> Non
     try:
         assert acme.wait(timeout=20)["StatusCode"] == 1
         assert b"DOMAIN is" in acme.logs()
+    finally:
+        lonely.stop(acme)
+
+
+def test_client_that_hangs_is_noticed(lonely: AcmeNetwork) -> None:
+    """Also before it has a certificate; while it waits for the authority it says that it is alive."""
+    acme = lonely.start_acme()
+    try:
+        lonely.wait("the first try", lambda: run_inside(acme, ALIVE).returncode == 0, acme)
+        for pid in processes.matching(acme, ""):
+            os.kill(pid, signal.SIGSTOP)
+        lonely.wait("the hang", lambda: run_inside(acme, ALIVE).returncode != 0, acme, seconds=60)
     finally:
         lonely.stop(acme)
 
