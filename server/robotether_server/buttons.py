@@ -22,7 +22,7 @@ Kind = Literal["publish", "call"]
 
 MAX_BUTTONS = 24
 MAX_NAME_LENGTH = 40
-# Of the JSON text of what a button sends, in bytes.
+# Maximum size of the JSON text that a button sends.
 MAX_FIELDS_BYTES = 2048
 MAX_FIELDS_DEPTH = 16
 WHOLE_64_BIT = (-(2**63), 2**64 - 1)

@@ -23,7 +23,8 @@ logger = logging.getLogger(__name__)
 
 MAX_MAC_LENGTH = 40
 ZERO_MAC = "00:00:00:00:00:00"
-# Bits of the first byte: for many machines at once, and given by a machine to itself (IEEE 802).
+# Bits of a MAC's first byte: for many machines at once, and given by a machine to itself (IEEE
+# 802).
 MULTICAST = 0x01
 LOCAL = 0x02
 

@@ -25,7 +25,7 @@ from robotether_server.settings import SiteAddressSettings
 HTTPS_PORT = 443
 CERTIFICATE_TIMEOUT_S = 3.0
 CERTIFICATE_CACHE_S = 60.0
-# The name comes with a request; nobody fills the memory with names.
+# Maximum number of cached names; they come with requests and must not fill the memory.
 MAX_CACHED = 16
 
 _LABEL = r"[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?"

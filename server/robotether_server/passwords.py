@@ -57,7 +57,7 @@ ROWS = tuple(
     for row in (_LETTERS * 2, "".join(_KEYS), "".join(_KEYS[1:]), *_COLUMNS)
     for way in (1, -1)
 )
-# Of a password, upper and lower case taken as one.
+# Maximum number of different characters, in one case, of a weak password.
 FEW_CHARACTERS = 4
 _NO_LETTER = re.compile("[^a-z]")
 

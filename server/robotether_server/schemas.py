@@ -25,7 +25,7 @@ MAX_NAME_LENGTH = 63
 PLAIN_NAME_PATTERN = "^[a-z0-9][a-z0-9._-]{0,62}$"
 ROBOT_NAME_PATTERN = "^[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?$"
 
-# As many as 64 bits have.
+# Maximum number of digits, those of 64 bits.
 MAX_DIGITS = 20
 
 S = TypeVar("S", bound=msgspec.Struct)

@@ -19,8 +19,9 @@ Mode = Literal["observe", "drive"]
 CredentialKind = Literal["login", "token"]
 SALT = "robotether.ticket"
 ID_BYTES = 16
-PARTS = 3  # payload, time, signature
-# Another machine may sign tickets, whose clock is not quite this one's.
+# Number of parts of a ticket: payload, time, signature.
+PARTS = 3
+# Maximum time by which the clock of another machine that signs tickets may be ahead.
 MAX_AHEAD_S = 2
 
 

@@ -38,7 +38,8 @@ MAX_CAPTURED_LENGTH = 1024 * 1024
 MAX_PARALLEL = 200
 POLL_S = 0.05
 CLOSED_WITHIN_S = 3.0
-INTERRUPTED = 130  # a shell's exit status for a command that Ctrl-C ended
+# Exit status of a shell for a command that Ctrl-C ended.
+INTERRUPTED = 130
 ENDED_WITHOUT_STATUS = -1
 # One line, because some login shells take no line break between quotes. $1 is the command.
 LIFELINE = (

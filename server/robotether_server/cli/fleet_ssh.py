@@ -32,15 +32,16 @@ from robotether_server.problems import Problem, reason_in
 
 USER_CONFIG = Path("~/.ssh/config")
 ALIAS = "robotether-"
-MAX_INCLUDE_DEPTH = 16  # OpenSSH's own bound
+# Maximum depth of Include, as in OpenSSH.
+MAX_INCLUDE_DEPTH = 16
 SSH_PORT = 22
 CONNECT_TIMEOUT_S = 10.0
 ANSWER_WITHIN_S = 10
 LOGIN_TIMEOUT_S = 30
 KEEPALIVE_S = 10
-# What ssh-keygen says of a name that is in no line.
+# Exit status of ssh-keygen for a name that is in no line.
 NOT_FOUND = 1
-# RFC 4254, 5.1
+# Reason code for a prohibited channel (RFC 4254, 5.1).
 PROHIBITED = 1
 CONNECT_FAILED = 2
 # By the type of key that known_hosts has: what the server may prove it with.

@@ -15,7 +15,7 @@ from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.problems import RecordMissing
 from robotether_server.settings import CellSettings
 
-# A relay writes its row each second.
+# Maximum age of a living cell's row; its relay writes it each second.
 ALIVE_S = 5
 
 

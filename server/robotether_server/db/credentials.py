@@ -17,7 +17,7 @@ from robotether_server.schemas import Label, Timestamp, UserName
 
 RANDOM_BYTES = 32
 API_PREFIX = "rt_"
-# So often at most a login that is used is written again.
+# Minimum interval between updates of a login's last use.
 RENEWED_EVERY = dt.timedelta(minutes=1)
 SELECT_TOKENS = (
     "SELECT t.id, u.name AS user, t.name, t.created_at, t.expires_at "

@@ -35,13 +35,13 @@ Values = Sequence[object] | Mapping[str, object]
 
 CONNECT_TIMEOUT_S = 5
 ANSWER_TIMEOUT_S = 15
-# For each of the two, of who can do without the database.
+# Time limit for connecting and for reading, each, of callers that can do without the database.
 BRIEF_TIMEOUT_S = 2
-# To connect with TLS costs several times what a transaction does. Not for longer: another account's password, another
-# database behind the same name.
+# Time for which a connection is kept, since connecting with TLS costs several times a transaction.
+# A longer time would outlive another account's password, or another database behind the same name.
 KEPT_FOR_S = 60.0
 
-# MariaDB's own numbers, which pymysql's table of MySQL's lacks.
+# Error numbers of MariaDB that pymysql's table of MySQL's lacks.
 CHECK_FAILED = 4025
 SIGNALLED = 1644
 STATEMENT_TIMEOUT = 1969

@@ -30,8 +30,8 @@ log = logging.getLogger(__name__)
 # For a robot whose settings cannot be read: nobody sends it anything that moves it.
 LOCKED = RobotSettings(policy=Policy(drive=LevelPolicy(), manage=LevelPolicy()))
 
-# Fields of robot_sessions and audit_events are cut to their columns: what a robot or a client says
-# about itself must not be able to refuse the row.
+# Maximum lengths, those of the columns of robot_sessions and audit_events: a text from a robot or
+# client must not make the row fail.
 MAX_VERSION = 32
 MAX_ADDRESS = 45
 MAX_ACTOR = 63

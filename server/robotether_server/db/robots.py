@@ -17,7 +17,8 @@ from robotether_server.problems import RecordExists, RecordMissing, StoreUnavail
 
 State = Literal["pending", "active", "disabled"]
 
-# A turn takes milliseconds. Who waits holds one of web's few threads, which the pages need too.
+# Time limit for the lock, which is held for milliseconds; a waiting request holds one of web's few
+# threads.
 LOCK_WAIT_S = 3
 # Maximum number of refused joins that are kept of one network, and of all; strangers may ask for any MAC.
 MAX_REFUSED_OF_NETWORK, MAX_REFUSED = 10, 100

@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 # For aiohttp's server, in place of its own.
 server_log = logging.getLogger(f"{__name__}.server")
 
-# A reason, a site or an action.
+# Maximum size of a body: a reason, a site or an action.
 MAX_BODY_BYTES = 4096
 # Time limit for the handlers when the relay stops.
 HANDLERS_STOP_WITHIN_S = 1.0

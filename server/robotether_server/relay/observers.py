@@ -23,7 +23,8 @@ from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
-# A guard reports what it refused a second later, or when its robot is back.
+# Time after a drive's end in which a guard's report of refusals belongs to it: it comes after a
+# second, or when the robot is back.
 GUARD_REPORTS_WITHIN_S = 10.0
 
 

@@ -49,10 +49,11 @@ from robotether_server.services import grants
 from robotether_server.services.grants import Grantee, Scope
 from robotether_server.settings import JoinSettings
 
-# What nobody announced: how much one network may leave waiting, and for how long.
+# Maximum number of unannounced robots and keys that wait per network, and time for which they wait.
 MAX_UNKNOWN_PER_NETWORK = 10
 UNKNOWN_ROBOT_LIFETIME = dt.timedelta(hours=24)
-# A robot that is active proves nothing here, so it may not fill the audit log.
+# Minimum interval between audit lines of a changed MAC: an active robot proves nothing here and
+# must not fill the log.
 MAC_CHANGED_EVERY = dt.timedelta(hours=24)
 # With a robot of the name localhost, people's `ssh localhost` and playbooks would reach that in place of their machine.
 ROBOT_NAME = re.compile(r"(?!localhost\Z)(?=.{1,63}\Z)[a-z0-9]([a-z0-9-]*[a-z0-9])?")

@@ -15,16 +15,16 @@ from robotether_server.schemas import Label
 from robotether_server.services import ssh_keys
 from robotether_server.services.joining import ROBOT_NAME
 
-# So that no user fills the table, nor the lists of admins.
+# Maximum number of tokens per user, so that nobody fills the table or the lists of admins.
 MAX_TOKENS = 1000
-# Lifetime of an API token when nobody says another.
+# Default life of an API token, in days.
 DEFAULT_DAYS = 365
 MAX_DAYS = 3650
-# Of a join token.
+# Maximum number of uses of a join token.
 MAX_USES = 10000
 MAX_HOURS = 8760
 MAX_LIFETIME = dt.timedelta(hours=MAX_HOURS)
-# The random end of the label of an invitation: a robot may be invited again.
+# Size of the random end of an invitation's label: a robot may be invited again.
 SUFFIX_BYTES = 3
 
 

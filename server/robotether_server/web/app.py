@@ -63,7 +63,7 @@ CORS_PATHS = frozenset(("/api/v1/tickets", "/api/v1/robots"))
 CORS_METHODS = "GET, POST"
 CORS_HEADERS = "Authorization, Content-Type"
 PREFLIGHT_CACHE_S = 600
-# To the database, for the next requests; its account has few for all cells.
+# Number of database connections kept for the next requests; the account has few for all cells.
 KEPT_CONNECTIONS = 4
 # The same for everybody, and no secret: any page may load it. Kept so shortly that an upgrade reaches all pages.
 CLIENT = "/static/dist/robotether-client.js"

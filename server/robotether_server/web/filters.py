@@ -18,7 +18,7 @@ from robotether_server.problems import FieldInvalid
 
 LENGTH_OF_DAY_TEXT = 10
 PER_PAGE = 50
-# One more than is shown: it shows whether there is an older page.
+# Number of rows to read: one more than a page shows, so that an older page is known.
 WANTED = PER_PAGE + 1
 Asked = dict[str, str]
 # What a filter offers, by its name: pairs of value and words.

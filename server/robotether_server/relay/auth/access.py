@@ -43,7 +43,7 @@ LOGIN_COOKIE = "__Host-robotether_login"
 ROBOT_NAME = re.compile(r"[a-z0-9-]{1,63}")
 HTTPS_PORT = 443
 MAX_USED_TICKETS = 20_000
-# Longer texts are no credential of ours, and need not be hashed to know that.
+# Maximum length of a credential; a longer text is none of ours and need not be hashed.
 MAX_CREDENTIAL_LENGTH = 512
 
 

@@ -23,11 +23,12 @@ from robotether_server.tickets import CredentialKind
 
 KEEP_S = 3.0
 MAX_KEPT = 10_000
-# For how long after its last use a credential may begin a drive while the database is away.
+# Time after its last use in which a credential may begin a drive while the database is down.
 RECENT_S = 15 * 60.0
 MAX_RECENT = 1000
-# A ticket must be so much newer than the last answer: its signer's clock may be ahead (`MAX_AHEAD_S`), and the
-# signer asked for the credential before it asked for the rest, each for `BRIEF_TIMEOUT_S` at most.
+# Minimum time by which a ticket must be newer than the last answer: its signer's clock may be ahead
+# (`MAX_AHEAD_S`), and the signer read the credential before the rest, each for at most
+# `BRIEF_TIMEOUT_S`.
 NEWER_BY_S = 6.0
 # Maximum number of unknown credentials in one question to the database.
 MAX_IN_QUESTION = 100

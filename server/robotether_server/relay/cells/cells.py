@@ -21,7 +21,7 @@ from robotether_server.times import utc_now
 log = logging.getLogger(__name__)
 
 POLL_EVERY_S = 1.0
-# What was read longer ago says nothing of how many robots the others have.
+# Maximum age of the other cells' numbers of robots.
 CURRENT_S = 3.0
 
 

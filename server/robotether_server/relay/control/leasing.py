@@ -29,7 +29,8 @@ from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
-# A guard reports right behind the first lines of its session, unless it starts at the same time.
+# Time limit for a guard's first report, which follows the session's first lines unless the guard
+# starts.
 GUARD_REPORTS_WITHIN_S = 1.0
 
 

@@ -35,11 +35,11 @@ log = logging.getLogger(__name__)
 MESSAGE_ID_BYTES = 8
 CONFIRMED_WITHIN_S = 1.0
 RELEASED_WITHIN_S = 2.0
-# A stop or release that a guard has not confirmed is sent again: it may have been starting.
+# Interval between repetitions of an unconfirmed stop or release; the guard may have been starting.
 REPEAT_EVERY_S = 1.0
 INSIST_EVERY_S = 0.2
-# A page sends one press on two paths; what comes so soon after another person's stop must not hide that one. No less
-# than the resolution in which times are shown, so that two stops of one person never look alike.
+# Time in which a page's second path repeats one press, which must not hide another person's stop.
+# At least the resolution of displayed times, so that two stops of one person never look alike.
 SAME_PRESS_S = 1.0
 # No name of a user reads like this.
 AT_ROBOT = "somebody at the robot"

@@ -28,12 +28,13 @@ from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import RateLimiter, RobotClock
 from robotether_server.relay.robots.viewer_stats import NOTHING, ViewerCounts
 
-# Pings may be unanswered as long as a silent client is waited for; of more, the oldest are forgotten.
+# Maximum number of unanswered pings; beyond it the oldest are dropped.
 MAX_PINGS_OPEN = 64
-# Two clocks drift apart by less between clock syncs; some browsers round theirs to 0.1 s.
+# Maximum time by which a timestamp may be ahead: clocks drift between clock syncs, and some
+# browsers round theirs to 0.1 s.
 AHEAD_S = 0.25
 _SEQUENCE = struct.Struct("!Q")
-# Clients drive one or two topics.
+# Maximum number of topics whose newest command waits; clients drive one or two.
 MAX_WAITING = 8
 POLL_EVERY_S = 0.005
 # Before the guard's kinds: some have the name of a kind of the policy's.

@@ -8,10 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timezone
 
-# RFC 6455: a control frame carries at most 125 bytes, two of which are the code.
+# Maximum size of a close reason: a control frame carries 125 bytes, two of them the code (RFC
+# 6455).
 MAX_REASON_BYTES = 123
 MEGABYTE = 1024 * 1024
-# Close code by which a client says that its driver gives up control; any other one only says that it leaves.
+# Close code of a client whose driver gives up control; any other code says that it left.
 GIVE_UP = 4000
 
 

@@ -38,18 +38,18 @@ log = logging.getLogger(__name__)
 # Time for which a name server's answer is kept: sshd may come back with another address.
 NAMES_KEPT_S = 2
 
-# Beyond this an end counts as full, and the other end is not read on.
+# Maximum unsent size before an end counts as full and the other end is no longer read.
 SEND_BUFFER_BYTES = 64 * 1024
-# What the system may keep of a driver's messages, doubled by Linux.
+# Size of the kernel's buffer of a driver's messages, which Linux doubles.
 DRIVE_SEND_BYTES = 32 * 1024
-# What the system may keep of a viewer's frames beside what is under way.
+# Maximum unsent size in the kernel of a viewer's frames.
 UNSENT_BYTES = 32 * 1024
-# How long an operator has to take what waits and to answer the close; and a robot.
+# Time limits for an operator, and a robot, to read waiting messages and answer the close.
 OPERATOR_FAREWELL_S = 2.0
 ROBOT_FAREWELL_S = 0.5
-# RFC 6455 reserves this code for connections that ended without a close frame.
+# Close code that RFC 6455 reserves for connections that ended without a close frame.
 NEVER_SENT = 1006
-# aiohttp refuses a message that is exactly as large as its limit.
+# Margin of aiohttp's limit, which rejects a message of exactly that size.
 LIMIT_MARGIN = 1
 
 

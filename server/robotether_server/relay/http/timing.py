@@ -18,7 +18,8 @@ from typing import Literal
 Verdict = Literal["ok", "client_silent", "client_slow", "robot_slow"]
 
 WINDOW_S = 10.0
-# Pings may come faster than agreed; of so many samples the oldest go early, which only makes ages greater.
+# Maximum number of samples; if pings come faster than agreed, the oldest are dropped, which only
+# makes ages greater.
 MAX_SAMPLES = 64
 
 

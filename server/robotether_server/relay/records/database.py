@@ -23,9 +23,9 @@ from robotether_server.settings import CellSettings
 T = TypeVar("T")
 
 THREADS = 4
-# A question that waits behind so many others would come too late anyway.
+# Maximum number of open questions; one that waits behind them would be answered too late.
 MAX_OPEN_QUESTIONS = 64
-# Of who takes control, and can do so without an answer.
+# Time limit for questions about taking control, which works without an answer.
 BRIEF_S = 1.0
 
 

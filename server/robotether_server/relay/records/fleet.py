@@ -20,7 +20,7 @@ from robotether_server.relay.records.database import RelayDatabase
 log = logging.getLogger(__name__)
 
 POLL_EVERY_S = 1.0
-# Credentials also end by time, which changes nothing in the database.
+# Interval between rechecks of credentials, whose expiry changes nothing in the database.
 RECHECK_EVERY_S = 30.0
 
 

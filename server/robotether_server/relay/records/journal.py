@@ -35,12 +35,12 @@ log = logging.getLogger(__name__)
 
 # A new relay ends what was left open; nobody was told that sessions are written.
 JournalEntry = LeaseStart | LeaseEnd | DriveEntry | StopEntry | AuditEntry
-# So many lines may be of entries that are written or have a newer line, beyond one for each that waits.
+# Maximum number of lines of written or replaced entries, beyond one per waiting entry.
 MAX_STALE_LINES = 1000
 RETRY_EVERY_S = 10.0
-# So many tasks wait for a disk that hangs; what is added beyond them is in memory alone.
+# Maximum number of tasks that wait for a hanging disk; further ones are only in memory.
 MAX_TASKS = 10_000
-# The end of a relay does not wait longer for the disk.
+# Time limit for the disk at the relay's end.
 CLOSE_WITHIN_S = 0.5
 _KINDS = {each.__name__: each for each in get_args(JournalEntry)}
 

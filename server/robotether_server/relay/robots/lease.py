@@ -19,7 +19,8 @@ from robotether_server.relay.http.timing import RateLimiter
 
 PASSES_AFTER_S = 20.0
 RESERVED_FOR_S = 10.0
-# Of one user at one robot: the driver sees each question, and the audit log has it.
+# Maximum number of requests in a row by one user for one robot: the driver sees each, and the audit
+# log has it.
 QUESTIONS_AT_ONCE = 3
 QUESTION_EVERY_S = 30.0
 

@@ -21,11 +21,11 @@ log = logging.getLogger(__name__)
 
 Note = Callable[[ServiceName, ServiceState], None]
 
-# A robot at the far end of a busy uplink answers within this, or operators would not wait either.
+# Time limit for a robot's answer, even behind a busy uplink; operators would not wait longer.
 ANSWER_WITHIN_S = 3.0
 CONNECT_WITHIN_S = 1.0
 CHECK_EVERY_S = 5.0
-# A whole fleet asks at once after a restart.
+# Maximum number of checks at once; a whole fleet asks after a restart.
 CHECKS_AT_ONCE = 64
 
 _REQUEST = (
@@ -38,7 +38,7 @@ _PROBES: Mapping[ServiceName, tuple[bytes, re.Pattern[bytes]]] = {
     "video": (_REQUEST, re.compile(rb"HTTP/1\.[01] [1-5]")),
     "shell": (b"", re.compile(rb"SSH-")),
 }
-# How many bytes of an answer are enough: of HTTP's its status, of SSH's its name.
+# Number of bytes of an answer that are enough: HTTP's status, SSH's name.
 _LOOKED_AT = {True: len(b"HTTP/1.1 2"), False: len(b"SSH-")}
 RELEASE_POLL_S = 0.02
 

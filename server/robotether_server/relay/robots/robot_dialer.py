@@ -31,13 +31,14 @@ from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Presence
 from robotether_server.times import utc_now
 
-# An operator is notified within a second when rosbridge does not answer; a robot far away gets as
-# many of its round trips more as opening a channel and a WebSocket needs, and some to spare.
+# Minimum time limit for connecting: an operator learns within a second that rosbridge does not
+# answer. A distant robot gets the round trips that opening a channel and a WebSocket needs, and a
+# margin.
 MIN_CONNECT_TIMEOUT_S = 0.8
 CONNECT_ROUND_TRIPS = 8
 MAX_CONNECT_TIMEOUT_S = 5.0
-# The session is there some milliseconds before its forward is, and a guard is notified of a new lease on
-# another channel than of the connection that has it.
+# Time limit for a forward, which follows its session by milliseconds, and for a guard to learn of a
+# new lease, which it gets on another channel than the connection.
 FORWARD_WITHIN_S = 0.6
 RETRY_S = 0.03
 

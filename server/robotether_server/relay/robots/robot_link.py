@@ -27,17 +27,18 @@ from robotether_server.relay.robots.session_messages import BrokenLineError, Pre
 
 log = logging.getLogger(__name__)
 
-# More unsent lines than this: the other side has stopped reading long ago.
+# Maximum unsent size; beyond it the other side has stopped reading.
 MAX_UNSENT_BYTES = 256 * 1024
-# Heartbeats that may be unanswered; the time-out ends the link well before.
+# Maximum number of unanswered heartbeats; the time limit ends the link well before.
 MAX_PINGS_OPEN = 64
-# Of a robot that nobody uses the round trip is measured once in so many heartbeats, as it is only shown.
+# Number of an idle robot's heartbeats per measurement of the round trip, which is only displayed.
 IDLE_PING_EACH = 5
-# An agent sends some three lines a second; reading without a limit would starve everybody else.
+# Maximum rate of lines; an agent sends some three a second, and reading without a limit would
+# starve the others.
 LINES_PER_S = 200
 LINES_AT_ONCE = 400
 GUARD_KEY_BYTES = 32
-# A bye that cannot be sent in this time is not sent.
+# Time limit for sending a bye.
 FAREWELL_S = 0.5
 
 

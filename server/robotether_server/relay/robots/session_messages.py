@@ -34,7 +34,7 @@ T = TypeVar("T")
 MAX_DETAIL = 300
 # Some 30 years at most; a machine's CLOCK_BOOTTIME begins when it starts.
 UptimeMs = Annotated[float, Meta(ge=0, le=1e12)]
-# What a browser, too, reads as the number that it is.
+# Maximum integer that a browser reads exactly.
 MAX_COUNT = 2**53 - 1
 Count = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
 

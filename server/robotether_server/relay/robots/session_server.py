@@ -24,7 +24,7 @@ from robotether_server.relay.robots.session_messages import Preface, WrongKeyErr
 log = logging.getLogger(__name__)
 
 PREFACE_WITHIN_S = 5.0
-# A whole fleet reconnects at once after a restart.
+# Maximum number of connections that wait to be accepted; a whole fleet reconnects after a restart.
 BACKLOG = 2048
 
 

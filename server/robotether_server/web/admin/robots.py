@@ -30,7 +30,7 @@ from robotether_server.web.pages import robot_settings, setting_fields
 
 blueprint = Blueprint("robots", __name__)
 
-# How many robots the list has, or sessions all of one; and how many sessions and events its history.
+# Maximum number of robots or sessions in a list, and of sessions and events in a robot's history.
 MAX_SHOWN = 200
 SHOWN = 10
 MAX_MAC_LENGTH = 17

@@ -45,7 +45,7 @@ blueprint.before_request(current_user.require_user)
 
 MAX_FIELD_LENGTH = 20_000
 RANGE = re.compile(r"a number from (\S+) to (\S+)")
-# So many rows for further cameras than there are.
+# Number of empty rows for further cameras.
 SPARE_ROWS = 2
 DEFAULTS = robot_settings.DEFAULTS.as_dict()
 PAGE_PATHS = (CAMERAS_PATH, *(field.path for tab in (CAMERAS, DRIVING) for field in tab.fields))

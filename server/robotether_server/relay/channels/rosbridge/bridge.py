@@ -46,15 +46,16 @@ from robotether_server.relay.http.sockets import (
 )
 from robotether_server.relay.http.timing import Excess, Liveness, LivenessLimits
 
-# A tunnel that dies closes rosbridge's connection and the robot's session in either order; wait
-# so long for the second, to report to the operator which of the two it was.
+# Time limit for the robot's session to end after rosbridge's connection: a lost tunnel ends both in
+# either order, and the operator reads which of the two it was.
 LINK_GRACE_S = 0.3
-# After so many messages of one side everybody else has a turn: a socket with messages that wait never lets go.
+# Maximum number of messages before yielding to the event loop; a socket with a backlog would never
+# yield.
 MESSAGES_A_TURN = 64
 # How much is read ahead of a message that waits, to find a stop; one more message may go beyond the bytes.
 MAX_AHEAD, MAX_AHEAD_BYTES = 1000, SEND_BUFFER_BYTES
-# Of large messages that all observers have not taken yet; with copies and what comes next the relay holds three times
-# that.
+# Maximum size of large messages that observers have not read; with copies and the next messages the
+# relay holds three times that.
 MAX_OBSERVERS_BYTES = 128 * 1024 * 1024
 PASSED_ON = frozenset((WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG))
 

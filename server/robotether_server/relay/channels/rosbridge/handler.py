@@ -36,7 +36,7 @@ from robotether_server.relay.robots.lease import Driver
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.times import utc_now
 
-# What an observer may say is short, and parsing it holds up everybody else.
+# Maximum size of an observer's message; observers send little, and parsing delays all others.
 OBSERVER_LIMIT = 64 * 1024
 
 

@@ -45,14 +45,15 @@ from robotether_server.robot_settings import LevelPolicy, Limits
 Kind = Literal["topic", "service", "operation", "shape", "rate", "size", "subscriptions", "json"]
 
 ANSWERS_PER_S = 10
-# Names whose right is remembered; clients use few.
+# Maximum number of names whose right is cached; clients use few.
 KNOWN_NAMES = 256
 KB = 1024
-# A message of one KB, or of so many values, takes as long to read as a small one does at all.
+# Number of values, like 1 KB of text, that take as long to read as a small message.
 VALUES_AS_ONE = 64
-# Who only looks has less to say; and there may be many of them.
+# Divisor of the rate for observers, who send little and may be many.
 OBSERVERS_SHARE = 10
-# Who is refused as much again as it may send, for so long, floods; even refusals cost the others time.
+# Time for which a client must exceed its rate by 100 % to count as flooding. Refusals cost time,
+# too.
 FLOOD_AFTER_S = 3.0
 MIN_FLOOD_PER_S = 100
 # A stop passes whatever else its sender floods the relay with. It is short, and its name spelt out.

@@ -29,7 +29,7 @@ Check = Callable[[Any], object]
 # Whose globs of the level's policy the operation's name must match.
 Right = Literal["subscribe", "publish", "call", "serve"]
 
-# Messages of ROS nest less than ten deep.
+# Maximum depth of a message; those of ROS have fewer than ten levels.
 MAX_DEPTH = 64
 # What signed and unsigned integers of ROS hold.
 MIN_INTEGER, MAX_INTEGER = -(2**63), 2**64 - 1
@@ -44,7 +44,8 @@ COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 MAX_THROTTLE_MS = 3_600_000
 MAX_QUEUE = 1000
 MAX_CALL_S = 60.0
-# Bounds of a fragment's size. Of a smaller one most that the robot sends would be the fragment's own frame.
+# Minimum and maximum size of a fragment; in a smaller one most bytes would be the fragment's own
+# frame.
 FRAGMENT_BYTES = (100, 2**31 - 1)
 STATUS_CODES = (-128, 127)
 MAX_TEXT_LENGTH = 1024

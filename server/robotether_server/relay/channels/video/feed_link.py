@@ -45,15 +45,16 @@ log = logging.getLogger(__name__)
 
 AGAIN_WITHIN_S = 10.0
 FIRST_PAUSE_S = 0.2
-# A connection that held for so long was none that breaks again and again.
+# Time after which a connection counts as stable.
 STEADY_S = 10.0
 CLOCK_SYNC_EVERY_S = 1.0
-# Clock syncs go out all the time: nothing at all for so long is a connection that is dead.
+# Time without data after which a connection counts as lost; clock syncs are sent all the time.
 SILENT_AFTER_S = 8.0
-# Viewers come together, and one may change its request with a slider.
+# Minimum interval between stream requests: viewers come together, and one may change its request
+# with a slider.
 REQUEST_EVERY_S = 0.1
-# Beside frames, which come for credits: an answer to each clock sync, a status at each change, and some. Reading
-# without a limit would starve everybody else.
+# Maximum rate of messages besides frames: an answer to each clock sync, a status at each change,
+# and a margin. Reading without a limit would starve the others.
 MESSAGES_PER_S = 50
 MESSAGES_AT_ONCE = 100
 TOO_MANY = 429

@@ -33,11 +33,12 @@ from robotether_server.relay.robots.robot import Change
 
 log = logging.getLogger(__name__)
 
-# A page that is loaded again, or that swaps its cameras, finds its feed again; within 1 s it is closed.
+# Time for which a feed stays open without viewers, for a page that reloads or swaps its cameras; it
+# must close within 1 s.
 LINGER_S = 0.5
-# Of one robot, whose agent has room for 8 cameras: who leaves one after the other must not use that up.
+# Maximum number of feeds of one robot without viewers; its agent has room for 8 cameras.
 MAX_LINGERING = 2
-# What a new viewer is shown at once.
+# Maximum age of the frame that a new viewer gets at once.
 FRESH_S = 1.0
 
 

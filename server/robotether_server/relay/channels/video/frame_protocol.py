@@ -33,7 +33,7 @@ from robotether_server.relay.http.timing import WindowedMaximum
 
 CLOCK_SYNCS_KEPT_S = 30.0
 MAX_DETAIL = 200
-# A clock in ms, of a machine that has run for up to 30 years.
+# Maximum clock in ms, of a machine that has run for 30 years.
 MAX_UPTIME_MS = 1e12
 WHOLE_TEXT, WHOLE_BINARY = 0x81, 0x82
 STATES, SOURCES = get_args(State), get_args(Source)

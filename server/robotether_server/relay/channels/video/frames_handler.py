@@ -39,7 +39,7 @@ from robotether_server.relay.http.sockets import OperatorConnection, ViewerSocke
 from robotether_server.relay.http.timing import Liveness, LivenessLimits, RateLimiter
 from robotether_server.times import utc_now
 
-# Two texts a frame at 60 frames a second, and some.
+# Maximum rate of messages: two texts per frame at 60 frames a second, and a margin.
 MESSAGES_PER_S = 200
 MESSAGES_AT_ONCE = 400
 

@@ -46,9 +46,10 @@ from robotether_server.times import utc_now
 log = logging.getLogger(__name__)
 
 VIEWER_SLOW_AFTER_S = 10.0
-# web_video_server answers for a snapshot when there is a frame, and never for a topic that nothing publishes.
+# Time limit for headers: web_video_server answers a snapshot with the next frame, and never without
+# a publisher.
 HEADERS_WITHIN_S = 8.0
-# ... and a stream of such a topic would stay open without end.
+# Time without data after which a stream ends; without a publisher it would stay open for ever.
 SILENT_AFTER_S = 30.0
 # With 101 the connection would be a pipe on which anything passes, to nginx and beyond.
 ANSWERS = range(200, 600)
