@@ -33,7 +33,8 @@ export class Feed {
     this.close();
     const abort = (this.abort = new AbortController());
     this.expectMore();
-    const answer = await ask(abort.signal);
+    const request = { headers: { Accept: "text/event-stream" }, signal: abort.signal, cache: /** @type {RequestCache} */ ("no-store") };
+    const answer = await fetch("/api/v1/events", request).catch(() => null);
     if (answer?.body && answer.ok) await this.listen(answer.body.getReader());
     if (abort !== this.abort) return;
     if (answer?.status === 401) this.endLogin();
@@ -78,12 +79,6 @@ export class Feed {
     this.abort?.abort();
     this.abort = null;
   }
-}
-
-// Gives null when the server gives no answer.
-async function ask(signal) {
-  const headers = { Accept: "text/event-stream" };
-  return fetch("/api/v1/events", { headers, signal, cache: "no-store" }).catch(() => null);
 }
 
 // Gives null at the end.

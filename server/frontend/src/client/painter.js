@@ -22,18 +22,18 @@ export class Painter {
   draw(image) {
     const { width, height } = image;
     const across = this.turned % 180 !== 0;
-    this.fit(across ? height : width, across ? width : height);
+    fitCanvas(this.canvas, across ? height : width, across ? width : height);
     const { canvas, context } = this;
     context.setTransform(1, 0, 0, 1, canvas.width / 2, canvas.height / 2);
     context.rotate((this.turned * Math.PI) / 180);
     context.drawImage(image, -width / 2, -height / 2);
   }
+}
 
-  // A canvas that is given its size anew is empty, so only for a new one.
-  fit(width, height) {
-    if (this.canvas.width !== width) this.canvas.width = width;
-    if (this.canvas.height !== height) this.canvas.height = height;
-  }
+// A canvas that is given its size anew is empty, so only for a new one.
+export function fitCanvas(canvas, width, height) {
+  if (canvas.width !== width) canvas.width = width;
+  if (canvas.height !== height) canvas.height = height;
 }
 
 export const imageOf = (jpeg) => new Blob([jpeg], { type: "image/jpeg" });

@@ -72,6 +72,13 @@ export function make(tag, attributes = {}, ...children) {
   return element;
 }
 
+// Makes a button with a test id; `act` comes with each click.
+export function makeButton(testId, text, act, attributes = {}) {
+  const button = make("button", { type: "button", "data-testid": testId, ...attributes }, text);
+  button.addEventListener("click", act);
+  return button;
+}
+
 // Hides or shows buttons. One that goes while it has the focus hands it to the first that is there, else to `last`, or the next
 // Tab would begin at the top.
 export function keepFocus(change, buttons, last) {

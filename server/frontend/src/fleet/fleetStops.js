@@ -2,7 +2,7 @@
 
 import { AGAIN_MS, Stopping, TRIES, refusal } from "../control/stopping.js";
 import { api, stopAll } from "../dom/calls.js";
-import { localTime, make, part, setText } from "../dom/page.js";
+import { localTime, make, makeButton, part, setText } from "../dom/page.js";
 import { stop as stopTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
 
@@ -54,8 +54,8 @@ export class FleetStops {
     const wanted = sites.join("\n");
     if (wanted === this.shown) return;
     this.shown = wanted;
-    const all = button(texts.stopAll, "stop-all", () => this.stop());
-    const each = sites.map((site) => button(texts.stopSite(site), `stop-site-${site}`, () => this.stop(site)));
+    const all = makeButton("stop-all", texts.stopAll, () => this.stop());
+    const each = sites.map((site) => makeButton(`stop-site-${site}`, texts.stopSite(site), () => this.stop(site)));
     this.bar.replaceChildren(all, ...each);
   }
 
@@ -89,12 +89,6 @@ export class FleetStops {
     const items = lines.map((line) => make("li", {}, line));
     this.result.replaceChildren(...(items.length ? [make("ul", {}, ...items)] : []));
   }
-}
-
-function button(text, testId, onPress) {
-  const element = make("button", { type: "button", "data-testid": testId }, text);
-  element.addEventListener("click", onPress);
-  return element;
 }
 
 // The Stop button of one robot on the fleet page, and what is known of that robot's stop. A robot has one, in the card or

@@ -1,6 +1,7 @@
 // The robot from above in a tile of its own, which follows it. Drawn once a frame of the page at most, and only after
 // something changed.
 
+import { fitCanvas } from "../client/painter.js";
 import { part, setText } from "../dom/page.js";
 import { map as texts } from "../texts/video.js";
 
@@ -105,16 +106,11 @@ export class MapTile {
   paint() {
     const ratio = window.devicePixelRatio || 1;
     const { clientWidth, clientHeight } = this.element;
-    this.fit(Math.round(clientWidth * ratio), Math.round(clientHeight * ratio));
+    fitCanvas(this.canvas, Math.round(clientWidth * ratio), Math.round(clientHeight * ratio));
     const { world, parts } = this;
     const empty = isEmpty(world, parts);
     drawWorld(this.canvas, world, { zoom: ZOOMS[this.zoom] * ratio, parts, empty });
     setText(part(this.element, "words"), empty ? texts.nothing : isLost(world, parts) ? texts.lost : "");
-  }
-
-  fit(width, height) {
-    if (this.canvas.width !== width) this.canvas.width = width;
-    if (this.canvas.height !== height) this.canvas.height = height;
   }
 }
 

@@ -1,6 +1,6 @@
 // Shows one probe of a topic: its newest message, how often it comes, and one of its numbers over the last minute.
 
-import { make, setText, shortNumber, sizeText } from "../dom/page.js";
+import { make, makeButton, setText, shortNumber, sizeText } from "../dom/page.js";
 import { topics as texts } from "../texts/panels.js";
 import { preview } from "./fields.js";
 import { TopicProbe, MEASURE_MS } from "./topicProbe.js";
@@ -20,18 +20,12 @@ export class Inspector {
   }
 
   build({ name, type }, onClose) {
-    const button = (part, text, act) => {
-      const element = make("button", { type: "button", "data-testid": part }, text);
-      element.addEventListener("click", act);
-      return element;
-    };
-    this.close = button("topic-close", "×", onClose);
-    this.close.setAttribute("aria-label", texts.close(name));
+    const close = makeButton("topic-close", "×", onClose, { "aria-label": texts.close(name) });
     this.pace = make("span", { "data-testid": "topic-rate" });
-    this.measure = button("topic-measure", texts.measure, () => this.probe.measure());
-    this.measure.title = texts.measureHelp(MEASURE_MS / 1000);
+    const help = texts.measureHelp(MEASURE_MS / 1000);
+    this.measure = makeButton("topic-measure", texts.measure, () => this.probe.measure(), { title: help });
     this.large = make("p", { class: "hint" }, texts.large);
-    this.getOne = button("topic-get-one", texts.getOne, () => this.probe.getOne());
+    this.getOne = makeButton("topic-get-one", texts.getOne, () => this.probe.getOne());
     this.notice = make("p", { class: "topic-notice", role: "status", "data-testid": "topic-notice" });
     this.content = make("pre", { tabindex: "0", role: "region", "aria-label": texts.content(name), "data-testid": "topic-content" });
     // All digits while somebody points at it or reads it by the keyboard.
@@ -39,7 +33,7 @@ export class Inspector {
     this.element = make(
       "section",
       { class: "topic-look", "aria-label": name, "data-testid": "topic-look", "data-topic": name },
-      make("header", {}, make("h2", {}, name), this.close),
+      make("header", {}, make("h2", {}, name), close),
       make("p", { class: "topic-type" }, type || texts.untyped),
       make("div", { class: "topic-pace" }, this.pace, this.measure),
       this.large,
