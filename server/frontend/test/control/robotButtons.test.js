@@ -32,156 +32,112 @@ beforeEach(() => {
 afterEach(() => mock.timers.reset());
 
 const drive = () => robotButtons.use({ live: true, driving: true });
+const watch = () => robotButtons.use({ live: true, driving: false });
+const press = (action) => robotButtons.press(action);
+const confirm = () => robotButtons.confirm(dock);
+const tick = (ms) => mock.timers.tick(ms);
 const settle = () => new Promise((resolve) => setImmediate(resolve));
+const answer = (nth, values = {}) => [calls[nth].resolve({ ok: true, values }), settle()].at(-1);
 
 test("nothing is sent unless the page drives", () => {
-  robotButtons.use({ live: true, driving: false });
-  for (const action of robotButtons.all) robotButtons.press(action);
-  robotButtons.confirm(dock);
+  watch();
+  for (const action of robotButtons.all) press(action);
+  confirm();
   assert.deepEqual([publishers, calls], [[], []]);
 });
 
 test("a publisher stands from when the page drives until it does no more", () => {
   drive();
-  assert.deepEqual(
-    publishers.map(({ name, type }) => [name, type]),
-    [["/lights", "std_msgs/Bool"]],
-  );
-  robotButtons.press(lights);
-  robotButtons.press(lights);
-  assert.deepEqual(publishers[0].published, [{ data: true }, { data: true }]);
-  assert.equal(lights.state, "sent");
+  assert.deepEqual([publishers.length, publishers[0].name, publishers[0].type], [1, "/lights", "std_msgs/Bool"]);
+  press(lights);
+  press(lights);
+  assert.deepEqual([publishers[0].published, lights.state], [[{ data: true }, { data: true }], "sent"]);
   robotButtons.use({ live: false, driving: true });
   assert.equal(publishers[0].ended, true);
 });
 
-test("what the server refuses to publish is said", () => {
+test("a button that asks sends once it is answered", () => {
   drive();
-  robotButtons.press(lights);
-  publishers[0].onRefused("cannot publish to /lights: the robot's policy does not let you");
-  assert.equal(lights.state, "failed");
-  assert.match(lights.words, /Lights on: failed\. cannot publish to \/lights: the robot's policy/);
-});
-
-test("a button that asks does nothing until it is answered, and forgets its question", () => {
-  drive();
-  robotButtons.press(dock);
-  assert.equal(dock.state, "asking");
-  robotButtons.press(dock);
-  assert.equal(calls.length, 0);
-  mock.timers.tick(500);
-  robotButtons.cancel(dock);
-  robotButtons.confirm(dock);
-  assert.equal(calls.length, 0);
-  robotButtons.press(dock);
-  mock.timers.tick(10_000);
-  assert.equal(dock.state, "idle");
-  robotButtons.press(dock);
-  mock.timers.tick(500);
-  robotButtons.confirm(dock);
+  press(dock);
+  tick(500);
+  confirm();
   assert.deepEqual(calls[0].how, ["/dock", {}, "std_srvs/Trigger"]);
 });
 
-test("the second press of a double one does not answer what the first one asked", () => {
-  drive();
-  robotButtons.press(dock);
-  mock.timers.tick(499);
-  robotButtons.confirm(dock);
-  assert.deepEqual([dock.state, dock.open, calls.length], ["asking", false, 0]);
-  mock.timers.tick(1);
-  assert.equal(dock.open, true);
-  robotButtons.cancel(dock);
-  robotButtons.press(dock);
-  robotButtons.confirm(dock);
-  assert.equal(calls.length, 0);
-});
+// Of the button that asks: what it is after some steps; none of them sends anything.
+for (const [name, act, state, open] of [
+  ["a button that asks does nothing until it is answered", () => [press(dock), press(dock)], "asking", false],
+  ["the second press of a double one is no answer", () => [press(dock), tick(499), confirm()], "asking", false],
+  ["then it can be answered", () => [press(dock), tick(500)], "asking", true],
+  ["what was cancelled is not answered", () => [press(dock), tick(500), robotButtons.cancel(dock), confirm()], "idle", false],
+  ["nor opened by the press before it", () => [press(dock), tick(500), robotButtons.cancel(dock), press(dock), confirm()], "asking", false],
+  ["it forgets its question", () => [press(dock), tick(10_000)], "idle", false],
+  ["a question does not outlast the driving", () => [press(dock), tick(500), watch(), drive(), confirm()], "idle", false],
+]) {
+  test(name, () => {
+    drive();
+    act();
+    assert.deepEqual([dock.state, dock.open, calls], [state, open, []]);
+  });
+}
 
-test("a question does not outlast the driving", () => {
-  drive();
-  robotButtons.press(dock);
-  mock.timers.tick(500);
-  robotButtons.use({ live: true, driving: false });
-  assert.equal(dock.state, "idle");
-  drive();
-  robotButtons.confirm(dock);
-  assert.equal(calls.length, 0);
-});
-
-test("the robot's own words are shown, whether it did it or not", async () => {
-  drive();
-  robotButtons.press(scan);
-  assert.equal(scan.state, "pending");
-  assert.deepEqual(calls[0].how, ["/scan", { n: 1 }, undefined]);
-  calls[0].resolve({ ok: true, values: { success: true, message: "found 3" } });
-  await settle();
-  assert.deepEqual([scan.state, scan.words], ["done", "Scan: done. The robot says: found 3"]);
-  robotButtons.press(scan);
-  calls[1].resolve({ ok: true, values: { success: false, message: "no laser" } });
-  await settle();
-  assert.deepEqual([scan.state, scan.words], ["failed", "Scan: failed. no laser"]);
-});
+// What is said of a press, by what becomes of it.
+for (const [name, button, act, state, words] of [
+  ["it waits for the robot", () => scan, () => {}, "pending", "Scan: waiting for the robot."],
+  ["it did it", () => scan, () => answer(0, { success: true, message: "found 3" }), "done", "Scan: done. The robot says: found 3"],
+  ["it did not", () => scan, () => answer(0, { success: false, message: "no laser" }), "failed", "Scan: failed. no laser"],
+  ["no answer for a while", () => scan, () => tick(30_000), "failed", "Scan: failed. No answer for 30 s. The robot may still do it."],
+  ["a late answer counts", () => scan, () => [tick(30_000), answer(0)].at(-1), "done", "Scan: done."],
+  ["but not of a newer press", () => scan, () => [tick(30_000), press(scan), answer(0)].at(-1), "pending", "Scan: waiting for the robot."],
+  ["the server refuses it", () => lights, () => publishers[0].onRefused("cannot publish"), "failed", "Lights on: failed. cannot publish"],
+  [
+    "a link that ends leaves open whether it was done",
+    () => scan,
+    () => robotButtons.use({ live: false, driving: true }),
+    "failed",
+    "Scan: failed. The connection ended before the robot answered. It may have done it.",
+  ],
+  [
+    "a call that cannot be sent",
+    () => scan,
+    () => [calls[0].reject(new Error("not connected")), settle()].at(-1),
+    "failed",
+    "Scan: failed. The robot is not connected.",
+  ],
+]) {
+  test(`words of a press: ${name}`, async () => {
+    drive();
+    press(button());
+    await act();
+    assert.deepEqual([button().state, button().words], [state, words]);
+  });
+}
 
 test("a press while an answer is awaited sends nothing more", () => {
   drive();
-  robotButtons.press(scan);
-  robotButtons.press(scan);
-  assert.equal(calls.length, 1);
+  press(scan);
+  press(scan);
+  assert.deepEqual(
+    calls.map(({ how }) => how),
+    [["/scan", { n: 1 }, undefined]],
+  );
 });
 
-test("a robot that does not answer is said after a while, and its late answer counts", async () => {
-  drive();
-  robotButtons.press(scan);
-  mock.timers.tick(30_000);
-  assert.deepEqual([scan.state, scan.words], ["failed", "Scan: failed. No answer for 30 s. The robot may still do it."]);
-  calls[0].resolve({ ok: true, values: {} });
-  await settle();
-  assert.equal(scan.state, "done");
-});
-
-test("an answer to an earlier press says nothing of the newer one", async () => {
-  drive();
-  robotButtons.press(scan);
-  mock.timers.tick(30_000);
-  robotButtons.press(scan);
-  calls[0].resolve({ ok: true, values: {} });
-  await settle();
-  assert.equal(scan.state, "pending");
-});
-
-test("a link that ends leaves open whether it was done", () => {
-  drive();
-  robotButtons.press(scan);
-  robotButtons.use({ live: false, driving: true });
-  assert.equal(scan.state, "failed");
-  assert.match(scan.words, /may have done it/);
-});
-
-test("a call that cannot be sent has failed", async () => {
-  drive();
-  robotButtons.press(scan);
-  calls[0].reject(new Error("cannot call /scan: not connected"));
-  await settle();
-  assert.deepEqual([scan.state, scan.words], ["failed", "Scan: failed. The robot is not connected."]);
-});
-
-test("success is what rosbridge and the service both call so", () => {
-  assert.equal(succeeded({ ok: true, values: {} }), true);
-  assert.equal(succeeded({ ok: true, values: { success: true } }), true);
-  assert.equal(succeeded({ ok: true, values: { success: false } }), false);
-  assert.equal(succeeded({ ok: false, values: "no such service" }), false);
-});
-
-test("an answer is its message, its other values, or a text", () => {
-  assert.equal(answerWords({ values: { success: true, message: "docked" } }), "docked");
-  assert.equal(answerWords({ values: { success: true } }), "");
-  assert.equal(answerWords({ values: { sum: 3 } }), '{"sum":3}');
-  assert.equal(answerWords({ values: {} }), "");
-  assert.equal(answerWords({ values: null }), "");
-  assert.equal(answerWords({ values: "service /x does not exist" }), "service /x does not exist");
-});
+for (const [answer, does, words] of [
+  [{ ok: true, values: {} }, true, ""],
+  [{ ok: true, values: null }, true, ""],
+  [{ ok: true, values: { success: true } }, true, ""],
+  [{ ok: true, values: { sum: 3 } }, true, '{"sum":3}'],
+  [{ ok: true, values: { success: true, message: "docked" } }, true, "docked"],
+  [{ ok: true, values: { success: false } }, false, ""],
+  [{ ok: false, values: "service /x does not exist" }, false, "service /x does not exist"],
+]) {
+  test(`an answer ${JSON.stringify(answer)} is its message, its other values, or a text`, () => {
+    assert.deepEqual([succeeded(answer), answerWords(answer)], [does, words]);
+  });
+}
 
 test("what a robot says is cut before it fills the page", () => {
   assert.equal(answerWords({ values: { message: "x".repeat(1000) } }).length, 301);
-  assert.equal(refusalWords("x".repeat(1000)).length, 301);
-  assert.equal(refusalWords(undefined), "");
+  assert.deepEqual([refusalWords("x".repeat(1000)).length, refusalWords(undefined)], [301, ""]);
 });

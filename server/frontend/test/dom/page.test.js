@@ -14,15 +14,17 @@ function storage() {
   };
 }
 
-test("a question mark asks for the keys, but not with a modifier and not in a text", () => {
-  const inText = { closest: (selector) => (selector.includes("textarea") ? {} : null) };
-  const onPage = { closest: () => null };
-  assert.ok(asksForKeys({ key: "?", target: onPage }));
-  assert.ok(asksForKeys({ key: "?", shiftKey: true, target: onPage }));
-  assert.ok(!asksForKeys({ key: "?", target: inText }));
-  assert.ok(!asksForKeys({ key: "?", ctrlKey: true, target: onPage }));
-  assert.ok(!asksForKeys({ key: "/", target: onPage }));
-});
+for (const [what, event, asks] of [
+  ["a question mark", { key: "?" }, true],
+  ["one with Shift", { key: "?", shiftKey: true }, true],
+  ["one in a text", { key: "?", target: { closest: (selector) => selector.includes("textarea") } }, false],
+  ["one with a modifier", { key: "?", ctrlKey: true }, false],
+  ["another key", { key: "/" }, false],
+]) {
+  test(`${what} ${asks ? "asks" : "does not ask"} for the keys`, () => {
+    assert.equal(asksForKeys({ target: { closest: () => null }, ...event }), asks);
+  });
+}
 
 test("what is written is read again, and forgotten when asked", () => {
   const store = storage();
@@ -33,21 +35,18 @@ test("what is written is read again, and forgotten when asked", () => {
   assert.equal(kept.read("sticks"), null);
 });
 
-test("what is no JSON, and what was never written, is nothing", () => {
+test("what is no JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
   const store = storage();
   store.values.set("robotether.sticks", "{");
-  const kept = new LocalStore(() => store);
-  assert.equal(kept.read("sticks"), null);
-  assert.equal(kept.read("other"), null);
-});
-
-test("a browser that keeps nothing is no error", () => {
-  const kept = new LocalStore(() => {
+  const blocked = () => {
     throw new Error("blocked");
-  });
+  };
+  for (const kept of [new LocalStore(() => store), new LocalStore(blocked)]) {
+    assert.deepEqual([kept.read("sticks"), kept.read("other")], [null, null]);
+  }
+  const kept = new LocalStore(blocked);
   kept.write("sticks", true);
   kept.forget("sticks");
-  assert.equal(kept.read("sticks"), null);
 });
 
 test("choices are those of their name, nonsense is none, and what is chosen anew leaves the others", () => {
@@ -61,15 +60,8 @@ test("choices are those of their name, nonsense is none, and what is chosen anew
 });
 
 test("numbers are short and still tell small from none", () => {
-  assert.deepEqual([0, 0.12345, -1.5, 123456.7, 0.0001234, 2.5e12, NaN].map(shortNumber), [
-    "0",
-    "0.123",
-    "-1.5",
-    "123457",
-    "1.23e-4",
-    "2.50e+12",
-    "-",
-  ]);
+  const numbers = [0, 0.12345, -1.5, 123456.7, 0.0001234, 2.5e12, NaN];
+  assert.equal(numbers.map(shortNumber).join(), "0,0.123,-1.5,123457,1.23e-4,2.50e+12,-");
 });
 
 test("sizes are told in the unit that people know", () => {

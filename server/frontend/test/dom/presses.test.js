@@ -22,59 +22,45 @@ function page() {
   return { down: (target) => fire("pointerdown", { target }), click: (target, more) => fire("click", { target, ...more }), fire };
 }
 
-test("a press counts on the control on which it began, also from a part of it", () => {
-  const { down, click } = page();
-  const drive = button();
-  down(element(drive, ["button"]));
-  assert.ok(click(drive));
-});
+const TARGETS = {
+  plain: element(null),
+  drive: button(),
+  leave: button(),
+  stop: element(undefined, ["button", ".stop"]),
+  field: element(undefined, ["input"]),
+};
+TARGETS.icon = element(TARGETS.drive, ["button"]); // a part of it
+TARGETS.label = Object.assign(element(undefined, ["label"]), { control: TARGETS.field });
 
-test("a control that appears under the finger takes nothing", () => {
-  const { down, click } = page();
-  const [release, leave] = [button(), button()];
-  down(release);
-  assert.ok(!click(leave));
-  down(element(null));
-  assert.ok(!click(leave));
-  down(leave);
-  assert.ok(click(leave));
-});
-
-test("what is no control, and clicks of keys, scripts and assistive technology pass", () => {
-  const { down, click } = page();
-  down(button());
-  assert.ok(click(element(null)));
-  assert.ok(click(button(), { detail: 0 }));
-  assert.ok(click(button(), { isTrusted: false }));
-});
+// Where presses began, one after the other, and whether a click there counts.
+for (const [name, downs, target, counts, more] of [
+  ["a press counts on the control on which it began", ["drive"], "drive", true],
+  ["also from a part of it", ["icon"], "drive", true],
+  ["a control that appears under the finger takes nothing", ["drive"], "leave", false],
+  ["nor does one beside which the press began", ["drive", "plain"], "leave", false],
+  ["a press anew counts", ["drive", "plain", "leave"], "leave", true],
+  ["what is no control passes", ["drive"], "plain", true],
+  ["so does a click of a key or of assistive technology", ["drive"], "leave", true, { detail: 0 }],
+  ["so does one of a script", ["drive"], "leave", true, { isTrusted: false }],
+  ["a label's press counts on its field", ["label"], "field", true],
+  ["Stop acts whatever the press began on", ["drive"], "stop", true],
+]) {
+  test(name, () => {
+    const { down, click } = page();
+    for (const place of downs) down(TARGETS[place]);
+    assert.equal(click(TARGETS[target], more), counts);
+  });
+}
 
 test("a second finger elsewhere leaves the first one's press as it is", () => {
   const { fire, click } = page();
-  const [drive, other] = [button(), button()];
+  const { drive, leave } = TARGETS;
   fire("pointerdown", { target: drive, pointerId: 1, isPrimary: true });
-  fire("pointerdown", { target: other, pointerId: 2, isPrimary: false });
-  assert.ok(click(drive, { pointerId: 1 }));
-  assert.ok(!click(drive, { pointerId: 2 }));
-});
-
-test("a label's press counts on its field", () => {
-  const { down, click } = page();
-  const field = element(undefined, ["input"]);
-  const label = Object.assign(element(undefined, ["label"]), { control: field });
-  down(label);
-  assert.ok(click(field));
-});
-
-test("Stop acts whatever the press began on", () => {
-  const { down, click } = page();
-  down(button());
-  assert.ok(click(element(undefined, ["button", ".stop"])));
+  fire("pointerdown", { target: leave, pointerId: 2, isPrimary: false });
+  assert.deepEqual([click(drive, { pointerId: 1 }), click(drive, { pointerId: 2 })], [true, false]);
 });
 
 test("a key that is held presses nothing that gets the focus meanwhile", () => {
-  const { fire } = page();
-  const enter = { code: "Enter", target: button() };
-  assert.ok(fire("keydown", { ...enter, repeat: false }));
-  assert.ok(!fire("keydown", { ...enter, repeat: true }));
-  assert.ok(fire("keydown", { code: "KeyW", repeat: true, target: button() }));
+  const pressed = (code, repeat) => page().fire("keydown", { code, repeat, target: button() });
+  assert.deepEqual([pressed("Enter", false), pressed("Enter", true), pressed("KeyW", true)], [true, false, true]);
 });

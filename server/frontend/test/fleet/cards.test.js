@@ -4,13 +4,16 @@ import { test } from "node:test";
 import { driverText, healthText, presenceText, utcText } from "../../src/fleet/cards.js";
 import { batteryText } from "../../src/overlays/battery.js";
 
-test("a card says since when, and what keeps a robot from being used", () => {
-  const since = "2026-01-01T12:03:00Z";
-  assert.match(presenceText({ state: "active", online: true, since }), /^Online since .*\d\d:03$/);
-  assert.match(presenceText({ state: "active", online: false, since }), /^Offline since .*\d\d:03$/);
-  assert.equal(presenceText({ state: "active", online: false, since: null }), "Never seen");
-  assert.equal(presenceText({ state: "pending", online: false, since: null }), "Awaiting approval");
-});
+const SINCE = "2026-01-01T12:03:00Z";
+
+for (const [robot, words] of [
+  [{ state: "active", online: true, since: SINCE }, /^Online since .*\d\d:03$/],
+  [{ state: "active", online: false, since: SINCE }, /^Offline since .*\d\d:03$/],
+  [{ state: "active", online: false, since: null }, /^Never seen$/],
+  [{ state: "pending", online: false, since: null }, /^Awaiting approval$/],
+]) {
+  test(`a card says since when: ${words}`, () => assert.match(presenceText(robot), words));
+}
 
 test("the times of a card are in UTC on hover", () => {
   const since = "2026-01-01T12:03:00+02:00";
@@ -30,12 +33,25 @@ test("an offline robot calls for attention, and says why it is offline if that i
   assert.equal(healthText(away), "It is not known why.");
 });
 
-test("an online robot's health calls for attention", () => {
-  assert.equal(healthText({ online: true, ros: "ok", video: "unknown" }), "");
-  assert.equal(healthText({ online: true, ros: "down", video: "down" }), "rosbridge does not answer, video does not answer");
-  assert.equal(healthText({ online: true, control: { guard: "down" } }), "its guard does not answer");
-  assert.equal(healthText({ online: true, control: { guard: "off" } }), "");
-});
+const battery = (percent, charging = false) => ({ online: true, battery: { percent, charging } });
+
+// What calls for attention, and what is said of the battery.
+for (const [robot, health, charge = ""] of [
+  [{ online: true, ros: "ok", video: "unknown" }, ""],
+  [{ online: true, ros: "down", video: "down" }, "rosbridge does not answer, video does not answer"],
+  [{ online: true, control: { guard: "down" } }, "its guard does not answer"],
+  [{ online: true, control: { guard: "off" } }, ""],
+  [battery(81.4), "", "81 %"],
+  [battery(null), "", "?"],
+  [battery(12, true), "", "12 %, charging"],
+  [battery(12), "battery low", "12 %, low"],
+  [{ online: true, battery: null }, ""],
+  [{ ...battery(12), online: false }, "It is not known why."],
+]) {
+  test(`a card says of ${JSON.stringify(robot)}: ${health}, ${charge}`, () => {
+    assert.deepEqual([healthText(robot), batteryText(robot)], [health, charge]);
+  });
+}
 
 test("a card tells who drives, who gets the control and who asks for it", () => {
   const ann = { user: "ann", since: "2026-01-01T12:03:00Z" };
@@ -44,17 +60,4 @@ test("a card tells who drives, who gets the control and who asks for it", () => 
   assert.equal(driverText({ control: { driver: ann } }), "ann");
   assert.equal(driverText({ control: { driver: null, reserved: ben } }), "ben");
   assert.equal(driverText({ control: { driver: ann, waiting: ben } }), "ann; ben asks for control");
-});
-
-test("a card tells the battery, and one that is low calls for attention unless it is charged", () => {
-  const robot = (percent, charging) => ({ online: true, battery: { percent, charging } });
-  assert.equal(batteryText(robot(81.4, false)), "81 %");
-  assert.equal(batteryText(robot(null, false)), "?");
-  assert.equal(healthText(robot(null, false)), "");
-  assert.equal(batteryText(robot(12, true)), "12 %, charging");
-  assert.equal(batteryText(robot(12, false)), "12 %, low");
-  assert.equal(batteryText({ online: true, battery: null }), "");
-  assert.equal(batteryText({ ...robot(12, false), online: false }), "");
-  assert.equal(healthText(robot(12, false)), "battery low");
-  assert.equal(healthText(robot(12, true)), "");
 });

@@ -3,54 +3,31 @@ import { beforeEach, test } from "node:test";
 
 import { Limits, releaseOnFocusLoss, setUpLimits } from "../../src/input/controls.js";
 
-let limits;
+const HIGHEST = { maxLinear: 1, maxAngular: 2 };
+const NORMAL = { linear: 0.6, angular: 0.6 };
 
-beforeEach(() => {
-  limits = new Limits({ maxLinear: 1, maxAngular: 2 });
-});
-
-test("limits start at the normal speed", () => {
-  assert.deepEqual([limits.linear, limits.angular], [0.6, 1.2]);
-});
-
-test("limits start as they were chosen before, but for what is no share", () => {
-  const { chosen } = new Limits({ maxLinear: 1, maxAngular: 2 }, undefined, { linear: 0.3, angular: 7 });
-  assert.deepEqual(chosen, { linear: 0.3, angular: 0.6 });
-});
-
-test("a step is faster or slower than chosen while it is held, and never beyond the robot's own or below slow", () => {
-  const speeds = (by) => {
+// The limits by what was chosen, as shares of the robot's own, and the step that is held: faster, slower or none.
+for (const [name, chosen, by, expected] of [
+  ["limits start at the normal speed", {}, 0, [0.6, 1.2]],
+  ["or as they were chosen before, but for what is no share", { linear: 0.3, angular: 7 }, 0, [0.3, 1.2]],
+  ["a step is faster", NORMAL, 1, [1, 2]],
+  ["or slower", NORMAL, -1, [0.3, 0.6]],
+  ["never beyond the robot's own", { linear: 1, angular: 0.3 }, 1, [1, 1.2]],
+  ["from each to the next", { linear: 1, angular: 0.3 }, -1, [0.6, 0.6]],
+  ["never below slow", { linear: 0.05, angular: 0.05 }, -1, [0.05, 0.1]],
+]) {
+  test(`speeds: ${name}`, () => {
+    const limits = new Limits(HIGHEST, undefined, chosen);
     limits.step(by);
-    return [limits.linear, limits.angular];
-  };
-  assert.deepEqual(
-    [speeds(1), speeds(-1), speeds(0)],
-    [
-      [1, 2],
-      [0.3, 0.6],
-      [0.6, 1.2],
-    ],
-  );
-  limits.chosen = { linear: 1, angular: 0.3 };
-  assert.deepEqual(
-    [speeds(1), speeds(-1)],
-    [
-      [1, 1.2],
-      [0.6, 0.6],
-    ],
-  );
-  limits.chosen = { linear: 0.05, angular: 0.05 };
-  assert.deepEqual(speeds(-1), [0.05, 0.1]);
-});
+    assert.deepEqual([limits.linear, limits.angular], expected);
+    limits.step(0);
+    assert.deepEqual(limits.turbo, limits.most, "turbo goes to the robot's own limits, and no further");
+  });
+}
 
 test("turbo is a share of the robot's own limits, and never slower than without", () => {
-  Object.assign(limits, { chosen: { linear: 0.2, angular: 0.75 }, share: 0.5 });
+  const limits = Object.assign(new Limits(HIGHEST), { chosen: { linear: 0.2, angular: 0.75 }, share: 0.5 });
   assert.deepEqual(limits.turbo, { linear: 0.5, angular: 1.5 });
-});
-
-test("turbo never goes beyond the robot's own limits", () => {
-  limits.step(1);
-  assert.deepEqual(limits.turbo, limits.most);
 });
 
 // As much of the page as the speeds need.
@@ -89,20 +66,6 @@ function dispatch(target, name, more = {}) {
 
 const inside = (kind) => ({ closest: (selector) => selector.split(", ").includes(kind) || null });
 
-for (const name of ["blur", "pagehide", "beforeprint", "fullscreenchange", "orientationchange", "contextmenu"]) {
-  test(`${name} lets go`, () => {
-    dispatch(window, name);
-    assert.equal(count, 1);
-  });
-}
-
-for (const name of ["visibilitychange", "freeze", "resume"]) {
-  test(`${name} of the document lets go`, () => {
-    dispatch(document, name);
-    assert.equal(count, 1);
-  });
-}
-
 test("a context menu that the joystick has refused changes nothing, as none opens", () => {
   window = new EventTarget();
   window.addEventListener("contextmenu", (event) => event.preventDefault());
@@ -116,23 +79,28 @@ test("a drag is refused and lets go", () => {
   assert.equal(count, 1);
 });
 
-test("any button but the main one lets go, also while that one is down", () => {
-  dispatch(window, "pointerdown", { button: 2 });
-  dispatch(window, "pointermove", { button: 2 });
-  dispatch(window, "pointerdown", { button: 1 });
-  assert.equal(count, 3);
-});
+const SECOND = { button: 2 };
 
-test("the main button, a finger and a plain move change nothing", () => {
-  dispatch(window, "pointerdown", { button: 0 });
-  dispatch(window, "pointermove", { button: -1 });
-  assert.equal(count, 0);
-});
-
-test("a list that opens or a field that gets the focus lets go, a slider does not", () => {
-  dispatch(window, "pointerdown", { button: 0, element: inside("select") });
-  dispatch(window, "focusin", { element: inside("textarea") });
-  assert.equal(count, 2);
-  dispatch(window, "focusin", { element: inside("input[type=range]") });
-  assert.equal(count, 2);
-});
+for (const [name, act, times] of [
+  ...["blur", "pagehide", "beforeprint", "fullscreenchange", "orientationchange", "contextmenu"].map((event) => [
+    event,
+    () => dispatch(window, event),
+    1,
+  ]),
+  ...["visibilitychange", "freeze", "resume"].map((event) => [event, () => dispatch(document, event), 1]),
+  [
+    "another button than the main one, also while that is down",
+    () => [dispatch(window, "pointerdown", SECOND), dispatch(window, "pointermove", SECOND)],
+    2,
+  ],
+  ["the main button, a finger", () => dispatch(window, "pointerdown", { button: 0 }), 0],
+  ["a plain move", () => dispatch(window, "pointermove", { button: -1 }), 0],
+  ["a list that opens", () => dispatch(window, "pointerdown", { button: 0, element: inside("select") }), 1],
+  ["a field that gets the focus", () => dispatch(window, "focusin", { element: inside("textarea") }), 1],
+  ["a slider that gets it", () => dispatch(window, "focusin", { element: inside("input[type=range]") }), 0],
+]) {
+  test(`${name} lets go ${times ? "" : "of nothing"}`, () => {
+    act();
+    assert.equal(count, times);
+  });
+}

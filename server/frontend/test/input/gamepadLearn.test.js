@@ -47,56 +47,32 @@ test("a robot that goes sideways is asked for that too", () => {
   assert.ok(!stepsOf("ackermann").includes("left"));
 });
 
-test("it does not begin while something moves or is pressed", () => {
-  hold({}, [3]);
-  assert.deepEqual(asked, ["forward rest"]);
-  for (let i = 0; i < 60; i++) learner.see({ axes: [i / 60, 0, -1, 3.28], buttons: [] }, (at += 16));
-  assert.deepEqual(asked, ["forward rest"]);
-  hold();
-  assert.equal(asked.at(-1), "forward move");
-});
+const drift = () => [...Array(60).keys()].forEach((i) => learner.see({ axes: [i / 60, 0, -1, 3.28], buttons: [] }, (at += 16)));
+const touch = () => learner.see({ axes: [0, -1, -1, 3.28], buttons: [] }, at);
+const learnSticks = () => [hold(), act({ 1: -1 }), act({ 0: -1 })];
 
-test("a small push, a diagonal and a touch in passing are not taken", () => {
-  hold();
-  act({ 1: -0.5 });
-  act({ 0: 0.8, 1: -0.9 });
-  learner.see({ axes: [0, -1, -1, 3.28], buttons: [] }, at);
-  hold();
-  assert.equal(asked.at(-1), "forward move");
-});
+// What is asked for after some moves.
+for (const [name, moves, next] of [
+  ["it does not begin while a button is pressed", () => hold({}, [3]), "forward rest"],
+  ["nor while something moves", drift, "forward rest"],
+  ["it begins when all is at rest", () => [drift(), hold()], "forward move"],
+  ["a small push is not taken", () => [hold(), act({ 1: -0.5 })], "forward move"],
+  ["nor a diagonal", () => [hold(), act({ 0: 0.8, 1: -0.9 })], "forward move"],
+  ["nor a touch in passing", () => [hold(), touch(), hold()], "forward move"],
+  ["what rests at an end of its way is no stick", () => [hold(), act({ 2: 1 }), act({ 3: -1 })], "forward move"],
+  ["nothing is asked for while the last is still held", () => [hold(), hold({ 1: -1 }), hold({ 1: -1 })], "forward back"],
+  ["a stick that does something is not taken for another thing", () => [hold(), act({ 1: -1 }), act({ 1: 1 })], "turn move"],
+  ["nor is a button", () => [learnSticks(), act({}, [4]), act({}, [4])], "turbo move"],
+  ["the enable button may not be left out", () => [learnSticks(), learner.pass()], "enable move"],
+]) {
+  test(name, () => {
+    moves();
+    assert.equal(asked.at(-1), next);
+  });
+}
 
-test("what rests at an end of its way is no stick", () => {
-  hold();
-  act({ 2: 1 });
-  act({ 3: -1 });
-  assert.equal(asked.at(-1), "forward move");
-});
-
-test("a stick or button that does something already is not taken for another thing", () => {
-  hold();
-  act({ 1: -1 });
-  act({ 1: 1 });
-  assert.equal(asked.at(-1), "turn move");
-  act({ 0: -1 });
-  act({}, [4]);
-  act({}, [4]);
-  assert.equal(asked.at(-1), "turbo move");
-});
-
-test("the next thing is not asked for while the last is still held", () => {
-  hold();
-  hold({ 1: -1 });
-  assert.equal(asked.at(-1), "forward back");
-  hold({ 1: -1 });
-  assert.equal(asked.at(-1), "forward back");
-});
-
-test("turbo and stop may be left out, the enable button may not", () => {
-  hold();
-  act({ 1: -1 });
-  act({ 0: -1 });
-  learner.pass();
-  assert.equal(asked.at(-1), "enable move");
+test("turbo and stop may be left out", () => {
+  learnSticks();
   act({}, [0]);
   learner.pass();
   learner.pass();

@@ -202,62 +202,51 @@ beforeEach(() => {
   text = field("textarea");
 });
 
-test("a menu or slider that Tab reached keeps the arrow keys, says so, and lets letters drive", () => {
-  for (const [field, name] of [
-    [menu, "menu"],
-    [slider, "slider"],
-  ]) {
-    byTab(field);
-    assert.deepEqual([keeps("ArrowUp", field), keeps("KeyW", field)], [true, false]);
-    assert.equal(kept.at(-1), name);
-  }
-});
+const label = () => field("label", { control: slider });
+const arrow = (target) => keeps("ArrowUp", target);
 
-test("one that a pointer used keeps nothing, even if it keeps the focus", () => {
-  for (const field of [menu, slider]) {
-    byPointer(field);
-    assert.deepEqual([keeps("ArrowUp", field), keeps("KeyW", field)], [false, false]);
-    assert.equal(kept.at(-1), "");
-  }
-});
-
-test("to point at its label is to point at it", () => {
-  const label = field("label", { control: slider });
-  fire("pointerdown", label);
-  fire("focusin", slider);
-  assert.equal(keeps("ArrowUp", slider), false);
-});
-
-test("one that Tab reaches after a pointer used it keeps the arrow keys again", () => {
-  byPointer(slider);
-  fire("focusout", slider);
-  byTab(slider);
-  assert.equal(keeps("ArrowUp", slider), true);
-});
+// What the fields keep after some steps: arrow keys, letters, and what is said of it.
+for (const [name, act, of, ...expected] of [
+  ["a menu that Tab reached keeps the arrow keys", () => byTab(menu), () => menu, true, false, "menu"],
+  ["so does a slider", () => byTab(slider), () => slider, true, false, "slider"],
+  ["a menu that a pointer used keeps nothing", () => byPointer(menu), () => menu, false, false, ""],
+  ["nor does a slider", () => byPointer(slider), () => slider, false, false, ""],
+  [
+    "to point at its label is to point at it",
+    () => [fire("pointerdown", label()), fire("focusin", slider)],
+    () => slider,
+    false,
+    false,
+    "",
+  ],
+  [
+    "Tab gives it the arrow keys again",
+    () => [byPointer(slider), fire("focusout", slider), byTab(slider)],
+    () => slider,
+    true,
+    false,
+    "slider",
+  ],
+  ["a field for text that Tab reached keeps all keys", () => byTab(text), () => text, true, true, "text"],
+  ["so does one that a pointer reached", () => byPointer(text), () => text, true, true, "text"],
+  ["of one that was left nothing is said", () => [byTab(text), fire("focusout", text)], () => text, true, true, ""],
+]) {
+  test(`fields: ${name}`, () => {
+    act();
+    assert.deepEqual([arrow(of()), keeps("KeyW", of()), kept.at(-1)], expected);
+  });
+}
 
 test("a pointer that lets go of a slider leaves it, and opens a menu without closing it", () => {
-  byPointer(slider);
-  fire("pointerup", slider);
-  byPointer(menu);
-  fire("pointerup", menu);
+  for (const target of [slider, menu]) {
+    byPointer(target);
+    fire("pointerup", target);
+  }
   assert.deepEqual([slider.blurs, menu.blurs], [1, 0]);
 });
 
-test("a field for text keeps all keys, however it was reached", () => {
-  for (const reach of [byTab, byPointer]) {
-    reach(text);
-    assert.deepEqual([keeps("ArrowUp", text), keeps("KeyW", text)], [true, true]);
-    assert.equal(kept.at(-1), "text");
-  }
-  fire("focusout", text);
-  assert.equal(kept.at(-1), "");
-});
-
 test("Esc gives the keys back, from fields alone", () => {
-  const page = field("main");
-  for (const field of [text, menu, slider, page]) fire("keydown", field, { code: "Escape" });
-  assert.deepEqual(
-    [text, menu, slider, page].map(({ blurs }) => blurs),
-    [1, 1, 1, 0],
-  );
+  const all = [text, menu, slider, field("main")];
+  for (const target of all) fire("keydown", target, { code: "Escape" });
+  assert.equal(all.map(({ blurs }) => blurs).join(), "1,1,1,0");
 });
