@@ -64,71 +64,51 @@ for (const checks of [true, false]) {
   });
 }
 
-test("when the picture is back, what was held drives only after it was pressed anew", () => {
-  see();
-  teleop.hold("keyboard", FORWARD);
-  pass(1500);
-  sent.length = 0;
-  for (let i = 0; i < 20; i++) {
+const press = () => teleop.hold("keyboard", FORWARD);
+const watch = () => update(false, true);
+const getControl = () => update(true, false);
+
+function update(moves, observes) {
+  [mayMove, watches] = [moves, observes];
+  arming.update({ mayMove, watches, free: watches });
+}
+
+function seeFor(ms) {
+  for (let left = ms; left > 0; left -= 50) {
     see();
     pass(50);
   }
-  assert.deepEqual(sent, []);
-  teleop.hold("keyboard", FORWARD);
-  assert.equal(moving().length, 1);
-});
-
-test("a key that was pressed while driving was held does not count when it ends", () => {
-  teleop.hold("keyboard", FORWARD);
-  pass(500);
-  assert.deepEqual(sent, []);
-  see();
-  pass(500);
-  assert.deepEqual(moving(), []);
-});
-
-test("a person who drives without the picture needs a new press, too", () => {
-  see();
-  teleop.hold("keyboard", FORWARD);
-  pass(1500);
-  sent.length = 0;
-  interlock.allow();
-  pass(500);
-  assert.deepEqual(sent, []);
-  teleop.hold("keyboard", FORWARD);
-  pass(500);
-  assert.equal(moving().at(-1).at, clock);
-});
-
-test("a page that may not move sends nothing at all when the picture comes or goes", () => {
-  mayMove = false;
-  arming.update({ mayMove, watches, free: watches });
-  see();
-  teleop.hold("keyboard", FORWARD);
-  pass(1500);
-  assert.deepEqual(sent, []);
-});
-
-function watch() {
-  mayMove = false;
-  watches = true;
-  arming.update({ mayMove, watches, free: watches });
 }
 
-function getControl() {
-  mayMove = true;
-  watches = false;
-  arming.update({ mayMove, watches, free: watches });
+// What was held does not drive on: nothing but zeros is sent after a time (0 for never), until it is pressed anew.
+for (const [name, until, act] of [
+  ["when the frame is back", 2000, () => [see(), press(), pass(1500), seeFor(1000)]],
+  ["when it was pressed before the first frame", 0, () => [press(), pass(500), seeFor(600)]],
+  ["when a person drives without video", 2000, () => [see(), press(), pass(1500), interlock.allow(), pass(500)]],
+  ["when it took the control while there was no frame", 0, () => [watch(), press(), getControl(), seeFor(600)]],
+]) {
+  test(`a key that is held drives no more ${name}`, () => {
+    act();
+    assert.ok(clock > 1500 && moving().every(({ at }) => at <= until));
+    sent.length = 0;
+    press();
+    pass(50);
+    assert.ok(moving().length > 0);
+  });
 }
 
-test("a key that took the control moves nothing while there is no picture, nor when it comes", () => {
+test("a page that may not move sends nothing at all when the frame comes or goes", () => {
+  update(false, false);
+  see();
+  press();
+  pass(1500);
+  assert.deepEqual([sent, takes], [[], 0]);
+});
+
+test("a press on a page that watches asks for control", () => {
   watch();
-  teleop.hold("keyboard", FORWARD);
-  assert.equal(takes, 1);
-  getControl();
-  see();
-  pass(500);
-  assert.deepEqual(moving(), []);
+  press();
+  assert.deepEqual([sent, takes], [[], 1]);
 });
 
 test("what is under way on a link that is given up ends with a zero, and a page that only watches says nothing", () => {

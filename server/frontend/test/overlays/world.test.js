@@ -41,49 +41,50 @@ beforeEach(() => {
   });
 });
 
-test("only what is seen is subscribed to", () => {
-  world.follow({ scan: SCAN, map: MAP, located: PLACE });
-  assert.equal(handlers.size, 0);
-  world.show({ scan: true, map: false });
-  assert.deepEqual([...handlers.keys()], ["/scan"]);
-  world.show({ scan: true, map: true });
-  assert.deepEqual([...handlers.keys()].sort(), ["/amcl_pose", "/map", "/scan"]);
-  world.show(null);
-  assert.equal(handlers.size, 0);
-});
+const ALL = { scan: SCAN, map: MAP, located: PLACE, tf: TF, tfStatic: TF_STATIC };
+const BOTH = { scan: true, map: true };
+const follow = (topics) => world.follow(topics);
+const show = (parts) => world.show(parts);
+const ring = (shown) => world.showRing(shown);
+const say = (topic, message) => handlers.get(topic)(message);
+const fix = () => say("/tf_static", tf(link("base_link", "laser", 0)));
 
-test("a map that is too large for the server is asked for no more, and ends no other connection", () => {
-  world.follow({ scan: SCAN, map: MAP, located: PLACE });
-  world.show({ scan: true, map: false });
+const LASER = { scan: SCAN, map: MAP };
+const ringOnAll = () => [follow(ALL), ring(true)];
+
+// What is subscribed to after some steps: only what is seen, and the frames that it needs.
+for (const [name, act, topics] of [
+  ["nothing while nothing is seen", () => follow(ALL), ""],
+  ["a scan alone", () => [follow(LASER), show({ scan: true, map: false })], "scan"],
+  ["the map with the localization", () => [follow({ map: MAP, located: PLACE }), show(BOTH)], "amcl_pose map"],
+  ["nothing any more", () => [follow(ALL), show(BOTH), show(null)], ""],
+  ["no map that is too large for the server", () => [follow(LASER), show(BOTH), world.refuseMap(), show(BOTH)], "scan"],
+  ["the scan round the stick, without the map too", () => [follow(LASER), ring(true), show(BOTH), show(null)], "scan"],
+  ["no scan when the ring goes", () => [follow(LASER), ring(true), ring(false)], ""],
+  ["a topic by its new name", () => [show(BOTH), follow(LASER), follow({ scan: { ...SCAN, name: "/front" } })], "front"],
+  ["moving frames for a laser that may move", () => [ringOnAll(), say("/scan", scan)], "scan tf tf_static"],
+  ["none for one that is fixed", () => [ringOnAll(), fix(), say("/scan", scan)], "scan tf_static"],
+  ["but for the map", () => [ringOnAll(), fix(), say("/scan", scan), show({ map: true })], "amcl_pose map scan tf tf_static"],
+]) {
+  test(`what is subscribed to: ${name}`, () => {
+    act();
+    const names = [...handlers.keys()].map((topic) => topic.slice(1));
+    assert.equal(names.sort().join(" "), topics);
+  });
+}
+
+test("a message that is too large was the map's if that was asked for", () => {
+  follow(ALL);
+  show({ scan: true, map: false });
   assert.equal(world.refuseMap(), false);
-  world.show({ scan: true, map: true });
-  assert.equal(handlers.has("/map"), true);
+  show(BOTH);
   assert.equal(world.refuseMap(), true);
-  world.show({ scan: true, map: true });
-  assert.deepEqual([...handlers.keys()], ["/scan"]);
-});
-
-test("a scan that is seen round the stick comes with the map and without it", () => {
-  world.follow({ scan: SCAN, map: MAP });
-  world.showRing(true);
-  world.show({ scan: true, map: true });
-  world.show(null);
-  assert.deepEqual([...handlers.keys()], ["/scan"]);
-  world.showRing(false);
-  assert.equal(handlers.size, 0);
-});
-
-test("a topic that changes its name is followed to the new one", () => {
-  world.show({ scan: true, map: true });
-  world.follow({ scan: SCAN });
-  world.follow({ scan: { ...SCAN, name: "/front/scan" } });
-  assert.deepEqual([...handlers.keys()], ["/front/scan"]);
 });
 
 test("a scan that is old is shown no more", () => {
   world.follow({ scan: SCAN });
   world.show({ scan: true });
-  handlers.get("/scan")(scan);
+  say("/scan", scan);
   assert.equal(world.points.length, 2);
   clock = 1001;
   assert.equal(world.points, null);
@@ -100,13 +101,13 @@ test("the robot is where its odometry says, and old when that is silent", () => 
 });
 
 test("odometry alone is no place in a map", async () => {
-  world.follow({ map: MAP, tf: TF });
-  world.show({ map: true });
+  follow({ map: MAP, tf: TF });
+  show({ map: true });
   world.receivePose({ x: 1, y: 0, theta: 0, frame: "odom" });
   assert.equal(world.robot.unplaced, undefined);
-  await handlers.get("/map")({ header: { frame_id: "map" }, ...grid(0) });
+  await say("/map", { header: { frame_id: "map" }, ...grid(0) });
   assert.equal(world.robot.unplaced, true);
-  handlers.get("/tf")(tf(link("map", "odom", 3)));
+  say("/tf", tf(link("map", "odom", 3)));
   assert.equal(world.robot.unplaced, undefined);
 });
 
@@ -114,7 +115,7 @@ test("the localization moves the odometry's frame, and the way with it", () => {
   world.follow({ map: MAP, located: PLACE });
   world.show({ map: true });
   world.receivePose({ x: 1, y: 0, theta: 0 });
-  handlers.get("/amcl_pose")({ pose: { pose: at(5, 5) } });
+  say("/amcl_pose", { pose: { pose: at(5, 5) } });
   world.receivePose({ x: 2, y: 0, theta: 0 });
   assert.deepEqual([world.robot.x, world.robot.y], [6, 5]);
 });
@@ -122,12 +123,12 @@ test("the localization moves the odometry's frame, and the way with it", () => {
 test("a newer map takes the place of the one before, whose picture is given back", async () => {
   world.follow({ map: MAP });
   world.show({ map: true });
-  await handlers.get("/map")(grid(0));
+  await say("/map", grid(0));
   const first = world.map;
-  await handlers.get("/map")(grid(100));
+  await say("/map", grid(100));
   assert.notEqual(world.map, first);
   assert.deepEqual([closed.length, world.map.pixels], [1, null]);
-  await handlers.get("/map")({ info: {}, data: [] });
+  await say("/map", { info: {}, data: [] });
   assert.equal(world.map.bitmap.of.width, 1);
 });
 
@@ -136,46 +137,31 @@ test("a scan is where the laser is on the robot, which the odometry names or is 
     world.receivePose({ x: 0, y: 0, theta: 0, frame: "odom", base });
     world.follow({ scan: SCAN, tfStatic: TF_STATIC });
     world.show({ scan: true });
-    handlers.get("/scan")({ ...scan, header: { frame_id: base ? "rover/laser" : "laser" } });
+    say("/scan", { ...scan, header: { frame_id: base ? "rover/laser" : "laser" } });
     assert.deepEqual(rounded(world.points), [1, 0], "while nothing is known of it");
-    handlers.get("/tf_static")(tf(link(base ?? "base_link", base ? "rover/laser" : "laser", 0.5)));
-    handlers.get("/scan")({ ...scan, header: { frame_id: base ? "/rover/laser" : "/laser" } });
+    say("/tf_static", tf(link(base ?? "base_link", base ? "rover/laser" : "laser", 0.5)));
+    say("/scan", { ...scan, header: { frame_id: base ? "/rover/laser" : "/laser" } });
     assert.deepEqual(rounded(world.points), [0.5, 1]);
   }
-});
-
-test("the frames that move are followed for the map, and for a laser that may move", () => {
-  const topics = () => [...handlers.keys()].filter((name) => name.startsWith("/tf")).sort();
-  world.follow({ scan: SCAN, map: MAP, tf: TF, tfStatic: TF_STATIC });
-  assert.deepEqual(topics(), []);
-  world.showRing(true);
-  assert.deepEqual(topics(), ["/tf", "/tf_static"]);
-  handlers.get("/scan")(scan);
-  assert.deepEqual(topics(), ["/tf", "/tf_static"]);
-  handlers.get("/tf_static")(tf(link("base_link", "laser", 0)));
-  handlers.get("/scan")(scan);
-  assert.deepEqual(topics(), ["/tf_static"]);
-  world.show({ map: true });
-  assert.deepEqual(topics(), ["/tf", "/tf_static"]);
 });
 
 test("the frames say where the odometry began, in whatever frame the map is, and the localization then no more", async () => {
   world.follow({ map: MAP, located: PLACE, tf: TF });
   world.show({ map: true });
-  await handlers.get("/map")({ header: { frame_id: "/site" }, ...grid(0) });
+  await say("/map", { header: { frame_id: "/site" }, ...grid(0) });
   world.receivePose({ x: 1, y: 0, theta: 0, frame: "odom", base: "base_link" });
-  handlers.get("/tf")(tf(link("site", "odom", 3)));
-  handlers.get("/amcl_pose")({ pose: { pose: at(9, 9) } });
+  say("/tf", tf(link("site", "odom", 3)));
+  say("/amcl_pose", { pose: { pose: at(9, 9) } });
   const { x, y, theta, old } = world.robot;
   assert.deepEqual([rounded([x, y]), old], [[3, 1], false]);
   assert.ok(Math.abs(theta - Math.PI / 2) < 1e-9);
 });
 
 test("a robot without odometry is where its frames say, and old when they are silent", () => {
-  world.follow({ map: MAP, tf: TF });
-  world.show({ map: true });
+  follow({ map: MAP, tf: TF });
+  show({ map: true });
   for (const parent of ["odom", "map"]) {
-    handlers.get("/tf")(tf(link(parent, "base_link", 2)));
+    say("/tf", tf(link(parent, "base_link", 2)));
     assert.deepEqual([world.robot.x, world.robot.old], [2, false]);
   }
   clock = 1001;
