@@ -23,7 +23,7 @@ import pandas as pd
 from demo import Demo
 from local_network import insecure_tls
 from namespaces import Namespace
-from paper.networks import PLAIN, connector_in
+from paper.networks import PLAIN, made_in
 from paper.operators.operators import bare_tunnels
 from paper.robots import WholeRobot, wait_all_online
 from paper.world import World
@@ -76,7 +76,7 @@ async def measure_all(
     The connections are made in this network, or `inside` another.
     """
     async with AsyncExitStack() as stack:
-        connector = connector_in(inside) if inside else None
+        connector = aiohttp.TCPConnector(**made_in(inside)) if inside else None
         session = aiohttp.ClientSession(headers=headers, connector=connector)
         http = await stack.enter_async_context(session)
         routes = []

@@ -24,7 +24,6 @@ from ipaddress import IPv4Address, IPv4Network
 from itertools import chain, count
 from typing import Any
 
-import aiohttp
 import namespaces
 from link import DEVICE as LINK_DEVICE
 from link import Link, Shape
@@ -244,15 +243,15 @@ def join(end: Namespace, addresses: Addresses) -> None:
     ip("route", "add", addresses.block, "via", there, "dev", addresses.device)
 
 
-def connector_in(namespace: Namespace, **how: Any) -> aiohttp.TCPConnector:
-    """Make sockets inside a namespace, which stay there wherever they are used; names are looked up outside."""
+def made_in(namespace: Namespace) -> dict[str, Any]:
+    """What has a TCPConnector make its sockets inside a namespace, where they stay; names are looked up outside."""
 
     def make(address: Any) -> socket.socket:
         family, kind, protocol, *_ = address
         with namespace.entered():
             return socket.socket(family, kind, protocol)
 
-    return aiohttp.TCPConnector(socket_factory=make, **how)
+    return {"socket_factory": make}
 
 
 def switch_ipv6_off(namespace: Namespace) -> None:

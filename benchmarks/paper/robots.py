@@ -2,17 +2,14 @@
 
     with running([WholeRobot(world, one, uplink, "simulator") for one in world.enrol(names)]) as robots:
         wait_all_online(robots)
-    async with aiohttp.ClientSession(connector=connector(uplink)) as http:
-        async with Operator(http, world, uplink, "x-spiral-7-1") as operator:
-            await operator.send({"op": "publish", "topic": "/cmd_vel", "msg": {...}})
+    async with new_http(**made_in(uplink.inside)) as http:
+        socket = await Client(http, world.address, world.token).connect("x-spiral-7-1")
 
 Starting one returns at once, so that many start side by side; `running` ends them side by side, too.
 """
 
 from __future__ import annotations
 
-import asyncio
-import json
 import os
 import shutil
 import socket
@@ -24,11 +21,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Literal
 
-import aiohttp
-from local_network import insecure_tls
 from openssh_server import descendants
 
-from paper.networks import Uplink, connector_in
+from paper.networks import Uplink
 from paper.programs import Program, our_environment
 from paper.world import Enrolled, World, environment
 
@@ -210,48 +205,3 @@ def not_ready(world: World, robots: Sequence[WholeRobot]) -> list[WholeRobot]:
 def loopback(number: int) -> str:
     """An address of loopback for robot `number`, which counts to 65,535."""
     return f"127.{1 + number // 256 % 254}.{number % 256}.1"
-
-
-def connector(uplink: Uplink) -> aiohttp.TCPConnector:
-    """Connections from inside the uplink, as many as are asked for; the stack's own certificate is not checked."""
-    return connector_in(uplink.inside, ssl=insecure_tls(), limit=0)
-
-
-class Operator:
-    """One WebSocket to a robot's rosbridge, as roslibjs opens it; there inside `async with` only."""
-
-    def __init__(
-        self, http: aiohttp.ClientSession, world: World, uplink: Uplink, robot: str
-    ) -> None:
-        self._http = http
-        self._world = world
-        self._robot = robot
-        self._url = f"wss://{uplink.machine}:{world.https_port}/robots/{robot}/ros"
-        # The connection itself, for what is not here.
-        self.socket: aiohttp.ClientWebSocketResponse
-
-    async def __aenter__(self) -> Operator:
-        ticket = await asyncio.to_thread(self._world.ticket, self._robot, "drive")
-        self.socket = await self._http.ws_connect(
-            f"{self._url}?ticket={ticket}",
-            max_msg_size=0,
-            timeout=aiohttp.ClientWSTimeout(ws_close=2),
-        )
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.socket.close()
-
-    async def send(self, message: Mapping[str, object] | str) -> None:
-        """Send one rosbridge operation; a text goes as it is."""
-        text = message if isinstance(message, str) else json.dumps(message)
-        await self.socket.send_str(text)
-
-    async def receive(self, timeout_s: float | None = None) -> str:
-        """Return the next message as it came; raise ConnectionError when the connection has ended."""
-        message = await self.socket.receive(timeout_s)
-        if message.type is not aiohttp.WSMsgType.TEXT:
-            raise ConnectionError(
-                f"the connection to {self._robot} ended: {self.socket.close_code} {message.extra or message.data}"
-            )
-        return str(message.data)

@@ -13,9 +13,9 @@ import aiohttp
 import pytest
 from fake_cloud import agent_environ, eventually
 from paper.cells.checker import Database, check
-from paper.cells.commands import TOPIC, TYPE, command
 from paper.cells.history import Event, History, read
 from paper.cells.worker import CellRobot, PlayedRobot, RealRobot
+from paper.client import TOPIC, TYPE, command
 from recording_server import RecordingServer
 from relay_server import MemoryDatabase, RelayServer, running_relay
 from robotether_agent import settings as agent_settings
@@ -81,7 +81,7 @@ class Scene:
 async def _send(socket: aiohttp.ClientWebSocketResponse, connection: int) -> None:
     number = 0
     while not socket.closed:
-        await socket.send_json(command(connection, number))
+        await socket.send_json(command(number, connection))
         number += 1
         await asyncio.sleep(0.05)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 import sys
 import time
 from collections import Counter
@@ -26,16 +25,24 @@ from typing import Any
 
 import aiohttp
 import uvloop
-from local_network import insecure_tls
 from robotether_server.relay.http.event_loop import EventLoop
 
-from paper.cells.commands import TOPIC, TYPE, command, origin
 from paper.cells.history import History
+from paper.client import (
+    CLOSE_S,
+    FAILURES,
+    MAX_WORDS,
+    TOPIC,
+    TYPE,
+    Client,
+    Echoes,
+    RefusedError,
+    command,
+    new_http,
+)
 from paper.numbered.messages import Histogram
 from paper.programs import write_line
 
-# Long enough for a cell that is busy, short enough to go to the next one.
-REQUEST_S, CLOSE_S = 2.5, 0.3
 # A stop is answered within 1 s, a release within 2 s, by a cell that must ask another one.
 ORDER_S = 5.0
 # A driver whose commands are not heard for so long goes to the next cell.
@@ -54,8 +61,6 @@ OBSERVE_S = (20.0, 60.0)
 STOPPED_CODE, HELD_CODES = 4003, (4009, 4010)
 # Names of a driver's connections: so many of each.
 CONNECTIONS_A_DRIVER = 10_000
-MAX_WORDS = 90
-_NUMBER = re.compile(r"\d+")
 
 
 @dataclass(frozen=True)
@@ -66,35 +71,26 @@ class CellAddress:
     address: str
 
 
-class Refused(Exception):  # noqa: N818 - no error: the next cell may not refuse
-    """A cell did not do what it was asked; `code` is a WebSocket's or 0."""
-
-    def __init__(self, why: str, code: int = 0) -> None:
-        super().__init__(why)
-        self.code = code
-
-
-# What a person meets and goes to the next cell for.
-FAILURES = (aiohttp.ClientError, OSError, TimeoutError, Refused)
-
-
-class Person:
+class Person(Client):
     """Somebody with a token, at one cell after the other."""
 
     def __init__(
         self, name: str, token: str, cells: Sequence[CellAddress], http: aiohttp.ClientSession
     ) -> None:
+        super().__init__(http, "", token)
         self.name = name
-        self._headers = {"Authorization": f"Bearer {token}"}
         self._cells = cells
         self._at = 0
-        self._http = http
         # What stood in the way, by the words of the server, and how often.
         self.met: Counter[str] = Counter()
 
     @property
     def cell(self) -> CellAddress:
         return self._cells[self._at]
+
+    @property
+    def address(self) -> str:
+        return self.cell.address
 
     def begin_at(self, number: int) -> None:
         self._at = number % len(self._cells)
@@ -105,7 +101,7 @@ class Person:
 
     def meet(self, error: BaseException) -> str:
         """Count what stood in the way; return its words."""
-        if isinstance(error, Refused):
+        if isinstance(error, RefusedError):
             words = str(error)
         elif isinstance(error, aiohttp.WSServerHandshakeError):
             words = f"no WebSocket: {error.status}"
@@ -113,44 +109,6 @@ class Person:
             words = type(error).__name__
         self.met[words[:MAX_WORDS]] += 1
         return words
-
-    async def post(
-        self, path: str, body: Mapping[str, Any], within_s: float = REQUEST_S
-    ) -> tuple[int, Any]:
-        """Ask the cell; status and parsed answer."""
-        timeout = aiohttp.ClientTimeout(total=within_s)
-        url = f"https://{self.cell.address}/api/v1{path}"
-        async with self._http.post(
-            url, json=body, headers=self._headers, timeout=timeout
-        ) as answer:
-            text = await answer.text()
-            return answer.status, json.loads(text) if text.startswith("{") else text
-
-    async def ticket(self, robot: str, mode: str) -> Mapping[str, Any]:
-        status, answer = await self.post("/tickets", {"robot": robot, "mode": mode})
-        if status != HTTPStatus.CREATED:
-            raise Refused(f"no ticket: {status} {_code(answer)}")
-        return dict(answer)
-
-    async def connect(
-        self, robot: str, mode: str, path: str, *, straight: bool
-    ) -> aiohttp.ClientWebSocketResponse:
-        """Open a WebSocket with a fresh ticket: at the cell, or straight at the one that the ticket names."""
-        ticket = await self.ticket(robot, mode)
-        return await self.open(robot, path, ticket, straight=straight)
-
-    async def open(
-        self, robot: str, path: str, ticket: Mapping[str, Any], *, straight: bool = False
-    ) -> aiohttp.ClientWebSocketResponse:
-        """Open a WebSocket with this ticket."""
-        there = ticket.get("cell")
-        address = f"{there['host']}:{there['port']}" if straight and there else self.cell.address
-        mark = "&" if "?" in path else "?"
-        url = f"https://{address}/robots/{robot}/{path}{mark}ticket={ticket['ticket']}"
-        async with asyncio.timeout(REQUEST_S):
-            return await self._http.ws_connect(
-                url, compress=0, max_msg_size=0, timeout=aiohttp.ClientWSTimeout(ws_close=CLOSE_S)
-            )
 
 
 class Driver(Person):
@@ -186,99 +144,60 @@ class Driver(Person):
         began = time.monotonic()
         end, patience = began + seconds, began + seconds + PATIENCE_S
         while time.monotonic() < end:
-            heard = _Heard()
+            echoes = Echoes(round_trips=self.round_trips, refused=self.met)
             try:
-                await self._connection(robot, end, rate_hz, heard, straight=rng.random() < 0.5)
+                straight = rng.random() < 0.5
+                await self._connection(robot, end, rate_hz, echoes, straight=straight)
             except FAILURES as error:
                 why = self.meet(error)
                 history.add("refused", robot=robot, cell=self.cell.name, what=f"{self.name}: {why}")
-                code = error.code if isinstance(error, Refused) else 0
+                code = error.code if isinstance(error, RefusedError) else 0
                 if code in HELD_CODES:
                     return
                 if code == STOPPED_CODE:
                     await asyncio.sleep(STOPPED_AGAIN_S)
                     continue
                 self.go_on()
-                if not heard.count:
+                if not echoes.count:
                     # Until it is driven, who wants to drive it stays.
                     end = min(max(end, time.monotonic() + DRIVE_S[0]), patience)
                 await asyncio.sleep(AGAIN_S)
 
     async def _connection(
-        self, robot: str, end: float, rate_hz: float, heard: _Heard, *, straight: bool
+        self, robot: str, end: float, rate_hz: float, echoes: Echoes, *, straight: bool
     ) -> None:
-        socket = await self.connect(robot, "drive", "ros", straight=straight)
+        socket = await self.connect(robot, straight=straight)
         self._dials += 1
-        listening = asyncio.ensure_future(self._listen(socket, str(self._dials), heard))
-        try:
-            for op in ("advertise", "subscribe"):
-                await socket.send_json({"op": op, "topic": TOPIC, "type": TYPE})
-            await self._send(socket, listening, heard, end, rate_hz)
-        finally:
-            listening.cancel()
-            await asyncio.gather(listening, return_exceptions=True)
-            with suppress(*FAILURES):
-                async with asyncio.timeout(CLOSE_S):
-                    await socket.close()
+        async with echoes.listening(socket, self._dials) as listening:
+            echoes.at_s = due = time.monotonic()
+            number = 0
+            while time.monotonic() < end:
+                if listening.done():
+                    raise RefusedError(f"closed with {socket.close_code}", socket.close_code or 0)
+                if time.monotonic() - echoes.at_s > SILENT_S:
+                    raise RefusedError("no command is heard")
+                await self._send(socket, listening, echoes, number)
+                number += 1
+                due = max(due + 1 / rate_hz, time.monotonic() - 1 / rate_hz)
+                await asyncio.sleep(due - time.monotonic())
 
     async def _send(
         self,
         socket: aiohttp.ClientWebSocketResponse,
-        listening: asyncio.Future[None],
-        heard: _Heard,
-        end: float,
-        rate_hz: float,
+        listening: asyncio.Task[None],
+        echoes: Echoes,
+        number: int,
     ) -> None:
-        heard.at_s = due = time.monotonic()
-        number = 0
-        while time.monotonic() < end:
-            if listening.done():
-                raise Refused(f"closed with {socket.close_code}", socket.close_code or 0)
-            if time.monotonic() - heard.at_s > SILENT_S:
-                raise Refused("no command is heard")
-            heard.sent_at[number] = time.monotonic()
-            try:
-                # No wait_for, which before Python 3.12 may lose a cancellation.
-                async with asyncio.timeout(SILENT_S):
-                    await socket.send_json(command(self._dials, number))
-            except ConnectionError:
-                # It says why, if the other end has.
-                await asyncio.wait({listening}, timeout=CLOSE_S)
-                raise Refused(f"closed with {socket.close_code}", socket.close_code or 0) from None
-            number += 1
-            self.sent += 1
-            due = max(due + 1 / rate_hz, time.monotonic() - 1 / rate_hz)
-            await asyncio.sleep(due - time.monotonic())
-
-    async def _listen(
-        self, socket: aiohttp.ClientWebSocketResponse, connection: str, heard: _Heard
-    ) -> None:
-        async for frame in socket:
-            if frame.type is not aiohttp.WSMsgType.TEXT:
-                continue
-            said = json.loads(frame.data)
-            if said.get("op") == "status":
-                self.met[_NUMBER.sub("N", str(said.get("msg")))[:MAX_WORDS]] += 1
-            elif said.get("op") == "publish":
-                sent = origin(said["msg"])
-                if sent is not None and sent[0] == connection:
-                    self._heard(heard, sent[1])
-
-    def _heard(self, heard: _Heard, number: int) -> None:
-        now = time.monotonic()
-        heard.at_s, heard.count = now, heard.count + 1
-        sent_at = heard.sent_at.pop(number, None)
-        if sent_at is not None:
-            self.round_trips.add((now - sent_at) * 1000)
-
-
-class _Heard:
-    """What a driver heard of its own commands by one connection."""
-
-    def __init__(self) -> None:
-        self.at_s = 0.0
-        self.count = 0
-        self.sent_at: dict[int, float] = {}
+        echoes.sent_at[number] = time.monotonic()
+        try:
+            # No wait_for, which before Python 3.12 may lose a cancellation.
+            async with asyncio.timeout(SILENT_S):
+                await socket.send_json(command(number, self._dials))
+        except ConnectionError:
+            # It says why, if the other end has.
+            await asyncio.wait({listening}, timeout=CLOSE_S)
+            raise RefusedError(f"closed with {socket.close_code}", socket.close_code or 0) from None
+        self.sent += 1
 
 
 class Observer(Person):
@@ -307,22 +226,22 @@ class Observer(Person):
             await asyncio.sleep(STOPPED_AGAIN_S)
 
     async def _topic(self, robot: str) -> None:
-        async with await self.connect(robot, "observe", "ros", straight=False) as socket:
+        async with await self.connect(robot, "observe") as socket:
             await socket.send_json({"op": "subscribe", "topic": TOPIC, "type": TYPE})
             async for _ in socket:
                 self.messages += 1
-            raise Refused(f"closed with {socket.close_code}")
+            raise RefusedError(f"closed with {socket.close_code}")
 
     async def _video(self, robot: str) -> None:
         path = "video/frames?topic=/camera/image_raw"
-        async with await self.connect(robot, "observe", path, straight=False) as socket:
+        async with await self.connect(robot, "observe", path) as socket:
             await socket.send_json({"op": "want"})
             await socket.send_json({"op": "credit", "frames": 2, "taken": None})
             async for message in socket:
                 if message.type is aiohttp.WSMsgType.BINARY:
                     self.frames += 1
                     await socket.send_json({"op": "credit", "frames": 1, "taken": None})
-            raise Refused(f"closed with {socket.close_code}")
+            raise RefusedError(f"closed with {socket.close_code}")
 
 
 class Operator(Person):
@@ -401,13 +320,10 @@ class Operator(Person):
         self, robot: str, what: str, body: Mapping[str, Any]
     ) -> Mapping[str, Any] | None:
         try:
-            status, answer = await self.post(f"/robots/{robot}/{what}", body, ORDER_S)
-            if status != HTTPStatus.OK:
-                raise Refused(f"{what}: {status} {_code(answer)}")
+            return await self.ask(f"/robots/{robot}/{what}", body, HTTPStatus.OK, ORDER_S)
         except FAILURES as error:
             self.meet(error)
             return None
-        return dict(answer)
 
 
 class Recorder(Person):
@@ -421,17 +337,11 @@ class Recorder(Person):
             number += 1
             name = f"{prefix}-{number}"
             try:
-                status, answer = await self.post("/sites", {"name": name})
-                if status != HTTPStatus.CREATED:
-                    raise Refused(f"site: {status} {_code(answer)}")
+                await self.ask("/sites", {"name": name}, HTTPStatus.CREATED)
             except FAILURES as error:
                 self.meet(error)
             else:
                 history.add("recorded", what=name, cell=self.cell.name)
-
-
-def _code(answer: Any) -> str:
-    return str(answer.get("code", "")) if isinstance(answer, dict) else ""
 
 
 class People:
@@ -498,8 +408,7 @@ async def _line() -> Any:
 
 async def work() -> None:
     order = await _line()
-    connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0, force_close=True)
-    async with aiohttp.ClientSession(connector=connector) as http:
+    async with new_http(force_close=True) as http:
         people = People(order, http)
         tasks = people.begin()
         write_line({"begun": True})

@@ -13,19 +13,19 @@ from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import aiohttp
-from local_network import insecure_tls
 
-from paper.cells.commands import TOPIC, TYPE, command, origin
-from paper.cells.people import FAILURES, CellAddress, Person
+from paper.cells.people import CellAddress, Person
 from paper.cells.site import SERVICES, Cell, Site
 from paper.cells.workload import Size, Workload, read_database
+from paper.client import FAILURES, Echoes, command, new_http
 from paper.costs import Reading, cpu_between, use_of
-from paper.density.drivers import Drive, Driver
+from paper.density.drivers import Drive, Driver, begins
 from paper.fleet.operators import FleetEvents
 from paper.numbered.messages import Histogram
 from paper.step import Values
@@ -78,13 +78,6 @@ def some_robots(site: Site, size: Size) -> Iterator[Workload]:
         yield workload
 
 
-@asynccontextmanager
-async def web() -> AsyncIterator[aiohttp.ClientSession]:
-    connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0, force_close=True)
-    async with aiohttp.ClientSession(connector=connector) as http:
-        yield http
-
-
 def person(site: Site, number: int, cell: Cell, http: aiohttp.ClientSession) -> Person:
     """Somebody who is at one cell; so many of them are one user as may be."""
     name = f"x-driver-{number // CONNECTIONS_A_USER + 1}"
@@ -131,12 +124,9 @@ async def _kill_and_probe_all(
     site: Site, victim: Cell, cell: Cell, robots: Sequence[str], read: Callable[[], Reading]
 ) -> tuple[list[Probe], Counter[str], dict[str, float]]:
     met: Counter[str] = Counter()
-    headers = {"Authorization": f"Bearer {site.world.token}"}
     async with (
-        web() as http,
-        aiohttp.ClientSession(
-            connector=aiohttp.TCPConnector(ssl=insecure_tls()), headers=headers
-        ) as following,
+        new_http(force_close=True) as http,
+        new_http(site.world.token) as following,
     ):
         # All that is no part of a return, such as new tokens, comes before the kill.
         people = [person(site, at, cell, http) for at in range(len(robots))]
@@ -190,39 +180,16 @@ async def _probe(  # noqa: PLR0917 (one call)
 
 async def drive_once(who: Person, robot: str, number: int, ticket: Any = None) -> None:
     """Drive until a command has been heard of the robot; raise what stands in the way."""
-    connecting = (
-        who.open(robot, "ros", ticket)
-        if ticket
-        else who.connect(robot, "drive", "ros", straight=False)
-    )
-    async with await connecting as socket:
-        for op in ("advertise", "subscribe"):
-            await socket.send_json({"op": op, "topic": TOPIC, "type": TYPE})
-        sending = asyncio.ensure_future(_send(socket, number))
-        try:
-            async with asyncio.timeout(HEARD_WITHIN_S):
-                await _until_heard(socket, str(number))
-        finally:
-            sending.cancel()
-            await asyncio.gather(sending, return_exceptions=True)
-
-
-async def _send(socket: aiohttp.ClientWebSocketResponse, connection: int) -> None:
-    number = 0
-    while True:
-        await socket.send_json(command(connection, number))
-        number += 1
-        await asyncio.sleep(1 / RATE_HZ)
-
-
-async def _until_heard(socket: aiohttp.ClientWebSocketResponse, connection: str) -> None:
-    async for frame in socket:
-        if frame.type is aiohttp.WSMsgType.TEXT:
-            said = json.loads(frame.data)
-            sent = origin(said["msg"]) if said.get("op") == "publish" else None
-            if sent is not None and sent[0] == connection:
+    socket = await (who.open(robot, "ros", ticket) if ticket else who.connect(robot))
+    echoes = Echoes()
+    async with echoes.listening(socket, number) as listening, asyncio.timeout(HEARD_WITHIN_S):
+        for sent in count():
+            await socket.send_json(command(sent, number))
+            await asyncio.wait({listening}, timeout=1 / RATE_HZ)
+            if echoes.count:
                 return
-    raise ConnectionError(f"closed with {socket.close_code}")
+            if listening.done():
+                raise ConnectionError(f"closed with {socket.close_code}")
 
 
 # The database is away.
@@ -244,7 +211,10 @@ async def _database_away(
 ) -> dict[str, Any]:
     seconds = BEFORE_S + away_s + AFTER_S
     cell = site.cells[0]
-    async with driving(site, driven, cell, RATE_HZ, seconds) as runs, web() as http:
+    async with (
+        driving(site, driven, cell, RATE_HZ, seconds) as runs,
+        new_http(force_close=True) as http,
+    ):
         await asyncio.sleep(BEFORE_S)
         people = [person(site, at, cell, http) for at in range(len(others))]
         pairs = list(zip(people, others, strict=True))
@@ -320,18 +290,16 @@ async def driving(
     site: Site, robots: Sequence[str], cell: Cell, rate_hz: float, seconds: float
 ) -> AsyncIterator[asyncio.Future[list[Mapping[str, Any]]]]:
     """Drive robots for so long; what becomes of it is awaited."""
-    connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0)
-    async with aiohttp.ClientSession(connector=connector) as http:
+    async with new_http() as http:
         drivers = [
             Driver(Drive(robot, site.tokens(_user(at)), "virtual"), cell.address, http)
             for at, robot in enumerate(robots)
         ]
         await asyncio.gather(*(one.open() for one in drivers))
-        begin = time.monotonic() + 0.2
 
         async def run() -> list[Mapping[str, Any]]:
-            begins = [begin + at / rate_hz / len(drivers) for at in range(len(drivers))]
-            runs = (one.run(at, rate_hz, seconds) for one, at in zip(drivers, begins, strict=True))
+            moments = begins(len(drivers), rate_hz)
+            runs = (one.run(at, rate_hz, seconds) for one, at in zip(drivers, moments, strict=True))
             await asyncio.gather(*runs)
             return [one.result() for one in drivers]
 
@@ -463,9 +431,9 @@ def forwarding(site: Site, size: Size, turns: int, messages: int) -> Values:
 
 
 async def _round_trips(site: Site, cell: Cell, robot: str, messages: int, times: Histogram) -> None:
-    async with web() as http:
+    async with new_http(force_close=True) as http:
         who = person(site, 0, cell, http)
-        async with await who.connect(robot, "drive", "ros", straight=False) as socket:
+        async with await who.connect(robot) as socket:
             for op in ("advertise", "subscribe"):
                 await socket.send_json({"op": op, "topic": ECHO_TOPIC, "type": ECHO_TYPE})
             for number in range(-10, messages):

@@ -36,8 +36,8 @@ from robotether_agent.systemd import Notifier
 from robotether_common.guard import STAMP
 from sim_robot.graph import TopicMessage
 
-from paper.cells.commands import TOPIC, TYPE, origin
 from paper.cells.history import History
+from paper.client import TOPIC, TYPE, origin
 from paper.fleet.worker import (
     FILES_A_ROBOT,
     LOG_FORMAT,

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 import sys
 import time
 from collections import Counter
@@ -22,19 +21,14 @@ from typing import Any
 
 import aiohttp
 import uvloop
-from local_network import insecure_tls
 
+from paper.client import FAILURES, Client, Echoes, begin, close, command, new_http
 from paper.numbered.messages import Histogram
 from paper.programs import write_line
 
-TOPIC, TYPE = "/cmd_vel", "geometry_msgs/Twist"
-SPEED_M_S = 0.2
 READY_WITHIN_S, AGAIN_S, LAST_WITHIN_S = 60.0, 0.2, 2.0
-MS_PER_S = 1000.0
-# The number of a command travels in a component that nothing limits; so many of them are exact.
-PER_UNIT = 1000.0
-MAX_WORDS = 80
-_NUMBER = re.compile(r"\d+")
+# A busy server answers late, and is asked again then.
+REQUEST_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -52,60 +46,40 @@ class Driver:
 
     def __init__(self, drive: Drive, site: str, http: aiohttp.ClientSession) -> None:
         self.drive = drive
-        self._site, self._http = site, http
+        self._client = Client(http, site, drive.token, REQUEST_S)
         self._socket: aiohttp.ClientWebSocketResponse
-        self._under_way: dict[int, float] = {}
-        self._came = asyncio.Event()
+        self._echoes = Echoes()
         self._sent = 0
         self._unsent = 0
-        self.round_trips = Histogram()
         # How long after its time each command was sent; a busy machine makes this process late, too.
         self._late = Histogram()
         self._endings: Counter[str] = Counter()
-        # What relay or guard did not pass on, by their words without what differs each time.
-        self._refused: Counter[str] = Counter()
         self._listening: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
         """Have the lease, and listen from now on: a client that answers no ping drives with old commands."""
-        await self.dial_first()
+        await self._dial()
         self._listening = asyncio.create_task(self._keep_listening())
 
-    async def dial_first(self) -> None:
+    async def _dial(self) -> None:
         """Have the lease, trying again for a while."""
         async with asyncio.timeout(READY_WITHIN_S):
             while True:
-                with suppress(aiohttp.ClientError, OSError):
-                    return await self.dial()
+                with suppress(*FAILURES):
+                    self._socket = await self._client.connect(self.drive.robot)
+                    return await begin(self._socket)
                 await asyncio.sleep(AGAIN_S)
-
-    async def dial(self) -> None:
-        wanted = {"robot": self.drive.robot, "mode": "drive"}
-        headers = {"Authorization": f"Bearer {self.drive.token}"}
-        tickets = f"https://{self._site}/api/v1/tickets"
-        async with self._http.post(tickets, json=wanted, headers=headers) as answer:
-            answer.raise_for_status()
-            ticket = (await answer.json())["ticket"]
-        url = f"https://{self._site}/robots/{self.drive.robot}/ros?ticket={ticket}"
-        self._socket = await self._http.ws_connect(url, compress=0)
-        for op in ("advertise", "subscribe"):
-            await self._socket.send_json({"op": op, "topic": TOPIC, "type": TYPE})
 
     async def run(self, begin_s: float, rate_hz: float, seconds: float) -> None:
         """Drive from then on for so long, and wait for the last answers."""
         for number in range(int(rate_hz * seconds)):
             due_s = begin_s + number / rate_hz
             await asyncio.sleep(due_s - time.monotonic())
-            self._late.add(max(0.0, time.monotonic() - due_s) * MS_PER_S)
+            self._late.add(max(0.0, time.monotonic() - due_s) * 1000)
             await self._send(number)
         with suppress(TimeoutError):
             async with asyncio.timeout(LAST_WITHIN_S):
-                await self._until_all_came()
-
-    async def _until_all_came(self) -> None:
-        while self._under_way:
-            self._came.clear()
-            await self._came.wait()
+                await self._echoes.until_all_came()
 
     def result(self) -> Mapping[str, Any]:
         return {
@@ -113,10 +87,10 @@ class Driver:
             "kind": self.drive.kind,
             "sent": self._sent,
             "unsent": self._unsent,
-            "lost": len(self._under_way),
+            "lost": len(self._echoes.sent_at),
             "endings": dict(self._endings),
-            "refused": dict(self._refused),
-            "round_trips": self.round_trips.as_json(),
+            "refused": dict(self._echoes.refused),
+            "round_trips": self._echoes.round_trips.as_json(),
             "late": self._late.as_json(),
         }
 
@@ -124,61 +98,42 @@ class Driver:
         if self._listening is not None:
             self._listening.cancel()
             await asyncio.gather(self._listening, return_exceptions=True)
-        with suppress(TimeoutError):
-            async with asyncio.timeout(2):
-                await self._socket.close()
+        await close(self._socket)
 
     async def _send(self, number: int) -> None:
-        twist = {
-            "linear": {"x": SPEED_M_S, "y": 0.0, "z": 0.0},
-            "angular": {"x": number / PER_UNIT, "y": 0.0, "z": 0.0},
-        }
-        text = json.dumps({"op": "publish", "topic": TOPIC, "msg": twist})
         sent_at = time.monotonic()
         try:
-            await self._socket.send_str(text)
+            await self._socket.send_json(command(number))
         except ConnectionError:
             self._unsent += 1
             return
         self._sent += 1
-        self._under_way[number] = sent_at
+        self._echoes.sent_at[number] = sent_at
 
     async def _keep_listening(self) -> None:
         while True:
-            await self._listen()
+            await self._echoes.listen(self._socket)
             self._endings[f"close code {self._socket.close_code}"] += 1
-            await self.dial_first()
+            await self._dial()
 
-    async def _listen(self) -> None:
-        async for frame in self._socket:
-            if frame.type is not aiohttp.WSMsgType.TEXT:
-                continue
-            said = json.loads(frame.data)
-            if said.get("op") == "publish":
-                # Zeros have no number that is under way but that of the first command.
-                number = round(said["msg"]["angular"]["x"] * PER_UNIT)
-                moves = said["msg"]["linear"]["x"]
-                sent_at = self._under_way.pop(number, None) if moves else None
-                if sent_at is not None:
-                    self._came.set()
-                    self.round_trips.add((time.monotonic() - sent_at) * MS_PER_S)
-            elif said.get("op") == "status":
-                self._refused[_NUMBER.sub("N", said.get("msg", ""))[:MAX_WORDS]] += 1
+
+def begins(drivers: int, rate_hz: float) -> list[float]:
+    """When each driver begins: not in step, as operators are not."""
+    now = time.monotonic() + 0.1
+    return [now + at / rate_hz / drivers for at in range(drivers)]
 
 
 async def work() -> None:
     order = json.loads(await asyncio.to_thread(sys.stdin.readline))
     rate_hz, seconds = order["rate_hz"], order["seconds"]
-    connector = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0)
-    async with aiohttp.ClientSession(connector=connector) as http:
+    async with new_http() as http:
         drivers = [Driver(Drive(**one), order["site"], http) for one in order["drives"]]
         await asyncio.gather(*(driver.open() for driver in drivers))
         write_line({"ready": True})
         await asyncio.to_thread(sys.stdin.readline)
         began, cpu_s = time.monotonic(), time.process_time()
-        # Not in step, as operators are not.
-        begins = [began + 0.1 + at / rate_hz / len(drivers) for at in range(len(drivers))]
-        runs = (one.run(at, rate_hz, seconds) for one, at in zip(drivers, begins, strict=True))
+        moments = begins(len(drivers), rate_hz)
+        runs = (one.run(at, rate_hz, seconds) for one, at in zip(drivers, moments, strict=True))
         await asyncio.gather(*runs)
         write_line(
             {

@@ -32,16 +32,16 @@ from typing import IO, Any, Literal, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
 import aiohttp
-from local_network import insecure_tls
 from robotether_server.relay.robots.demand import USE_KEPT_S
 
+from paper.client import Client, new_http
 from paper.costs import Reading, cpu_between, limits_met, memory_between
-from paper.fleet.operators import Arrivals, FleetEvents, Operators
+from paper.fleet.operators import REQUEST_S, Arrivals, FleetEvents, Operators
 from paper.fleet.report import AGENTS, FAILED_AFTER_S
 from paper.fleet.worker import LINE_BYTES, TOPIC, TYPE, allow_files
-from paper.networks import PLAIN, Uplink
+from paper.networks import PLAIN, Uplink, made_in
 from paper.programs import our_environment
-from paper.robots import ASIDE, WholeRobot, connector, no_longer_aside
+from paper.robots import ASIDE, WholeRobot, no_longer_aside
 from paper.world import Enrolled, World
 
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
@@ -208,11 +208,11 @@ class Fleet:
         sides: Sequence[Side],
         http: aiohttp.ClientSession,
     ) -> None:
-        site = f"https://{world.address}"
         self._world, self._sides = world, sides
         self._names = [robot.name for robot in robots]
-        self.fleet_events = FleetEvents(http, site)
-        self._operators = Operators(http, site, self.fleet_events)
+        self.fleet_events = FleetEvents(http, f"https://{world.address}")
+        client = Client(http, world.address, world.token, REQUEST_S)
+        self._operators = Operators(client, self.fleet_events)
         self._failures: list[str] = []
 
     async def start(self, run: str) -> dict[str, Any]:
@@ -328,10 +328,8 @@ async def following(
     world: World, robots: Sequence[Enrolled], sides: Sequence[Side], operators: Uplink | None = None
 ) -> AsyncIterator[Fleet]:
     """The fleet that these robots are, with operators, behind an uplink or here, who follow the server's events."""
-    headers = {"Authorization": f"Bearer {world.token}"}
-    here = aiohttp.TCPConnector(ssl=insecure_tls(), limit=0)
-    made = here if operators is None else connector(operators)
-    async with aiohttp.ClientSession(connector=made, headers=headers) as http:
+    how = {} if operators is None else made_in(operators.inside)
+    async with new_http(world.token, **how) as http:
         fleet = Fleet(world, robots, sides, http)
         fleet_events = asyncio.ensure_future(fleet.fleet_events.follow())
         try:
@@ -405,8 +403,7 @@ class WholeRobots:
     async def _subscribed(
         self, stack: AsyncExitStack, robot: WholeRobot
     ) -> aiohttp.ClientWebSocketResponse:
-        http = aiohttp.ClientSession(connector=connector(robot.uplink))
-        await stack.enter_async_context(http)
+        http = await stack.enter_async_context(new_http(**made_in(robot.uplink.inside)))
         socket = await stack.enter_async_context(await _rosbridge(http, robot))
         await socket.send_json({"op": "subscribe", "topic": TOPIC, "type": TYPE})
         return socket

@@ -14,11 +14,11 @@ import time
 from collections import Counter
 from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
 from contextlib import aclosing, suppress
-from http import HTTPStatus
 from typing import Any
 
 import aiohttp
 
+from paper.client import Client, RefusedError, close
 from paper.fleet.worker import TOPIC, TYPE
 
 NS_PER_S = 1e9
@@ -27,7 +27,7 @@ MAX_WRONG_TEXTS = 20
 # The server lets one user have 32; one that closes still counts for a moment.
 AT_ONCE = 28
 TRY_AGAIN_S = 0.1
-REQUEST_S, CLOSE_S = 20.0, 1.0
+REQUEST_S = 20.0
 # Then the message is taken for lost, and another one is sent.
 ARRIVES_WITHIN_S = 10.0
 # The relay writes something every 10 s.
@@ -107,10 +107,6 @@ def _rounded(seconds: float | None) -> float | None:
     return None if seconds is None else round(seconds, 4)
 
 
-class RefusedError(Exception):
-    """The server did not let an operator through to a robot, or let it go again; says why."""
-
-
 class FleetEvents:
     """Which robots are online, by the server's events; the connection is made anew for as long as it must."""
 
@@ -175,8 +171,8 @@ class FleetEvents:
 class Operators:
     """All operators of a fleet."""
 
-    def __init__(self, http: aiohttp.ClientSession, site: str, fleet_events: FleetEvents) -> None:
-        self._http, self._site, self._fleet_events = http, site, fleet_events
+    def __init__(self, client: Client, fleet_events: FleetEvents) -> None:
+        self._client, self._fleet_events = client, fleet_events
         self._slots = asyncio.Semaphore(AT_ONCE)
 
     async def deliver_all(self, robots: Iterable[str], arrivals: Arrivals, within_s: float) -> None:
@@ -204,23 +200,15 @@ class Operators:
                 await asyncio.sleep(TRY_AGAIN_S)
 
     async def _attempt(self, robot: str, arrivals: Arrivals) -> None:
-        url = f"{self._site}/robots/{robot}/ros?ticket={await self._ticket(robot)}"
-        timeout = aiohttp.ClientWSTimeout(ws_close=CLOSE_S)
-        async with self._http.ws_connect(url, timeout=timeout, compress=0) as socket:
+        socket = await self._client.connect(robot)
+        try:
             await socket.send_json({"op": "advertise", "topic": TOPIC, "type": TYPE})
             message = {"data": arrivals.text(robot)}
             await socket.send_json({"op": "publish", "topic": TOPIC, "msg": message})
             async with asyncio.timeout(ARRIVES_WITHIN_S):
                 await _until_come(socket, robot, arrivals)
-
-    async def _ticket(self, robot: str) -> str:
-        wanted = {"robot": robot, "mode": "drive"}
-        url = f"{self._site}/api/v1/tickets"
-        timeout = aiohttp.ClientTimeout(total=REQUEST_S)
-        async with self._http.post(url, json=wanted, timeout=timeout) as response:
-            if response.status != HTTPStatus.CREATED:
-                raise RefusedError(f"no ticket: HTTP {response.status}")
-            return str((await response.json())["ticket"])
+        finally:
+            await close(socket)
 
 
 async def _until_come(

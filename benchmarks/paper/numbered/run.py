@@ -148,17 +148,15 @@ def tokens(world: World, how_many: int) -> Iterator[list[str]]:
 
 def operator_end(world: World, pair: Pair, number: int, plan: Plan, token: str) -> End:
     """The end outside: through nginx, with tickets."""
-    site, robot = f"{pair.operator.machine}:{world.https_port}", pair.robot.name
     return End(
         pair=number,
         count=plan.count,
         rate_hz=plan.rate_hz,
         sends=plan.to_robot,
         namespace=pair.operator.inside.name,
-        url=f"wss://{site}/robots/{robot}/ros?ticket=",
-        tickets=f"https://{site}/api/v1/tickets",
+        site=world.address,
         token=token,
-        robot=robot,
+        robot=pair.robot.name,
     )
 
 

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import aiohttp
-from local_network import insecure_tls
 from namespaces import Namespace
 
-from paper.networks import connector_in
+from paper.client import FAILURES, Client, new_http
+from paper.networks import made_in
 from paper.numbered.messages import NS_A_MS, TOPIC, TYPE, Account, Histogram, publish
 from paper.programs import write_line
 
@@ -46,9 +46,9 @@ class End:
     sends: bool
     # Where its sockets are made.
     namespace: str
-    # Of rosbridge; for an operator without the ticket, which comes from `tickets`, an address of the API.
-    url: str
-    tickets: str = ""
+    # Of the robot's own rosbridge; an operator has HOST:PORT of the site in its place.
+    url: str = ""
+    site: str = ""
     token: str = ""
     robot: str = ""
 
@@ -70,9 +70,7 @@ class Dialled:
 
     async def dial(self) -> None:
         """Connect, and wait until the robot's rosbridge has taken what this end is for."""
-        self._socket = await self._http.ws_connect(
-            self._end.url + await self._ticket(), ssl=insecure_tls(), compress=0, max_msg_size=0
-        )
+        self._socket = await self._connected()
         await self._socket.send_json(
             {"op": "advertise" if self._end.sends else "subscribe", "topic": TOPIC, "type": TYPE}
         )
@@ -97,7 +95,7 @@ class Dialled:
         while True:
             try:
                 return await self.dial()
-            except (aiohttp.ClientError, ConnectionError, TimeoutError) as error:
+            except FAILURES as error:
                 self.failures[str(error)] += 1
                 if time.monotonic() > until_s:
                     raise ConnectionError(f"pair {self._end.pair}: {error}") from error
@@ -108,7 +106,7 @@ class Dialled:
         await self.close()
         self.endings[self._why()] += 1
         while time.monotonic_ns() < until_ns:
-            with suppress(aiohttp.ClientError, ConnectionError, TimeoutError):
+            with suppress(*FAILURES):
                 await self.dial()
                 return
             await asyncio.sleep(AGAIN_S)
@@ -146,16 +144,13 @@ class Dialled:
     def _why(self) -> str:
         return f"close code {self._socket.close_code}"
 
-    async def _ticket(self) -> str:
-        if not self._end.tickets:
-            return ""
-        wanted = {"robot": self._end.robot, "mode": "drive" if self._end.sends else "observe"}
-        bearer = {"Authorization": f"Bearer {self._end.token}"}
-        async with self._http.post(
-            self._end.tickets, json=wanted, headers=bearer, ssl=insecure_tls()
-        ) as answer:
-            answer.raise_for_status()
-            return str((await answer.json())["ticket"])
+    async def _connected(self) -> aiohttp.ClientWebSocketResponse:
+        end = self._end
+        if end.site:
+            client = Client(self._http, end.site, end.token, DIAL_WITHIN_S)
+            return await client.connect(end.robot, "drive" if end.sends else "observe")
+        async with asyncio.timeout(DIAL_WITHIN_S):
+            return await self._http.ws_connect(end.url, compress=0, max_msg_size=0)
 
     async def _read(self, client: aiohttp.ClientWebSocketResponse, ready: asyncio.Event) -> None:
         """Hear what comes; reading also answers pings."""
@@ -246,12 +241,8 @@ async def _wait_for_last(receivers: Sequence[Receiver], sent: asyncio.Future[Any
             return
 
 
-def _session(namespace: str) -> aiohttp.ClientSession:
-    """A client whose sockets are made in a namespace."""
-    return aiohttp.ClientSession(
-        connector=connector_in(Namespace(namespace, ""), limit=0),
-        timeout=aiohttp.ClientTimeout(total=None, sock_connect=DIAL_WITHIN_S),
-    )
+def _http_in(namespace: str) -> aiohttp.ClientSession:
+    return new_http(**made_in(Namespace(namespace, "")))
 
 
 async def _read_order() -> Mapping[str, Any]:
@@ -266,7 +257,7 @@ async def work() -> None:
     ends = [End(**values) for values in (await _read_order())["ends"]]
     async with AsyncExitStack() as stack:
         used = {end.namespace for end in ends}
-        clients = {one: await stack.enter_async_context(_session(one)) for one in used}
+        clients = {one: await stack.enter_async_context(_http_in(one)) for one in used}
         kind = Sender if ends[0].sends else Receiver
         made = [kind(end, clients[end.namespace]) for end in ends]
         await asyncio.gather(*(one.dialled.dial_first() for one in made))

@@ -27,7 +27,8 @@ from local_network import free_port, insecure_tls
 from openssh_server import OpenSshServer
 from video_viewers import OnFrame, view_frames, view_stream
 
-from paper.networks import FIXED, Profile, Uplink
+from paper.client import Client, new_http
+from paper.networks import FIXED, Profile, Uplink, made_in
 from paper.operators.report import report
 from paper.operators.run import (
     ADAPTIVE,
@@ -46,16 +47,14 @@ from paper.operators.run import (
 from paper.robots import (
     ROSBRIDGE_PORT,
     VIDEO_PORT,
-    Operator,
     WholeRobot,
-    connector,
     wait_all_online,
 )
 from paper.step import Part, Scale, Step, Values
 from paper.world import World
 
 CAMERA = "/camera/image_raw"
-ONLINE_WITHIN_S = 60.0
+ONLINE_WITHIN_S, CONNECTED_WITHIN_S = 60.0, 20.0
 EVERYWHERE = "0.0.0.0"
 USUAL, QUICK = Times(settle_s=5, measure_s=8), Times(settle_s=1.5, measure_s=4)
 # What a robot's machine has where nobody chose; this machine's own default may be another.
@@ -91,8 +90,8 @@ async def _our_client(
     stack: AsyncExitStack, world: World, pair: Pair, quality: int | None
 ) -> OperatorClient:
     http = await stack.enter_async_context(http_behind(pair.operator))
-    operator = Operator(http, world, pair.operator, pair.robot.name)
-    await stack.enter_async_context(operator)
+    client = Client(http, world.address, world.token, CONNECTED_WITHIN_S)
+    drive = await stack.enter_async_context(await client.connect(pair.robot.name))
     ticket = world.ticket(pair.robot.name, "observe")
     url = f"https://{world.address}/robots/{pair.robot.name}/video/frames?topic={CAMERA}&ticket={ticket}"
     stream_request: dict[str, int] = {"fps": FPS}
@@ -102,7 +101,7 @@ async def _our_client(
     async def view(on_frame: OnFrame) -> None:
         await view_frames(http, url, on_frame, stream_request, ssl=insecure_tls())
 
-    return await _client(stack, pair, view, operator.socket, local_view=None)
+    return await _client(stack, pair, view, drive, local_view=None)
 
 
 @asynccontextmanager
@@ -134,7 +133,7 @@ def stream(http: aiohttp.ClientSession, server: str, quality: int | None) -> Vie
 
 def http_behind(uplink: Uplink) -> aiohttp.ClientSession:
     """Connections that are made in the uplink's network."""
-    return aiohttp.ClientSession(connector=connector(uplink))
+    return new_http(**made_in(uplink.inside))
 
 
 async def _client(

@@ -23,7 +23,8 @@ import aiohttp
 from relay_server import until
 from video_viewers import Frame
 
-from paper.networks import connector_in
+from paper.client import new_http
+from paper.networks import made_in
 from paper.peers.transports import OBSERVE, Transport
 
 MESSAGE_BYTES, MESSAGE_TYPE = 200, "std_msgs/String"
@@ -48,7 +49,7 @@ TELEMETRY, TELEMETRY_TYPE = "/odom", "nav_msgs/Odometry"
 @asynccontextmanager
 async def http_of(transport: Transport) -> AsyncIterator[aiohttp.ClientSession]:
     """The operator's connections on this way; all are cut at the end."""
-    async with aiohttp.ClientSession(connector=transport.connector()) as http:
+    async with transport.http() as http:
         yield http
 
 
@@ -224,7 +225,7 @@ async def throughput(transport: Transport, seconds: float, settle_s: float) -> d
     """Payload in bit/s that comes from the robot, and processor seconds a MB of it at the robot's and server's side."""
     async with AsyncExitStack() as stack:
         http = await stack.enter_async_context(http_of(transport))
-        local = aiohttp.ClientSession(connector=connector_in(transport.inside, force_close=True))
+        local = new_http(force_close=True, **made_in(transport.inside))
         await stack.enter_async_context(local)
         url = await asyncio.to_thread(transport.ros_url)
         operator = await stack.enter_async_context(connected(http, url))

@@ -21,13 +21,13 @@ from typing import Self
 
 import aiohttp
 from bare_tunnel import new_key, ssh_command
-from local_network import insecure_tls
 from namespaces import Namespace
 from openssh_server import OpenSshServer, listens, wait_until
 from video_viewers import OnFrame, view_frames, view_stream
 
+from paper.client import new_http
 from paper.costs import trees_cpu_s, use_of
-from paper.networks import SLOW_4G, Uplink, connector_in
+from paper.networks import SLOW_4G, Uplink, made_in
 from paper.programs import Program, our_environment
 from paper.robots import WholeRobot
 from paper.world import World
@@ -140,9 +140,9 @@ class Transport(ABC):
     async def view(self, http: aiohttp.ClientSession, video: str, on_frame: OnFrame) -> None:
         """Look at the camera, as one of `videos`, until it ends or the task is cancelled."""
 
-    def connector(self) -> aiohttp.TCPConnector:
+    def http(self) -> aiohttp.ClientSession:
         """Make the operator's connections where the operator is; inside the running loop."""
-        return connector_in(self.server, force_close=True)
+        return new_http(force_close=True, **made_in(self.server))
 
     def robot_cpu_s(self) -> float:
         """Processor time so far of what carries on the robot's side."""
@@ -256,7 +256,6 @@ class Robotether(Transport):
     def __init__(self, world: World, uplink: Uplink) -> None:
         super().__init__(uplink)
         self._world = world
-        self._tls = insecure_tls()
 
     def prepare(self, made: ExitStack) -> None:
         [enrolled] = self._world.enrol(self._world.names("peers", 1))
@@ -295,8 +294,8 @@ class Robotether(Transport):
         base = f"https://{self._world.address}/robots/{self._robot.name}/video"
         await view_frames(http, f"{base}/frames?topic={CAMERA}&ticket={ticket}", on_frame)
 
-    def connector(self) -> aiohttp.TCPConnector:
-        return aiohttp.TCPConnector(force_close=True, ssl=self._tls)
+    def http(self) -> aiohttp.ClientSession:
+        return new_http(force_close=True)
 
     def robot_cpu_s(self) -> float:
         return sum(trees_cpu_s([self._robot.agent_pid]))

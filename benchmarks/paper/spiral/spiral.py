@@ -18,14 +18,15 @@ from typing import Any
 import aiohttp
 from sim_robot.kinematics import STANDING, Pose, Velocity
 
-from paper.networks import Uplink
+from paper.client import FAILURES, Client, new_http
+from paper.networks import Uplink, made_in
 from paper.programs import LineProgram
-from paper.robots import Operator, WholeRobot, connector, running, wait_all_online
+from paper.robots import WholeRobot, running, wait_all_online
 from paper.spiral.course import INTERVAL_S, NETWORKS, Drive, Plan, in_frame_of, plan_of
 from paper.spiral.report import report
 from paper.spiral.watch import BEGINS_WITHIN_S, CMD_VEL, POSE, STANDS_WITHIN_S, TYPES
 from paper.step import Part, Scale, Step, Values
-from paper.world import RefusedByServerError, World
+from paper.world import World
 
 # Between two commands lies half a second, in which the guard's usual time is over.
 SETTINGS = {"guard": {"deadman_ms": 1000}}
@@ -51,7 +52,7 @@ class Driver:
     def __init__(self, world: World, pair: Pair) -> None:
         self._world = world
         self._pair = pair
-        self._operator: Operator
+        self._socket: aiohttp.ClientWebSocketResponse
         # time.monotonic_ns() of each command.
         self.sent_ns: list[int] = []
         self.problem = ""
@@ -61,7 +62,7 @@ class Driver:
         try:
             async with asyncio.timeout(CONNECTED_WITHIN_S):
                 await self._connect(opened)
-        except (OSError, aiohttp.ClientError, RefusedByServerError) as error:
+        except (*FAILURES, TypeError) as error:
             self.problem = f"the operator could not connect: {type(error).__name__}: {error}"
 
     async def drive(self, wanted: Sequence[Velocity], start_s: float) -> None:
@@ -73,23 +74,21 @@ class Driver:
                 await asyncio.sleep(start_s + number * INTERVAL_S - time.monotonic())
                 text = twist(velocity)
                 self.sent_ns.append(time.monotonic_ns())
-                await self._operator.send(text)
+                await self._socket.send_str(text)
         except (OSError, aiohttp.ClientError) as error:
             lost = f"the operator could not send command {len(self.sent_ns)}: {error}"
             self.problem = self.problem or lost
 
     async def _connect(self, opened: AsyncExitStack) -> None:
-        http = await opened.enter_async_context(
-            aiohttp.ClientSession(connector=connector(self._pair.uplink))
-        )
-        self._operator = await opened.enter_async_context(
-            Operator(http, self._world, self._pair.uplink, self._pair.robot.name)
-        )
-        await self._operator.send({"op": "advertise", "topic": CMD_VEL, "type": TYPES[CMD_VEL]})
+        http = await opened.enter_async_context(new_http(**made_in(self._pair.uplink.inside)))
+        client = Client(http, self._world.address, self._world.token, CONNECTED_WITHIN_S)
+        socket = await opened.enter_async_context(await client.connect(self._pair.robot.name))
+        self._socket = socket
+        await socket.send_json({"op": "advertise", "topic": CMD_VEL, "type": TYPES[CMD_VEL]})
         # As often as it drives: somebody who drives sees something of the robot.
         every_ms = round(INTERVAL_S * 1000)
-        await self._operator.send({"op": "subscribe", "topic": POSE, "throttle_rate": every_ms})
-        while (message := json.loads(await self._operator.receive()))["op"] != "publish":
+        await socket.send_json({"op": "subscribe", "topic": POSE, "throttle_rate": every_ms})
+        while (message := await socket.receive_json())["op"] != "publish":
             if message["op"] == "status":
                 raise ConnectionError(f"{self._pair.robot.name} says: {message}")
         reading = asyncio.create_task(self._read())
@@ -97,11 +96,9 @@ class Driver:
 
     async def _read(self) -> None:
         """Take what comes, which answers pings, too; remember why it ends."""
-        try:
-            while True:
-                await self._operator.receive()
-        except ConnectionError as error:
-            self.problem = self.problem or str(error)
+        async for _ in self._socket:
+            pass
+        self.problem = self.problem or f"the connection ended: {self._socket.close_code}"
 
 
 def drive(world: World, plan: Plan, what: Drive) -> Values:

@@ -20,7 +20,8 @@ import aiohttp
 from namespaces import Namespace
 from sim_robot.kinematics import STEP_S
 
-from paper.networks import connector_in
+from paper.client import new_http
+from paper.networks import made_in
 from paper.programs import write_line
 
 CMD_VEL, POSE = "/cmd_vel", "/pose"
@@ -46,7 +47,7 @@ class Watch:
     async def run(self) -> None:
         try:
             async with (
-                aiohttp.ClientSession(connector=connector_in(self._inside)) as http,
+                new_http(**made_in(self._inside)) as http,
                 http.ws_connect(self._url, max_msg_size=0, compress=0) as rosbridge,
             ):
                 for topic, kind in TYPES.items():
