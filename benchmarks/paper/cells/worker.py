@@ -167,7 +167,7 @@ class WatchedSupervisor(SupervisorHere):
 
 
 class GuardedServices(Services):
-    """Behind a virtual robot's forwards: a guard as an agent has it, with its rosbridge, and the small camera."""
+    """Behind a virtual robot's forward: a guard as an agent has it, with its rosbridge."""
 
     def __init__(self, supervisor: WatchedSupervisor) -> None:
         super().__init__(lambda _topic, _message: None)

@@ -1,10 +1,10 @@
 """A virtual robot: what an agent says to the server, without the programs of a robot; hundreds fit into a process.
 
-Played by worker.py. Its SSH connections are asyncssh's, dialled and tried again by the agent's own rules, at the cells
-of the server's newest list, of which it keeps none on disk; its lines are the agent's, in the agent's order
-(benchmarks/tests/test_virtual.py compares them). What lies behind its forwards is services.py. It has no guard that
-could stop anything, no battery, no shell, and does not rotate its key: never let one stand for a robot that moves. Its
-key exchange is the newest of OpenSSH 10's that both ends know.
+Played by worker.py. Its SSH connection is asyncssh's, dialled and tried again by the agent's own rules, at the cells of
+the server's newest list, of which it keeps none on disk; its lines are the agent's, in the agent's order
+(benchmarks/tests/test_virtual.py compares them). What lies behind its forward is services.py. It has no guard that
+could stop anything, no camera, no battery, no shell, and does not rotate its key: never let one stand for a robot that
+moves. Its key exchange is the newest of OpenSSH 10's that both ends know.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from asyncssh.constants import MSG_IGNORE
 from robotether_agent import __version__
 from robotether_agent.backoff import Backoff, Uptime, keep_going
 from robotether_agent.clock import EpochClock, robot_time
-from robotether_agent.daemon import UNWATCHED
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import EnrolmentStore
 from robotether_agent.enrolment.join import SshAccess
@@ -39,7 +38,6 @@ from robotether_agent.problems import (
     LinkLost,
     PortTaken,
     ProtocolBroken,
-    Retry,
     ServerSilent,
     SessionEnded,
 )
@@ -52,7 +50,6 @@ from robotether_agent.tunnel.connection import (
 )
 from robotether_agent.tunnel.connector import has_no_relay
 from robotether_agent.tunnel.session import FIRST_TIMEOUT_S, retry_after_bye
-from robotether_common.session import Kind
 
 from paper.virtual.services import Services
 
@@ -144,12 +141,11 @@ asyncssh.SSHClientConnection.send_packet = _without_ignored(  # type: ignore[met
 
 
 class Connection(asyncssh.SSHClientSession[bytes]):
-    """One SSH connection of a kind, with its lines both ways, and its heartbeat."""
+    """One session's SSH connection, with its lines both ways, and its heartbeat."""
 
-    def __init__(self, kind: Kind, on_line: Callable[[Connection, Line], None]) -> None:
+    def __init__(self, on_line: Callable[[Connection, Line], None]) -> None:
         self.config: dict[str, Any] = {}
         self.configs = 0
-        self.kind = kind
         self.target: SshAddress
         # Of a session.
         self.epoch = 0
@@ -178,7 +174,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
     async def open(
         self, account: Account, targets: Sequence[SshAddress], *, unreached_s: float = 0.0
     ) -> None:
-        """Log in and ask for the session of this kind; the agent's problems say why not."""
+        """Log in and ask for a session; the agent's problems say why not."""
         if len(targets) > 1:
             self._first_timeout_s = RELAY_ANSWERS_WITHIN_S
         self.target = target = await account.dialer.find(targets, unreached_s=unreached_s)
@@ -190,7 +186,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         except (asyncssh.Error, OSError) as error:
             raise LinkLost(f"cannot log in at {target}: {error}") from error
         try:
-            await self._ssh.create_session(lambda: self, self.kind, encoding=None)
+            await self._ssh.create_session(lambda: self, "session", encoding=None)
         except (asyncssh.Error, OSError) as error:
             self._ssh.abort()
             raise LinkLost(f"cannot open the session at {target}: {error}") from error
@@ -242,7 +238,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
     def data_received(self, data: bytes, datatype: int | None) -> None:
         if datatype is not None:
             # The session command's last words.
-            log.debug("%s: %r", self.kind, data)
+            log.debug("session: %r", data)
             return
         self._received_at = robot_time()
         *lines, self._rest = (self._rest + data).split(b"\n")
@@ -313,14 +309,9 @@ class VirtualRobot:
         self._services = services
         self._rng = rng
         self._epochs = EpochClock()
-        self._session_up = asyncio.Event()
-        self._next_session = asyncio.Event()
-        # The server wants the connection of the camera.
-        self._watched = asyncio.Event()
         # The server's own view of the forwards may be another one.
         self._recheck = asyncio.Event()
         self._session: Connection | None = None
-        self._media: Connection | None = None
         self._applied: Line = {}
         # When an address last led to no session, for those since the last one; and the one that fell silent last.
         self._failed_at: dict[SshAddress, float] = {}
@@ -331,17 +322,12 @@ class VirtualRobot:
         services.on_guard_changed = self._report_guard
 
     async def run(self) -> None:
-        """Keep session and video connection; ends with the problem that no retry mends."""
-        async with asyncio.TaskGroup() as group:
-            for what, attempt, pause in (
-                ("session", self._session_attempt, asyncio.sleep),
-                ("video tunnel", self._media_attempt, self._until_next_session),
-            ):
-                backoff = Backoff(self._rng)
-                group.create_task(keep_going(what, attempt, backoff, lambda _: None, pause))
+        """Keep a session; ends with the problem that no retry mends."""
+        backoff = Backoff(self._rng)
+        await keep_going("session", self._session_attempt, backoff, lambda _: None, asyncio.sleep)
 
     async def _session_attempt(self, uptime: Uptime) -> None:
-        connection = Connection("session", partial(self._on_session_line, uptime))
+        connection = Connection(partial(self._on_session_line, uptime))
         # As the agent: a cell that let the robot begin, and led to no session, comes after the others.
         targets = self._account.targets()
         targets.sort(key=lambda one: self._failed_at.get(one, 0.0))
@@ -365,32 +351,9 @@ class VirtualRobot:
         finally:
             uptime.was_used = connection.is_used
             self._session = None
-            self._session_up.clear()
             self._services.on_session_lost()
             self.on_session_lost()
             await connection.close()
-
-    async def _media_attempt(self, uptime: Uptime) -> None:
-        while not (self._watched.is_set() and self._session_up.is_set()):
-            await self._watched.wait()
-            await self._session_up.wait()
-        assert self._session is not None
-        connection = Connection("media", partial(self._on_media_line, uptime))
-        await connection.open(self._account, [self._session.target])
-        try:
-            self._media = connection
-            await connection.ended
-        except SessionEnded as problem:
-            if problem.code != UNWATCHED:
-                raise
-        finally:
-            self._media = None
-            await connection.close()
-
-    async def _until_next_session(self, most_s: float) -> None:
-        with suppress(TimeoutError):
-            async with asyncio.timeout(most_s):
-                await self._next_session.wait()
 
     def _on_session_line(self, uptime: Uptime, connection: Connection, line: Line) -> None:
         kind = line["type"]
@@ -419,23 +382,13 @@ class VirtualRobot:
         self._failed_at.clear()
         self.on_session(connection.target, connection.epoch)
         self._apply(connection)
-        self._session_up.set()
-        self._next_session.set()
-        self._next_session = asyncio.Event()
-        if self._media is not None and self._media.target != connection.target:
-            self._media.fail(LinkLost("the session is at another cell now", retry=Retry.AT_ONCE))
         await self._keep_asking_for_checks(connection)
 
     def _apply(self, connection: Connection) -> None:
         """Follow a configuration, once the session's forward is up, if more of it is new than the heartbeats."""
         applied, self._applied = self._applied, {**connection.config, "idle_heartbeat_s": None}
-        if applied == self._applied:
-            return
-        if connection.config.get("media", True):
-            self._watched.set()
-        else:
-            self._watched.clear()
-        self._recheck.set()
+        if applied != self._applied:
+            self._recheck.set()
 
     async def _keep_asking_for_checks(self, connection: Connection) -> None:
         while True:
@@ -446,15 +399,6 @@ class VirtualRobot:
             with suppress(TimeoutError):
                 async with asyncio.timeout(every_s - CHECK_PAUSE_S):
                     await self._recheck.wait()
-
-    def _on_media_line(self, uptime: Uptime, connection: Connection, line: Line) -> None:
-        if line["type"] == "config" and connection.configs == 1:
-            connection.configured(lambda: connection.run(self._open_media(uptime, connection)))
-
-    async def _open_media(self, uptime: Uptime, connection: Connection) -> None:
-        await connection.forward(connection.config["video_port"], self._services.video_channel)
-        uptime.is_up()
-        self._recheck.set()
 
     def _report_guard(self, answers: str | None) -> None:
         if self._session is not None:

@@ -1,4 +1,4 @@
-"""What lies behind a virtual robot's two forwards: a guard's answers, a rosbridge that echoes, and a small camera.
+"""What lies behind a virtual robot's forward: a guard's answers, and a rosbridge that echoes.
 
     services = Services("x-fleet-7", on_message)
     await ssh.create_server(lambda *_: services.ros_channel(), "0.0.0.0", 20000)
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import struct
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -20,37 +19,20 @@ from typing import Any, cast
 
 import asyncssh
 from aiohttp import WSMsgType, web
-from robotether_agent.clock import robot_time
 from robotether_agent.guard.authorizer import Authorizer, NotAuthorized
 from robotether_agent.guard.topics import Authorization
-from robotether_common.codecs import JPEG
-from robotether_common.frames import HEADER, MAX_CREDITS, PATH, STAMPED
 from robotether_common.guard import DEFAULT_MS, REFUSED_KINDS, STAMP
 
 # What a fleet's operators and drivers use, and what its pages find.
 TOPICS = {
     "/cmd_vel": "geometry_msgs/Twist",
     "/startup": "std_msgs/String",
-    "/camera/image_raw": "sensor_msgs/Image",
 }
-DRIVE_TOPIC = "/cmd_vel"
-FPS_MAX = 15.0
-QUALITY = 70
 # A guard publishes zeros for so long, at a stop and when no command has come for the deadman's time.
 ZEROS_S = 0.5
 RESTS_AFTER_S = DEFAULT_MS / 1000 + ZEROS_S
-BOUNDARY = "boundarydonotcross"
 OnMessage = Callable[[str, Any], None]
 Said = dict[str, Any]
-
-
-def _small_jpeg() -> bytes:
-    """What begins like a JPEG of 160 x 120 pixels, with 3 KB in it; nobody decodes it."""
-    size = b"\xff\xc0" + struct.pack("!HBHHB", 8, 8, 120, 160, 0)
-    return (b"\xff\xd8" + size).ljust(3000, b"\x00") + b"\xff\xd9"
-
-
-FRAME = _small_jpeg()
 
 
 class Channel(asyncssh.SSHTCPSession[bytes]):
@@ -94,15 +76,10 @@ class Services:
         self._closing: set[asyncio.Task[bool]] = set()
         self._clients: dict[web.WebSocketResponse, tuple[Authorization, set[str]]] = {}
         self._ros = web.Server(self._answer_ros, access_log=None, handler_cancellation=True)
-        self._video = web.Server(self._answer_video, access_log=None, handler_cancellation=True)
 
     def ros_channel(self) -> asyncssh.SSHTCPSession[bytes]:
         """A new connection to the port of guard and rosbridge."""
         return Channel(self._ros())
-
-    def video_channel(self) -> asyncssh.SSHTCPSession[bytes]:
-        """A new connection to the port of the camera."""
-        return Channel(self._video())
 
     @property
     def guard(self) -> Mapping[str, Any]:
@@ -154,8 +131,6 @@ class Services:
                 closing = asyncio.ensure_future(client.close(code=1001))
                 self._closing.add(closing)
                 closing.add_done_callback(self._closing.discard)
-
-    # rosbridge, behind the guard.
 
     async def _answer_ros(self, request: web.BaseRequest) -> web.StreamResponse:
         client = web.WebSocketResponse(timeout=0.5, compress=False, max_msg_size=16 * 1024 * 1024)
@@ -226,82 +201,6 @@ class Services:
         elif self._moving:
             self._moving = False
             self.on_guard_changed(None)
-
-    # The camera.
-
-    async def _answer_video(self, request: web.BaseRequest) -> web.StreamResponse:
-        if request.path == PATH:
-            return await self._frames(request)
-        if request.path == "/stream":
-            return await _stream(request)
-        if request.path == "/snapshot":
-            return web.Response(body=FRAME, content_type="image/jpeg")
-        return web.Response(text="<h1>Available ROS Image Topics:</h1>", content_type="text/html")
-
-    async def _frames(self, request: web.BaseRequest) -> web.StreamResponse:
-        """Serve the frames protocol (docs/reference/media.md), one frame a credit."""
-        viewer = web.WebSocketResponse(timeout=0.5, compress=False, max_msg_size=4096)
-        if not viewer.can_prepare(request):
-            return web.Response(status=404)
-        await viewer.prepare(request)
-        camera = _Camera(viewer)
-        sending = asyncio.ensure_future(camera.send())
-        try:
-            async for message in viewer:
-                if message.type is WSMsgType.TEXT:
-                    await camera.handle(json.loads(message.data))
-        finally:
-            sending.cancel()
-            await asyncio.gather(sending, return_exceptions=True)
-        return viewer
-
-
-class _Camera:
-    """The frames of one viewer."""
-
-    def __init__(self, viewer: web.WebSocketResponse) -> None:
-        self._viewer = viewer
-        self._fps = FPS_MAX
-        self._credit = asyncio.Semaphore(0)
-        self._open = 0
-
-    async def handle(self, said: Said) -> None:
-        if said["op"] == "want":
-            self._fps = min(FPS_MAX, said.get("fps", FPS_MAX))
-            status = {"state": "live", "detail": "", "source": "web_video_server"}
-            size = {"quality": QUALITY, "width": said.get("width"), "height": said.get("height")}
-            await self._viewer.send_json({"op": "status", **status, **size, "fps": self._fps})
-        elif said["op"] == "credit":
-            for _ in range(min(said["frames"], MAX_CREDITS - self._open)):
-                self._open += 1
-                self._credit.release()
-        elif said["op"] == "beat":
-            answer = {"op": "beat", "t_ms": said["t_ms"], "sender_ms": robot_time() * 1000}
-            await self._viewer.send_json(answer)
-
-    async def send(self) -> None:
-        number, due = 0, robot_time()
-        while True:
-            await self._credit.acquire()
-            due = max(due + 1 / self._fps, robot_time())
-            await asyncio.sleep(due - robot_time())
-            number += 1
-            self._open -= 1
-            header = HEADER.pack(JPEG.number, STAMPED, QUALITY, number, robot_time() * 1000)
-            await self._viewer.send_bytes(header + FRAME)
-
-
-async def _stream(request: web.BaseRequest) -> web.StreamResponse:
-    """Serve MJPEG as web_video_server does."""
-    kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
-    response = web.StreamResponse(headers={"Content-Type": kind, "Connection": "close"})
-    await response.prepare(request)
-    head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(FRAME)}\r\n\r\n"
-    with suppress(ConnectionError):
-        while True:
-            await response.write(head.encode() + FRAME + b"\r\n")
-            await asyncio.sleep(1 / FPS_MAX)
-    return response
 
 
 def _service_response(said: Said) -> Said:
