@@ -5,8 +5,7 @@
 The first 50 robots of a fleet are light ones: the real agent with its guard and its own OpenSSH clients, in a worker
 process with others (worker.py), behind the address of the worker's uplink. All more are virtual (paper.virtual): what
 hundreds of agents say, without what they cost, as this machine has no cores for them beside the server's. A
-repetition's clock starts with the order to start, so that no interpreter's start is in it. Beside them whole robots,
-whose agent, guard and rosbridge are processes of their own, show what light ones leave out. Robots are enrolled once in
+repetition's clock starts with the order to start, so that no interpreter's start is in it. Robots are enrolled once in
 a world; the fleet ends with the `with` block.
 """
 
@@ -22,13 +21,12 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mappin
 from contextlib import (
     AbstractContextManager,
     AsyncExitStack,
-    ExitStack,
     asynccontextmanager,
     suppress,
 )
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any, Literal, Protocol, TypeVar
+from typing import IO, Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import aiohttp
@@ -38,10 +36,10 @@ from paper.client import Client, new_http
 from paper.costs import Reading, cpu_between, limits_met, memory_between
 from paper.fleet.operators import REQUEST_S, Arrivals, FleetEvents, Operators
 from paper.fleet.report import AGENTS, FAILED_AFTER_S
-from paper.fleet.worker import LINE_BYTES, TOPIC, TYPE, allow_files
+from paper.fleet.worker import LINE_BYTES, allow_files
 from paper.networks import PLAIN, Uplink, made_in
 from paper.programs import our_environment
-from paper.robots import ASIDE, WholeRobot, no_longer_aside
+from paper.robots import ASIDE, no_longer_aside
 from paper.world import Enrolled, World
 
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
@@ -52,7 +50,6 @@ LIGHT, VIRTUAL = "paper.fleet.worker", "paper.virtual.worker"
 # Larger fleets are watched for longer than a robot may take, to see when the last one comes.
 WATCHED_A_ROBOT_S = 0.5
 OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
-ROSBRIDGE_WITHIN_S, TRY_AGAIN_S = 30.0, 0.1
 # Also for a relay that holds two connections of each robot, and for this process.
 FILES_OF_OPERATORS = 4096
 POLL_EVERY_S, SETTLES_IN_POLLS = 0.5, 20
@@ -105,29 +102,13 @@ class WorkerFailedError(Exception):
 OnMessage = Callable[[dict[str, Any]], None]
 
 
-class Side(Protocol):
-    """Some robots of a fleet. `pids` are the processes that they are made of now, `heard` is told what they heard."""
-
-    on_message: OnMessage
-
-    @property
-    def pids(self) -> Sequence[int]:
-        """The processes now; what these have started counts too."""
-
-    async def do(self, order: Literal["start", "end"], within_s: float) -> None:
-        """Start or end all its robots."""
-
-    def log_tail(self) -> str:
-        """What its robots' agents said last."""
-
-
 class Worker:
-    """One process of light robots; a Side."""
+    """One process of light or virtual robots."""
 
     def __init__(self, process: asyncio.subprocess.Process, log: IO[bytes]) -> None:
         assert process.stdin is not None
         assert process.stdout is not None
-        self.pids = [process.pid]
+        self.pid = process.pid
         self.on_message: OnMessage = lambda _: None
         self._process, self._in, self._out, self._log = process, process.stdin, process.stdout, log
         self._done: asyncio.Queue[str] = asyncio.Queue()
@@ -205,7 +186,7 @@ class Fleet:
         self,
         world: World,
         robots: Sequence[Enrolled],
-        sides: Sequence[Side],
+        sides: Sequence[Worker],
         http: aiohttp.ClientSession,
     ) -> None:
         self._world, self._sides = world, sides
@@ -226,7 +207,7 @@ class Fleet:
             await asyncio.gather(*(one.do("start", OPENS_WITHIN_S) for one in self._sides))
 
         values = await self.run(run, order)
-        no_longer_aside([pid for side in self._sides for pid in side.pids])
+        no_longer_aside([one.pid for one in self._sides])
         return values
 
     async def run(self, run: str, order: Callable[[], Awaitable[None]]) -> dict[str, Any]:
@@ -290,7 +271,7 @@ class Fleet:
 
     def reading(self) -> Reading:
         containers = {name: self._world.container(name) for name in SERVICES}
-        return Reading.now(containers, [pid for side in self._sides for pid in side.pids])
+        return Reading.now(containers, [one.pid for one in self._sides])
 
 
 def with_fleet(
@@ -325,7 +306,10 @@ def with_fleet(
 
 @asynccontextmanager
 async def following(
-    world: World, robots: Sequence[Enrolled], sides: Sequence[Side], operators: Uplink | None = None
+    world: World,
+    robots: Sequence[Enrolled],
+    sides: Sequence[Worker],
+    operators: Uplink | None = None,
 ) -> AsyncIterator[Fleet]:
     """The fleet that these robots are, with operators, behind an uplink or here, who follow the server's events."""
     how = {} if operators is None else made_in(operators.inside)
@@ -353,109 +337,3 @@ async def workers(
         for worker in made:
             await worker.has_done("open", OPENS_WITHIN_S)
         yield made
-
-
-class WholeRobots:
-    """Robots behind their uplinks; a Side of a fleet."""
-
-    def __init__(self, robots: Sequence[WholeRobot]) -> None:
-        self.on_message: OnMessage = lambda _: None
-        self._robots = robots
-        self._are_started = False
-
-    @property
-    def pids(self) -> Sequence[int]:
-        rosbridges = [robot.ros_pid for robot in self._robots]
-        agents = [robot.agent_pid for robot in self._robots] if self._are_started else []
-        return rosbridges + agents
-
-    async def do(self, order: str, within_s: float) -> None:
-        """Start or end all agents; each end is bounded already."""
-        del within_s
-        if order == "start":
-            for robot in self._robots:
-                robot.start_agent()
-            self._are_started = True
-        else:
-            for robot in self._robots:
-                robot.ask_agent_to_end()
-            await asyncio.to_thread(self._end)
-
-    def log_tail(self) -> str:
-        return "\n".join(robot.logs() for robot in self._robots if robot.ended())
-
-    @asynccontextmanager
-    async def listening(self) -> AsyncIterator[None]:
-        """Subscribe at each robot's own rosbridge, and tell what comes."""
-        async with AsyncExitStack() as stack:
-            sockets = [await self._subscribed(stack, robot) for robot in self._robots]
-            tasks = [
-                asyncio.ensure_future(self._listen(robot.name, socket))
-                for robot, socket in zip(self._robots, sockets, strict=True)
-            ]
-            try:
-                yield
-            finally:
-                for task in tasks:
-                    task.cancel()
-                await asyncio.gather(*tasks, return_exceptions=True)
-
-    async def _subscribed(
-        self, stack: AsyncExitStack, robot: WholeRobot
-    ) -> aiohttp.ClientWebSocketResponse:
-        http = await stack.enter_async_context(new_http(**made_in(robot.uplink.inside)))
-        socket = await stack.enter_async_context(await _rosbridge(http, robot))
-        await socket.send_json({"op": "subscribe", "topic": TOPIC, "type": TYPE})
-        return socket
-
-    async def _listen(self, robot: str, socket: aiohttp.ClientWebSocketResponse) -> None:
-        async for frame in socket:
-            at_ns = time.monotonic_ns()
-            message: Mapping[str, Any] = json.loads(frame.data)
-            if message.get("op") == "publish":
-                self.on_message({"robot": robot, "got": message["msg"]["data"], "at_ns": at_ns})
-        self.on_message(
-            {"robot": robot, "failed": "its rosbridge closed the subscriber's connection"}
-        )
-
-    def _end(self) -> None:
-        for robot in self._robots:
-            robot.end_agent()
-
-
-async def _rosbridge(
-    http: aiohttp.ClientSession, robot: WholeRobot
-) -> aiohttp.ClientWebSocketResponse:
-    """Connect to a rosbridge that may be just starting."""
-    end = time.monotonic() + ROSBRIDGE_WITHIN_S
-    while True:
-        try:
-            return await http.ws_connect(robot.ros_url)
-        except (aiohttp.ClientError, OSError) as error:
-            if robot.ended() or time.monotonic() > end:
-                raise RuntimeError(
-                    f"{robot.name} has no rosbridge: {error}\n{robot.logs()}"
-                ) from error
-        await asyncio.sleep(TRY_AGAIN_S)
-
-
-def with_whole_fleet(world: World, count: int, use: Callable[[Fleet], Awaitable[T]]) -> T:
-    """What `use` returns of a fleet of `count` whole robots, whose agents have not started yet."""
-    enrolled = robots_of(world, count)
-    of_uplinks = workers_for(count, MOST_IN_A_WORKER)
-    with plain_uplinks(world, of_uplinks) as uplinks, ExitStack() as ending:
-        robots = [
-            WholeRobot(world, one, uplink, "bus", aside=True)
-            for uplink, some in placed(enrolled, uplinks)
-            for one in some
-        ]
-        for robot in robots:
-            ending.push(robot)
-            robot.start_ros()
-
-        async def run() -> T:
-            side = WholeRobots(robots)
-            async with side.listening(), following(world, enrolled, [side]) as fleet:
-                return await use(fleet)
-
-        return asyncio.run(run())

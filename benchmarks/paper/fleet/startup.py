@@ -16,7 +16,7 @@ from typing import Any
 import pandas as pd
 from report import Figure, arrived
 
-from paper.fleet.fleet import SERVICES, Fleet, with_fleet, with_whole_fleet
+from paper.fleet.fleet import SERVICES, Fleet, with_fleet
 from paper.fleet.report import (
     AGENTS,
     FAILED_AFTER_S,
@@ -54,12 +54,7 @@ def steps(scale: Scale) -> Sequence[Step]:
     if scale.quick:
         return [*_repeated(count, QUICK_REPETITIONS, QUICK_IDLE_S), *returns]
     repetitions = PAPER_REPETITIONS if scale.full else DEFAULT_REPETITIONS
-    whole = Step(
-        name=f"whole-{count}",
-        title=f"{count} whole robots",
-        run=lambda world: with_whole_fleet(world, count, _once("whole", IDLE_S)),
-    )
-    return [*_repeated(count, repetitions), whole, *returns]
+    return [*_repeated(count, repetitions), *returns]
 
 
 def _repeated(count: int, repetitions: int, idle_s: float = IDLE_S) -> list[Step]:
@@ -125,10 +120,7 @@ def restart_services(world: World, services: Sequence[str]) -> None:
 
 def report(scale: Scale, results: Results) -> Report:
     count = count_of(scale)
-    starts = [
-        _group(scale, results, f"start-{count}", str(count)),
-        _group(scale, results, f"whole-{count}", f"{count} whole"),
-    ]
+    starts = [_group(scale, results, f"start-{count}", str(count))]
     returns = [
         _group(scale, results, f"reconnect-{count}-{what}", IN_WORDS[what]) for what in RESTARTS
     ]
@@ -150,7 +142,7 @@ def report(scale: Scale, results: Results) -> Report:
             "failed_after_s": FAILED_AFTER_S,
         },
         comparisons=[
-            *(_success(one, "start") for one in starts if one.title == str(count)),
+            *(_success(one, "start") for one in starts),
             *(_success(one, f"return after a restart of {one.title}") for one in returns),
             exactly(
                 "messages that reached another robot",
