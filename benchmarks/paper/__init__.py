@@ -1,4 +1,4 @@
-"""The paper's experiments, and a comparison, on the real stack: `make experiments` runs them and writes a page each.
+"""The paper's experiments and more on the real stack: `make experiments` runs them and writes a page each.
 
 Imports go one way: step, networks -> world, programs -> robots -> a folder for each family of experiments -> page ->
 experiments.

@@ -25,7 +25,6 @@ from itertools import chain, count
 from typing import Any
 
 import namespaces
-from link import DEVICE as LINK_DEVICE
 from link import Link, Shape
 from namespaces import Namespace, ip
 
@@ -144,8 +143,6 @@ class Uplink:
         self.machine = machine
         self.inside: Namespace
         self._addresses: Addresses
-        self._link: Link | None = None
-        self._is_first = True
         self._made = ExitStack()
 
     def __enter__(self) -> Uplink:
@@ -159,27 +156,6 @@ class Uplink:
 
     def __exit__(self, *_: object) -> None:
         self._made.close()
-
-    @property
-    def server_end(self) -> Namespace:
-        """Where the link ends, with the address that the inside reaches first; a plain uplink has no such place."""
-        if self._link is None:
-            raise RuntimeError("an uplink that emulates nothing ends on this machine itself")
-        return self._link.server
-
-    def readdress(self) -> None:
-        """Take the inside's address and give it another one, as a new lease may; a plain uplink cannot."""
-        if self._link is None:
-            raise RuntimeError(
-                "cannot readdress an uplink that emulates nothing: it has one address"
-            )
-        name = self.inside.name
-        ip("-n", name, "address", "flush", "dev", LINK_DEVICE)
-        self._is_first = not self._is_first
-        self.inside = Namespace(name, self._addresses.inside[0 if self._is_first else 1])
-        ip("-n", name, "address", "add", f"{self.inside.address}/{LINK_PREFIX}", "dev", LINK_DEVICE)
-        # It went with the address.
-        ip("-n", name, "route", "add", "default", "via", self._addresses.gateway)
 
     def _lay_plain(self, made: ExitStack) -> None:
         self._addresses = allot(made)
@@ -196,7 +172,7 @@ class Uplink:
             server_address=self._addresses.gateway,
             prefix_length=LINK_PREFIX,
         )
-        self._link = made.enter_context(link)
+        made.enter_context(link)
         self.inside = link.robot
         join(link.server, self._addresses)
         link.server.sysctl("net.ipv4.ip_forward", "1")
