@@ -30,7 +30,7 @@ from typing import IO, Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import aiohttp
-from robotether_server.relay.robots.demand import USE_KEPT_S
+from robotether_server.relay.robots.robot import USE_KEPT_S
 
 from paper.client import Client, new_http
 from paper.costs import Reading, cpu_between, limits_met, memory_between
