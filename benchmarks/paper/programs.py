@@ -26,6 +26,8 @@ FOLDERS = [
 # An agent publishes zeros for half a second when its robot was moving, and closes its tunnels.
 ENDS_WITHIN_S = 5.0
 LOG_LINES = 30
+# In place of a line of a program that is no more.
+GONE = object()
 
 
 def our_environment() -> dict[str, str]:
@@ -119,8 +121,8 @@ class LineProgram:
                 start_new_session=True,
             )
         self.pid = self._process.pid
-        # Its lines, and an empty one when it has ended.
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        # Its lines that are waited for, and GONE when it has ended.
+        self._lines: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._reading = threading.Thread(target=self._read, daemon=True)
         self._reading.start()
 
@@ -129,19 +131,23 @@ class LineProgram:
         self._process.stdin.write(json.dumps(value) + "\n")
         self._process.stdin.flush()
 
+    def handle(self, message: Any) -> bool:
+        """Whether a line was for nobody who waits; called in a thread of its own."""
+        del message
+        return False
+
     def receive(self, what: str, seconds: float) -> Any:
         """Its next line; RuntimeError with its last words when there is none in time, and all of them as a note."""
-        line = None
+        line, why = GONE, f"did not say in {seconds:.0f} s"
         with suppress(queue.Empty):
-            line = self._lines.get(timeout=seconds)
-        if not line:
-            why = "ended" if line == "" else f"did not say in {seconds:.0f} s"
+            line, why = self._lines.get(timeout=seconds), "ended"
+        if line is GONE:
             words = self.tail()
             last = words.rstrip().rpartition("\n")[2]
             error = RuntimeError(f"a process of ours {why}: {what}; {last or 'it wrote no error'}")
             error.add_note(words)
             raise error
-        return json.loads(line)
+        return line
 
     def tail(self) -> str:
         """The end of what it wrote as errors."""
@@ -169,8 +175,10 @@ class LineProgram:
     def _read(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
-            self._lines.put(line)
-        self._lines.put("")
+            message = json.loads(line)
+            if not self.handle(message):
+                self._lines.put(message)
+        self._lines.put(GONE)
 
 
 def write_line(value: object) -> None:

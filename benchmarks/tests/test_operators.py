@@ -3,57 +3,14 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import AsyncIterator
 from typing import Any
 
-import aiohttp
 import pytest
 from paper.operators.report import figures, longest_pause_ms
-from paper.operators.run import OperatorClient, Times, camera_fps, measured
-from sim_client import SETTINGS
+from paper.operators.run import camera_fps
 from sim_robot import camera
 from sim_robot.kinematics import Pose, Velocity
-from sim_robot.simulator import Simulator
-from video_viewers import Frame, OnFrame, view_stream
-
-SHORT = Times(settle_s=0.2, measure_s=1.0)
-
-
-@pytest.fixture
-async def client() -> AsyncIterator[OperatorClient]:
-    """An operator who is at the robot itself."""
-    async with Simulator(SETTINGS) as simulator, aiohttp.ClientSession() as http:
-        ros = f"ws://127.0.0.1:{simulator.rosbridge.port}/"
-        video = f"http://127.0.0.1:{simulator.video.port}/stream?topic=/camera/image_raw"
-
-        async def view(on_frame: OnFrame) -> None:
-            await view_stream(http, video, on_frame)
-
-        async with http.ws_connect(ros) as operator, http.ws_connect(ros) as subscriber:
-            yield OperatorClient(
-                robot="sim",
-                view=view,
-                rosbridge=operator,
-                subscriber=subscriber,
-                local_view=view,
-                simulator_pid=os.getpid(),
-                agent_pid=os.getpid(),
-            )
-
-
-async def test_pictures_and_commands_of_the_measured_time_are_noted(client: OperatorClient) -> None:
-    run = await measured([client], SHORT)
-    [robot] = run.robots
-    assert 19 <= len(robot.commands_ms) <= 21 + 20 * (run.lasted_s - 1)
-    assert None not in robot.commands_ms
-    assert len(robot.pictures) >= 5
-    assert all(age > 0 and size > 1000 for _, size, age in robot.pictures)
-    assert all(0 <= at <= run.lasted_s * 1000 for at, *_ in robot.pictures)
-    assert robot.camera_fps is not None
-    assert robot.width_px == 640
-    assert robot.simulator_cpu > 0
-    assert 0 < run.busy <= 1
+from video_viewers import Frame
 
 
 def frame(at_s: float, number: int | None) -> Frame:

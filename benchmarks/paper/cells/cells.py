@@ -40,6 +40,8 @@ SPREAD_ROBOTS, QUICK_SPREAD_ROBOTS = 40, 6
 FORWARDED, QUICK_FORWARDED = (10, 200), (2, 20)
 ONLINE_AGAIN_S = 120.0
 MOST_VIOLATIONS = 30
+# Without one of these a rule would have had nothing to judge.
+JUDGED = ("arrived", "moved", "zeroed", "session", "stopped", "released", "stop_done", "recorded")
 _sites: WeakKeyDictionary[World, Site] = WeakKeyDictionary()
 
 
@@ -97,18 +99,20 @@ def run_nemesis(site: Site, size: Size) -> Values:
             people.end()
         failed = workload.failed
     violations = check(history, database)
+    events = Counter(one.kind for one in history)
+    unseen = [f"nobody saw an event {kind}" for kind in JUDGED if not events[kind]]
     values = {
         "seed": seed,
         "size": asdict(size),
         "faults": dict(Counter(done)),
-        "events": dict(Counter(one.kind for one in history)),
+        "events": dict(events),
         "violations": [asdict(one) for one in violations[:MOST_VIOLATIONS]],
         "broken": len(violations),
         "returns": [asdict(one) for one in find_returns(history, site.names)],
         "crowds": find_crowds(history),
         "ignored_stops_s": [round(one, 3) for one in find_ignored_stops(history)],
         "seen": seen,
-        "failed": [*failed, *seen["failed"]],
+        "failed": [*failed, *seen["failed"], *unseen],
         "online_s": online_s,
         "kept": "",
     }

@@ -39,17 +39,15 @@ from sim_robot.graph import TopicMessage
 from paper.cells.history import History
 from paper.client import TOPIC, TYPE, origin
 from paper.fleet.worker import (
-    FILES_A_ROBOT,
     LOG_FORMAT,
     NO_FILE,
     GuardHere,
+    Robots,
     RosRobot,
     SupervisorHere,
-    allow_files,
     standard_input,
     watch_children,
 )
-from paper.programs import write_line
 from paper.virtual.robot import Account, VirtualRobot
 from paper.virtual.services import Channel, Services
 from paper.virtual.worker import Numeric
@@ -280,20 +278,21 @@ class PlayedRobot(CellRobot):
             group.create_task(robot.run())
 
 
-async def obey(order: Mapping[str, Any], robots: Mapping[str, CellRobot]) -> None:
-    """Do one order, and tell when it is done."""
-    if order["do"] == "start":
-        for robot in robots.values():
-            robot.cells = order["cells"]
-            robot.start()
-    elif order["do"] == "end":
-        await asyncio.gather(*(robot.end() for robot in robots.values()))
-    elif order["do"] == "kill_guards":
-        chosen = [robots[name].supervisor for name in order["robots"]]
-        await asyncio.gather(*(one.kill() for one in chosen if one is not None))
-    else:
-        raise ValueError(f"there is no order {order}")
-    write_line({"done": order["do"]})
+class CellRobots(Robots):
+    """Those of a process; they know the cells, and their guards can be killed."""
+
+    robots: Mapping[str, CellRobot]
+
+    async def obey(
+        self, do: str, cells: Mapping[str, str] | None = None, robots: Sequence[str] = ()
+    ) -> None:
+        if do == "kill_guards":
+            chosen = [self.robots[name].supervisor for name in robots]
+            await asyncio.gather(*(one.kill() for one in chosen if one is not None))
+            return
+        for robot in self.robots.values():
+            robot.cells = cells or robot.cells
+        await super().obey(do)
 
 
 async def keep_time(history: History) -> None:
@@ -321,26 +320,12 @@ async def work(run_dirs: Path) -> None:
                 run_dir.mkdir()
                 local = {"run_dir": str(run_dir), "video_url": video.url}
                 robots[name] = make(name, {**given, **local}, history)
-        await _play(lines, list(robots.values()), robots, history)
-
-
-async def _play(
-    lines: asyncio.StreamReader,
-    all_robots: Sequence[CellRobot],
-    robots: Mapping[str, CellRobot],
-    history: History,
-) -> None:
-    allow_files(len(robots) * FILES_A_ROBOT)
-    await asyncio.gather(*(robot.open() for robot in all_robots))
-    clock = asyncio.create_task(keep_time(history))
-    try:
-        write_line({"done": "open"})
-        while line := await lines.readline():
-            await obey(json.loads(line), robots)
-    finally:
-        clock.cancel()
-        await asyncio.gather(*(robot.close() for robot in all_robots))
-        history.close()
+        clock = asyncio.create_task(keep_time(history))
+        try:
+            await CellRobots(robots).serve(lines)
+        finally:
+            clock.cancel()
+            history.close()
 
 
 def main() -> None:

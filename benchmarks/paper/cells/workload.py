@@ -25,10 +25,9 @@ from paper.cells.checker import Database
 from paper.cells.history import History
 from paper.cells.nemesis import GUARDS_SHARE, Context, Nemesis, make_disk, remove_disk
 from paper.cells.site import Cell, Site
-from paper.fleet.fleet import VIRTUAL_IN_A_WORKER, placed, workers_for
+from paper.fleet.fleet import VIRTUAL_IN_A_WORKER, Worker, placed, workers_for
 from paper.networks import PLAIN, Uplink
 from paper.programs import LineProgram
-from paper.robots import ASIDE
 from paper.world import Enrolled
 
 RATE_HZ = 20
@@ -60,7 +59,7 @@ class Size:
         return self.agents + self.virtual
 
 
-class RobotProcess:
+class RobotProcess(Worker):
     """Robots in one process, in a network and on a disk of their own; the nemesis' Robots."""
 
     def __init__(
@@ -73,59 +72,34 @@ class RobotProcess:
         folder: Path,
         place: Path,
     ) -> None:
+        robots = [*agents, *virtual]
         self.source = source
         self.disk = place / f"disk-{source}"
-        self.names = [one.name for one in (*agents, *virtual)]
-        self._uplink = uplink
-        self._told = {
+        self.names = [one.name for one in robots]
+        self.inside = uplink.inside.command
+        # What robots said that ended, which none may.
+        self.failed: list[str] = []
+        folders = [one.state_dir for one in robots]
+        make_disk(self.disk, DISK_BYTES_A_ROBOT * len(robots), folders)
+        told = {
             "folder": str(folder),
             "source": source,
             "agents": {one.name: self._settings(one) for one in agents},
             "virtual": {one.name: self._settings(one) for one in virtual},
         }
-        self._folders = [one.state_dir for one in (*agents, *virtual)]
-        self._log = place / f"{source}.log"
-        self._program: LineProgram
-        # What robots said that ended, which none may.
-        self.failed: list[str] = []
+        super().__init__("paper.cells.worker", uplink, place / f"{source}.log", told)
+        self.on_message = lambda said: self.failed.append(f"{said['robot']}: {said['failed']}")
 
     def __enter__(self) -> RobotProcess:
-        make_disk(self.disk, DISK_BYTES_A_ROBOT * len(self.names), self._folders)
-        before = self._uplink.inside.command(*ASIDE)
-        self._program = LineProgram("paper.cells.worker", self._log, before)
-        self._program.send(self._told)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._program.end(ENDS_WITHIN_S)
+        self.end(ENDS_WITHIN_S)
         remove_disk(self.disk)
-
-    @property
-    def pid(self) -> int:
-        return self._program.pid
-
-    def inside(self) -> Sequence[str]:
-        return self._uplink.inside.command()
-
-    def has_done(self, what: str, within_s: float) -> None:
-        """Wait until it tells that an order is done."""
-        while True:
-            said = self._program.receive(f"that {what} is done", within_s)
-            if "failed" in said:
-                self.failed.append(f"{said['robot']}: {said['failed']}")
-            elif said.get("done") == what:
-                return
-
-    def do(self, what: str, within_s: float, **more: Any) -> None:
-        self._program.send({"do": what, **more})
-        self.has_done(what, within_s)
 
     def kill_guards(self, rng: Random) -> None:
         some = rng.sample(self.names, max(1, round(len(self.names) * GUARDS_SHARE)))
         self.do("kill_guards", DONE_WITHIN_S, robots=some)
-
-    def log_tail(self) -> str:
-        return self._program.tail()
 
     def _settings(self, robot: Enrolled) -> dict[str, str]:
         state_dir = self.disk / robot.name / robot.state_dir.name
@@ -200,7 +174,7 @@ class Workload:
                 return round(time.monotonic() - began, 3)
             time.sleep(ASK_EVERY_S)
         shown = {name: sorted(some)[:5] for name, some in missing.items() if some}
-        logs = "\n".join(one.log_tail() for one in self.processes.values())
+        logs = "\n".join(one.tail() for one in self.processes.values())
         counts = {name: len(some) for name, some in missing.items()}
         raise RuntimeError(
             f"robots are not online within {within_s:g} s: {counts}, such as {shown}\n{logs}"

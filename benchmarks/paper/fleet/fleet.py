@@ -12,9 +12,6 @@ a world; the fleet ends with the `with` block.
 from __future__ import annotations
 
 import asyncio
-import json
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
@@ -22,11 +19,11 @@ from contextlib import (
     AbstractContextManager,
     AsyncExitStack,
     asynccontextmanager,
-    suppress,
 )
+from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import aiohttp
@@ -36,9 +33,9 @@ from paper.client import Client, new_http
 from paper.costs import Reading, cpu_between, limits_met, memory_between
 from paper.fleet.operators import REQUEST_S, Arrivals, FleetEvents, Operators
 from paper.fleet.report import AGENTS, FAILED_AFTER_S
-from paper.fleet.worker import LINE_BYTES, allow_files
+from paper.fleet.worker import allow_files
 from paper.networks import PLAIN, Uplink, made_in
-from paper.programs import our_environment
+from paper.programs import LineProgram
 from paper.robots import ASIDE, no_longer_aside
 from paper.world import Enrolled, World
 
@@ -55,9 +52,6 @@ FILES_OF_OPERATORS = 4096
 POLL_EVERY_S, SETTLES_IN_POLLS = 0.5, 20
 # The relay takes a robot for used for a while after its last operator has left; and two heartbeats more.
 UNUSED_AFTER_S = USE_KEPT_S + 4.0
-LOG_LINES = 8
-# In place of an order that was done: the worker is no more.
-GONE = "gone"
 T = TypeVar("T")
 # What a world's stack has enrolled is kept for the next fleet in it.
 _enrolled: WeakKeyDictionary[World, list[Enrolled]] = WeakKeyDictionary()
@@ -95,88 +89,31 @@ def watched_s(count: int) -> float:
     return max(FAILED_AFTER_S, count * WATCHED_A_ROBOT_S)
 
 
-class WorkerFailedError(Exception):
-    """A process of light robots did not do what it was told; says what it logged."""
+class Worker(LineProgram):
+    """A process of robots behind an uplink; takes orders, and tells what its robots do."""
 
+    def __init__(self, module: str, uplink: Uplink, log: Path, told: object) -> None:
+        # Called in a thread of its own.
+        self.on_message: Callable[[dict[str, Any]], None] = lambda _: None
+        super().__init__(module, log, uplink.inside.command(*ASIDE))
+        self.send(told)
 
-OnMessage = Callable[[dict[str, Any]], None]
+    def handle(self, message: dict[str, Any]) -> bool:
+        if "done" in message:
+            return False
+        self.on_message(message)
+        return True
 
+    def has_done(self, what: str, within_s: float) -> None:
+        """Wait until it tells that an order is done."""
+        said = self.receive(f"that {what} is done", within_s)
+        if said["done"] != what:
+            raise RuntimeError(f"a worker has done {said['done']} in place of {what}")
 
-class Worker:
-    """One process of light or virtual robots."""
-
-    def __init__(self, process: asyncio.subprocess.Process, log: IO[bytes]) -> None:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        self.pid = process.pid
-        self.on_message: OnMessage = lambda _: None
-        self._process, self._in, self._out, self._log = process, process.stdin, process.stdout, log
-        self._done: asyncio.Queue[str] = asyncio.Queue()
-        self._listening = asyncio.ensure_future(self._listen())
-
-    @classmethod
-    async def start(
-        cls, uplink: Uplink, robots: Sequence[Enrolled], log: IO[bytes], module: str
-    ) -> Worker:
-        process = await asyncio.create_subprocess_exec(
-            *uplink.inside.command(*ASIDE, sys.executable, "-m", module),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=log,
-            limit=LINE_BYTES,
-            env=our_environment(),
-            # A Ctrl-C is for the experiment, which then ends its robots in order.
-            start_new_session=True,
-        )
-        worker = cls(process, log)
-        worker._say({robot.name: robot.settings for robot in robots})
-        return worker
-
-    async def do(self, order: str, within_s: float) -> None:
+    def do(self, what: str, within_s: float, **more: Any) -> None:
         """Give an order and wait until it is done."""
-        self._say(order)
-        await self.has_done(order, within_s)
-
-    async def has_done(self, order: str, within_s: float) -> None:
-        """Wait until it tells that the order is done."""
-        done = None
-        with suppress(TimeoutError):
-            async with asyncio.timeout(within_s):
-                done = await self._done.get()
-        if done != order:
-            why = (
-                f"it ended when told to {order}" if done == GONE else f"it did not {order} in time"
-            )
-            raise WorkerFailedError(f"a worker failed, {why}:\n{self.log_tail()}")
-
-    async def end(self) -> None:
-        self._in.close()
-        try:
-            async with asyncio.timeout(ENDS_WITHIN_S):
-                await self._process.wait()
-        except TimeoutError:
-            self._process.kill()
-            await self._process.wait()
-            raise WorkerFailedError(f"a worker did not end:\n{self.log_tail()}") from None
-        finally:
-            await self._listening
-
-    def log_tail(self) -> str:
-        lines = Path(self._log.name).read_text(errors="replace").splitlines()
-        return "\n".join(lines[-LOG_LINES:])
-
-    def _say(self, what: object) -> None:
-        self._in.write(json.dumps(what).encode() + b"\n")
-
-    async def _listen(self) -> None:
-        while line := await self._out.readline():
-            message = json.loads(line)
-            if "done" in message:
-                self._done.put_nowait(message["done"])
-            else:
-                self.on_message(message)
-        # Nobody waits for a worker that has ended.
-        self._done.put_nowait(GONE)
+        self.send({"do": what, **more})
+        self.has_done(what, within_s)
 
 
 class Fleet:
@@ -202,11 +139,7 @@ class Fleet:
         From then on they go before nobody and after nobody: those that are driven or return would show how a starved
         robot does, and on a site each has a processor of its own.
         """
-
-        async def order() -> None:
-            await asyncio.gather(*(one.do("start", OPENS_WITHIN_S) for one in self._sides))
-
-        values = await self.run(run, order)
+        values = await self.run(run, lambda: self._all("start", OPENS_WITHIN_S))
         no_longer_aside([one.pid for one in self._sides])
         return values
 
@@ -215,8 +148,9 @@ class Fleet:
         first = self.reading()
         self._failures.clear()
         arrivals = Arrivals(self._names, run, time.monotonic_ns())
+        loop = asyncio.get_running_loop()
         for side in self._sides:
-            side.on_message = lambda message: self._on_message(arrivals, message)
+            side.on_message = partial(loop.call_soon_threadsafe, self._on_message, arrivals)
         await order()
         await self._operators.deliver_all(self._names, arrivals, watched_s(len(self._names)))
         # The robots have their second connections too when it has settled.
@@ -241,10 +175,17 @@ class Fleet:
     async def end(self) -> float:
         """End all robots, and return the seconds until the server knew of all."""
         began = time.monotonic()
-        await asyncio.gather(*(one.do("end", ENDS_WITHIN_S) for one in self._sides))
+        await self._all("end", ENDS_WITHIN_S)
         async with asyncio.timeout(ENDS_WITHIN_S):
             await self.fleet_events.until(self._names, online=False)
         return round(time.monotonic() - began, 3)
+
+    async def _all(self, order: str, within_s: float) -> None:
+        """Give an order to all workers at once."""
+        for side in self._sides:
+            side.send({"do": order})
+        for side in self._sides:
+            await asyncio.to_thread(side.has_done, order, within_s)
 
     def _on_message(self, arrivals: Arrivals, message: Mapping[str, Any]) -> None:
         if "got" in message:
@@ -255,7 +196,7 @@ class Fleet:
     def _failures_of(self, values: Mapping[str, Any]) -> list[str]:
         """What explains robots without a message, if there are any."""
         missing = sum(seconds is None for seconds in values["message_s"])
-        logs = [side.log_tail() for side in self._sides] if missing else []
+        logs = [side.tail() for side in self._sides] if missing else []
         return [*self._failures, *filter(None, logs)]
 
     async def _settled(self) -> Reading:
@@ -328,12 +269,12 @@ async def workers(
     places: Iterable[tuple[Uplink, Sequence[Enrolled]]], logs: Path, module: str = LIGHT
 ) -> AsyncIterator[list[Worker]]:
     """A worker for each place; all robots have their rosbridge, and no agent yet."""
-    made = []
+    made: list[Worker] = []
     async with AsyncExitStack() as stack:
         for uplink, robots in places:
-            log = stack.enter_context((logs / f"{robots[0].name}.log").open("ab"))
-            made.append(await Worker.start(uplink, robots, log, module))
-            stack.push_async_callback(made[-1].end)
+            told = {robot.name: robot.settings for robot in robots}
+            made.append(Worker(module, uplink, logs / f"{robots[0].name}.log", told))
+            stack.push_async_callback(asyncio.to_thread, made[-1].end, ENDS_WITHIN_S)
         for worker in made:
-            await worker.has_done("open", OPENS_WITHIN_S)
+            await asyncio.to_thread(worker.has_done, "open", OPENS_WITHIN_S)
         yield made

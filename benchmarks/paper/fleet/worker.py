@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
@@ -227,19 +227,34 @@ class LightRobot(RosRobot):
         return agent_settings.load(NO_FILE, environment(given))
 
 
-Make = Callable[[str, Mapping[str, str]], Robot]
+class Robots:
+    """All robots of a process by their names, and the orders that they obey."""
 
+    def __init__(self, robots: Mapping[str, Robot]) -> None:
+        self.robots = robots
 
-async def obey(order: str, robots: Sequence[Robot]) -> None:
-    """Do one order, and tell when it is done."""
-    if order == "start":
-        for robot in robots:
-            robot.start()
-    elif order == "end":
-        await asyncio.gather(*(robot.end() for robot in robots))
-    else:
-        raise ValueError(f"there is no order {order}")
-    write_line({"done": order})
+    async def serve(self, lines: asyncio.StreamReader) -> None:
+        """Play them by the orders that come in; they end with the input."""
+        allow_files(len(self.robots) * FILES_A_ROBOT)
+        every = list(self.robots.values())
+        await asyncio.gather(*(robot.open() for robot in every))
+        try:
+            write_line({"done": "open"})
+            while line := await lines.readline():
+                order = json.loads(line)
+                await self.obey(**order)
+                write_line({"done": order["do"]})
+        finally:
+            await asyncio.gather(*(robot.close() for robot in every))
+
+    async def obey(self, do: str) -> None:
+        if do == "start":
+            for robot in self.robots.values():
+                robot.start()
+        elif do == "end":
+            await asyncio.gather(*(robot.end() for robot in self.robots.values()))
+        else:
+            raise ValueError(f"there is no order {do}")
 
 
 async def standard_input() -> asyncio.StreamReader:
@@ -249,19 +264,12 @@ async def standard_input() -> asyncio.StreamReader:
     return lines
 
 
-async def work(make: Make) -> None:
+async def work(make: Callable[[str, Mapping[str, str]], Robot]) -> None:
     """Play the robots that the first line of the input names, by the orders that follow."""
     lines = await standard_input()
     wanted: dict[str, Any] = json.loads(await lines.readline())
-    robots = [make(name, settings) for name, settings in wanted.items()]
-    allow_files(len(robots) * FILES_A_ROBOT)
-    await asyncio.gather(*(robot.open() for robot in robots))
-    try:
-        write_line({"done": "open"})
-        while line := await lines.readline():
-            await obey(json.loads(line), robots)
-    finally:
-        await asyncio.gather(*(robot.close() for robot in robots))
+    robots = {name: make(name, settings) for name, settings in wanted.items()}
+    await Robots(robots).serve(lines)
 
 
 def allow_files(count: int) -> None:

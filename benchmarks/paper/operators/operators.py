@@ -154,7 +154,6 @@ async def _client(
         subscriber=subscriber,
         local_view=local_view,
         simulator_pid=pair.robot.ros_pid,
-        agent_pid=pair.robot.agent_pid,
     )
 
 
@@ -220,7 +219,7 @@ async def _measure(
     world: World, pairs: Sequence[Pair], transport: Transport, quality: int | None, times: Times
 ) -> Values:
     async with transport(world, pairs, quality) as clients:
-        return (await measured(clients, times)).as_values()
+        return await measured(clients, times)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ import os
 import statistics
 import time
 from collections.abc import Callable, Coroutine, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import aiohttp
@@ -27,6 +27,7 @@ from video_viewers import Frame, OnFrame
 from paper.costs import machine_cpu_s, trees_cpu_s
 from paper.networks import TABLE_2, Profile
 from paper.numbered.messages import TOPIC, TYPE, publish
+from paper.step import Values
 
 QUALITIES = (90, 80, 70, 60, 50)
 # The range of qualities that a viewer has who asks for nothing else (docs/reference/media.md); in place of a quality.
@@ -61,50 +62,6 @@ def step_name(network: str, quality: int | None) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
-    """One robot in one run; times are in ms from the beginning of what is measured."""
-
-    # When it was whole at the operator, bytes, age in ms.
-    pictures: Sequence[tuple[float, int, float]]
-    # What the camera gave a second at the robot, whoever got it; None where too little came to tell.
-    camera_fps: float | None
-    # The mean JPEG quality that was asked of the camera; None where only the stream's own address tells.
-    quality: float | None
-    # The frames' mean width in pixels; None without any.
-    width_px: float | None
-    # From the scheduled moment until it was at the robot's rosbridge; None: never came.
-    commands_ms: Sequence[float | None]
-    # When commands to the wheels came there.
-    driven_ms: Sequence[float]
-    # How often the operator was told that a command was refused: for the guard, one over 0.5 s old.
-    refused: int
-    # Of one core, 1 for all of it.
-    simulator_cpu: float
-    agent_cpu: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """One way, one network and one quality, with all robots at once."""
-
-    lasted_s: float
-    # The share of this machine's processors that was at work, 0 to 1.
-    busy: float
-    robots: Sequence[Seen]
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> Run:
-        robots = [
-            Seen(**{**robot, "pictures": list(map(tuple, robot["pictures"]))})
-            for robot in values["robots"]
-        ]
-        return cls(lasted_s=values["lasted_s"], busy=values["busy"], robots=robots)
-
-    def as_values(self) -> dict[str, Any]:
-        return asdict(self)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Times:
     """How long a run is: until whatever fills up has filled up, and then what is measured."""
 
@@ -124,7 +81,6 @@ class OperatorClient:
     # One who looks at the robot itself, where the operator's frames do not tell how many there were.
     local_view: View | None
     simulator_pid: int
-    agent_pid: int
 
 
 @dataclass
@@ -147,13 +103,12 @@ class Mark:
 
     unix_s: float
     ns: int
-    # Processor time of all cores, of each robot's simulator, and of its agent with all that it started.
+    # Processor time of all cores, and of each robot's simulator.
     machine_cpu_s: float
     simulators_cpu_s: Sequence[float]
-    agents_cpu_s: Sequence[float]
 
 
-async def measured(clients: Sequence[OperatorClient], times: Times) -> Run:
+async def measured(clients: Sequence[OperatorClient], times: Times) -> Values:
     """Drive and look from all seats; each must see its first frame in time, and none may lose its connection."""
     notes = [Notes() for _ in clients]
     tasks = [
@@ -252,54 +207,59 @@ def _have_come(notes: Sequence[Notes], end: Mark) -> bool:
 
 
 def _mark(clients: Sequence[OperatorClient]) -> Mark:
-    pids = [pid for client in clients for pid in (client.simulator_pid, client.agent_pid)]
-    used = trees_cpu_s(pids)
     return Mark(
         unix_s=time.time(),
         ns=time.monotonic_ns(),
         machine_cpu_s=machine_cpu_s(),
-        simulators_cpu_s=used[::2],
-        agents_cpu_s=used[1::2],
+        simulators_cpu_s=trees_cpu_s(client.simulator_pid for client in clients),
     )
 
 
-def _run(notes: Sequence[Notes], start: Mark, end: Mark) -> Run:
+def _run(notes: Sequence[Notes], start: Mark, end: Mark) -> Values:
     """What was noted between two marks; reads the moment out of each frame, which takes a while."""
     lasted_s = (end.ns - start.ns) / NS_A_S
     used_s = end.machine_cpu_s - start.machine_cpu_s
-    return Run(
-        lasted_s=lasted_s,
-        # The kernel counts in whole ticks, so that a full machine may seem a little more than full.
-        busy=min(1.0, used_s / (lasted_s * (os.cpu_count() or 1))),
-        robots=[_seen(one, number, start, end) for number, one in enumerate(notes)],
-    )
+    return {
+        "lasted_s": lasted_s,
+        # The share of this machine's processors that was at work. The kernel counts in whole ticks, so that a full
+        # machine may seem a little more than full.
+        "busy": min(1.0, used_s / (lasted_s * (os.cpu_count() or 1))),
+        "robots": [_seen(one, number, start, end) for number, one in enumerate(notes)],
+    }
 
 
-def _seen(notes: Notes, number: int, start: Mark, end: Mark) -> Seen:
+def _seen(notes: Notes, number: int, start: Mark, end: Mark) -> Values:
+    """One robot; times are in ms from the beginning of what is measured."""
     lasted_s = (end.ns - start.ns) / NS_A_S
     pictures = [one for one in notes.pictures if start.unix_s <= one.received_at < end.unix_s]
     asked = [one.quality for one in pictures if one.quality is not None]
     received = {due: (at - due) / NS_A_MS for due, at in reversed(notes.commands_ns)}
-    return Seen(
-        pictures=[
+    used = (end.simulators_cpu_s[number] - start.simulators_cpu_s[number]) / lasted_s
+    return {
+        # When each was whole at the operator, bytes, age in ms.
+        "pictures": [
             (round((one.received_at - start.unix_s) * 1000, 2), len(one.jpeg), round(one.age_ms, 2))
             for one in pictures
         ],
-        camera_fps=camera_fps(pictures, notes.local_frames_s, start.unix_s, end.unix_s),
-        quality=statistics.fmean(asked) if asked else None,
-        width_px=statistics.fmean(map(width_px, pictures)) if pictures else None,
-        commands_ms=[
+        "camera_fps": camera_fps(pictures, notes.local_frames_s, start.unix_s, end.unix_s),
+        # The means of what was asked of the camera, and of the frames' widths; None without any.
+        "quality": statistics.fmean(asked) if asked else None,
+        "width_px": statistics.fmean(map(width_px, pictures)) if pictures else None,
+        # From the scheduled moment until it was at the robot's rosbridge; None: never came.
+        "commands_ms": [
             round(received[due], 2) if due in received else None
             for due in notes.due_ns
             if start.ns <= due < end.ns
         ],
-        driven_ms=[
+        # When commands to the wheels came there.
+        "driven_ms": [
             round((at - start.ns) / NS_A_MS, 2) for at in notes.driven_ns if start.ns <= at < end.ns
         ],
-        refused=sum(start.ns <= at < end.ns for at in notes.refused_ns),
-        simulator_cpu=(end.simulators_cpu_s[number] - start.simulators_cpu_s[number]) / lasted_s,
-        agent_cpu=(end.agents_cpu_s[number] - start.agents_cpu_s[number]) / lasted_s,
-    )
+        # How often the operator was told that a command was refused: for the guard, one over 0.5 s old.
+        "refused": sum(start.ns <= at < end.ns for at in notes.refused_ns),
+        # Of one core, 1 for all of it.
+        "simulator_cpu": used,
+    }
 
 
 def camera_fps(
