@@ -52,16 +52,6 @@ def test_anything_else_is_wrong(arrivals, robot, text):
     assert values["wrong_texts"] == [f"{robot} got {text!r}"]
 
 
-def test_online_and_the_servers_first_word_count_once(arrivals):
-    for second in (11, 15):
-        arrivals.is_online("two", second * SECOND_NS)
-        arrivals.server_answers(second * SECOND_NS)
-    arrivals.is_online("sim1", 11 * SECOND_NS)
-    values = arrivals.values()
-    assert values["online_s"] == [None, 1.0]
-    assert values["server_s"] == 1.0
-
-
 def run(*message_s: float | None, **others: Any) -> Outcome:
     """A run in which robots got their messages then; None: never."""
     usual = {

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import random
+import time
 
+import aiohttp
 import pytest
+from local_network import free_port
 from numpy import quantile
+from paper.bus_robot import BusRobot
 from paper.numbered.messages import FRAME_BYTES, Account, Histogram, joined, publish
+from paper.numbered.worker import End, Receiver, Sender
 
 
 def text(pair: int, number: int, due_ns: int = 0) -> str:
@@ -33,12 +39,6 @@ def histogram(*times_ms: float) -> Histogram:
 @pytest.mark.parametrize("number", [0, 99_999])
 def test_a_message_is_as_long_as_it_says(number: int) -> None:
     assert len(publish(49, number, 123_456_789_012_345)) == FRAME_BYTES
-
-
-def test_all_in_order_is_complete() -> None:
-    kept = account(0, 1, 2, 3)
-    assert kept.complete
-    assert (kept.duplicated, kept.reordered, kept.foreign) == (0, 0, 0)
 
 
 def test_what_is_missing_is_named() -> None:
@@ -122,3 +122,24 @@ def test_a_run_is_the_sum_of_its_pairs() -> None:
     assert (run["failed_dials"], run["dial_failures"]) == (1, ["4505"])
     assert run["lateness"] == {"0.10": 5, "9.00": 2}
     assert run["latency"] == {"1.00": 6}
+
+
+async def test_a_sender_that_is_held_up_hides_no_latency() -> None:
+    port, pair = free_port(), {"pair": 3, "count": 50, "rate_hz": 100, "namespace": ""}
+    async with BusRobot("127.0.0.1", port), aiohttp.ClientSession() as http:
+        url = f"ws://127.0.0.1:{port}/"
+        receiver = Receiver(End(**pair, sends=False, url=url), http)
+        sender = Sender(End(**pair, sends=True, url=url), http)
+        for one in (receiver, sender):
+            await one.dialled.dial()
+        sending = asyncio.create_task(sender.run(time.monotonic_ns()))
+        await asyncio.sleep(0.1)
+        # The loop of this test is that of the sender.
+        time.sleep(0.3)  # noqa: ASYNC251
+        await sending
+        async with asyncio.timeout(10):
+            while not receiver.account.complete:  # noqa: ASYNC110 (it has no event)
+                await asyncio.sleep(0.01)
+        for one in (receiver, sender):
+            await one.dialled.close()
+    assert (receiver.account.latency.quantile_ms(0.7) or 0) > 50

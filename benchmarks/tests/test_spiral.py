@@ -31,24 +31,6 @@ def test_the_whole_spiral_commands_the_papers_length_in_31_seconds() -> None:
     assert course.punctual(wanted)[-1] == Change(31.0, STANDING)
 
 
-def test_each_command_is_a_little_faster_and_turns_alike() -> None:
-    first = course.velocities()[:3]
-    assert [each.linear_x for each in first] == pytest.approx([1.0, 1.05, 1.1])
-    assert {each.angular_z for each in first} == {1.0}
-
-
-def test_a_full_turn_ends_where_it_began() -> None:
-    full = course.along(course.START, Velocity(2.0, 0.0, 1.0), 2 * math.pi)
-    half = course.along(course.START, Velocity(2.0, 0.0, 1.0), math.pi)
-    assert (full.x, full.y) == pytest.approx((0, 0), abs=1e-9)
-    assert (half.x, half.y) == pytest.approx((0, 4), abs=1e-9)
-
-
-def test_without_a_turn_the_way_is_straight() -> None:
-    there = course.along(Pose(1.0, 1.0, math.pi / 2), Velocity(2.0, 0.0, 0.0), 3)
-    assert (there.x, there.y) == pytest.approx((1, 7))
-
-
 def test_fine_steps_would_come_to_the_exact_end() -> None:
     wanted = course.velocities()
     changes = course.punctual(wanted)
@@ -201,9 +183,3 @@ def test_each_moving_pose_is_a_step() -> None:
         [14.0, 0.0, 0.0],
     )
     assert reported["travelled_m"] == pytest.approx(4 * 2.0 * STEP_S)
-
-
-def test_the_end_is_where_it_stands_after_its_last_step() -> None:
-    seen = watch(pose(10.0, 0.0), pose(11.0, 1.0), pose(11.0, 0.0))
-    assert seen.stands
-    assert (seen.reported()["start"][0], seen.reported()["end"][0]) == (10.0, 11.0)
