@@ -20,7 +20,7 @@ import threading
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
@@ -63,8 +63,6 @@ class World:
         self._container = container
         # Robots' state and logs; gone at the end.
         self.folder = folder
-        # What a part has started beside the stack; it ends before it.
-        self.ends = ExitStack()
 
     @classmethod
     @contextmanager
@@ -74,9 +72,7 @@ class World:
             stack = Stack(folder / "stack")
             try:
                 stack.up(robots=False)
-                world = cls(stack.container, folder)
-                with world.ends:
-                    yield world
+                yield cls(stack.container, folder)
             finally:
                 stack.down()
 

@@ -31,14 +31,6 @@ def nemesis(**others: Any) -> Outcome:
     return Outcome(values={**values, **others})
 
 
-def drive(**others: Any) -> dict[str, Any]:
-    return {"sent": 100, "lost": 0, "unsent": 0, "endings": {}, **others}
-
-
-def killed(**others: Any) -> dict[str, Any]:
-    return {"robots": 2, "of": 6, "took_s": [1.0, 2.0], "met": {}, "cpu_s": {}, **others}
-
-
 def short(**outcomes: Outcome) -> dict[str, float]:
     """What is worse than its aim or rule."""
     found = report({name.replace("_", "-"): one for name, one in outcomes.items()})
@@ -73,36 +65,3 @@ def test_who_gives_up_soon_tells_nothing():
         for took_s, came in ((1.0, True), (2.0, False), (60.0, False))
     ]
     assert times(returns) == [1.0, 60.0]
-
-
-def test_a_robot_of_a_killed_cell_that_never_comes_back():
-    found = short(cell_killed=Outcome(values=killed(took_s=[1.0, None])))
-    assert found == {"robots of a killed cell that never came back": 1.0}
-
-
-def test_drives_without_a_database():
-    values = {
-        "open": [drive(lost=2, endings={"close code 4510": 1})],
-        "away_s": 15.0,
-        "begun": [
-            {"robot": "one", "began": True, "took_s": 0.1},
-            {"robot": "two", "began": False, "why": "closed with 4510"},
-        ],
-        "fresh_tickets": 0,
-        "recorded": 0,
-    }
-    outcome = Outcome(values=values)
-    assert set(short(database_away=outcome)) == {
-        "open drives that ended without the database",
-        "commands lost without the database",
-        "drives that did not begin without the database",
-        "drives without the database that were not recorded later",
-    }
-    found = report({"database-away": outcome})
-    assert "without the database 1 drives did not begin: closed with 4510" in found.shortfalls
-
-
-def test_a_drain_that_loses_commands_or_leaves_robots():
-    values = {"robots": 3, "drives": [drive(lost=1)], "drive_s": 30.0, "empty_s": None}
-    found = short(drain=Outcome(values=values))
-    assert found == {"commands lost in a drain": 1.0, "drains that left robots behind": 1.0}

@@ -1,4 +1,4 @@
-"""Whether several cells keep their promises while they break, and what they carry.
+"""Whether several cells keep their promises while they break.
 
 A site of three cells, 30 agents and 300 virtual robots, all with the real guard; 10 drivers at 20 Hz, 10 observers and
 operators who stop and release. A nemesis breaks things by a seed, which SEED in the environment sets. The history of
@@ -14,14 +14,12 @@ import secrets
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from weakref import WeakKeyDictionary
 
 from demo import ROOT
 
-from paper.cells import steps
 from paper.cells.checker import check, find_crowds, find_ignored_stops, find_returns
 from paper.cells.history import read
 from paper.cells.report import report
@@ -34,55 +32,25 @@ KEPT = ROOT / "tests" / "artifacts" / "cells"
 WHOLE = Size(cells=3, agents=30, virtual=300, drivers=10, observers=10, operators=3, seconds=600.0)
 QUICK = Size(cells=2, agents=4, virtual=16, drivers=4, observers=2, operators=2, seconds=120.0)
 FULL_S = 1800.0
-AWAY_S, FULL_AWAY_S = 20.0, 600.0
-SPREAD_ROBOTS, QUICK_SPREAD_ROBOTS = 40, 6
-# Turns, and messages in each.
-FORWARDED, QUICK_FORWARDED = (10, 200), (2, 20)
 ONLINE_AGAIN_S = 120.0
 MOST_VIOLATIONS = 30
 # Without one of these a rule would have had nothing to judge.
 JUDGED = ("arrived", "moved", "zeroed", "session", "stopped", "released", "stop_done", "recorded")
-_sites: WeakKeyDictionary[World, Site] = WeakKeyDictionary()
 
 
 def steps_of(scale: Scale) -> Sequence[Step]:
-    whole = QUICK if scale.quick else WHOLE
-    whole = replace(whole, seconds=FULL_S) if scale.full else whole
-    some = QUICK_SPREAD_ROBOTS if scale.quick else SPREAD_ROBOTS
-    forwarded = QUICK_FORWARDED if scale.quick else FORWARDED
-    few = replace(whole, agents=2, virtual=18)
-    return [
-        _step("nemesis", f"{whole.seconds / 60:.3g} minutes of nemesis", whole.cells,
-              lambda site: run_nemesis(site, whole)),
-        _step("cell-killed", "a cell is killed", whole.cells,
-              lambda site: steps.kill_cell(site, whole)),
-        _step("database-away", "the database is away", whole.cells,
-              lambda site: steps.database_away(site, few, FULL_AWAY_S if scale.full else AWAY_S)),
-        _step("drain", "a cell is drained", whole.cells,
-              lambda site: steps.drain(site, whole)),
-        *(
-            _step(f"spread-{count}", f"{count} cells at work", whole.cells,
-                  partial(steps.spread, count=count, robots_a_cell=some))
-            for count in range(1, whole.cells + 1)
-        ),
-        _step("forwarding", "messages through another cell", whole.cells,
-              lambda site: steps.forwarding(site, few, *forwarded)),
-    ]  # fmt: skip
+    size = QUICK if scale.quick else replace(WHOLE, seconds=FULL_S) if scale.full else WHOLE
+    title = f"{size.seconds / 60:.3g} minutes of nemesis"
+    return [Step(name="nemesis", title=title, run=partial(run_nemesis, size))]
 
 
-def _step(name: str, title: str, cells: int, run: Callable[[Site], Values]) -> Step:
-    return Step(name=name, title=title, run=lambda world: run(site_of(world, cells)))
+def run_nemesis(size: Size, world: World) -> Values:
+    """Break and mend a site while people are at work, and check the history of it."""
+    with Site.started(world, size.cells) as site:
+        return _nemesis(site, size)
 
 
-def site_of(world: World, cells: int) -> Site:
-    """The world's site, which is started for the first step and ends with the world."""
-    if world not in _sites:
-        _sites[world] = world.ends.enter_context(Site.started(world, cells))
-    return _sites[world]
-
-
-def run_nemesis(site: Site, size: Size) -> Values:
-    """Break and mend while people are at work, and check the history of it."""
+def _nemesis(site: Site, size: Size) -> Values:
     seed = int(os.environ.get("SEED") or secrets.randbelow(1 << 32))
     # pytest shows it of a step that fails; the page and the folder's name have it, too.
     print(f"SEED={seed}")  # noqa: T201

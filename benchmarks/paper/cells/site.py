@@ -200,13 +200,6 @@ class Site:
             cells = [Cell(name, one, world.machine) for name, one in stacks.items()]
             yield cls(cells, world)
 
-    @classmethod
-    def part(cls, whole: Site, cells: Sequence[Cell]) -> Site:
-        """The same site with some of its cells."""
-        some = cls(cells, whole.world)
-        some._enrolled, some._tokens = whole._enrolled, whole._tokens
-        return some
-
     @property
     def names(self) -> list[str]:
         return [cell.name for cell in self.cells]

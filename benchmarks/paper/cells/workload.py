@@ -161,14 +161,13 @@ class Workload:
             one.do("start", DONE_WITHIN_S, cells=self.site.ssh_addresses)
         self.wait_online(ONLINE_WITHIN_S)
 
-    def wait_online(self, within_s: float, cells: Sequence[Cell] | None = None) -> float:
+    def wait_online(self, within_s: float) -> float:
         """Wait until each of the cells says that all robots are online; return the seconds that it took."""
         began = time.monotonic()
         missing: Mapping[str, set[str]] = {}
         while time.monotonic() - began < within_s:
             missing = {
-                cell.name: set(self.robots) - self.online_at(cell)
-                for cell in cells or self.site.cells
+                cell.name: set(self.robots) - self.online_at(cell) for cell in self.site.cells
             }
             if not any(missing.values()):
                 return round(time.monotonic() - began, 3)
