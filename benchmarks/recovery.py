@@ -16,7 +16,6 @@ import random
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 import tempfile
 import time
@@ -28,9 +27,10 @@ from typing import Protocol
 
 import aiohttp
 from aiohttp import web
-from demo import ROOT
 from namespaces import Namespace
-from openssh_server import OpenSshServer, descendants, kill
+from openssh_server import OpenSshServer
+from paper.programs import Program, our_environment
+from paper.world import environment
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from report import Row, Section, quantiles
 from roaming import RoamingNetwork, roaming_networks
@@ -40,7 +40,6 @@ from robotether_agent.enrolment.keys import ensure_key
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.wiring import Timing
 
-AGENT = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
 REPEAT = 50
 AIM_S = 2.0
 # Nobody waits longer: it counts as a failure.
@@ -115,8 +114,7 @@ class Subject:
         self._site = site
         self.robot = robot
         self._folder = folder
-        self._log = (folder / "agent.log").open("ab")
-        self._agent: subprocess.Popen[bytes] | None = None
+        self._agent: Program | None = None
 
     async def enrol(self) -> None:
         """Put into its place what a join would have brought."""
@@ -130,7 +128,6 @@ class Subject:
         EnrolmentStore(state).keep(enrolment, parse_host_keys({"host_keys": sshd.host_keys}))
 
     def start_agent(self) -> None:
-        command = self.network.robot.command(sys.executable, "-m", "robotether_agent", "run")
         settings = {
             "server": self.network.server,
             "mac": MAC,
@@ -139,33 +136,22 @@ class Subject:
             "shell_address": "none",
             "log_level": "debug",
         }
-        given = {f"ROBOTETHER_{name.upper()}": str(value) for name, value in settings.items()}
-        environ = {**os.environ, "PYTHONPATH": AGENT, **given}
-        self._agent = subprocess.Popen(
-            command, env=environ, stdout=self._log, stderr=subprocess.STDOUT
-        )
+        words = (sys.executable, "-m", "robotether_agent", "run")
+        environ = our_environment() | environment(settings)
+        self._agent = Program(self.network.robot, words, self._folder / "agent.log", environ)
 
     def signal_agent(self, number: signal.Signals) -> None:
         """Send a signal to the agent, and to nothing that it started."""
         assert self._agent is not None
-        self._agent.send_signal(number)
+        os.kill(self._agent.pid, number)
 
     def kill_agent(self) -> None:
         """Kill it and all that it started, as the loss of power does."""
-        if self._agent is None:
-            return
-        started = descendants(self._agent.pid)
-        self._agent.kill()
-        self._agent.wait()
-        for pid in started:
-            kill(pid)
-
-    def close(self) -> None:
-        self.kill_agent()
-        self._log.close()
+        if self._agent is not None:
+            self._agent.kill()
 
     def log_tail(self) -> str:
-        return "\n".join((self._folder / "agent.log").read_text().splitlines()[-40:])
+        return self._agent.tail() if self._agent else ""
 
     async def drivable_after(self, since: float, give_up_s: float) -> float:
         """Return the seconds from `since` until a new drive connection passes a message; infinite if never."""
@@ -297,7 +283,7 @@ async def start_subject(
     folder = Path(tempfile.mkdtemp(prefix="rt-"))
     stack.callback(shutil.rmtree, folder, ignore_errors=True)
     subject = Subject(site, network, robot, folder)
-    stack.callback(subject.close)
+    stack.callback(subject.kill_agent)
     await subject.enrol()
     subject.start_agent()
     return subject

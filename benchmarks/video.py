@@ -10,12 +10,11 @@ Used by `bench`; needs `make demo`, and root for the link.
 from __future__ import annotations
 
 import asyncio
-import os
-import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,17 +23,17 @@ import aiohttp
 import pandas as pd
 from bare_tunnel import bare_forward, bare_tunnel
 from behind_video import DOWN, UP, UP_MBIT_S
-from demo import ROOT, Demo
+from demo import Demo
 from link import Link, why_not_here
 from local_network import free_port, insecure_tls
 from namespaces import Namespace
 from paper.costs import use_of
+from paper.programs import Program, our_environment
 from recovery import Site, Subject, start_site, start_subject
 from relay_server import until
 from report import Row, Section, quantiles
 from video_viewers import Frame, OnFrame, view_frames, view_stream
 
-SIM_ROBOT = ROOT / "images" / "sim_robot"
 ROBOT_VIDEO_PORT = 8080
 ROBOT, CAMERA = "sim1", "/camera/image_raw"
 SECONDS = 12.0
@@ -184,21 +183,12 @@ async def linked_robot(link: Link) -> AsyncIterator[tuple[Site, Subject]]:
     """Real relay and sshd at the server's end of the link, real agent and the simulator at the robot's."""
     async with AsyncExitStack() as stack:
         site, [robot] = await start_site(stack, 1, link.server.address)
-        stack.enter_context(simulator(link.robot))
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-sim-")))
+        given = {"SIM_NAME": ROBOT, "SIM_BIND_ADDRESS": "127.0.0.1", "SIM_LOG_LEVEL": "error"}
+        words = (sys.executable, "-m", "sim_robot")
+        simulator = Program(link.robot, words, folder / "log", our_environment() | given)
+        stack.callback(simulator.end)
         yield site, await start_subject(stack, site, Uplink(link.server.address, link.robot), robot)
-
-
-@contextmanager
-def simulator(robot: Namespace) -> Iterator[None]:
-    command = robot.command(sys.executable, "-m", "sim_robot")
-    given = {"PYTHONPATH": str(SIM_ROBOT), "SIM_NAME": ROBOT, "SIM_BIND_ADDRESS": "127.0.0.1"}
-    with subprocess.Popen(
-        command, env={**os.environ, **given, "SIM_LOG_LEVEL": "error"}
-    ) as process:
-        try:
-            yield
-        finally:
-            process.terminate()
 
 
 def measure_age(demo: Demo, seconds: float = SECONDS) -> Section:

@@ -88,11 +88,17 @@ class Program:
             return
         started = descendants(self.pid)
         self.terminate()
-        try:
+        with suppress(subprocess.TimeoutExpired):
             self._process.wait(ENDS_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._kill(started)
+
+    def kill(self) -> None:
+        """Kill it and all that it started, as the loss of power does."""
+        self._kill(descendants(self.pid))
+
+    def _kill(self, started: Sequence[int]) -> None:
+        self._process.kill()
+        self._process.wait()
         for pid in started:
             kill(pid)
         wait_until(
