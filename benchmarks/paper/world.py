@@ -48,14 +48,6 @@ _numbers = count(1)
 AT_ONCE = 4
 
 
-class RefusedByServerError(Exception):
-    """The API's refusal: what was asked, the status, and the server's words."""
-
-    def __init__(self, asked: str, status: int, words: str) -> None:
-        super().__init__(f"cannot {asked}: status {status}: {words}")
-        self.status = status
-
-
 class World:
     """A running stack; made by `own`."""
 
@@ -132,7 +124,9 @@ class World:
         except urllib.error.HTTPError as error:
             with error:
                 words = error.read().decode(errors="replace")
-            raise RefusedByServerError(f"{method} {path}", error.code, words[:500]) from error
+            raise RuntimeError(
+                f"cannot {method} {path}: status {error.code}: {words[:500]}"
+            ) from error
 
     def ticket(self, robot: str, mode: str) -> str:
         """Permission to open one connection: "observe" or "drive"."""
