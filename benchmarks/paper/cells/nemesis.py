@@ -14,10 +14,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from paper.cells.history import History
 from paper.cells.site import OF_DATABASE, OF_PEERS, SERVICES, Cell, Site, drop
+
+if TYPE_CHECKING:
+    from paper.cells.workload import RobotProcess
 
 LASTS_S, BETWEEN_S = (3.0, 10.0), (3.0, 8.0)
 # What is broken at once, at most; and how many cells at least are as they should be, but where all are concerned.
@@ -27,21 +30,6 @@ DATABASE_WITHIN_S = 60.0
 GUARDS_SHARE = 0.2
 # Ahead or behind.
 MOST_STEPPED_S = 60.0
-FULL = "full"
-
-
-class Robots(Protocol):
-    """The robots of one process, as the nemesis hurts them."""
-
-    source: str
-    # Where their guards' disks are; it is a file system of its own.
-    disk: Path
-
-    def inside(self) -> Sequence[str]:
-        """What runs a command in their network."""
-
-    def kill_guards(self, rng: Random) -> None:
-        """Kill the guards of some."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +45,16 @@ class Context:
     """What faults work on."""
 
     site: Site
-    robots: Mapping[str, Robots]
+    # By their sources.
+    robots: Mapping[str, RobotProcess]
     rng: Random
 
     def cell(self, target: Target) -> Cell:
         return next(one for one in self.site.cells if one.name == target.cell)
+
+    def full(self, target: Target) -> Path:
+        """What fills the disk of a process."""
+        return self.robots[target.source].disk / "full"
 
     def others(self, target: Target) -> list[Cell]:
         return [one for one in self.site.cells if one.name != target.cell]
@@ -94,33 +87,13 @@ def _start(*services: str) -> Do:
     return mend
 
 
-def _pause(context: Context, target: Target) -> None:
-    context.cell(target).each(SERVICES, "pause")
-
-
 def _unpause(context: Context, target: Target) -> None:
     context.cell(target).each(SERVICES, "unpause")
     context.cell(target).wait_live()
 
 
-def _restart(context: Context, target: Target) -> None:
-    context.cell(target).each(["relay"], "restart", timeout=15)
-
-
-def _drain(context: Context, target: Target) -> None:
-    context.cell(target).drain()
-
-
-def _resume(context: Context, target: Target) -> None:
-    context.cell(target).resume()
-
-
 def _step_clock(context: Context, target: Target) -> None:
     context.cell(target).step_clock(context.rng.uniform(-MOST_STEPPED_S, MOST_STEPPED_S))
-
-
-def _step_clock_back(context: Context, target: Target) -> None:
-    context.cell(target).step_clock(0.0)
 
 
 def _robots_cut(*, to_drop: bool) -> Do:
@@ -162,42 +135,49 @@ def _start_database(context: Context, _: Target) -> None:
 
 def _fill(context: Context, target: Target) -> None:
     """Write until nothing more fits; zeros in small pieces, so that nothing is left."""
-    with (
-        (context.robots[target.source].disk / FULL).open("wb", buffering=0) as file,
-        suppress(OSError),
-    ):
+    with context.full(target).open("wb", buffering=0) as file, suppress(OSError):
         while True:
             file.write(bytes(4096))
-
-
-def _empty(context: Context, target: Target) -> None:
-    (context.robots[target.source].disk / FULL).unlink(missing_ok=True)
-
-
-def _kill_guards(context: Context, target: Target) -> None:
-    context.robots[target.source].kill_guards(context.rng)
-
-
-def _nothing(_: Context, __: Target) -> None:
-    """It mends itself."""
 
 
 FAULTS: Mapping[str, Fault] = {
     "cell_killed": Fault(_kill(*SERVICES), _start(*SERVICES), weight=3),
     "relay_killed": Fault(_kill("relay"), _start("relay"), weight=3),
     "sshd_killed": Fault(_kill("sshd"), _start("sshd")),
-    "relay_restarted": Fault(_restart, _start("relay")),
-    "cell_paused": Fault(_pause, _unpause, weight=3),
+    "relay_restarted": Fault(
+        lambda context, target: context.cell(target).each(["relay"], "restart", timeout=15),
+        _start("relay"),
+    ),
+    "cell_paused": Fault(
+        lambda context, target: context.cell(target).each(SERVICES, "pause"), _unpause, weight=3
+    ),
     "robots_cut": Fault(
         _robots_cut(to_drop=True), _robots_cut(to_drop=False), of_robots=True, weight=3
     ),
     "database_cut": Fault(_database_cut(to_drop=True), _database_cut(to_drop=False)),
     "peers_cut": Fault(_peers_cut(to_drop=True), _peers_cut(to_drop=False), weight=3),
-    "clock_stepped": Fault(_step_clock, _step_clock_back),
-    "cell_drained": Fault(_drain, _resume),
+    "clock_stepped": Fault(
+        _step_clock, lambda context, target: context.cell(target).step_clock(0.0)
+    ),
+    "cell_drained": Fault(
+        lambda context, target: context.cell(target).drain(),
+        lambda context, target: context.cell(target).resume(),
+    ),
     "database_away": Fault(_kill_database, _start_database, of_cell=False),
-    "disk_full": Fault(_fill, _empty, of_cell=False, of_robots=True, weight=1),
-    "guards_killed": Fault(_kill_guards, _nothing, of_cell=False, of_robots=True),
+    "disk_full": Fault(
+        _fill,
+        lambda context, target: context.full(target).unlink(missing_ok=True),
+        of_cell=False,
+        of_robots=True,
+        weight=1,
+    ),
+    "guards_killed": Fault(
+        lambda context, target: context.robots[target.source].kill_guards(context.rng),
+        # It mends itself.
+        lambda _context, _target: None,
+        of_cell=False,
+        of_robots=True,
+    ),
 }
 # With one of these no other is begun that takes something from another cell: one stays whole.
 TAKES_A_CELL = frozenset(FAULTS) - {"disk_full", "guards_killed", "peers_cut"}
