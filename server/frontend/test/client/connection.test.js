@@ -1,5 +1,5 @@
 import assert from "node:assert/strict";
-import { afterEach, beforeEach, mock, test } from "node:test";
+import { beforeEach, mock, test } from "node:test";
 
 import { TicketRefused } from "../../src/client/api.js";
 import { Connection, GIVE_UP } from "../../src/client/connection.js";
@@ -56,8 +56,6 @@ beforeEach(() => {
   });
 });
 
-afterEach(() => connection.stop());
-
 async function settle() {
   for (let i = 0; i < 10; i++) await Promise.resolve();
 }
@@ -68,23 +66,72 @@ async function pass(ms) {
   await settle();
 }
 
-async function goLive() {
-  await settle();
-  links.at(-1).onOpen();
-  links.at(-1).answer({ ok: true });
+const newest = () => links.at(-1);
+const open = () => void newest().onOpen(); // not waited for: the robot has yet to answer
+const end = (code = 1006, reason = "") => newest().onClose({ code, reason });
+
+async function begin() {
+  connection.start();
   await settle();
 }
 
-test("it is live only when the robot itself has answered", async () => {
-  connection.start();
+async function goLive() {
   await settle();
-  links[0].onOpen();
+  open();
+  newest().answer({ ok: true });
   await settle();
-  assert.deepEqual(states, ["connecting"]);
-  links[0].answer({ ok: false });
-  await settle();
-  assert.deepEqual(states, ["connecting", "live"]);
-  assert.equal(prepared, 1);
+}
+
+async function live() {
+  await begin();
+  await goLive();
+}
+
+// A second each, in which timers run on time.
+async function seconds(count, act = () => {}) {
+  for (let i = 0; i < count; i++) {
+    act();
+    await pass(1000);
+  }
+}
+
+// The states that are shown, how many links were opened and whether the newest is closed from here.
+for (const [name, steps, shown, opened, closed = false] of [
+  ["it is not live before the robot itself has answered", [begin, open, settle], "connecting", 1],
+  ["it is live when it has", [live], "connecting live", 1],
+  ["a robot that is offline is reported by the close code", [begin, open, () => end(4503)], "connecting offline", 1, true],
+  ["it is tried again", [begin, open, () => end(4503), () => pass(500)], "connecting offline", 2],
+  ["no answer from the robot is reported as such", [begin, open, () => pass(8000)], "connecting rosbridge_down", 1, true],
+  ["that is tried again, too", [begin, open, () => pass(8000), () => pass(500)], "connecting rosbridge_down", 2],
+  ["a socket that does not open is an unreachable server", [begin, () => pass(5000)], "connecting server_unreachable", 1, true],
+  ["silence on a live link is a lost link", [live, () => seconds(7)], "connecting live link_lost", 1, true],
+  ["what the robot says breaks it", [live, () => seconds(5), () => newest().onMessage(), () => seconds(6)], "connecting live", 1],
+  ["news that the network is gone ends a live link at once", [live, () => connection.cut()], "connecting live link_lost", 1, true],
+  ["another ticket is asked for", [live, () => connection.reopen(), goLive], "connecting live connecting live", 2],
+  ["without a network news of its end change nothing", [begin, () => connection.cut()], "connecting", 1],
+  ...[4002, 4003, 4009, 4010].map((code) => [
+    `whoever loses the control by ${code} sees on at once`,
+    [live, () => end(code), () => pass(0), goLive],
+    "connecting live connecting live",
+    2,
+  ]),
+]) {
+  test(name, async () => {
+    for (const step of steps) await step();
+    assert.deepEqual([states.join(" "), links.length, newest().closed], [shown, opened, closed]);
+  });
+}
+
+test("each attempt has a fresh ticket, and the page waits between them", async () => {
+  await begin();
+  open();
+  assert.equal(connection.waits, false);
+  end(4503, "robot sim1 has been offline since 12:03 UTC");
+  await pass(500);
+  assert.notEqual(links[0].url, links[1].url);
+  assert.equal(connection.waits, true);
+  await goLive();
+  assert.deepEqual([connection.waits, prepared], [false, 1]);
 });
 
 test("news of the network connect nothing beside an attempt or a live link, nor what was not started or was stopped", async () => {
@@ -102,28 +149,12 @@ test("news of the network connect nothing beside an attempt or a live link, nor 
   assert.equal(tickets, 1);
 });
 
-test("a robot that is offline is told by the close code, and each attempt has a fresh ticket", async () => {
-  connection.start();
-  await settle();
-  links[0].onOpen();
-  assert.equal(connection.waits, false);
-  links[0].onClose({ code: 4503, reason: "robot sim1 has been offline since 12:03 UTC" });
-  assert.deepEqual(states, ["connecting", "offline"]);
-  await pass(500);
-  assert.equal(links.length, 2);
-  assert.notEqual(links[0].url, links[1].url);
-  assert.equal(connection.waits, true);
-  await goLive();
-  assert.equal(connection.waits, false);
-});
-
 test("after a cut it resumes with its subscriptions, also those made meanwhile, but for those that ended", async () => {
-  connection.start();
-  await goLive();
+  await live();
   connection.subscribe({ name: "/odom" }, () => {});
   connection.subscribe({ name: "/scan" }, () => {})();
   assert.deepEqual(links[0].subscribed, ["/odom"]);
-  links[0].onClose({ code: 4505, reason: "" });
+  end(4505);
   connection.subscribe({ name: "/pose" }, () => {});
   await pass(500);
   await goLive();
@@ -132,60 +163,43 @@ test("after a cut it resumes with its subscriptions, also those made meanwhile, 
 });
 
 test("what is published while cut is dropped and never reaches the next link", async () => {
-  connection.start();
-  await goLive();
+  await live();
   const publisher = connection.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });
   assert.equal(publisher.publish("a"), true);
-  links[0].onClose({ code: 1006, reason: "" });
+  end();
   assert.equal(publisher.publish("b"), false);
   await pass(500);
   assert.equal(publisher.publish("c"), false);
   await goLive();
   publisher.publish("d");
-  assert.deepEqual(links[0].published, ["a"]);
-  assert.deepEqual(links[1].published, ["d"]);
+  assert.deepEqual([links[0].published, links[1].published], [["a"], ["d"]]);
 });
 
 test("a call whose link ends before the answer rejects, on whichever way it ends", async () => {
   connection.start();
-  for (const end of [() => links.at(-1).onClose({ code: 1006, reason: "" }), () => connection.reopen(), () => connection.stop()]) {
+  for (const finish of [end, () => connection.reopen(), () => connection.stop()]) {
     await goLive();
     const call = connection.call("/dock");
-    end();
+    finish();
     await assert.rejects(call, /cannot call \/dock: the connection ended before the answer/);
     await pass(500);
   }
 });
 
-test("silence on a live link is a lost link", async () => {
-  connection.start();
-  await goLive();
-  for (let i = 0; i < 5; i++) await pass(1000);
-  links[0].onMessage();
-  for (let i = 0; i < 6; i++) await pass(1000);
-  assert.equal(states.at(-1), "live");
-  clock += 1;
-  await pass(1000);
-  assert.equal(states.at(-1), "link_lost");
-  assert.equal(links[0].closed, true);
-});
-
 test("a page in the background, whose timers run once a minute, keeps its link", async () => {
-  connection.start();
-  await goLive();
+  await live();
   for (let i = 0; i < 3; i++) {
     clock += 59_000;
     await pass(1000);
     assert.equal(states.at(-1), "live");
-    links[0].onMessage(); // the answer to what that minute's timer asked
+    newest().onMessage(); // the answer to what that minute's timer asked
   }
-  for (let i = 0; i < 7; i++) await pass(1000);
+  await seconds(7);
   assert.equal(states.at(-1), "link_lost");
 });
 
 test("a page that gives up control says so by the code with which it closes", async () => {
-  connection.start();
-  await goLive();
+  await live();
   connection.reopen(GIVE_UP);
   assert.equal(links[0].code, 4000);
   await goLive();
@@ -194,44 +208,30 @@ test("a page that gives up control says so by the code with which it closes", as
 });
 
 test("the last that a link carries which the page gives up is what onLeaving says", async () => {
-  connection.start();
-  await goLive();
+  await live();
   const publisher = connection.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });
   connection.handlers.onLeaving = () => publisher.publish("zero");
   connection.cut();
-  assert.deepEqual([states.at(-1), links[0].closed, links[0].published], ["link_lost", true, ["zero"]]);
+  assert.deepEqual(links[0].published, ["zero"]);
   connection.cut();
   await pass(500);
-  links[1].onOpen();
-  links[1].onClose({ code: 4503, reason: "" });
+  open();
+  end(4503);
   assert.deepEqual(links[1].published, []);
 });
 
 test("after a change of rights the next ticket says what is left", async () => {
-  connection.start();
-  await goLive();
-  links[0].onClose({ code: 4001, reason: "" });
+  await live();
+  end(4001);
   assert.equal(states.at(-1), "connecting");
   refusal = new TicketRefused(403, "grant_missing");
   await pass(60_000);
-  assert.equal(states.at(-1), "not_allowed");
-  assert.deepEqual([links.length, tickets], [1, 2]);
-});
-
-test("no answer from the robot is told as such and tried again", async () => {
-  connection.start();
-  await settle();
-  links[0].onOpen();
-  await pass(8000);
-  assert.equal(states.at(-1), "rosbridge_down");
-  await pass(500);
-  assert.equal(links.length, 2);
+  assert.deepEqual([states.at(-1), links.length, tickets], ["not_allowed", 1, 2]);
 });
 
 test("without a server the attempts go on with growing delays", async () => {
   refusal = new TicketRefused(0);
-  connection.start();
-  await settle();
+  await begin();
   assert.equal(states.at(-1), "server_unreachable");
   for (let i = 0; i < 20; i++) await pass(500);
   assert.ok(tickets >= 3 && tickets <= 8, `${tickets} attempts in 10 s`);
@@ -242,11 +242,10 @@ test("without a server the attempts go on with growing delays", async () => {
 });
 
 test("news that the robot is back cuts the wait short", async () => {
-  connection.start();
-  await settle();
+  await begin();
   for (let i = 0; i < 6; i++) {
-    links.at(-1).onOpen();
-    links.at(-1).onClose({ code: 4503, reason: "" });
+    open();
+    end(4503);
     if (i < 5) await pass(5000);
   }
   const before = links.length;
@@ -255,63 +254,41 @@ test("news that the robot is back cuts the wait short", async () => {
   assert.equal(links.length, before + 1);
 });
 
-for (const code of [4002, 4003, 4009, 4010]) {
-  test(`whoever loses the control by ${code} sees on at once`, async () => {
-    connection.start();
-    await goLive();
-    links[0].onClose({ code, reason: "" });
-    await pass(0);
-    assert.equal(links.length, 2);
-    await goLive();
-    assert.deepEqual(states, ["connecting", "live", "connecting", "live"]);
-  });
-}
-
 test("a server that lets nobody drive is not asked over and over", async () => {
-  connection.start();
-  await settle();
+  await begin();
   for (let i = 0; i < 4; i++) {
-    links.at(-1).onClose({ code: 4009, reason: "" });
+    end(4009);
     await pass(0);
   }
   assert.equal(links.length, 2);
 });
 
-test("another ticket is asked for as the page drives or watches from now on", async () => {
-  connection.start();
-  await goLive();
-  const live = [];
-  connection.handlers.onLink = () => live.push(connection.live);
+test("a link that was given up is not live when its end is reported, and ends no other", async () => {
+  await live();
+  const reports = [];
+  connection.handlers.onLink = () => reports.push(connection.live);
   connection.reopen();
-  assert.deepEqual([links[0].closed, live], [true, [false]]); // whoever hears of its end must not find it live
+  assert.deepEqual([links[0].closed, reports], [true, [false]]);
   await goLive();
-  assert.equal(links.length, 2);
-  assert.deepEqual(states, ["connecting", "live", "connecting", "live"]);
   links[0].onClose({ code: 1000, reason: "" });
   assert.equal(connection.live, true);
 });
 
 test("operations of our own go out on an open link, also before the robot has answered, and never later", async () => {
   assert.equal(connection.send({ op: "robotether.stop" }), false);
-  connection.start();
-  await settle();
-  links[0].onOpen();
+  await begin();
+  open();
   assert.equal(connection.send({ op: "robotether.stop" }), true);
   assert.deepEqual(links[0].told, [{ op: "robotether.stop" }]);
   senders[0]({ op: "robotether.beat" });
   assert.equal(links[0].told.length, 2);
-  links[0].onClose({ code: 4505, reason: "" });
+  end(4505);
   assert.equal(senders[1], null);
   assert.equal(connection.send({ op: "robotether.stop" }), false);
 });
 
 test("what the relay says is no sign of life of the robot", async () => {
-  connection.start();
-  await goLive();
-  for (let i = 0; i < 7; i++) {
-    links[0].onOwn({ op: "robotether.beat" });
-    await pass(1000);
-  }
-  assert.equal(own.length, 7);
-  assert.equal(states.at(-1), "link_lost");
+  await live();
+  await seconds(7, () => newest().onOwn({ op: "robotether.beat" }));
+  assert.deepEqual([own.length, states.at(-1)], [7, "link_lost"]);
 });

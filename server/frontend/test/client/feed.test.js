@@ -120,7 +120,7 @@ test("a server that takes the connection and never answers is lost too", async (
   assert.equal(states.at(-1), "lost");
 });
 
-test("an ended login ends the attempts and is told as such", async () => {
+test("an ended login ends the attempts and is reported as such", async () => {
   answers.push(new Response("", { status: 401 }));
   feed.start();
   await settle();

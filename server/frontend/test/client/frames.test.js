@@ -80,7 +80,7 @@ test("it says what it wants, beats, and gives two credits", async () => {
   assert.deepEqual(socket.sent[2], { op: "credit", frames: 2, taken: null });
 });
 
-test("a picture comes with its moment on this page's clock", async () => {
+test("a frame comes with its timestamp on this page's clock", async () => {
   await goOpen();
   await receive({ number: 7, timestampMs: AHEAD + 940, jpeg: [1, 2], quality: 60 });
   assert.deepEqual(frames, [{ number: 7, at: 940, jpeg: [1, 2] }]);
@@ -89,7 +89,7 @@ test("a picture comes with its moment on this page's clock", async () => {
   assert.equal(stream.ageMs, 60);
 });
 
-test("a picture counts when it has been shown, and one that cannot be shown never does", async () => {
+test("a frame counts when it has been shown, and one that cannot be shown never does", async () => {
   await goOpen();
   await receive({ number: 1, timestampMs: AHEAD + 990 });
   clock += 500;
@@ -101,7 +101,7 @@ test("a picture counts when it has been shown, and one that cannot be shown neve
   assert.equal(stream.ageMs, 510);
 });
 
-test("a picture that is shown after the stream was stopped does not count", async () => {
+test("a frame that is shown after the stream was stopped does not count", async () => {
   await goOpen();
   hold = withResolvers();
   await receive({ number: 1, timestampMs: AHEAD + 990 });
@@ -111,7 +111,7 @@ test("a picture that is shown after the stream was stopped does not count", asyn
   assert.deepEqual([stream.ageMs, last().why], [null, "paused"]);
 });
 
-test("the next picture is asked for when this one has been shown", async () => {
+test("the next frame is asked for when this one has been shown", async () => {
   const socket = await goOpen();
   hold = withResolvers();
   socket.frame({ number: 7, timestampMs: AHEAD + 990 });
@@ -135,7 +135,7 @@ function withResolvers() {
   return parts;
 }
 
-test("a picture that cannot be shown, of another codec or without a known moment, stops nothing", async () => {
+test("a frame that cannot be shown, of another codec or without a known timestamp, stops nothing", async () => {
   const socket = await goOpen();
   hold = withResolvers();
   hold.reject(new Error("broken JPEG"));
@@ -145,7 +145,7 @@ test("a picture that cannot be shown, of another codec or without a known moment
   assert.equal(frames.length, 1);
 });
 
-test("a picture before the first answered beat is not shown: its age is unknown", async () => {
+test("a frame before the first answered beat is not shown: its age is unknown", async () => {
   stream.start();
   await settle();
   sockets[0].open();
@@ -155,7 +155,7 @@ test("a picture before the first answered beat is not shown: its age is unknown"
   assert.equal(sockets[0].said("credit").length, 2);
 });
 
-test("a picture is old after a second, whether it came late or no other came", async () => {
+test("a frame is old after a second, whether it came late or no other came", async () => {
   await goOpen();
   await receive({ number: 1, timestampMs: AHEAD + 1000 });
   await pass(1000);
@@ -168,7 +168,7 @@ test("a picture is old after a second, whether it came late or no other came", a
   assert.deepEqual(why(), ["live", ""]);
 });
 
-test("the sender's status says why there is no picture", async () => {
+test("the sender's status says why there is no frame", async () => {
   const socket = await goOpen();
   socket.tell({ op: "status", state: "down", detail: "no answer on 8080", source: "mjpeg" });
   assert.deepEqual([last().picture, last().why, last().detail, last().source], ["none", "down", "no answer on 8080", "mjpeg"]);
@@ -183,7 +183,7 @@ test("unknown operations and broken texts are skipped", async () => {
   assert.equal(frames.length, 1);
 });
 
-test("after a cut there is no picture, and a new link after a while", async () => {
+test("after a cut there is no frame, and a new link after a while", async () => {
   const socket = await goOpen();
   await receive({ timestampMs: AHEAD + 1000 });
   socket.end(1006);
@@ -238,7 +238,7 @@ test("an ended stream closes its link and asks for nothing more", async () => {
   assert.equal(sockets.length, 1);
 });
 
-test("another wish is told on the open link and on the next ones", async () => {
+test("another request goes out on the open link and on the next ones", async () => {
   const socket = await goOpen();
   stream.want({ fps: 5 });
   assert.deepEqual(socket.sent.at(-1), { op: "want", quality_max: 70, fps: 5 });
@@ -248,7 +248,7 @@ test("another wish is told on the open link and on the next ones", async () => {
   assert.deepEqual(sockets[1].sent[0], { op: "want", quality_max: 70, fps: 5 });
 });
 
-test("a picture is taken out with its number, quality and moment, without a copy", () => {
+test("a frame is taken out with its number, quality and timestamp, without a copy", () => {
   const data = framed({ number: 4_000_000_000, quality: 70, flags: 1, timestampMs: 5123456.75, jpeg: [1, 2, 3] });
   const frame = readFrame(data);
   assert.deepEqual(
@@ -258,11 +258,9 @@ test("a picture is taken out with its number, quality and moment, without a copy
   assert.equal(frame.jpeg.buffer, data);
 });
 
-test("other codecs, moments that are no number and too short messages are none", () => {
-  assert.equal(readFrame(framed({ codec: 2 })), null);
-  assert.equal(readFrame(framed({ timestampMs: NaN })), null);
-  assert.equal(readFrame(framed({ jpeg: [] })), null);
-  assert.equal(readFrame(new ArrayBuffer(3)), null);
+test("other codecs, timestamps that are no number and too short messages are none", () => {
+  const messages = [framed({ codec: 2 }), framed({ timestampMs: NaN }), framed({ jpeg: [] }), new ArrayBuffer(3)];
+  assert.deepEqual(messages.map(readFrame), [null, null, null, null]);
 });
 
 let wall, senderClock;
@@ -277,45 +275,24 @@ function age(ms) {
   wall += ms;
 }
 
-test("nothing is known before the first answer", () => {
-  assert.equal(senderClock.timestamp(5000), null);
-});
+const answer = (t_ms, sender_ms) => senderClock.receive({ t_ms, sender_ms });
+const twice = () => [answer(1000, 2000), age(20_000), answer(21_000, 22_050)];
+const sleep = () => [answer(1000, 5000), (wall += 3000)]; // the sender's clock went on, and this page's did not
 
-test("the least difference counts, so that a picture's age is never understated", () => {
-  senderClock.receive({ t_ms: 900, sender_ms: 900 + 4000 + 80 });
-  senderClock.receive({ t_ms: 950, sender_ms: 950 + 4000 + 10 });
-  senderClock.receive({ t_ms: 980, sender_ms: 980 + 4000 + 300 });
-  const taken = 990; // the true moment, 4990 by the sender's clock
-  assert.equal(senderClock.timestamp(4990), 980);
-  assert.ok(senderClock.timestamp(4990) <= taken);
-});
-
-test("no moment is to come", () => {
-  senderClock.receive({ t_ms: 900, sender_ms: 900 });
-  assert.equal(senderClock.timestamp(9999), 1000);
-});
-
-test("an answer counts for 30 s, in which clocks may drift apart", () => {
-  senderClock.receive({ t_ms: 1000, sender_ms: 2000 });
-  age(20_000);
-  senderClock.receive({ t_ms: 21_000, sender_ms: 22_050 });
-  assert.equal(senderClock.timestamp(22_000), 21_000);
-  age(10_001);
-  assert.equal(senderClock.timestamp(22_000), 20_950);
-  age(20_000);
-  assert.equal(senderClock.timestamp(22_000), null);
-});
-
-test("after a sleep, in which this clock stood, nothing is known until the next answer", () => {
-  senderClock.receive({ t_ms: 1000, sender_ms: 5000 });
-  wall += 3000; // the sender's clock went on, and this page's did not
-  assert.equal(senderClock.timestamp(5000), null);
-  senderClock.receive({ t_ms: 1000, sender_ms: 8000 });
-  assert.equal(senderClock.timestamp(5000), -2000);
-});
-
-test("an answer without numbers is none", () => {
-  senderClock.receive({ t_ms: "1", sender_ms: 5000 });
-  senderClock.receive({ t_ms: 1000 });
-  assert.equal(senderClock.timestamp(5000), null);
-});
+// By the answers to beats: what a timestamp of the sender's is on this page's clock.
+for (const [name, act, sender, timestamp] of [
+  ["nothing is known before the first answer", () => {}, 5000, null],
+  ["nor by one without numbers", () => [answer("1", 5000), answer(1000)], 5000, null],
+  ["the least difference counts: no age is understated", () => [answer(900, 4980), answer(950, 4960), answer(980, 5280)], 4990, 980],
+  ["no timestamp is to come", () => answer(900, 900), 9999, 1000],
+  ["the newest of two", twice, 22_000, 21_000],
+  ["an answer counts for 30 s, in which clocks may drift apart", () => [twice(), age(10_001)], 22_000, 20_950],
+  ["then none does", () => [twice(), age(30_001)], 22_000, null],
+  ["after a sleep, in which this clock stood, nothing is known", sleep, 5000, null],
+  ["until the next answer", () => [sleep(), answer(1000, 8000)], 5000, -2000],
+]) {
+  test(`the sender's clock: ${name}`, () => {
+    act();
+    assert.equal(senderClock.timestamp(sender), timestamp);
+  });
+}

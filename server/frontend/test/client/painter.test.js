@@ -21,7 +21,7 @@ const image = {
   },
 };
 
-test("a picture is drawn at its own size and given back", async () => {
+test("a frame is drawn at its own size and given back", async () => {
   const canvas = recordingCanvas();
   const size = await new Painter(canvas, { decode: async () => image }).show(new Uint8Array());
   assert.deepEqual([canvas.width, canvas.height, size], [64, 48, { width: 64, height: 48 }]);
@@ -42,7 +42,7 @@ test("a camera on its side is drawn upright", async () => {
   assert.deepEqual(canvas.calls[1], ["rotate", 1.57]);
 });
 
-test("what is no picture is told and not drawn", async () => {
+test("what is no image rejects and is not drawn", async () => {
   const canvas = recordingCanvas();
   const painter = new Painter(canvas, {
     decode: async () => {

@@ -95,7 +95,7 @@ async function goLive(robot = make(), options = {}) {
   return connected;
 }
 
-test("it gets a ticket with the token, connects, and drives with each command's moment", async () => {
+test("it gets a ticket with the token, connects, and drives with each command's timestamp", async () => {
   const robot = await goLive();
   assert.deepEqual(asked[0], {
     url: "https://robots.example/api/v1/tickets",
@@ -188,7 +188,7 @@ test("with tickets alone a stop goes over the connection, and a release needs mo
   assert.deepEqual(asked, []);
 });
 
-test("a stop that nobody has heard of is not told as one that was", async () => {
+test("a stop that nobody has heard of is not reported as one that was", async () => {
   stopped = null;
   for (const options of [{}, { token: null, getTicket: async () => "t" }]) {
     const robot = await goLive(make(options));
@@ -234,7 +234,7 @@ test("a wheelbase that would steer wrong is refused", () => {
   for (const wheelbase of [0, -0.3, NaN, "0.3"]) assert.throws(() => make({ wheelbase }), /wheelbase is/);
 });
 
-test("a release names the stop that this page was told of", async () => {
+test("a release names the stop that was reported to this page", async () => {
   answers["/api/v1/robots/sim%201/release"] = [409, { code: "not_possible", detail: "ben stopped it again" }];
   const robot = await goLive(make(), { mode: "observe" });
   await assert.rejects(robot.release(), /cannot release sim 1: this page was told of no stop/);

@@ -60,7 +60,7 @@ test("what is no message of rosbridge ends nothing", () => {
   assert.deepEqual(told.robot, []);
 });
 
-test("a message that cannot be read is no value, and who follows its topic is told", () => {
+test("a message that cannot be read is no value, and each subscriber of its topic is notified", () => {
   open();
   const [values, unread] = [[], []];
   const follow = (name) =>
@@ -75,7 +75,7 @@ test("a message that cannot be read is no value, and who follows its topic is to
   assert.deepEqual([values, unread], [[{ x: null }], Array(5).fill("/odom")]);
 });
 
-test("a command carries its moment beside the message", () => {
+test("a command carries its timestamp beside the message", () => {
   open();
   const channel = link.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });
   channel.publish({ linear: {} }, { t_ms: 5 });
@@ -127,7 +127,7 @@ test("who subscribes hears when the server refuses that", () => {
   end();
 });
 
-test("topics are told to rosbridge as its protocol has it", () => {
+test("subscriptions and publishers are those of rosbridge's protocol", () => {
   open();
   const odom = link.subscribe({ name: "/odom", type: "nav_msgs/Odometry", throttleMs: 500 }, () => {});
   const map = link.subscribe({ name: "/map" }, () => {});

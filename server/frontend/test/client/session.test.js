@@ -27,7 +27,7 @@ test("a page that watches, and one without a drive topic, advertise and publish 
   }
 });
 
-test("a command carries its moment in the relay's time", () => {
+test("a command carries its timestamp in the relay's time", () => {
   session.useType("geometry_msgs/Twist");
   session.use(true);
   session.publish({ forward: 1, turn: 0 }, 5);
@@ -63,7 +63,7 @@ beforeEach(() => {
   state = new ControlState({ onControl: (control) => heard.push(control) });
 });
 
-test("the events count while the connection has told nothing", () => {
+test("the events count while the connection has reported nothing", () => {
   state.fromFeed("a");
   state.fromLink("b");
   assert.deepEqual(heard, ["a", "b"]);
@@ -75,7 +75,7 @@ test("while the connection tells, older news of the events change nothing", () =
   assert.deepEqual(heard, ["stopped"]);
 });
 
-test("what the events told last counts when the connection has ended", () => {
+test("what the events reported last counts when the connection has ended", () => {
   state.fromLink("driven");
   state.fromFeed("stopped");
   state.linkEnded();
@@ -84,7 +84,7 @@ test("what the events told last counts when the connection has ended", () => {
   assert.equal(heard.at(-1), "released");
 });
 
-test("the connection's own last word stands when the events told nothing after it", () => {
+test("the connection's own last word stands when the events reported nothing after it", () => {
   state.fromLink("a");
   state.fromFeed("a, late");
   state.fromLink("b");
@@ -121,38 +121,25 @@ test("a beat goes out at once and then every 250 ms, until the connection ends",
   assert.equal(sent.length, 5);
 });
 
-test("nothing is known before the first answer, and nothing of an earlier connection after the next one", () => {
-  assert.equal(clockSync.stamp(100), undefined);
-  answer(10);
-  assert.ok(clockSync.stamp(100));
-  clockSync.start(() => {});
-  assert.equal(clockSync.stamp(100), undefined);
-});
+const pass = (ms) => (clock += ms);
+const start = () => clockSync.start(() => {});
 
-test("the answer that came fastest counts, so that a moment is told too early by no more than that", () => {
-  answer(300);
-  assert.equal(clockSync.stamp(1000).t_ms, 1000 + AHEAD_MS - 300);
-  answer(20);
-  answer(400);
-  assert.equal(clockSync.stamp(1000).t_ms, 1000 + AHEAD_MS - 20);
-});
-
-test("answers older than 10 s no longer count: clocks drift, and a sleep stops one of them", () => {
-  answer(20);
-  clock += 9000;
-  answer(80);
-  assert.equal(clockSync.stamp(1000).t_ms, 1000 + AHEAD_MS - 20);
-  clock += 1000;
-  assert.equal(clockSync.stamp(1000).t_ms, 1000 + AHEAD_MS - 80);
-  clock += 10_000;
-  assert.equal(clockSync.stamp(1000), undefined);
-});
-
-test("an answer without the relay's time changes nothing", () => {
-  clockSync.receive({});
-  clockSync.receive({ relay_ms: "soon" });
-  assert.equal(clockSync.stamp(100), undefined);
-});
+// By the answers to beats: a timestamp in the relay's time, less by the way back of the answer that came fastest.
+for (const [name, act, lessMs] of [
+  ["nothing is known before the first answer", () => {}],
+  ["nor by one without the relay's time", () => [clockSync.receive({}), clockSync.receive({ relay_ms: "soon" })]],
+  ["nor of an earlier connection", () => [answer(10), start()]],
+  ["a timestamp is too early by the way back", () => answer(300), 300],
+  ["the answer that came fastest counts", () => [answer(300), answer(20), answer(400)], 20],
+  ["for 10 s: clocks drift, and a sleep stops one of them", () => [answer(20), pass(9000), answer(80)], 20],
+  ["and no longer", () => [answer(20), pass(9000), answer(80), pass(1000)], 80],
+  ["then none does", () => [answer(20), pass(9000), answer(80), pass(11_000)]],
+]) {
+  test(`the relay's clock: ${name}`, () => {
+    act();
+    assert.equal(clockSync.stamp(1000)?.t_ms, lessMs && 1000 + AHEAD_MS - lessMs);
+  });
+}
 
 test("the round trip to the relay is the median of the newest answers, and unknown without any", () => {
   assert.equal(clockSync.roundTripMs, null);

@@ -49,7 +49,7 @@ const see = (ageMs = 0) => interlock.receive({ offered: true, at: clock - ageMs 
 const moving = () => sent.filter(({ forward }) => forward !== 0);
 
 for (const checks of [true, false]) {
-  test(`a key that is held while the picture grows old ends in zeros within 100 ms, ${checks ? "by" : "without"} the page's timer`, () => {
+  test(`a key that is held while the frame grows old ends in zeros within 100 ms, ${checks ? "by" : "without"} the page's timer`, () => {
     see();
     teleop.hold("keyboard", FORWARD);
     pass(2000, checks);

@@ -44,7 +44,7 @@ test("who drives is left out while it is not known", () => {
   assert.equal(driver(), "");
 });
 
-test("what happens again is said again, after it has gone from the picture", () => {
+test("what happens again is said again, after its note has gone", () => {
   open();
   driveMode.receive({ driver: { user: "ben", since: "2026-01-01T12:03:00Z", fence: 1 } });
   driveMode.press();
@@ -115,7 +115,7 @@ beforeEach(() => {
 const held = () => banner.show(LIVE, { control: {}, driving: true, video: "missing" });
 const press = () => parts["state-action"].dispatchEvent(new Event("click"));
 
-test("a press that was meant for what the button was before lets nobody drive without a picture", () => {
+test("a press that was meant for what the button was before lets nobody drive without video", () => {
   banner.show(LINK_LOST, {});
   press();
   held();
@@ -127,7 +127,7 @@ test("a press that was meant for what the button was before lets nobody drive wi
   assert.equal(parts["state-action"].textContent, "Drive without video");
 });
 
-test("who has had the time to read it, or saw no button before, may drive without a picture", () => {
+test("who has had the time to read it, or saw no button before, may drive without video", () => {
   banner.show(LINK_LOST, {});
   held();
   clock += 1200;

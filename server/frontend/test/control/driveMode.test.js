@@ -244,7 +244,7 @@ const storage = {
 };
 const load = (robot = "sim1") => new ReloadStore(robot, { store: new LocalStore(() => storage), arrival: () => arrival, now: () => clock });
 
-test("a page that drove when it was loaded anew is told so, once", () => {
+test("a page that drove when it was loaded anew may drive on, once", () => {
   load().save({ armed: true });
   assert.equal(load().restore().armed, true);
   assert.equal(load().restore(), null);

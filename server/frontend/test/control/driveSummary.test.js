@@ -22,11 +22,11 @@ const DRIVE = {
 
 const words = (drive) => Object.fromEntries(driveRows(drive).map(({ name, text }) => [name, text]));
 
-test("durations are told as people say them", () => {
+test("durations are written as people say them", () => {
   assert.deepEqual([4_600, 125_000, 7_380_000, -5].map(durationText), ["5 s", "2 min 5 s", "2 h 3 min", "0 s"]);
 });
 
-test("a drive's record is told in words", () => {
+test("a drive's record is written in words", () => {
   assert.equal(headline(DRIVE), "Your drive: 2 min 5 s, 14.2 m");
   assert.deepEqual(words(DRIVE), {
     duration: "2 min 5 s",
@@ -41,7 +41,7 @@ test("a drive's record is told in words", () => {
   });
 });
 
-test("what was not measured is not told as nothing", () => {
+test("what was not measured is not written as nothing", () => {
   const { latency, pictures, bytes, stops, refused, ended } = words({
     ...DRIVE,
     latency_p50_ms: null,

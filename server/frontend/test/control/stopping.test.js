@@ -103,7 +103,7 @@ test("news of somebody else's earlier stop does not end a stop that is on its wa
   assert.deepEqual([ways.length, stopping.shown.by], [4, "me"]);
 });
 
-test("a stop is another one by its name or moment, not by its confirmation", () => {
+test("a stop is another one by its name or timestamp, not by its confirmation", () => {
   assert.ok(sameStop({ ...BY_BEN, confirmed: false }, { ...BY_BEN, confirmed: true }));
   assert.ok(sameStop(null, undefined));
   assert.ok(!sameStop(BY_BEN, null));

@@ -64,6 +64,6 @@ test("numbers are short and still tell small from none", () => {
   assert.equal(numbers.map(shortNumber).join(), "0,0.123,-1.5,123457,1.23e-4,2.50e+12,-");
 });
 
-test("sizes are told in the unit that people know", () => {
+test("sizes are written in the unit that people know", () => {
   assert.deepEqual([12, 1500, 250_000, 1_230_000].map(sizeText), ["12 bytes", "1.5 KB", "250 KB", "1.2 MB"]);
 });

@@ -120,7 +120,7 @@ test("the localization moves the odometry's frame, and the way with it", () => {
   assert.deepEqual([world.robot.x, world.robot.y], [6, 5]);
 });
 
-test("a newer map takes the place of the one before, whose picture is given back", async () => {
+test("a newer map takes the place of the one before, whose bitmap is closed", async () => {
   world.follow({ map: MAP });
   world.show({ map: true });
   await say("/map", grid(0));

@@ -76,7 +76,7 @@ test("a press counts on the control on which it began, as on the pages of robots
   );
 });
 
-test("a day is from its first moment of the reader's to its last", () => {
+test("a day begins and ends in the reader's zone", () => {
   assert.equal(startOrEnd("2026-01-31", false), "2026-01-31T01:00:00Z");
   assert.equal(startOrEnd("2026-01-31", true), "2026-02-01T01:00:00Z");
   assert.equal(dayOf("2026-01-31T01:00:00Z", false), "2026-01-31");

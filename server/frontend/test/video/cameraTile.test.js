@@ -54,7 +54,7 @@ async function paint(at, size = { width: 640, height: 480 }) {
   await shown;
 }
 
-test("a picture counts from when it stands on the page, with the moment at which it was taken", async () => {
+test("a frame counts from when it stands on the page, with the timestamp at which it was taken", async () => {
   const shown = streams[0].onFrame({ jpeg: new Uint8Array(), at: 900 });
   assert.deepEqual([tile.at, tile.state], [null, "none"]);
   paintings[0].done({ width: 640, height: 480 });
@@ -62,14 +62,14 @@ test("a picture counts from when it stands on the page, with the moment at which
   assert.deepEqual([tile.at, tile.state, element.dataset.frame], [900, "live", "live"]);
 });
 
-test("a picture that cannot be decoded is none", async () => {
+test("a frame that cannot be decoded is none", async () => {
   const shown = streams[0].onFrame({ jpeg: new Uint8Array(), at: 900 });
   paintings[0].failed(new Error("broken"));
   await assert.rejects(shown);
   assert.equal(tile.at, null);
 });
 
-test("an old picture stays with words, and with its age where the page has none for it", async () => {
+test("an old frame stays with words, and with its age where the page has none for it", async () => {
   await paint(900);
   streams[0].onStatus({ picture: "none", why: "link_lost", detail: "" });
   clock = 13_900;
@@ -94,7 +94,7 @@ test("the reason that the server or the robot gave is never replaced", () => {
     assert.match(frame.why[why]("you read nothing for 10 s"), /^You read nothing for 10 s\./, why);
 });
 
-test("a picture that is decoded after the stream has ended counts no more", async () => {
+test("a frame that is decoded after the stream has ended counts no more", async () => {
   const shown = streams[0].onFrame({ jpeg: new Uint8Array(), at: 900 });
   tile.stop();
   tile.start();
@@ -115,7 +115,7 @@ test("a small tile asks for less as soon as the camera's size is known, and once
   assert.deepEqual(streams[0].asked.slice(1), [{ fps: 15, width: 320, height: 240 }]);
 });
 
-test("after a sleep of the machine the picture is not trusted, and the next one is", async () => {
+test("after a sleep of the machine the frame is not trusted, and the next one is", async () => {
   await paint(900);
   tile.forget();
   assert.equal(tile.state, "none");
@@ -123,7 +123,7 @@ test("after a sleep of the machine the picture is not trusted, and the next one 
   assert.equal(tile.state, "live");
 });
 
-test("before the first picture the reason is told in words", async () => {
+test("before the first frame the reason is written in words", async () => {
   streams[0].onStatus({ picture: "none", why: "down", detail: "no such topic" });
   assert.equal(parts.words.textContent, "No such topic.");
   streams[0].onStatus({ picture: "none", why: "down", detail: "web_video_server at http://h:1 does not answer" });

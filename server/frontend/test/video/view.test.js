@@ -27,7 +27,7 @@ test("a file is named after robot, camera and time, in plain letters", () => {
   assert.equal(snapshotName("sim1", "../..", time), "sim1-camera-20260102T030405Z.jpg");
 });
 
-test("another camera begins with the moment of the one before and then answers for itself", () => {
+test("another camera begins with the timestamp of the one before and then answers for itself", () => {
   const timestamp = new MainTimestamp();
   assert.equal(timestamp.read("/a", null), null);
   assert.equal(timestamp.read("/a", 10), 10);
@@ -36,7 +36,7 @@ test("another camera begins with the moment of the one before and then answers f
   assert.equal(timestamp.read("/b", 40), 40);
 });
 
-test("a picture that stalled before it was made the main one is as old as it is", () => {
+test("a frame that stalled before it was made the main one is as old as it is", () => {
   const timestamp = new MainTimestamp();
   timestamp.read("/a", 100);
   assert.equal(timestamp.read("/b", 20), 20);
