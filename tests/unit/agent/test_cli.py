@@ -8,7 +8,6 @@ import json
 import logging
 import os
 import pwd
-import re
 import signal
 import subprocess
 import sys
@@ -132,18 +131,6 @@ async def test_beside_a_running_agent(make_cloud, start_agent, place, capsys):
     assert [len(cloud.of_kind(kind, live=False)) for kind in ("session", "media")] == [1, 1]
 
 
-def test_prints_the_same_line_each_time(place, capsys):
-    """An installer registers what it prints; the private half stays where it is."""
-    environ = {"ROBOTETHER_STATE_DIR": str(place / "state")}
-    printed = set()
-    for _ in range(2):
-        assert main(["key"], environ) == 0
-        printed.add(capsys.readouterr().out)
-    (line,) = printed
-    assert re.fullmatch(r"ssh-ed25519 AAAA\S+\n", line)
-    assert (place / "state/id_ed25519").stat().st_mode & 0o777 == 0o600
-
-
 def test_prints_the_proof_that_a_playbook_brings(place, capsys):
     """Over MAC and key, as a join without a token has it; Ansible strips the last line's end."""
     environ = {"ROBOTETHER_STATE_DIR": str(place / "state"), "ROBOTETHER_MAC": MAC}
@@ -190,15 +177,6 @@ def test_whoever_cannot_keep_it_may_still_look(root, capsys):
     assert identity(settings, as_json=True, root=root.path) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["mac"], told["is_kept"]) == (MAC, False)
-
-
-def test_rubbish_is_a_sentence(place, capsys):
-    """A MAC that names no robot is told with where it was set and what is allowed."""
-    environ = {"ROBOTETHER_STATE_DIR": str(place), "ROBOTETHER_MAC": "ff:ff:ff:ff:ff:ff"}
-    assert main(["identity"], environ) == 78
-    told = capsys.readouterr().err
-    assert "cannot use ROBOTETHER_MAC = 'ff:ff:ff:ff:ff:ff'" in told
-    assert "multicast or broadcast" in told
 
 
 @pytest.mark.parametrize(

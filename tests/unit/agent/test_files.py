@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from robotether_agent.files import ensure_directory, read_text, write_atomic
+from robotether_agent.files import read_text, write_atomic
 from robotether_agent.problems import StateUnusable
 
 
@@ -77,10 +77,3 @@ def test_a_disk_that_half_works_is_told_by_its_fault(place, mount, before, told)
     problem = done.stderr.splitlines()[-1]
     assert f"cannot write a: {told} (" in problem
     assert "let the agent's user" not in problem
-
-
-def test_a_directory_that_cannot_be_made_names_its_setting(place):
-    """A state directory below a file is told with the key that leads there."""
-    (place / "file").touch()
-    with pytest.raises(StateUnusable, match="set state_dir to a place"):
-        ensure_directory(place / "file" / "state", "state_dir")

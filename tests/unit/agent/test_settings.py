@@ -306,12 +306,6 @@ def test_an_installer_asks_before_it_knows_the_server(tmp_path):
         load(None, {"ROBOTETHER_MAC": "rubbish"}, needs_server=False)
 
 
-@pytest.mark.parametrize(("server", "port"), [("a", 443), ("a:8443", 8443), ("[::1]:1", 1)])
-def test_the_port_of_https(server, port):
-    """443 unless the setting names another one."""
-    assert load(None, {"ROBOTETHER_SERVER": server}).server_port == port
-
-
 def test_a_named_file_must_exist(tmp_path):
     with pytest.raises(SettingsInvalid, match="no such file"):
         load(tmp_path / "none.toml", {"ROBOTETHER_SERVER": "a.example"})

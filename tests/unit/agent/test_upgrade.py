@@ -240,15 +240,6 @@ async def test_two_versions_are_kept(robot):
     assert robot.installed == ["3", "4"]
 
 
-async def test_nothing_is_touched_for_a_folder_that_is_no_version(robot):
-    """A wrong name is told before anything changes."""
-    (robot.layout.base / "versions/empty").mkdir()
-    with pytest.raises(UpgradeFailed, match=r"there is no .*bin/robotether-agent"):
-        await robot.switch(robot.layout.base / "versions/empty")
-    assert robot.in_use == "1"
-    assert not (robot.layout.base / "last-switch.json").exists()
-
-
 @pytest.mark.parametrize(
     ("command", "result", "in_use"), [(GOOD, "done", "2"), (DEAF, "rolled_back", "1")]
 )

@@ -77,12 +77,6 @@ async def test_what_was_found_is_what_is_opened():
         assert door.connections == 1
 
 
-async def test_the_first_port_is_taken_when_it_answers():
-    async with SshPort() as first, SshPort() as second:
-        assert await ServerDialer().find([at(first.port), at(second.port)]) == at(first.port)
-        assert second.connections == 0
-
-
 async def test_a_port_that_drops_everything_costs_little(silent_port):
     """The next port is tried after half a second, and not after a time-out."""
     loop = asyncio.get_running_loop()

@@ -325,20 +325,3 @@ async def test_a_relay_that_drops_it_before_a_configuration(start_ssh, start_rel
     problem = await problem_of(robot.connect(robot.trust(server), up))
     assert problem.code == "link_lost", problem
     assert up.configs == []
-
-
-async def test_cancelled_before_a_configuration(start_ssh, start_relay, robot):
-    """A stop while the server still says nothing ends the client at once."""
-    entered = asyncio.Event()
-
-    async def say_nothing(reader: asyncio.StreamReader, _: asyncio.StreamWriter) -> None:
-        entered.set()
-        await reader.read()
-
-    server = await start_ssh(await start_relay(say_nothing))
-    connecting = robot.connect(robot.trust(server), Up())
-    await asyncio.wait_for(entered.wait(), 10)
-    connecting.cancel()
-    await asyncio.wait({connecting}, timeout=5)
-    assert connecting.cancelled()
-    assert not robot.files.control.exists()
