@@ -1,14 +1,18 @@
 """The whole robot: its topics, its loop and what it prints."""
 
 import asyncio
+import contextlib
 import dataclasses
+import logging
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 import sim_robot
 from sim_client import SETTINGS, SocketClient, until
-from sim_robot.simulator import Simulator
+from sim_robot.simulator import FixedRate, Simulator
+from stopwatch import Stopwatch
 
 
 async def test_topics_are_those_of_the_readme(simulator: Simulator) -> None:
@@ -19,6 +23,21 @@ async def test_topics_are_those_of_the_readme(simulator: Simulator) -> None:
         name for name in names if not name.startswith("/rosapi/") and f"`{name}`" not in readme
     ]
     assert missing == []
+
+
+async def test_slower_parts_are_stepped_at_their_rates(simulator: Simulator) -> None:
+    """In a second a listener gets one battery message, five scans and where the robot is ten times."""
+    async with SocketClient(simulator.rosbridge.port) as client:
+        for topic in ("/battery_state", "/scan", "/diagnostics", "/tf", "/tf_static"):
+            await client.send(op="subscribe", topic=topic)
+        seen: list[str] = []
+        while seen.count("/battery_state") < 3:
+            seen.append((await client.receive())["topic"])
+    between = seen[seen.index("/battery_state") :]
+    assert 9 <= between.count("/scan") <= 11
+    assert 19 <= between.count("/tf") <= 22
+    assert seen.count("/tf_static") == 1
+    assert between.count("/diagnostics") in (2, 3)
 
 
 @pytest.mark.parametrize("kind", ["holonomic", "ackermann"])
@@ -59,3 +78,25 @@ async def test_taken_port_leaves_nothing_open(simulator: Simulator) -> None:
             pass
     with pytest.raises(OSError, match="Connect call failed"):
         await asyncio.open_connection("127.0.0.1", other.rosbridge.port)
+
+
+async def run_until(rate: FixedRate, calls: int) -> Stopwatch:
+    """Run until that many calls were made; how long it took."""
+    task = asyncio.create_task(rate.run())
+    with Stopwatch() as stopwatch:
+        await until(f"{calls} calls", lambda: rate.calls >= calls)
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+    return stopwatch
+
+
+async def test_long_delay_is_skipped_and_logged(caplog: pytest.LogCaptureFixture) -> None:
+    """After a stall of 0.5 s the loop does not race through the missed calls, and says so."""
+    pauses = [0.5]
+    rate = FixedRate(0.005, lambda: time.sleep(pauses.pop() if pauses else 0))
+    with caplog.at_level(logging.WARNING):
+        took = await run_until(rate, 10)
+    # No more than there was time for, 110 on a machine that does not pause by itself.
+    assert 90 <= rate.skipped <= took.clock_s / 0.005
+    assert "cannot hold 200.0 Hz" in caplog.text

@@ -3,13 +3,14 @@
 import asyncio
 import io
 import re
+import time
 from collections.abc import AsyncIterator
 from dataclasses import replace
 
 import aiohttp
 import pytest
 from PIL import Image
-from sim_client import SETTINGS, WAIT_S
+from sim_client import SETTINGS, WAIT_S, until
 from sim_robot.simulator import Simulator
 from yarl import URL
 
@@ -56,6 +57,53 @@ async def test_stream_is_multipart_jpeg(http: aiohttp.ClientSession) -> None:
             assert re.fullmatch(r"\d+\.\d{6}", headers["X-Timestamp"])
             stamps.append(float(headers["X-Timestamp"]))
     assert stamps == sorted(set(stamps))
+
+
+async def test_viewers_share_frames_and_leave_nothing_running(
+    simulator: Simulator, http: aiohttp.ClientSession
+) -> None:
+    """Three viewers cost as many drawings as one, and none when they are gone."""
+    url = f"/stream?topic={TOPIC}&width=64&height=48"
+    async with http.get(url) as one, http.get(url) as two, http.get(url) as three:
+        for answer in (one, two, three):
+            await answer.content.readline()
+        before, start = simulator.feeds[TOPIC].drawn, time.monotonic()
+        for _ in range(10):
+            for answer in (one, two, three):
+                await read_part(answer.content)
+        assert simulator.feeds[TOPIC].drawn - before <= (time.monotonic() - start) * 15 + 2
+    await until("viewers gone", lambda: not simulator.video._runner.server.connections)
+    drawn = simulator.feeds[TOPIC].drawn
+    await asyncio.sleep(0.2)  # three frames' time in which nothing may happen
+    assert simulator.feeds[TOPIC].drawn == drawn
+
+
+async def test_slow_viewer_skips_frames(simulator: Simulator) -> None:
+    """Who reads nothing for a while is shown few old frames and then the newest."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", simulator.video.port, limit=2**12)
+    writer.write(
+        f"GET /stream?topic={TOPIC}&width=2000&height=2000&quality=100 HTTP/1.0\r\n\r\n".encode()
+    )
+    await reader.readuntil(b"--boundarydonotcross\r\n")
+    writer.transport.pause_reading()
+    await asyncio.sleep(1.5)  # the viewer looks away
+    resumed_at = time.time()
+    writer.transport.resume_reading()
+    stamps = []
+    while not stamps or stamps[-1] < resumed_at:
+        stamps.append(await _next_stamp(reader))
+    assert len(stamps) <= 5, stamps  # 22 frames' time went by
+    writer.close()
+
+
+async def _next_stamp(reader: asyncio.StreamReader) -> float:
+    """Read up to the next part's time, through however much picture."""
+    tail = b""
+    while not (found := re.search(rb"X-Timestamp: (\d+\.\d{6})\r\n", tail)):
+        data = await asyncio.wait_for(reader.read(4096), WAIT_S)
+        assert data, "the stream ended"
+        tail = tail[-100:] + data
+    return float(found.group(1))
 
 
 async def test_stream_of_no_topic_ends_without_a_frame(http: aiohttp.ClientSession) -> None:

@@ -224,6 +224,24 @@ async def test_everything_else_passes_unchanged(place: Path) -> None:
             assert await client.socket.receive_str(timeout=WAIT_S) == large
 
 
+async def test_a_rosbridge_that_does_not_read_gets_no_backlog(place: Path) -> None:
+    """Two seconds of commands later it reads a few, then zeros."""
+    async with (
+        FakeRosbridge("slow_reader") as rosbridge,
+        GuardHere(place, rosbridge.port) as guard,
+    ):
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await drive_on(client, 2.0)
+            rosbridge.read_on()
+            await until("zeros came", lambda: rosbridge.speeds().count(0.0) >= 1)
+            speeds = rosbridge.speeds()
+            # What was sent before a pong was late; the publisher's own limit is 0.1 s.
+            assert speeds.index(0.0) <= 8
+            await client.drive(0.7)
+            await until("it drives again", lambda: 0.7 in rosbridge.speeds())
+
+
 async def test_a_silent_rosbridge_gets_no_commands(place: Path) -> None:
     async with FakeRosbridge("silent") as rosbridge, GuardHere(place, rosbridge.port) as guard:
         await guard.grant(13)

@@ -215,6 +215,23 @@ async def test_a_camera_that_takes_no_requests_is_asked_for_none():
         await world.end()
 
 
+async def test_fewer_frames_than_the_camera_gives_bring_the_quality_down(world):
+    """Though each comes in time: what goes out is compared with what there is once a second."""
+    world.socket.ask("want")
+    world.socket.ask("credit")
+    begun = await world.until_open()
+    for second in range(1, 9):
+        for _ in range(10):
+            world.give(second)
+        taken = unpacked((await world.got(second) and world.socket.pictures)[-1]).sequence
+        world.receiver._check()
+        if len(world.open) > 1:
+            break
+        world.socket.ask("credit", taken=taken)
+        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+    assert list(world.open)[-1].quality < begun.quality
+
+
 async def test_the_status_comes_at_changes_and_seldom(world, monkeypatch):
     """At once with the first `stream_request`, and then when something is another."""
     monkeypatch.setattr(receiver_module, "CHECK_EVERY_S", 0.01)
@@ -229,6 +246,14 @@ async def test_the_status_comes_at_changes_and_seldom(world, monkeypatch):
     world.now_s += 1
     await eventually(lambda: len(world.socket.texts) == 2, lambda: str(world.socket.texts))
     assert world.socket.texts[1]["state"] == "live"
+
+
+async def test_a_status_that_stays_is_not_told_again(world):
+    world.socket.ask("want")
+    await eventually(lambda: len(world.socket.texts) == 1, lambda: str(world.socket.texts))
+    world.now_s += 1
+    world.receiver._check()
+    assert not world.receiver._texts
 
 
 def test_each_request_with_its_defaults():
