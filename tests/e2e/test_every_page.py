@@ -115,9 +115,10 @@ def rules_of_pages() -> list[str]:
 
 
 def address(rule: str, numbers: dict[str, str]) -> str:
-    """Return the rule with its parts filled in."""
+    """Return the rule with its parts filled in, and a robot ticked where a page is about those."""
     parts = next(parts for start, parts in PARTS.items() if rule.startswith(start)) | numbers
-    return re.sub(r"<(?:\w+:)?(\w+)>", lambda part: parts[part[1]], rule)
+    ticked = "?robot=sim1" if "/selected-robots/" in rule else ""
+    return re.sub(r"<(?:\w+:)?(\w+)>", lambda part: parts[part[1]], rule) + ticked
 
 
 class Looks:

@@ -1,7 +1,7 @@
 // What pages of lists and forms need of a script: buttons that copy, times and days of the reader's own zone, and Drive.
 
 import { offerDrive } from "../fleet/cards.js";
-import { foldFilters, localTimestamp, setText } from "../dom/page.js";
+import { foldFilters, localTimestamp, make, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 
 const SHOWN_MS = 2000;
@@ -61,6 +61,41 @@ export function wireDays(form) {
   });
 }
 
+// Ticks all boxes of the name that the button has, or none if all are ticked.
+export function wireTickAll(page) {
+  for (const button of page.querySelectorAll("[data-tick-all]")) {
+    button.hidden = false;
+    button.addEventListener("click", () => {
+      const boxes = [...page.querySelectorAll(`input[name="${button.dataset.tickAll}"]`)];
+      const ticked = !boxes.every((box) => box.checked);
+      for (const box of boxes) box.checked = ticked;
+    });
+  }
+}
+
+const MANY_OPTIONS = 12;
+
+// A choice among many gets a field that leaves those with the typed words, and what is chosen.
+export function offerSearch(select, field) {
+  const options = [...select.options].map((option) => ({ option, parent: option.parentElement }));
+  if (options.length <= MANY_OPTIONS) return false;
+  field.addEventListener("input", () => {
+    const words = field.value.toLowerCase().split(/\s+/);
+    for (const { option } of options) option.remove();
+    for (const { option, parent } of options) {
+      const text = option.textContent.toLowerCase();
+      if (option.selected || words.every((word) => text.includes(word))) parent.append(option);
+    }
+  });
+  return true;
+}
+
+function searchField(select) {
+  const label = `Search ${select.labels[0]?.textContent ?? ""}`.trim();
+  const field = make("input", { type: "search", "aria-label": label, placeholder: "Search", autocapitalize: "none", spellcheck: "false" });
+  if (offerSearch(select, field)) select.before(field);
+}
+
 // Drive on the pages of one robot.
 export function wireDrive(page) {
   for (const robot of page.querySelectorAll("[data-robot]")) offerDrive(robot, robot.dataset.robot);
@@ -72,6 +107,8 @@ if (typeof document !== "undefined") {
   showLocalTimes(document);
   setInterval(() => showLocalTimes(document), RENEW_MS);
   wireDrive(document);
+  wireTickAll(document);
+  for (const select of document.querySelectorAll("select")) searchField(select);
   for (const form of document.querySelectorAll("form.filter")) {
     wireDays(form);
     foldFilters(form, location.search !== "");

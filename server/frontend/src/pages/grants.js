@@ -48,13 +48,18 @@ export const usualEnds = (now) => USUAL_ENDS.map(([words, end]) => [words, end(n
 function offerUsualEnds(field) {
   const buttons = USUAL_ENDS.map(([words, end]) => {
     const button = make("button", { type: "button", class: "small" }, words);
-    button.addEventListener("click", () => (field.value = end(new Date())));
+    // A press must not take the focus: the buttons of a row show as long as its field has it.
+    button.addEventListener("pointerdown", (event) => event.preventDefault());
+    button.addEventListener("click", () => {
+      field.value = end(new Date());
+      field.dispatchEvent(new Event("input"));
+    });
     return button;
   });
-  field.after(make("div", { class: "ends", role: "group", "aria-label": "Usual ends" }, ...buttons));
+  (field.closest(".end") ?? field).after(make("div", { class: "ends", role: "group", "aria-label": "Usual ends" }, ...buttons));
 }
 
 if (typeof document !== "undefined") {
   for (const table of document.querySelectorAll("table.grants")) showLocalTimes(table);
-  for (const field of document.querySelectorAll("#grant-end")) offerUsualEnds(field);
+  for (const field of document.querySelectorAll("table.grants input[type=datetime-local]")) offerUsualEnds(field);
 }

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
-import { dayOf, startOrEnd, showLocalTimes, wireCopyButtons, wireDays } from "../../src/pages/desk.js";
+import { dayOf, offerSearch, startOrEnd, wireTickAll, showLocalTimes, wireCopyButtons, wireDays } from "../../src/pages/desk.js";
 
 function pageWith(text) {
   const button = {
@@ -100,4 +100,45 @@ test("a filter asks for the reader's days, and for nothing where no day is given
   const query = new Map([["until", ""]]);
   form.sent(query);
   assert.deepEqual(Object.fromEntries(query), { since: "2026-07-01T00:00:00Z", until: "" });
+});
+
+test("one press ticks all boxes of the list, and the next none", () => {
+  const boxes = [{ checked: true }, { checked: false }];
+  const button = { hidden: true, dataset: { tickAll: "robot" }, addEventListener: (_, listener) => (button.click = listener) };
+  wireTickAll({ querySelectorAll: (query) => (query === "[data-tick-all]" ? [button] : boxes) });
+  assert.equal(button.hidden, false);
+  for (const expected of [true, false]) {
+    button.click();
+    assert.deepEqual(
+      boxes.map((box) => box.checked),
+      [expected, expected],
+    );
+  }
+});
+
+function choiceOf(names) {
+  const select = { shown: [], options: [], append: (option) => select.shown.push(option) };
+  select.options = names.map((name, at) => {
+    const option = { textContent: name, selected: at === 0, parentElement: select };
+    option.remove = () => (select.shown = select.shown.filter((each) => each !== option));
+    return option;
+  });
+  select.shown = [...select.options];
+  return select;
+}
+
+test("a choice among many leaves what has the typed words, and what is chosen", () => {
+  const select = choiceOf(["Choose", ...Array.from({ length: 30 }, (_, at) => `sim${at} at Lab ${at % 3}`)]);
+  const field = { value: "", addEventListener: (_, listener) => (field.type = listener) };
+  assert.equal(offerSearch(select, field), true);
+  for (const [words, count] of [
+    ["LAB sim29", 2],
+    ["ghost", 1],
+    ["", 31],
+  ]) {
+    field.value = words;
+    field.type();
+    assert.equal(select.shown.length, count);
+  }
+  assert.equal(offerSearch(choiceOf(["a", "b"]), field), false);
 });

@@ -16,6 +16,7 @@ from robotether_server.web.admin import (
     groups,
     pending,
     robots,
+    selected_robots,
     sites,
     tokens,
     users,
@@ -25,6 +26,7 @@ blueprint = Blueprint("admin", __name__, url_prefix="/admin")
 blueprint.before_request(current_user.require_admin)
 for part in (
     robots,
+    selected_robots,
     add_robot,
     pending,
     users,

@@ -26,6 +26,8 @@ from robotether_server.web.page_texts import time_element
 blueprint = Blueprint("grants", __name__)
 
 MAX_CHOICE_LENGTH = 80
+# How long a grant for several robots holds: hours, and words.
+ENDS = (("", "no end"), ("1", "1 hour"), ("24", "1 day"), ("168", "7 days"))
 # What a field of time sends without the page's script.
 WITHOUT_ZONE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d{1,3})?)?", re.ASCII)
 # What the question about a grant says of it.
@@ -113,9 +115,9 @@ def register_form(
 
 def _give(tx: Transaction, source: Source) -> str:
     """Add the form's grant; return what is said of it."""
-    grantee, scope = _grantee(), _scope()
+    to, scope = grantee(), _scope()
     level = forms.choice("level", "May", LEVELS)
-    given, _ = grants.give(tx, source, grantee, scope, level, ends_at=_ends_at())
+    given, _ = grants.give(tx, source, to, scope, level, ends_at=_ends_at())
     words = f"{given.holder_words} may {level} {given.scope_words}"
     return Markup("{}{}.").format(words[0].upper() + words[1:], _end_words(given.ends_at))
 
@@ -131,7 +133,8 @@ def _ends_at() -> dt.datetime | None:
         raise FieldInvalid("cannot use Until: choose a day and a time", "ends_at") from error
 
 
-def _grantee() -> Grantee:
+def grantee() -> Grantee:
+    """Return the user or group of the form's field `holder`; raise FieldInvalid."""
     kind, _, name = forms.text("holder", "Who", MAX_CHOICE_LENGTH).partition(":")
     if kind == "user" and name:
         return Grantee("user", name)

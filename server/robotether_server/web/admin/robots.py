@@ -22,7 +22,7 @@ from robotether_server.robot_settings import put_path, remove_path
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.services import robots
-from robotether_server.web import confirmation, current_user, forms
+from robotether_server.web import confirmation, current_user, filters, forms
 from robotether_server.web.admin import grants
 from robotether_server.web.confirmation import ConfirmedAction, Field, Words
 from robotether_server.web.forms import Saved, form
@@ -30,7 +30,7 @@ from robotether_server.web.pages import robot_settings, setting_fields
 
 blueprint = Blueprint("robots", __name__)
 
-# Maximum number of robots or sessions in a list, and of sessions and events in a robot's history.
+# Maximum number of sessions in a robot's history, and of sessions and events at first.
 MAX_SHOWN = 200
 SHOWN = 10
 MAX_MAC_LENGTH = 17
@@ -83,16 +83,39 @@ def show_all() -> str:
     with context().database.transaction() as tx:
         everyone = seen_robots.list_seen(tx, current_user.get())
         control = seen_robots.control_of_all(tx)
+        sites = [site.name for site in db_grants.list_sites(tx)]
+        holders = grants.holders(tx)
     found = [seen for seen in everyone if search.finds(seen, control.get(seen.robot.id, FREE))]
+    first = max(request.args.get("page", 1, type=int) - 1, 0) * filters.PER_PAGE
     return render_template(
         "admin/robots.html",
-        robots=found[:MAX_SHOWN],
+        robots=found[first : first + filters.PER_PAGE],
+        first=first,
+        pages=_pages(search, first, len(found)),
         found=len(found),
         total=len(everyone),
+        sites=sites,
+        holders=holders,
+        levels=LEVELS,
+        ends=grants.ENDS,
         search=search,
         states=STATES,
         control=control,
     )
+
+
+def _pages(search: RobotSearch, first: int, found: int) -> list[tuple[str, str]]:
+    """Return words and links of the pages before and after the one that begins with the robot at `first`."""
+    words = {"q": search.words, "state": search.state}
+    number = first // filters.PER_PAGE + 1
+    return [
+        (title, filters.link("/admin/robots", words, page=page))
+        for title, page, is_there in (
+            ("Previous", number - 1, first > 0),
+            ("Next", number + 1, first + filters.PER_PAGE < found),
+        )
+        if is_there
+    ]
 
 
 @blueprint.get("/robots/<name>")

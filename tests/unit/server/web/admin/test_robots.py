@@ -366,3 +366,53 @@ def test_what_is_wrong_comes_back(admin: Browser, path: str, form: dict[str, str
     """With the form and the sentence."""
     answer = send(admin, f"/admin/robots/sim1/{path}", **form)
     assert (answer.status_code, "form-problem" in answer.text) == (422, True)
+
+
+@pytest.mark.parametrize(
+    ("action", "form", "kind"),
+    [
+        ("disable", {}, "robot_disabled"),
+        ("site", {"site": "yard"}, "robot_site_set"),
+        ("grant", {"holder": "user:ann", "level": "observe", "hours": "24"}, "grant_given"),
+    ],
+)
+def test_ticked_robots_are_changed_after_one_question(
+    *,
+    admin: Browser,
+    ann: Browser,
+    database: Database,
+    action: str,
+    form: dict[str, str],
+    kind: str,
+) -> None:
+    """The question names each robot, and each has its entry in the audit log; no tick is refused."""
+    send(admin, "/admin/sites", name="yard")
+    path = f"/admin/selected-robots/{action}"
+    names = ["sim1", "sim2"]
+    question = admin.ask("GET", path, query_string={"robot": names, **form})
+    assert "sim1, sim2" in question.text
+    assert 'name="robots" value="sim1 sim2"' in question.text
+    answer = send(admin, path, robots="sim1 sim2", **form)
+    assert (answer.status_code, answer.location) == (303, "/admin/robots")
+    assert [each for each, *_ in audit_kinds(database)].count(kind) == len(names)
+    assert "tick at least one robot" in admin.ask("GET", path).text
+    assert send(admin, path, robots="sim1 ghost", **form).status_code == 404
+
+
+def test_a_list_of_robots_has_pages(admin: Browser, admin_database: Database) -> None:
+    """A page shows 50 and says which."""
+    with admin_database.transaction() as tx:
+        for number in range(3, 62):
+            tx.change(
+                "INSERT INTO robots (mac, name, state, ros_port, video_port, settings) "
+                "SELECT CONCAT('02:00:00:00:60:', LPAD(HEX(%s), 2, '0')), CONCAT('bot', %s), 'active', %s, %s, '{}'",
+                (number, number, 40000 + 2 * number, 40001 + 2 * number),
+            )
+    first = admin.ask("GET", "/admin/robots").text
+    second = admin.ask("GET", "/admin/robots?page=2").text
+    rows = [page.count('data-testid="row-') for page in (first, second)]
+    assert rows[0] == 50
+    assert 0 < rows[1] < 50
+    assert "1 to 50 are shown" in first
+    assert 'href="/admin/robots?page=2">Next' in first
+    assert 'href="/admin/robots?page=1">Previous' in second

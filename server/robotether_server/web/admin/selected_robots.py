@@ -1,0 +1,126 @@
+"""/admin/selected-robots: what an admin does with all robots that are ticked in the list, after one question.
+
+GET has them as they are ticked (`robot`, several times); the answer sends them back in one field. Each robot is
+changed, and written to the audit log, as alone; if one cannot be, none is.
+"""
+
+import datetime as dt
+
+from flask import Blueprint, request
+
+from robotether_server.api.context import context
+from robotether_server.db import Transaction
+from robotether_server.db.audit import Source
+from robotether_server.db.grants import LEVELS
+from robotether_server.problems import FieldInvalid
+from robotether_server.schemas import MAX_NAME_LENGTH
+from robotether_server.services import grants as grant_service
+from robotether_server.services import robots
+from robotether_server.services.grants import Scope
+from robotether_server.times import utc_now
+from robotether_server.web import confirmation, forms
+from robotether_server.web.admin import grants
+from robotether_server.web.admin.robots import find
+from robotether_server.web.confirmation import ConfirmedAction, Words
+
+blueprint = Blueprint("selected_robots", __name__, url_prefix="/selected-robots")
+
+HIDDEN = (("robots", "{robots}"), ("site", "{site}"), ("holder", "{holder}"))
+HIDDEN_OF_GRANT = (*HIDDEN, ("level", "{level}"), ("hours", "{hours}"))
+
+
+def _names() -> list[str]:
+    names = request.values.get("robots", "").split() or request.args.getlist("robot")
+    if not names:
+        raise FieldInvalid("cannot continue: tick at least one robot", "robot")
+    return list(dict.fromkeys(names))
+
+
+def _found() -> Words:
+    names = _names()
+    with context().database.transaction() as tx:
+        for name in names:
+            find(tx, name)
+    site, hours = request.values.get("site", ""), request.values.get("hours", "")
+    who = request.values.get("holder", "").replace("user:", "").replace(":", " ")
+    return {
+        "robots": " ".join(names),
+        "names": ", ".join(names),
+        "count": "1 robot" if len(names) == 1 else f"{len(names)} robots",
+        "site": site,
+        "where": f"at site {site}" if site else "at no site",
+        "holder": request.values.get("holder", ""),
+        "who": who,
+        "level": request.values.get("level", ""),
+        "hours": hours,
+        "end": f", for {dict(grants.ENDS).get(hours, hours)}" if hours else "",
+    }
+
+
+def _disable(tx: Transaction, source: Source) -> None:
+    for name in _names():
+        robots.disable(tx, source, name)
+
+
+def _place(tx: Transaction, source: Source) -> None:
+    site = forms.optional_text("site", "Site", MAX_NAME_LENGTH)
+    for name in _names():
+        grant_service.place_robot(tx, source, name, site)
+
+
+def _give(tx: Transaction, source: Source) -> None:
+    grantee, level = grants.grantee(), forms.choice("level", "May", LEVELS)
+    hours = forms.choice("hours", "Until", tuple(value for value, _ in grants.ENDS))
+    ends_at = utc_now() + dt.timedelta(hours=int(hours)) if hours else None
+    for name in _names():
+        grant_service.give(tx, source, grantee, Scope("robot", name), level, ends_at=ends_at)
+
+
+confirmation.register(
+    blueprint,
+    "/admin/robots",
+    _found,
+    ConfirmedAction(
+        path="/disable",
+        title="Disable {count}?",
+        effects=(
+            "{names}",
+            "Each is cut off within 2 seconds: drivers and viewers are disconnected, and it stops by itself.",
+            "Each is rejected until it is enabled again. Names, ports, grants and approved keys stay.",
+            "A key that nobody has approved yet is forgotten.",
+        ),
+        undo="Enable each robot on its page. It reconnects by itself.",
+        button="Disable",
+        done="Disabled: {names}.",
+        do=_disable,
+        hidden=HIDDEN,
+    ),
+    ConfirmedAction(
+        path="/site",
+        title="Put {count} {where}?",
+        effects=(
+            "{names}",
+            "Users lose what only the grants for a robot's present site allow. Connections that need them are cut "
+            "within 2 seconds; a robot that is driven by one stops by itself.",
+        ),
+        undo="Put each robot back at its site on its page.",
+        button="Put there",
+        done="Now {where}: {names}.",
+        do=_place,
+        hidden=HIDDEN,
+    ),
+    ConfirmedAction(
+        path="/grant",
+        title="Let {who} {level} {count}{end}?",
+        effects=(
+            "{names}",
+            "A grant that {who} has for one of these robots alone is replaced.",
+        ),
+        undo="Remove each grant on the page of {who}.",
+        button="Give",
+        done="{who} may {level}{end}: {names}.",
+        do=_give,
+        hidden=HIDDEN_OF_GRANT,
+        is_harmless=True,
+    ),
+)
