@@ -15,18 +15,16 @@ import os
 import random
 import shutil
 import signal
-import socket
 import sys
-import tempfile
 import time
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Protocol
 
 import aiohttp
-from aiohttp import web
 from namespaces import Namespace
 from openssh_server import OpenSshServer
 from paper.programs import Program, our_environment
@@ -50,38 +48,6 @@ ATTEMPT_S = 1.0
 PAUSE_S = 0.02
 MAC = "00:1b:44:11:3a:b7"
 CALL = {"op": "call_service", "id": "recovery", "service": "/rosapi/topics"}
-
-
-class Rosbridge:
-    """What a robot's rosbridge is to this experiment: it answers calls."""
-
-    def __init__(self, listener: socket.socket) -> None:
-        self._listener = listener
-
-    async def __aenter__(self) -> Rosbridge:
-        app = web.Application()
-        app.router.add_get("/", self._serve)
-        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
-        await self._runner.setup()
-        await web.SockSite(self._runner, self._listener).start()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self._runner.cleanup()
-
-    async def _serve(self, request: web.Request) -> web.WebSocketResponse:
-        client = web.WebSocketResponse()
-        # Whoever asks may be cut at any moment.
-        with suppress(ConnectionError):
-            await client.prepare(request)
-            async for message in client:
-                await self._answer(client, json.loads(message.data))
-        return client
-
-    async def _answer(self, client: web.WebSocketResponse, said: Mapping[str, str]) -> None:
-        if said.get("op") == "call_service":
-            answer = {"op": "service_response", "values": {"topics": []}, "result": True}
-            await client.send_json({**answer, "id": said.get("id"), "service": said["service"]})
 
 
 @dataclass
@@ -252,9 +218,9 @@ async def _start_all(stack: AsyncExitStack, networks: Sequence[RoamingNetwork]) 
     site, robots = await start_site(stack, len(networks), "0.0.0.0")
     subjects = []
     for network, robot in zip(networks, robots, strict=True):
-        with network.robot.entered():
-            listener = socket.create_server(("127.0.0.1", 9090))
-        await stack.enter_async_context(Rosbridge(listener))
+        log = Path(stack.enter_context(TemporaryDirectory(prefix="rt-ros-"))) / "log"
+        words = (sys.executable, "-m", "paper.bus_robot", "127.0.0.1", "9090")
+        stack.callback(Program(network.robot, words, log, our_environment()).end)
         subjects.append(await start_subject(stack, site, network, robot))
     return subjects
 
@@ -280,7 +246,7 @@ async def start_subject(
 ) -> Subject:
     """Its agent, which ends with the stack."""
     # The agent's own directory, which holds sockets, must have a short name.
-    folder = Path(tempfile.mkdtemp(prefix="rt-"))
+    folder = Path(mkdtemp(prefix="rt-"))
     stack.callback(shutil.rmtree, folder, ignore_errors=True)
     subject = Subject(site, network, robot, folder)
     stack.callback(subject.kill_agent)

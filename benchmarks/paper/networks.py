@@ -19,7 +19,7 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Network
 from itertools import chain, count
 from typing import Any
@@ -253,21 +253,6 @@ def uplinks(profiles: Sequence[Profile], machine: str) -> Iterator[list[Uplink]]
 
 
 @dataclass(frozen=True)
-class LineCounts:
-    """What a line has carried and dropped, each way; bytes with the headers of IP and Ethernet."""
-
-    to_server_bytes: int
-    from_server_bytes: int
-    to_server_dropped: int
-    from_server_dropped: int
-
-    def since(self, before: LineCounts) -> dict[str, int]:
-        """What came to it after `before`, as JSON carries it."""
-        earlier = asdict(before)
-        return {name: value - earlier[name] for name, value in asdict(self).items()}
-
-
-@dataclass(frozen=True)
 class ServerLine:
     """Both ends that are there inside `with`, and the two devices whose queues are the line."""
 
@@ -277,10 +262,15 @@ class ServerLine:
     to_server: tuple[str, ...]
     from_server: tuple[str, ...]
 
-    def counts(self) -> LineCounts:
-        """What passed so far, and what found the queue full."""
-        up, down = shaped(self.to_server), shaped(self.from_server)
-        return LineCounts(up["bytes"], down["bytes"], up["drops"], down["drops"])
+    def counts(self) -> dict[str, int]:
+        """What passed so far, in bytes with the headers of IP and Ethernet, and what found the queue full."""
+        ways = {"to_server": self.to_server, "from_server": self.from_server}
+        shaped_ways = {way: shaped(device) for way, device in ways.items()}
+        return {
+            f"{way}_{what}": counts[member]
+            for way, counts in shaped_ways.items()
+            for what, member in (("bytes", "bytes"), ("dropped", "drops"))
+        }
 
 
 @contextmanager

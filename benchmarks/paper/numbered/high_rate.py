@@ -149,7 +149,7 @@ def _measured(
     values = {"title": one.title, **run(world, ready[: one.pairs], one.plan)}
     if line is None or before is None:
         return values
-    counts = line.counts().since(before)
+    counts = {name: value - before[name] for name, value in line.counts().items()}
     return {**values, "line": {"mbit_s": line.operators.profile.up_mbit_s, **counts}}
 
 
