@@ -142,10 +142,10 @@ def page(template: str, **values: Any) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """A page's picture: `points` has the columns line, x and y, and panel if there are several side by side."""
+    """A page's picture, if it has lines: each has the columns line, x and y, and panel if some stand side by side."""
 
     caption: str
-    points: pd.DataFrame
+    lines: Sequence[pd.DataFrame]
     x: str
     y: str
     # The logarithmic axes: "", "x", "y" or "xy".
@@ -158,7 +158,8 @@ def draw(figure: Figure, path: Path) -> None:
     """Write the picture as SVG."""
     with mpl.rc_context(STYLE):
         drawing = Drawing(figsize=(8.0, 4.5), layout="constrained")
-        points = figure.points if "panel" in figure.points else figure.points.assign(panel="")
+        points = pd.concat(figure.lines)
+        points = points if "panel" in points else points.assign(panel="")
         panels = dict(list(points.groupby("panel", sort=False)))
         [row] = drawing.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)
         for axes, (title, some) in zip(row, panels.items(), strict=True):

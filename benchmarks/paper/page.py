@@ -103,7 +103,7 @@ def write_page(folder: Path, one: Chapter, scale: Scale, store: ResultStore) -> 
     folder.mkdir(parents=True, exist_ok=True)
     picture = folder / f"{one.part.name}.svg"
     picture.unlink(missing_ok=True)
-    if one.report.figure is not None:
+    if one.report.figure is not None and one.report.figure.lines:
         try:
             draw(one.report.figure, picture)
         except Exception as error:  # noqa: BLE001 (the border of a part's own picture)

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from paper.page import chapter, write_page
 from paper.step import Comparison, Outcome, Part, Report, ResultStore, Scale, Step
@@ -114,7 +113,7 @@ def test_a_line_of_long_times_ends_at_the_last_but_none() -> None:
 
 def test_a_picture_is_small_and_the_same_each_time(tmp_path: Path) -> None:
     lines = [tail(f"run {number}", np.arange(1, 10_000.0)) for number in range(9)]
-    figure = Figure(caption="Latency", points=pd.concat(lines), x="ms", y="share", log="xy")
+    figure = Figure(caption="Latency", lines=lines, x="ms", y="share", log="xy")
     for name in ("first.svg", "second.svg"):
         draw(figure, tmp_path / name)
     first, second = ((tmp_path / name).read_text() for name in ("first.svg", "second.svg"))

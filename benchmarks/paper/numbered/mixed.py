@@ -194,7 +194,7 @@ def report(scale: Scale, results: Results) -> Report:
         },
         comparisons=_comparisons(scale, starts, named),
         shortfalls=[*_late_starts(starts), *shortfalls(runs)],
-        figure=latency_figure(runs) if runs else None,
+        figure=latency_figure(runs),
     )
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import pandas as pd
 from report import Figure, Row, number, quantiles, tail
 
 from paper.numbered.messages import Histogram
@@ -127,7 +126,7 @@ def _shortfalls(run: Values) -> Iterable[str]:
 
 def latency_figure(runs: Iterable[Values]) -> Figure:
     """A line a run; for each kind of network, where a run has several."""
-    parts = [
+    lines = [
         tail(label, Histogram(part["latency"]).times_ms)
         for run in runs
         for label, part in (run["networks"] or {run["title"]: run}).items()
@@ -135,7 +134,7 @@ def latency_figure(runs: Iterable[Values]) -> Figure:
     ]
     return Figure(
         caption=CAPTION,
-        points=pd.concat(parts),
+        lines=lines,
         x="latency from when a message was due, ms",
         y="share of messages that came later",
         log="xy",

@@ -128,17 +128,15 @@ def _rows(network: str, results: Results, table: Mapping[Condition, Row]) -> Ite
                 yield {"quality": asked, "transport": title, **found}
 
 
-def _figure(table: Mapping[Condition, Row]) -> Figure | None:
+def _figure(table: Mapping[Condition, Row]) -> Figure:
     points = [
         {"line": NETWORKS[network].name, "panel": TITLES[transport], "x": quality, "y": row[AGE]}
         for (network, quality, transport), row in table.items()
         if quality is not ADAPTIVE
     ]
-    if not points:
-        return None
     return Figure(
         caption=f"Age of the frames, p95, by JPEG quality, a line a network, {ROBOTS} robots at once.",
-        points=pd.DataFrame(points).sort_values("x", kind="stable"),
+        lines=[pd.DataFrame(points).sort_values("x", kind="stable")] if points else [],
         x="JPEG quality",
         y=AGE,
         log="y",

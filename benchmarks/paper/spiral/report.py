@@ -160,10 +160,8 @@ def _sigmas_mm(ends: pd.DataFrame) -> str:
     return " / ".join(f"{1000 * sigma:.1f}" for sigma in ends.std())
 
 
-def _figure(plan: Plan, done: pd.DataFrame) -> Figure | None:
+def _figure(plan: Plan, done: pd.DataFrame) -> Figure:
     """Ends that a picture could not tell apart are one."""
-    if done.empty:
-        return None
     ideal = end_of(punctual(plan.wanted))
     points = pd.DataFrame(
         {
@@ -174,7 +172,7 @@ def _figure(plan: Plan, done: pd.DataFrame) -> Figure | None:
     )
     return Figure(
         caption="Where the robots stood, seen from the ideal end.",
-        points=points.drop_duplicates(),
+        lines=[points.drop_duplicates()] if len(points) else [],
         x="x from the ideal end, mm",
         y="y from the ideal end, mm",
         style="o",
