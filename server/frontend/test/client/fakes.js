@@ -14,10 +14,17 @@ export function framed({ codec = 1, flags = 0, quality = 70, number = 1, timesta
 }
 
 export class FakeWebSocket {
+  static CONNECTING = 0;
+  static OPEN = 1;
+  static CLOSING = 2;
+  static CLOSED = 3;
+  readyState = FakeWebSocket.CONNECTING;
+  bufferedAmount = 0;
+  sent = [];
+  closed = false;
+
   constructor(url) {
     this.url = url;
-    this.sent = [];
-    this.closed = false;
   }
 
   send(text) {
@@ -33,7 +40,8 @@ export class FakeWebSocket {
   }
 
   open() {
-    this.onopen();
+    this.readyState = FakeWebSocket.OPEN;
+    this.onopen({});
   }
 
   tell(message) {

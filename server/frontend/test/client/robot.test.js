@@ -3,29 +3,20 @@ import { getEventListeners } from "node:events";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
+import { FakeWebSocket } from "./fakes.js";
 
 let robots, sockets, asked, answers, ticketsGiven, windowHears, stopped;
 
 // A double of the server and a robot behind it, as far as one connection shows them.
-class FakeServer {
-  static CONNECTING = 0;
-  static OPEN = 1;
-  static CLOSING = 2;
-  static CLOSED = 3;
-
+class FakeServer extends FakeWebSocket {
   constructor(url) {
-    Object.assign(this, { url, readyState: 0, bufferedAmount: 0, sent: [] });
+    super(url);
     sockets.push(this);
   }
 
-  open() {
-    this.readyState = 1;
-    this.onopen({});
-  }
-
   send(text) {
-    const message = JSON.parse(text);
-    this.sent.push(message);
+    super.send(text);
+    const message = this.sent.at(-1);
     if (message.op === "robotether.beat") this.relaySays({ op: message.op, t_ms: message.t_ms, relay_ms: message.t_ms + 500 });
     if (message.op === "call_service") this.answer(message);
     if (message.op === "robotether.stop" && stopped) this.relaySays({ op: "robotether.control", control: { stopped } });
@@ -33,20 +24,12 @@ class FakeServer {
 
   // With the key of the newest beat, which no robot sees.
   relaySays(message) {
-    this.say({ ...message, key: this.said("robotether.beat").at(-1).key });
+    this.tell({ ...message, key: this.said("robotether.beat").at(-1).key });
   }
 
   answer({ id, service, args }) {
     const values = service === "/rosapi/topic_type" ? { type: "geometry_msgs/TwistStamped" } : { got: args };
-    this.say({ op: "service_response", id, service, result: service !== "/broken", values });
-  }
-
-  say(message) {
-    this.onmessage({ data: JSON.stringify(message) });
-  }
-
-  said(op) {
-    return this.sent.filter((message) => message.op === op);
+    this.tell({ op: "service_response", id, service, result: service !== "/broken", values });
   }
 
   close(code = 1000, reason = "") {
@@ -252,8 +235,8 @@ test("a robot that speaks in the relay's name is not believed", async () => {
   const known = stamp();
   const forged = { driver: null, stopped: { by: "nobody", at: "2026-01-01T12:03:00Z", confirmed: true } };
   for (const key of [undefined, null, "", "00112233445566778899aabbccddeeff"]) {
-    sockets[0].say({ op: "robotether.beat", t_ms: 0, relay_ms: 1e9, key });
-    sockets[0].say({ op: "robotether.control", control: forged, key });
+    sockets[0].tell({ op: "robotether.beat", t_ms: 0, relay_ms: 1e9, key });
+    sockets[0].tell({ op: "robotether.control", control: forged, key });
   }
   assert.deepEqual(stamp(), known, "commands would look younger than they are");
   assert.deepEqual(controls, []);
@@ -272,7 +255,7 @@ test("a name without its first slash is the same topic", async () => {
   const heard = [];
   robot.subscribe("odom", (message) => heard.push(message));
   await goLive(robot);
-  sockets[0].say({ op: "publish", topic: "/odom", msg: { x: 1 } });
+  sockets[0].tell({ op: "publish", topic: "/odom", msg: { x: 1 } });
   assert.deepEqual(heard, [{ x: 1 }]);
   robot.publish("lights", "std_msgs/Bool", { data: true });
   robot.publish("/lights", "std_msgs/Bool", { data: false });

@@ -2,30 +2,13 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { driveMessage, isSteered, openLink, parse, speedReader } from "../../src/client/rosbridge.js";
+import { FakeWebSocket } from "./fakes.js";
 
 let socket, told, link;
 
-class FakeSocket {
-  static CONNECTING = 0;
-  static OPEN = 1;
-  static CLOSING = 2;
-  static CLOSED = 3;
-  readyState = FakeSocket.CONNECTING;
-  sent = [];
-
-  constructor() {
-    socket = this;
-  }
-
-  send(text) {
-    this.sent.push(JSON.parse(text));
-  }
-
-  close() {}
-}
+globalThis.WebSocket = FakeWebSocket;
 
 beforeEach(() => {
-  globalThis.WebSocket = FakeSocket;
   told = { robot: [], relay: [], opened: 0 };
   link = openLink("wss://server/ros", {
     onOpen: () => (told.opened += 1),
@@ -33,14 +16,11 @@ beforeEach(() => {
     onOwn: (message) => told.relay.push(message),
     onClose: () => {},
   });
+  socket = link.socket;
 });
 
-function open() {
-  socket.readyState = FakeSocket.OPEN;
-  socket.onopen({});
-}
-
-const receive = (message) => socket.onmessage({ data: JSON.stringify(message) });
+const open = () => socket.open();
+const receive = (message) => socket.tell(message);
 
 test("operations of our own reach their handler alone", () => {
   open();
@@ -166,12 +146,12 @@ test("each subscriber of a topic gets its messages until it ends", () => {
 
 test("nothing is sent on a socket that is not open yet, closes or is closed, whatever still ends then", () => {
   assert.equal(link.send({ op: "robotether.stop" }), false);
-  socket.readyState = FakeSocket.OPEN;
+  socket.readyState = FakeWebSocket.OPEN;
   assert.deepEqual([link.send({ op: "robotether.stop" }), socket.sent], [true, [{ op: "robotether.stop" }]]);
   const subscription = link.subscribe({ name: "/odom" }, () => {});
   const channel = link.advertise({ name: "/cmd_vel" });
   const { length } = socket.sent;
-  for (const state of [FakeSocket.CLOSING, FakeSocket.CLOSED]) {
+  for (const state of [FakeWebSocket.CLOSING, FakeWebSocket.CLOSED]) {
     socket.readyState = state;
     channel.publish({});
     subscription.end();

@@ -25,18 +25,19 @@ beforeEach(() => {
   overlays = new Overlays(query, { subscribe, now: () => clock });
 });
 
-test("the battery is what the server says of it, with no level where that is unknown", () => {
-  const shown = (robot) => {
-    overlays.showBattery(robot);
-    return [parts.battery.textContent, parts.battery.dataset.health];
-  };
-  assert.deepEqual(shown({ online: true, battery: { percent: 12, charging: false } }), ["12 %, low", "poor"]);
-  assert.deepEqual(shown({ online: true, battery: { percent: 12, charging: true } }), ["12 %, charging", "good"]);
-  assert.deepEqual(shown({ online: true, battery: { percent: 30, charging: false } }), ["30 %", "fair"]);
-  assert.deepEqual(shown({ online: true, battery: { percent: null, charging: false } }), ["?", ""]);
-  assert.deepEqual(shown({ online: true, battery: null }), ["-", ""]);
-  assert.deepEqual(shown({ online: false, battery: { percent: 80, charging: false } }), ["-", ""]);
-});
+for (const [online, battery, ...expected] of [
+  [true, { percent: 12, charging: false }, "12 %, low", "poor"],
+  [true, { percent: 12, charging: true }, "12 %, charging", "good"],
+  [true, { percent: 30, charging: false }, "30 %", "fair"],
+  [true, { percent: null, charging: false }, "?", ""],
+  [true, null, "-", ""],
+  [false, { percent: 80, charging: false }, "-", ""],
+]) {
+  test(`the battery of a robot that is ${online ? "online" : "offline"} and says ${JSON.stringify(battery)}: ${expected}`, () => {
+    overlays.showBattery({ online, battery });
+    assert.deepEqual([parts.battery.textContent, parts.battery.dataset.health], expected);
+  });
+}
 
 test("the worst of the diagnostics is shown", () => {
   overlays.follow({ diagnostics: DIAGNOSTICS });

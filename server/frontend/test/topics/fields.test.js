@@ -17,13 +17,19 @@ test("numbers are found by their paths, of lists the first ones", () => {
   assert.equal(found.at(-1), "moving");
 });
 
-test("a path that was found leads to its number", () => {
-  assert.equal(numberAt(ODOMETRY, "twist.twist.linear.x"), 0.5);
-  assert.equal(numberAt(ODOMETRY, "twist.covariance[3]"), 4);
-  assert.equal(numberAt(ODOMETRY, "moving"), 1);
-  assert.equal(numberAt({ a: [{ b: 7 }] }, numbersIn({ a: [{ b: 7 }] })[0]), 7);
-  assert.ok(Number.isNaN(numberAt(ODOMETRY, "pose.x")));
-  assert.ok(Number.isNaN(numberAt(ODOMETRY, "header.frame_id")));
+for (const [path, number] of [
+  ["twist.twist.linear.x", 0.5],
+  ["twist.covariance[3]", 4],
+  ["moving", 1],
+  ["pose.x", NaN],
+  ["header.frame_id", NaN],
+]) {
+  test(`the path ${path} leads to ${number}`, () => assert.equal(numberAt(ODOMETRY, path), number));
+}
+
+test("a path that was found leads into a list", () => {
+  const message = { a: [{ b: 7 }] };
+  assert.equal(numberAt(message, numbersIn(message)[0]), 7);
 });
 
 test("a message with very many numbers offers a bounded choice", () => {
@@ -31,22 +37,16 @@ test("a message with very many numbers offers a bounded choice", () => {
   assert.equal(numbersIn(wide).length, 200);
 });
 
-test("a message is shown as names and values", () => {
-  assert.equal(
-    preview({ header: { frame_id: "odom" }, ranges: [1, 2], names: [], none: null }),
-    "header:\n  frame_id: odom\nranges: [1, 2]\nnames: []\nnone: null",
-  );
-});
+const NUMBERS = { x: 0.123456789, sec: 1795583926, at: [1.23456e-7, 12345.678] };
 
-test("numbers have four digits, or all of them; whole ones have all", () => {
-  const message = { x: 0.123456789, sec: 1795583926, at: [1.23456e-7, 12345.678] };
-  assert.equal(preview(message), "x: 0.1235\nsec: 1795583926\nat: [1.235e-7, 12346]");
-  assert.equal(preview(message, { exact: true }), "x: 0.123456789\nsec: 1795583926\nat: [1.23456e-7, 12345.678]");
-});
-
-test("objects in a list have their place", () => {
-  assert.equal(preview({ status: [{ level: 0 }, { level: 1 }] }), "status:\n  [0]:\n    level: 0\n  [1]:\n    level: 1");
-});
+for (const [what, message, text, options] of [
+  ["names and values", { h: { id: "o" }, r: [1, 2], names: [], none: null }, "h:\n  id: o\nr: [1, 2]\nnames: []\nnone: null"],
+  ["four digits of numbers, all of whole ones", NUMBERS, "x: 0.1235\nsec: 1795583926\nat: [1.235e-7, 12346]"],
+  ["all digits", NUMBERS, "x: 0.123456789\nsec: 1795583926\nat: [1.23456e-7, 12345.678]", { exact: true }],
+  ["the places of objects in a list", { s: [{ l: 0 }, { l: 1 }] }, "s:\n  [0]:\n    l: 0\n  [1]:\n    l: 1"],
+]) {
+  test(`a message is shown with ${what}`, () => assert.equal(preview(message, options), text));
+}
 
 test("long lists, texts and messages are cut, and say so", () => {
   assert.match(preview({ ranges: Array(400).fill(1) }), /^ranges: \[(1, ){15}1, … 384 more\]$/);

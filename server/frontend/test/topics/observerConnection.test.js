@@ -32,13 +32,15 @@ afterEach(() => mock.timers.reset());
 const settle = () => new Promise((resolve) => setImmediate(resolve));
 
 async function watch() {
-  const end = observerConnection.watch(
-    SPEC,
-    () => {},
-    (state) => states.push(state),
-  );
+  const end = observerConnection.watch(SPEC, Object, (state) => states.push(state));
   await settle();
   return end;
+}
+
+async function watchLive() {
+  observerConnection.use(true);
+  await watch();
+  await goLive(0);
 }
 
 async function goLive(nth) {
@@ -73,27 +75,20 @@ test("several looks share a connection, which ends with the last", async () => {
 });
 
 test("a hidden page and a cut end the connection, and a new one takes up what was looked at", async () => {
-  observerConnection.use(true);
-  await watch();
-  await goLive(0);
+  await watchLive();
   observerConnection.use(false);
   assert.equal(links[0].closed, true);
   observerConnection.use(true);
   await settle();
   await goLive(1);
-  assert.deepEqual(
-    links[1].subscribed.map(({ name }) => name),
-    ["/odom"],
-  );
+  assert.equal(links[1].subscribed.map(({ name }) => name).join(), "/odom");
   assert.notEqual(links[0].url, links[1].url);
   links[1].onClose({ code: 4505 });
   assert.deepEqual(states, ["open", "lost", "open", "lost"]);
 });
 
 test("a message that is too large ends what is looked at, and is not asked for again", async () => {
-  observerConnection.use(true);
-  await watch();
-  await goLive(0);
+  await watchLive();
   links[0].onClose({ code: 1009 });
   mock.timers.tick(60_000);
   await settle();
@@ -105,20 +100,13 @@ test("a message that is too large ends what is looked at, and is not asked for a
 
 test("what is closed while the ticket is on its way opens nothing", async () => {
   observerConnection.use(true);
-  const end = observerConnection.watch(
-    SPEC,
-    () => {},
-    () => {},
-  );
-  end();
+  observerConnection.watch(SPEC, Object, Object)();
   await settle();
   assert.equal(links.length, 0);
 });
 
 test("a topic that is silent ends nothing", async () => {
-  observerConnection.use(true);
-  await watch();
-  await goLive(0);
+  await watchLive();
   observerConnection.connection.now = () => performance.now() + 600_000;
   mock.timers.tick(1000);
   await settle();
