@@ -13,12 +13,12 @@ from collections.abc import Awaitable, Callable, Iterator
 from random import Random
 
 from robotether_agent.problems import (
-    AgentProblem,
-    NetworkChanged,
+    AgentError,
+    NetworkChangedError,
     Retry,
-    ServerBusy,
-    ServerSilent,
-    SessionEnded,
+    ServerBusyError,
+    ServerSilentError,
+    SessionEndedError,
 )
 
 MIN_DELAY_S = 0.5
@@ -57,7 +57,7 @@ def delays(rng: Random, ceiling: float = 2 * MIN_DELAY_S) -> Iterator[float]:
         ceiling = min(MAX_DELAY_S, 2 * ceiling)
 
 
-def retry_or_give_up(problem: AgentProblem, soon: Iterator[float], rng: Random) -> float | None:
+def retry_or_give_up(problem: AgentError, soon: Iterator[float], rng: Random) -> float | None:
     """Return the seconds to wait before the next try after `problem`, or None to give up."""
     if problem.retry is Retry.NEVER:
         return None
@@ -67,7 +67,7 @@ def retry_or_give_up(problem: AgentProblem, soon: Iterator[float], rng: Random) 
         return rng.uniform(*ASK_AGAIN_S)
     if problem.retry is Retry.SLOWLY:
         return rng.uniform(*SLOWLY_S)
-    if isinstance(problem, ServerBusy):
+    if isinstance(problem, ServerBusyError):
         return min(next(soon), rng.uniform(MIN_DELAY_S, MAX_BUSY_S))
     return next(soon)
 
@@ -90,7 +90,7 @@ class Backoff:
         self._first_tries = 0
 
     def after(
-        self, problem: AgentProblem, *, uptime_s: float, was_used: bool = False
+        self, problem: AgentError, *, uptime_s: float, was_used: bool = False
     ) -> float | None:
         """Return the seconds to wait after `problem` ended a connection that was up for `uptime_s`.
 
@@ -102,12 +102,12 @@ class Backoff:
             self._first_tries = USED_TRIES if was_used else 0
             if was_used and is_soon:
                 return self._rng.uniform(*AT_ONCE_S)
-            if isinstance(problem, ServerSilent) and is_soon:
+            if isinstance(problem, ServerSilentError) and is_soon:
                 return self._rng.uniform(*AFTER_SILENCE_S)
-            if isinstance(problem, NetworkChanged):
+            if isinstance(problem, NetworkChangedError):
                 # It is this robot's own network, and no fleet's.
                 return 0.0
-        elif isinstance(problem, SessionEnded) and problem.retry is Retry.AT_ONCE:
+        elif isinstance(problem, SessionEndedError) and problem.retry is Retry.AT_ONCE:
             # A cell that sends the robot away as soon as it is there has no other one to name.
             return next(self._soon)
         elif uptime_s:
@@ -148,7 +148,7 @@ class Repeats:
     def __init__(self) -> None:
         self._times: Counter[str] = Counter()
 
-    def log_problem(self, what: str, problem: AgentProblem, wait_s: float | None = None) -> None:
+    def log_problem(self, what: str, problem: AgentError, wait_s: float | None = None) -> None:
         """Log `problem` of `what`, which is tried again after `wait_s`, if that is known."""
         self._times[problem.code] += 1
         times = self._times[problem.code]
@@ -168,7 +168,7 @@ async def keep_going(
     what: str,
     attempt: Callable[[Uptime], Awaitable[None]],
     backoff: Backoff,
-    on_problem: Callable[[AgentProblem], None],
+    on_problem: Callable[[AgentError], None],
     pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
 ) -> None:
     """Run `attempt` again and again; `on_problem` gets each problem before the pause."""
@@ -177,7 +177,7 @@ async def keep_going(
         uptime = Uptime()
         try:
             await attempt(uptime)
-        except AgentProblem as problem:
+        except AgentError as problem:
             if uptime.uptime_s:
                 repeats.forget()
             wait_s = backoff.after(problem, uptime_s=uptime.uptime_s, was_used=uptime.was_used)

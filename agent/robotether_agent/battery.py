@@ -22,7 +22,7 @@ from robotether_common.session import Battery
 
 from robotether_agent.fields import FieldError, JsonObject, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import StateUnusable
+from robotether_agent.problems import StateUnusableError
 from robotether_agent.rosbridge import RosGraph, connected, own_topic
 from robotether_agent.tasks import first_of, within
 
@@ -92,7 +92,7 @@ class UnitMemory:
         self._units[topic] = unit
         try:
             write_atomic(self._path, json.dumps({"topic": topic, "unit": unit}) + "\n", 0o600)
-        except StateUnusable as error:
+        except StateUnusableError as error:
             log.warning("cannot keep how the battery counts: %s", error)
 
     def _read(self, topic: str) -> Unit | None:
@@ -102,7 +102,7 @@ class UnitMemory:
             if kept is None or get_text(kept, "topic") != topic:
                 return None
             unit = get_text(kept, "unit")
-        except (StateUnusable, FieldError) as error:
+        except (StateUnusableError, FieldError) as error:
             log.warning("cannot read how the battery counts: %s", error)
             return None
         return unit if unit in {"fraction", "percent"} else None  # type: ignore[return-value]

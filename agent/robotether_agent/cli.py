@@ -34,11 +34,11 @@ from robotether_agent.files import disk_problem, ensure_directory
 from robotether_agent.guard.fork_server import ForkServer
 from robotether_agent.guard.process import main as run_guard_process
 from robotether_agent.problems import (
-    AgentProblem,
-    NotEnrolled,
-    ServerKeyChanged,
-    SettingsInvalid,
-    StateUnusable,
+    AgentError,
+    NotEnrolledError,
+    ServerKeyChangedError,
+    SettingsInvalidError,
+    StateUnusableError,
 )
 from robotether_agent.settings import DEFAULT_FILE, Settings, load, shown
 from robotether_agent.status import CONNECTED, is_alive, read_status, render
@@ -49,7 +49,7 @@ from robotether_agent.upgrade import Layout, Upgrade, UpgradeReport
 AGENT_USER = "robotether"
 ACTIVE, REFUSED, PENDING = 0, 1, 10
 # RestartPreventExitStatus of the unit: a person must look first.
-NOT_RESTARTED = frozenset({ServerKeyChanged.exit_code, SettingsInvalid.exit_code})
+NOT_RESTARTED = frozenset({ServerKeyChangedError.exit_code, SettingsInvalidError.exit_code})
 
 log = logging.getLogger(__name__)
 
@@ -99,7 +99,7 @@ def doctor(load: Callable[[], Settings]) -> int:
     """Print all findings, and return 0 only when nothing fails."""
     try:
         settings = load()
-    except SettingsInvalid as problem:
+    except SettingsInvalidError as problem:
         print(fail("settings", problem.message, problem.advice))
         return 1
     if not _may_read(settings.state_dir):
@@ -156,7 +156,7 @@ def _confirmed(names: list[str]) -> bool:
 def identity(settings: Settings, *, as_json: bool, root: Path = Path("/")) -> int:
     """Print MAC and interface; without the right to keep them, print only."""
     # Anybody may look, also on a robot that is not installed yet.
-    with suppress(StateUnusable):
+    with suppress(StateUnusableError):
         act_as_agent(settings.state_dir)
         ensure_directory(settings.state_dir, "state_dir", 0o700)
     store = IdentityStore(settings, root)
@@ -176,7 +176,7 @@ def join(settings: Settings) -> int:
     try:
         act_as_agent(settings.state_dir)
         return asyncio.run(_join(Enroller(settings)))
-    except AgentProblem as problem:
+    except AgentError as problem:
         print(f"robotether-agent: {problem}", file=sys.stderr)
         return REFUSED
 
@@ -185,7 +185,7 @@ async def _join(enroller: Enroller) -> int:
     key = await enroller.key()
     try:
         enrolment = await enroller.join()
-    except NotEnrolled as problem:
+    except NotEnrolledError as problem:
         # Whoever approves it compares this with what the server got.
         shown = await enroller.next_key() or key
         print(f"pending: {problem.message} (key {shown.fingerprint})")
@@ -245,7 +245,7 @@ async def _run(settings: Settings, notifier: Notifier, fork_server: ForkServer |
     rng, began_s = random.SystemRandom(), time.monotonic()
     try:
         await Agent(settings, notifier, rng, fork_server).run()
-    except AgentProblem as problem:
+    except AgentError as problem:
         log.critical("STOPPED: %s", problem)
         code = problem.exit_code
     except Exception:
@@ -323,7 +323,7 @@ def main(arguments: Sequence[str] | None = None, environ: Mapping[str, str] = os
             return doctor(partial(load, options.config, environ))
         settings = load(options.config, environ, needs_server=options.command not in WITHOUT_SERVER)
         return COMMANDS[options.command](Call(settings, options, environ))
-    except AgentProblem as problem:
+    except AgentError as problem:
         print(f"robotether-agent: {problem}", file=sys.stderr)
         return problem.exit_code
 

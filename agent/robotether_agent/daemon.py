@@ -26,13 +26,13 @@ from robotether_agent.guard.supervisor import GuardSupervisor, GuardView
 from robotether_agent.health import Health
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
-    AgentProblem,
-    KeyRefused,
-    ServerBusy,
-    ServerKeyChanged,
-    ServerUnreachable,
-    SessionEnded,
-    StateUnusable,
+    AgentError,
+    KeyRefusedError,
+    ServerBusyError,
+    ServerKeyChangedError,
+    ServerUnreachableError,
+    SessionEndedError,
+    StateUnusableError,
 )
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import Settings
@@ -109,9 +109,9 @@ class Agent:
             try:
                 # In this order: the guard stops the robot while its tunnels are still up.
                 await first_of(self._keep_guard(), first_of(*self._work()), in_order=True)
-            except AgentProblem as problem:
+            except AgentError as problem:
                 self._status_writer.report_problem(problem, "stopped")
-                if isinstance(problem, ServerKeyChanged):
+                if isinstance(problem, ServerKeyChangedError):
                     await self._enroller.report_host_key()
                 raise
             finally:
@@ -140,7 +140,7 @@ class Agent:
             self._status_writer.set(guard="off")
             await asyncio.Event().wait()
         else:
-            with suppress(StateUnusable):
+            with suppress(StateUnusableError):
                 # The session's attempts report it; a robot in motion needs its guard all the same.
                 ensure_directory(self._settings.state_dir, "state_dir", 0o700)
             await self._guard.run()
@@ -149,7 +149,7 @@ class Agent:
         def keep(
             what: str,
             attempt: Callable[[Uptime], Awaitable[None]],
-            on_problem: Callable[[AgentProblem], None],
+            on_problem: Callable[[AgentError], None],
             pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
         ) -> Coroutine[Any, Any, None]:
             return keep_going(what, attempt, Backoff(self._rng), on_problem, pause)
@@ -182,15 +182,15 @@ class Agent:
         )
         try:
             await self._connector.connect(enrolment, await self._enroller.key(), role)
-        except KeyRefused:
+        except KeyRefusedError:
             # Only the join says why: not approved yet, disabled, or another key in this robot's place.
             self._enroller.doubt()
             await self._enroller.enrolment()
             raise
-        except ServerBusy:
+        except ServerBusyError:
             # That is the server. Whole fleets that also ask the web now are what would keep it busy.
             raise
-        except (ServerUnreachable, ServerKeyChanged):
+        except (ServerUnreachableError, ServerKeyChangedError):
             self._enroller.doubt_address()
             raise
         finally:
@@ -228,7 +228,7 @@ class Agent:
                     video_proxy=video_proxy,
                 )
                 await self._connect(role)
-        except SessionEnded as problem:
+        except SessionEndedError as problem:
             if problem.code != UNWATCHED:
                 raise
             self._status_writer.set(video_tunnel=self._video_state(is_open=False))
@@ -251,7 +251,7 @@ class Agent:
         )
         try:
             await self._connect(role)
-        except SessionEnded as problem:
+        except SessionEndedError as problem:
             if problem.code != SHELL_OFF:
                 raise
             # The session may have brought another request while this connection ended.
@@ -357,26 +357,26 @@ class Agent:
             self._status_writer.set(shell_tunnel="open")
             log.info("robot %s: shell tunnel open", config.robot)
 
-    def _no_session(self, problem: AgentProblem) -> None:
+    def _no_session(self, problem: AgentError) -> None:
         is_pending = problem.code == "not_enrolled"
         self._status_writer.report_problem(
             problem, "pending" if is_pending else "waiting", rtt_ms=-1.0
         )
 
-    def _no_media(self, problem: AgentProblem) -> None:
+    def _no_media(self, problem: AgentError) -> None:
         self._status_writer.report_problem(
             problem,
             self._status_writer.status.state,
             video_tunnel=self._video_state(is_open=False),
         )
 
-    def _no_shell(self, problem: AgentProblem) -> None:
+    def _no_shell(self, problem: AgentError) -> None:
         shell = self._shell_state(is_open=False)
         self._status_writer.report_problem(
             problem, self._status_writer.status.state, shell_tunnel=shell
         )
 
-    def _no_rotation(self, problem: AgentProblem) -> None:
+    def _no_rotation(self, problem: AgentError) -> None:
         self._status_writer.set(new_key=str(problem))
 
     def _show_guard(self, view: GuardView) -> None:

@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 import aiohttp
 
 from robotether_agent.files import read_text
-from robotether_agent.problems import StateUnusable
+from robotether_agent.problems import StateUnusableError
 
 PAST_GUARD = "anyone in its own network can drive this robot past the guard"
 ADDRESS_ADVICE = "start it with address:=127.0.0.1, a parameter of its launch file"
@@ -124,7 +124,7 @@ def _listens_beyond_loopback(port: int, lists: Path) -> list[Address]:
 def _lines_of(path: Path) -> list[str]:
     try:
         return (read_text(path) or "").splitlines()
-    except StateUnusable as problem:
+    except StateUnusableError as problem:
         # A hardened kernel shows it to root alone.
         log.debug("%s", problem)
         return []

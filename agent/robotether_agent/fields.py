@@ -29,7 +29,7 @@ MAX_CELLS = 8
 
 
 class FieldError(ValueError):
-    """A field is missing or has the wrong type or range; callers translate it into a Problem."""
+    """A field is missing or has the wrong type or range; callers translate it into an AgentError."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from robotether_agent.problems import AlreadyRunning, StateUnusable
+from robotether_agent.problems import AlreadyRunningError, StateUnusableError
 
 FULL_ADVICE = "make room (df, sudo journalctl --vacuum-size=100M)"
 READ_ONLY = (
@@ -58,7 +58,7 @@ def ensure_directory(path: Path, key: str, mode: int = 0o755) -> None:
 
 def disk_problem(
     what: str, directory: Path, error: OSError, *, advice: str | None = None
-) -> StateUnusable:
+) -> StateUnusableError:
     """Return the problem "cannot DO WHAT: why" of a file in `directory`.
 
     `advice` is for faults that are not the disk's: usually that the agent's user may not write there.
@@ -68,9 +68,9 @@ def disk_problem(
         fault = NO_INODES
     words = error.strerror or "no reason is known"
     if fault is not None:
-        return StateUnusable(f"{what}: {fault[0]} ({words})", advice=fault[1])
+        return StateUnusableError(f"{what}: {fault[0]} ({words})", advice=fault[1])
     usual = f"let the agent's user (uid {os.getuid()}) write in {directory}"
-    return StateUnusable(f"{what}: {words}", advice=usual if advice is None else advice)
+    return StateUnusableError(f"{what}: {words}", advice=usual if advice is None else advice)
 
 
 def _has_no_inodes(directory: Path) -> bool:
@@ -97,7 +97,7 @@ def read_text(path: Path) -> str | None:
     except (FileNotFoundError, ProcessLookupError):
         return None
     except UnicodeDecodeError as error:
-        raise StateUnusable(
+        raise StateUnusableError(
             f"cannot read {path}: it is no text", advice="it is damaged: remove it"
         ) from error
     except OSError as error:
@@ -116,7 +116,7 @@ def _open_regular(path: Path) -> int:
 
 @contextmanager
 def only_one(path: Path, who: str = "agent") -> Iterator[None]:
-    """Hold the lock file `path`, or raise AlreadyRunning; the kernel frees it with the process."""
+    """Hold the lock file `path`, or raise AlreadyRunningError; the kernel frees it with the process."""
     try:
         file = path.open("a")
     except OSError as error:
@@ -125,7 +125,7 @@ def only_one(path: Path, who: str = "agent") -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise AlreadyRunning(
+            raise AlreadyRunningError(
                 f"cannot start: another {who} holds {path}",
                 advice="stop it first, or give this one its own run_dir and state_dir"
                 if who == "agent"

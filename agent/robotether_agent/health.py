@@ -23,7 +23,7 @@ from robotether_common.session import ServiceState
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import PAST_GUARD, exposed_at, port_of, rosbridge_advice
-from robotether_agent.problems import AgentProblem, RosbridgeDown, VideoSourceDown
+from robotether_agent.problems import AgentError, RosbridgeDownError, VideoSourceDownError
 from robotether_agent.rosbridge import RosGraph, compressed_images
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video.sources import SourceSettings
@@ -98,12 +98,12 @@ class Health:
     async def _again(
         self,
         probe: Callable[[], Awaitable[None]],
-        on_result: Callable[[AgentProblem | None], Awaitable[None]],
+        on_result: Callable[[AgentError | None], Awaitable[None]],
     ) -> None:
         while True:
             try:
                 await probe()
-            except AgentProblem as problem:
+            except AgentError as problem:
                 await on_result(problem)
             await asyncio.sleep(self._every_s)
 
@@ -148,12 +148,12 @@ class Health:
         )
 
     async def _ask_video(self, http: aiohttp.ClientSession) -> None:
-        """Raise VideoSourceDown unless there is somewhere where frames come from."""
+        """Raise VideoSourceDownError unless there is somewhere where frames come from."""
         try:
             if self._source_settings.source == "rosbridge":
                 raise self._no_images("rosbridge has no compressed images of this robot")
             await self._ask_server(http)
-        except VideoSourceDown:
+        except VideoSourceDownError:
             if not await self._is_elsewhere():
                 raise
         await self._video_is(None)
@@ -202,24 +202,26 @@ class Health:
         if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
             raise self._video_down(f"HTTP status {status}")
 
-    def _rosbridge_down(self, reason: str) -> AgentProblem:
-        return RosbridgeDown(f"rosbridge at {self._rosbridge_url} does not answer: {reason}")
+    def _rosbridge_down(self, reason: str) -> AgentError:
+        return RosbridgeDownError(f"rosbridge at {self._rosbridge_url} does not answer: {reason}")
 
-    def _video_down(self, reason: str) -> AgentProblem:
-        return VideoSourceDown(f"web_video_server at {self._video_url} does not answer: {reason}")
+    def _video_down(self, reason: str) -> AgentError:
+        return VideoSourceDownError(
+            f"web_video_server at {self._video_url} does not answer: {reason}"
+        )
 
-    def _no_images(self, reason: str) -> AgentProblem:
+    def _no_images(self, reason: str) -> AgentError:
         if not self._is_rosbridge_up:
             reason = "rosbridge, the source of its video, does not answer"
-        return VideoSourceDown(f"there is no video: {reason}")
+        return VideoSourceDownError(f"there is no video: {reason}")
 
-    async def _ros_is(self, problem: AgentProblem | None) -> None:
+    async def _ros_is(self, problem: AgentError | None) -> None:
         state, detail = _state_of(problem)
         if state != self.report.ros:
             _log_change(f"rosbridge at {self._rosbridge_url} answers", problem)
         await self._set(replace(self.report, ros=state, ros_detail=detail))
 
-    async def _video_is(self, problem: AgentProblem | None) -> None:
+    async def _video_is(self, problem: AgentError | None) -> None:
         state, detail = _state_of(problem)
         if state != self.report.video:
             _log_change("there is video", problem)
@@ -241,11 +243,11 @@ async def _is_open(url: str) -> bool:
     return False
 
 
-def _state_of(problem: AgentProblem | None) -> tuple[ServiceState, str]:
+def _state_of(problem: AgentError | None) -> tuple[ServiceState, str]:
     return ("ok", "") if problem is None else ("down", problem.message)
 
 
-def _log_change(good: str, problem: AgentProblem | None) -> None:
+def _log_change(good: str, problem: AgentError | None) -> None:
     if problem is None:
         log.info("%s", good)
     else:

@@ -3,15 +3,17 @@
 Each problem has a short code that reaches the log and the status unchanged, knows whether trying again
 can help, and says in one sentence what was impossible and why, and in another what a person can do.
 
-    AgentProblem
-    |- SettingsInvalid, AlreadyRunning, StateUnusable, UpgradeFailed, SshMissing, KeyUnusable, InterfaceMissing
-    |- NotEnrolled, JoinRefused, AnswerInvalid, TlsUntrusted
-    |- ServerUnreachable
-    |  `- ServerBusy
-    |- NoAnswer, ServerKeyChanged, KeyRefused, SshIncompatible
-    |- LinkProblem
-    |  `- LinkLost, ServerSilent, NetworkChanged, ProtocolBroken, SessionRefused, PortTaken, ForwardFailed, SessionEnded
-    `- GuardDown, RosbridgeDown, VideoSourceDown
+    AgentError
+    |- SettingsInvalidError, AlreadyRunningError, StateUnusableError, UpgradeFailedError, SshMissingError
+    |- KeyUnusableError, InterfaceMissingError
+    |- NotEnrolledError, JoinRefusedError, AnswerInvalidError, TlsUntrustedError
+    |- ServerUnreachableError
+    |  `- ServerBusyError
+    |- NoAnswerError, ServerKeyChangedError, KeyRefusedError, SshIncompatibleError
+    |- LinkError
+    |  |- LinkLostError, ServerSilentError, NetworkChangedError, ProtocolBrokenError
+    |  `- SessionRefusedError, PortTakenError, ForwardFailedError, SessionEndedError
+    `- GuardDownError, RosbridgeDownError, VideoSourceDownError
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ class Retry(Enum):
     NEVER = "never"
 
 
-class AgentProblem(Exception):  # noqa: N818 - the word that status, log and server use for it
+class AgentError(Exception):
     """A sentence "cannot DO WHAT: why", with a code and an advice."""
 
     default_code: ClassVar[str] = "problem"
@@ -63,24 +65,24 @@ class AgentProblem(Exception):  # noqa: N818 - the word that status, log and ser
         return f"{sentence} [{self.code}]"
 
 
-class SettingsInvalid(AgentProblem, code="settings_invalid", retry=Retry.NEVER, exit_code=78):
+class SettingsInvalidError(AgentError, code="settings_invalid", retry=Retry.NEVER, exit_code=78):
     """A key of agent.toml or an environment variable has a value that is not allowed."""
 
 
-class AlreadyRunning(AgentProblem, code="already_running", retry=Retry.NEVER, exit_code=75):
+class AlreadyRunningError(AgentError, code="already_running", retry=Retry.NEVER, exit_code=75):
     """Another agent holds the lock of the same run directory."""
 
 
-class StateUnusable(AgentProblem, code="state_unusable", retry=Retry.SLOWLY):
+class StateUnusableError(AgentError, code="state_unusable", retry=Retry.SLOWLY):
     """A file that must be kept cannot be written or read."""
 
 
-class UpgradeFailed(AgentProblem, code="switch_failed", retry=Retry.NEVER):
+class UpgradeFailedError(AgentError, code="switch_failed", retry=Retry.NEVER):
     """Another version of the agent cannot take this one's place, or did not come up."""
 
 
-class SshMissing(
-    AgentProblem,
+class SshMissingError(
+    AgentError,
     code="ssh_missing",
     retry=Retry.SLOWLY,
     advice="install the package openssh-client",
@@ -88,64 +90,64 @@ class SshMissing(
     """OpenSSH's client or ssh-keygen is not installed."""
 
 
-class KeyUnusable(AgentProblem, code="key_unusable", retry=Retry.SLOWLY):
+class KeyUnusableError(AgentError, code="key_unusable", retry=Retry.SLOWLY):
     """The robot's own key exists but OpenSSH cannot use it."""
 
 
-class InterfaceMissing(AgentProblem, code="interface_missing"):
+class InterfaceMissingError(AgentError, code="interface_missing"):
     """No network interface can give the robot its MAC address (yet)."""
 
 
-class NotEnrolled(AgentProblem, code="not_enrolled", retry=Retry.ASK_AGAIN):
+class NotEnrolledError(AgentError, code="not_enrolled", retry=Retry.ASK_AGAIN):
     """The server knows the robot, but nobody has approved its key yet."""
 
 
-class JoinRefused(AgentProblem, code="join_refused", retry=Retry.SLOWLY):
+class JoinRefusedError(AgentError, code="join_refused", retry=Retry.SLOWLY):
     """The server answered the join with a reason why not; its code is kept."""
 
 
-class AnswerInvalid(AgentProblem, code="answer_invalid", retry=Retry.SLOWLY):
+class AnswerInvalidError(AgentError, code="answer_invalid", retry=Retry.SLOWLY):
     """Something answered that is no Robotether server, such as a captive portal."""
 
 
-class TlsUntrusted(AgentProblem, code="tls_untrusted", retry=Retry.SLOWLY):
+class TlsUntrustedError(AgentError, code="tls_untrusted", retry=Retry.SLOWLY):
     """The server's certificate is not the pinned one, or no known authority signed it."""
 
     # Not NEVER: a robot without a battery-backed clock trusts the certificate once it knows the time.
 
 
-class ServerUnreachable(AgentProblem, code="server_unreachable"):
+class ServerUnreachableError(AgentError, code="server_unreachable"):
     """Something answered and refused, or the web did not answer."""
 
 
-class ServerBusy(
-    ServerUnreachable,
+class ServerBusyError(
+    ServerUnreachableError,
     code="server_busy",
     advice="nothing needs to be done: robots log in one after the other, and this one tries again",
 ):
     """sshd itself refused a connection because it has as many log-ins under way as it takes (MaxStartups)."""
 
 
-class NoAnswer(AgentProblem, code="no_answer", retry=Retry.AT_ONCE):
+class NoAnswerError(AgentError, code="no_answer", retry=Retry.AT_ONCE):
     """No network, no name service, or packets that are dropped: nothing that trying again could harm."""
 
     # The attempts themselves take their time and leave pauses between each other.
 
 
-class ServerKeyChanged(AgentProblem, code="host_key_changed", retry=Retry.NEVER, exit_code=76):
+class ServerKeyChangedError(AgentError, code="host_key_changed", retry=Retry.NEVER, exit_code=76):
     """The SSH server is not the one that was pinned at the first join: perhaps an attack."""
 
 
-class KeyRefused(
-    AgentProblem,
+class KeyRefusedError(
+    AgentError,
     code="key_refused",
     advice="if this lasts, see on the server that the robot is active and its database answers",
 ):
     """The SSH server does not accept the robot's key."""
 
 
-class SshIncompatible(
-    AgentProblem,
+class SshIncompatibleError(
+    AgentError,
     code="ssh_incompatible",
     retry=Retry.SLOWLY,
     advice="update the package openssh-client (8.2 or newer)",
@@ -153,49 +155,49 @@ class SshIncompatible(
     """Both OpenSSH ends share no algorithm, or the client does not know one of our options."""
 
 
-class LinkProblem(AgentProblem, code="link_problem"):
+class LinkError(AgentError, code="link_problem"):
     """The connection was up or nearly so, and this ended it."""
 
 
-class LinkLost(LinkProblem, code="link_lost"):
+class LinkLostError(LinkError, code="link_lost"):
     """The SSH connection went away."""
 
 
-class ServerSilent(LinkProblem, code="server_silent"):
+class ServerSilentError(LinkError, code="server_silent"):
     """Nothing was received, or nothing could be sent, for the agreed time."""
 
 
-class NetworkChanged(LinkProblem, code="network_changed", retry=Retry.AT_ONCE):
+class NetworkChangedError(LinkError, code="network_changed", retry=Retry.AT_ONCE):
     """This robot has another address, or another way to the server."""
 
 
-class ProtocolBroken(LinkProblem, code="protocol_error"):
+class ProtocolBrokenError(LinkError, code="protocol_error"):
     """The server sent a line that the protocol does not know."""
 
 
-class SessionRefused(LinkProblem, code="session_refused"):
+class SessionRefusedError(LinkError, code="session_refused"):
     """The session command on the server ended before it sent a configuration."""
 
 
-class PortTaken(LinkProblem, code="port_taken"):
+class PortTakenError(LinkError, code="port_taken"):
     """The server does not open the robot's port for this connection."""
 
 
-class ForwardFailed(LinkProblem, code="forward_failed"):
+class ForwardFailedError(LinkError, code="forward_failed"):
     """The running SSH client did not take a forward for another reason."""
 
 
-class SessionEnded(LinkProblem, code="session_ended"):
+class SessionEndedError(LinkError, code="session_ended"):
     """The server said goodbye; its code is kept."""
 
 
-class GuardDown(AgentProblem, code="guard_down"):
+class GuardDownError(AgentError, code="guard_down"):
     """The guard process has ended or hangs; the next one stops the robot."""
 
 
-class RosbridgeDown(AgentProblem, code="rosbridge_down"):
+class RosbridgeDownError(AgentError, code="rosbridge_down"):
     """rosbridge on the robot does not answer; never ends a connection."""
 
 
-class VideoSourceDown(AgentProblem, code="video_down"):
+class VideoSourceDownError(AgentError, code="video_down"):
     """web_video_server on the robot does not answer; never ends a connection."""

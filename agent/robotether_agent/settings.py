@@ -18,7 +18,7 @@ from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
 from robotether_agent.fields import HOST, IPV6, ROBOT_NAME, MacError, normalise_mac
-from robotether_agent.problems import SettingsInvalid
+from robotether_agent.problems import SettingsInvalidError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -334,12 +334,14 @@ class _Given:
     value: object
     source: str
 
-    def refuse(self, why: str) -> SettingsInvalid:
+    def refuse(self, why: str) -> SettingsInvalidError:
         hidden = self.key in SECRETS | URLS_WITH_LOGIN
         # Any URL may contain a password, and in most of them it is what is refused.
         value = _without_login(self.value) if isinstance(self.value, str) else self.value
         shown = "(hidden)" if hidden else repr(value)
-        return SettingsInvalid(f"cannot use {self.source} = {shown}: {why}", advice="correct it")
+        return SettingsInvalidError(
+            f"cannot use {self.source} = {shown}: {why}", advice="correct it"
+        )
 
 
 def load(file: Path | None, environ: Mapping[str, str], *, needs_server: bool = True) -> Settings:
@@ -351,7 +353,7 @@ def load(file: Path | None, environ: Mapping[str, str], *, needs_server: bool = 
     given = _from_file(source, must_exist=file is not None)
     given.update(_from_environment(environ))
     if "server" not in given and needs_server:
-        raise SettingsInvalid(
+        raise SettingsInvalidError(
             f"cannot start: server is set neither in {source} nor as {PREFIX}SERVER",
             advice="set it to the server's host name or address, or HOST:PORT",
         )
@@ -376,19 +378,21 @@ def _from_file(path: Path, *, must_exist: bool) -> dict[str, _Given]:
     except FileNotFoundError as error:
         if not must_exist:
             return {}
-        raise SettingsInvalid(f"cannot read the settings {path}: there is no such file") from error
+        raise SettingsInvalidError(
+            f"cannot read the settings {path}: there is no such file"
+        ) from error
     except PermissionError as error:
-        raise SettingsInvalid(
+        raise SettingsInvalidError(
             f"cannot read the settings {path}: permission denied",
             advice="run this with sudo, or let the agent's user read the file",
         ) from error
     except OSError as error:
-        raise SettingsInvalid(f"cannot read the settings {path}: {error.strerror}") from error
+        raise SettingsInvalidError(f"cannot read the settings {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise SettingsInvalid(f"cannot read the settings {path}: it is no text") from error
+        raise SettingsInvalidError(f"cannot read the settings {path}: it is no text") from error
     except tomllib.TOMLDecodeError as error:
         # Its text names line and column.
-        raise SettingsInvalid(f"cannot read the settings {path}: {error}") from error
+        raise SettingsInvalidError(f"cannot read the settings {path}: {error}") from error
     for key in table:
         if key not in PARSERS:
             raise _unknown(f"the key {key!r} in {path}", ", ".join(PARSERS))
@@ -409,14 +413,14 @@ def _from_environment(environ: Mapping[str, str]) -> dict[str, _Given]:
     return given
 
 
-def _unknown(what: str, known: str) -> SettingsInvalid:
-    return SettingsInvalid(f"cannot start: {what} is not known", advice=f"allowed are {known}")
+def _unknown(what: str, known: str) -> SettingsInvalidError:
+    return SettingsInvalidError(f"cannot start: {what} is not known", advice=f"allowed are {known}")
 
 
 def _refuse_both(given: Mapping[str, _Given]) -> None:
     for one, other in EXCLUSIVE:
         if one in given and other in given:
-            raise SettingsInvalid(
+            raise SettingsInvalidError(
                 f"cannot use both {given[one].source} and {given[other].source}",
                 advice="remove one of them",
             )

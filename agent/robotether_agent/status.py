@@ -19,7 +19,7 @@ from robotether_agent import __version__
 from robotether_agent.exposure import PAST_GUARD
 from robotether_agent.fields import FieldError, JsonObject, get_number, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import AgentProblem, StateUnusable
+from robotether_agent.problems import AgentError, StateUnusableError
 
 log = logging.getLogger(__name__)
 
@@ -115,7 +115,7 @@ class StatusWriter:
             self._on_state(headline(self.status))
         self.refresh()
 
-    def report_problem(self, problem: AgentProblem, state: str, **changes: str | float) -> None:
+    def report_problem(self, problem: AgentError, state: str, **changes: str | float) -> None:
         """Note the last problem, the state that it leads to, and what else it changes."""
         self.set(
             state=state,
@@ -132,7 +132,7 @@ class StatusWriter:
         self.status = replace(self.status, written_at=self._clock())
         try:
             write_atomic(self._file, json.dumps(asdict(self.status)) + "\n", 0o644, lasts=False)
-        except StateUnusable as problem:
+        except StateUnusableError as problem:
             # A full disk must not cut the tunnels.
             log.log(logging.DEBUG if self._unwritable else logging.WARNING, "%s", problem)
             self._unwritable = True

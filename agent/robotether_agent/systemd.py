@@ -15,7 +15,7 @@ import sys
 import time
 from collections.abc import Mapping
 
-from robotether_agent.problems import UpgradeFailed
+from robotether_agent.problems import UpgradeFailedError
 
 SERVICE = "robotether-agent.service"
 # Time limit for systemctl: TimeoutStopSec, then TimeoutStartSec.
@@ -121,7 +121,7 @@ def reload_units() -> None:
 
 
 def restart() -> None:
-    """Restart the service, and wait until it says that it is ready; raise UpgradeFailed."""
+    """Restart the service, and wait until it says that it is ready; raise UpgradeFailedError."""
     _do("restart", SERVICE)
 
 
@@ -130,9 +130,9 @@ def _do(*words: str) -> None:
         done = _systemctl(*words)
     except (OSError, subprocess.TimeoutExpired) as error:
         why = getattr(error, "strerror", None) or f"no end after {TIMEOUT_S:g} s"
-        raise UpgradeFailed(f"cannot run systemctl {' '.join(words)}: {why}") from error
+        raise UpgradeFailedError(f"cannot run systemctl {' '.join(words)}: {why}") from error
     if done.returncode:
-        raise UpgradeFailed(
+        raise UpgradeFailedError(
             f"cannot do systemctl {' '.join(words)}: {done.stderr.strip()}",
             advice="see: journalctl -u robotether-agent",
         )

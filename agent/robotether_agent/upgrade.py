@@ -17,7 +17,7 @@ from pathlib import Path
 
 from robotether_agent import systemd
 from robotether_agent.files import only_one, read_text, write_atomic
-from robotether_agent.problems import AgentProblem, StateUnusable, UpgradeFailed
+from robotether_agent.problems import AgentError, StateUnusableError, UpgradeFailedError
 from robotether_agent.status import CONNECTED, MEANINGS, Status, has_problem, is_alive, read_status
 
 UNIT = Path("/etc/systemd/system/robotether-agent.service")
@@ -88,16 +88,16 @@ class Layout:
         try:
             return self.base / (self.base / "current").readlink()
         except OSError as error:
-            raise UpgradeFailed(
+            raise UpgradeFailedError(
                 f"cannot switch: {self.base}/current leads to no version: {error.strerror}",
                 advice=f"name a folder in versions/ of an installed agent, such as {self.base}/versions/NAME",
             ) from error
 
     def check(self, version: Path) -> None:
-        """Raise UpgradeFailed unless `version` is one of this folder's, whole and startable."""
+        """Raise UpgradeFailedError unless `version` is one of this folder's, whole and startable."""
         command = version / COMMAND
         if version.parent != self.base / "versions" or not os.access(command, os.X_OK):
-            raise UpgradeFailed(
+            raise UpgradeFailedError(
                 f"cannot switch to {version}: there is no {command} that can be run",
                 advice="name a folder in versions/ that holds an installed agent",
             )
@@ -110,7 +110,7 @@ class Layout:
             link.symlink_to(Path("versions") / version.name)
             link.replace(self.base / "current")
         except OSError as error:
-            raise StateUnusable(
+            raise StateUnusableError(
                 f"cannot change {self.base}/current: {error.strerror}",
                 advice="run this with sudo, and see that the disk is neither full nor read-only",
             ) from error
@@ -149,7 +149,7 @@ class PendingUpgrade:
             link.unlink(missing_ok=True)
             link.symlink_to(Path("..") / PENDING_NAME)
         except OSError as error:
-            raise StateUnusable(
+            raise StateUnusableError(
                 f"cannot make {link}: {error.strerror}", advice=PENDING_ADVICE
             ) from error
 
@@ -161,7 +161,7 @@ class PendingUpgrade:
             unit.unlink(missing_ok=True)
         except OSError as error:
             why = f"cannot remove {link}, which the next boot would start: {error.strerror}"
-            raise StateUnusable(why, advice=PENDING_ADVICE) from error
+            raise StateUnusableError(why, advice=PENDING_ADVICE) from error
 
 
 class Upgrade:
@@ -210,7 +210,7 @@ class Upgrade:
             self._pending.note(was, target, before, self._wait_s)
         try:
             self._use(target, before)
-        except AgentProblem as problem:
+        except AgentError as problem:
             result, detail = "rolled_back", self._go_back(was, before, problem)
         else:
             result, detail = "done", f"{target.name} is in use"
@@ -222,11 +222,11 @@ class Upgrade:
         self._layout.keep_only(was, target)
         return made
 
-    def _go_back(self, was: Path, before: str, why: AgentProblem) -> str:
+    def _go_back(self, was: Path, before: str, why: AgentError) -> str:
         text = f"{why.message}; {was.name} is in use again"
         try:
             self._use(was, before)
-        except AgentProblem as problem:
+        except AgentError as problem:
             return f"{text}, but is not as before: {problem}"
         return f"{text}, as before"
 
@@ -260,7 +260,7 @@ class Upgrade:
                 return
             time.sleep(POLL_S)
             now = time.monotonic()
-        raise UpgradeFailed(self._why_not(version, wanted))
+        raise UpgradeFailedError(self._why_not(version, wanted))
 
     def _why_not(self, version: Path, wanted: frozenset[str]) -> str:
         status = self._alive()

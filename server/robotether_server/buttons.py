@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct
 
 from robotether_server import schemas
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import RosName
 
 Kind = Literal["publish", "call"]
@@ -36,7 +36,7 @@ MEMBERS: dict[Kind, tuple[str, str]] = {"publish": ("topic", "msg"), "call": ("s
 
 def _type(given: object, path: str) -> str:
     if not isinstance(given, str) or not ROS_TYPE.fullmatch(given):
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use {path}: it must be a type of ROS, such as std_msgs/Bool", path
         )
     return given
@@ -48,14 +48,16 @@ def _type_or_nothing(given: object, path: str) -> str:
 
 def _fields(given: object, path: str) -> dict[str, Any]:
     if not isinstance(given, dict):
-        raise FieldInvalid(f"cannot use {path}: it must be a JSON object, such as {{}}", path)
+        raise FieldInvalidError(f"cannot use {path}: it must be a JSON object, such as {{}}", path)
     _check(given, path, 1)
     try:
         size = len(_text(given).encode())
     except UnicodeEncodeError:
-        raise FieldInvalid(f"cannot use {path}: it holds half of a character", path) from None
+        raise FieldInvalidError(f"cannot use {path}: it holds half of a character", path) from None
     if size > MAX_FIELDS_BYTES:
-        raise FieldInvalid(f"cannot use {path}: it has over {MAX_FIELDS_BYTES} bytes as JSON", path)
+        raise FieldInvalidError(
+            f"cannot use {path}: it has over {MAX_FIELDS_BYTES} bytes as JSON", path
+        )
     return given
 
 
@@ -117,22 +119,22 @@ class Button:
 
 
 def parse(given: object) -> tuple[Button, ...]:
-    """Return the buttons of a JSON list; raise FieldInvalid, which names the member: buttons.1 is the first."""
+    """Return the buttons of a JSON list; raise FieldInvalidError, which names the member: buttons.1 is the first."""
     return made(schemas.value("buttons", given, GivenButtons))
 
 
 def parse_one(given: object) -> Button:
-    """Return one button; raise FieldInvalid."""
+    """Return one button; raise FieldInvalidError."""
     return _made(schemas.value("button", given, GivenButton))
 
 
 def made(given: list[GivenButton]) -> tuple[Button, ...]:
-    """Return the buttons; raise FieldInvalid for two of one name."""
+    """Return the buttons; raise FieldInvalidError for two of one name."""
     buttons = tuple(_made(one) for one in given)
     names = [button.name for button in buttons]
     for name in names:
         if names.count(name) > 1:
-            raise FieldInvalid(
+            raise FieldInvalidError(
                 f"cannot use buttons: there are two of the name {name!r}", "button.name"
             )
     return buttons
@@ -149,7 +151,7 @@ def _made(given: GivenButton) -> Button:
 def _check(value: Any, path: str, depth: int) -> None:
     """Refuse what the relay would not pass on (relay/channels/rosbridge/operations.py), or no robot reads."""
     if depth > MAX_FIELDS_DEPTH:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use {path}: it is nested more than {MAX_FIELDS_DEPTH} deep", path
         )
     if isinstance(value, dict):
@@ -159,6 +161,6 @@ def _check(value: Any, path: str, depth: int) -> None:
         for inner in value:
             _check(inner, path, depth + 1)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise FieldInvalid(f"cannot use {path}: NaN and infinity are no numbers of JSON", path)
+        raise FieldInvalidError(f"cannot use {path}: NaN and infinity are no numbers of JSON", path)
     elif isinstance(value, int) and not WHOLE_64_BIT[0] <= value <= WHOLE_64_BIT[1]:
-        raise FieldInvalid(f"cannot use {path}: a number in it has more than 64 bits", path)
+        raise FieldInvalidError(f"cannot use {path}: a number in it has more than 64 bits", path)

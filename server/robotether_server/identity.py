@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 
 logger = logging.getLogger(__name__)
 
@@ -54,17 +54,17 @@ SIGNATURE_TIMEOUT_S = 5
 
 
 def normalise_mac(text: str, *, allow_local: bool = True) -> str:
-    """Return the MAC in lower case with colons; raise FieldInvalid when it is none that a robot may have."""
+    """Return the MAC in lower case with colons; raise FieldInvalidError when it is none that a robot may have."""
     lower = text.strip(" ").lower()
     if not _MAC_SPELLINGS.fullmatch(lower):
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use mac {text[:MAX_MAC_LENGTH]!r}: it is no MAC address; write it as 00:1b:44:11:3a:b7",
             "mac",
         )
     digits = "".join(part.zfill(2) for part in re.split("[:.-]", lower))
     mac = ":".join(digits[at : at + 2] for at in range(0, len(digits), 2))
     if mac == ZERO_MAC or _first_byte(mac) & MULTICAST:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use mac {text[:MAX_MAC_LENGTH]!r}: it is all zero, broadcast or multicast, which no single "
             "robot has; give that of its network card",
             "mac",
@@ -75,9 +75,9 @@ def normalise_mac(text: str, *, allow_local: bool = True) -> str:
 
 
 def check_universal_mac(mac: str) -> None:
-    """Raise FieldInvalid for a MAC that a machine gave itself: another may have given itself the same."""
+    """Raise FieldInvalidError for a MAC that a machine gave itself: another may have given itself the same."""
     if _first_byte(mac) & LOCAL:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use mac {mac}: it is locally administered, as those of virtual machines and containers "
             "are; give that of a network card, or let an admin announce this one: "
             "robotether robot add NAME --mac MAC --allow-local-mac",
@@ -98,12 +98,12 @@ class PublicKey:
 
 
 def parse_robots_key(text: str) -> PublicKey:
-    """Return a robot's key of one line; raise FieldInvalid when it is none that robots may use."""
+    """Return a robot's key of one line; raise FieldInvalidError when it is none that robots may use."""
     return _parse_key(text, ROBOT_TYPES)
 
 
 def parse_persons_key(text: str) -> PublicKey:
-    """Return a person's key of one line; raise FieldInvalid when it is none that people may use."""
+    """Return a person's key of one line; raise FieldInvalidError when it is none that people may use."""
     return _parse_key(text, PERSON_TYPES)
 
 
@@ -165,8 +165,10 @@ def _check_fields(kind: str, fields: list[bytes]) -> None:
     raise _invalid("its base64 is damaged")
 
 
-def _invalid(why: str) -> FieldInvalid:
-    return FieldInvalid(f"cannot use public_key: {why}; an ssh-ed25519 key is best", "public_key")
+def _invalid(why: str) -> FieldInvalidError:
+    return FieldInvalidError(
+        f"cannot use public_key: {why}; an ssh-ed25519 key is best", "public_key"
+    )
 
 
 def signature_holds(key: PublicKey, namespace: str, message: str, signature: str) -> bool:

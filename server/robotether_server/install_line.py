@@ -19,7 +19,7 @@ from time import monotonic
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
-from robotether_server.problems import FieldInvalid, SiteCertificateUnavailable, reason_in
+from robotether_server.problems import FieldInvalidError, SiteCertificateUnavailableError, reason_in
 from robotether_server.settings import SiteAddressSettings
 
 HTTPS_PORT = 443
@@ -69,7 +69,7 @@ class SiteCertificates:
         self._cached: dict[str, tuple[float, Certificate]] = {}
 
     def certificate(self, host: str) -> Certificate:
-        """Return the certificate, judged for this name or address; raise SiteCertificateUnavailable."""
+        """Return the certificate, judged for this name or address; raise SiteCertificateUnavailableError."""
         with self._lock:
             learnt_at, cached = self._cached.get(host, (0.0, None))
             if cached is not None and self._now() - learnt_at < CERTIFICATE_CACHE_S:
@@ -100,7 +100,7 @@ class EnrolmentLines:
 def enrolment_lines(
     certificates: SiteCertificates, asked: str, token: str, name: str | None = None
 ) -> EnrolmentLines:
-    """Return the lines; raise SiteCertificateUnavailable or FieldInvalid.
+    """Return the lines; raise SiteCertificateUnavailableError or FieldInvalidError.
 
     `asked`: HOST[:PORT] of who asks, which counts where PUBLIC_HOST is not set. `name`: which the robot asks for.
     """
@@ -155,10 +155,12 @@ def _assignments(variables: dict[str, str]) -> str:
 
 
 def parse_site_address(text: str) -> SiteAddress:
-    """Read HOST or HOST:PORT, as in the header Host; raise FieldInvalid."""
+    """Read HOST or HOST:PORT, as in the header Host; raise FieldInvalidError."""
     found = _SITE.fullmatch(text)
     if found is None:
-        raise FieldInvalid(f"cannot use host {text[:80]!r}: it must be a host name or an address")
+        raise FieldInvalidError(
+            f"cannot use host {text[:80]!r}: it must be a host name or an address"
+        )
     return SiteAddress(found["host"].strip("[]"), int(found["port"] or HTTPS_PORT))
 
 
@@ -170,12 +172,12 @@ def site_of(settings: SiteAddressSettings, asked: str) -> SiteAddress:
 
 
 def learn_certificate(endpoint: tuple[str, int], host: str) -> Certificate:
-    """Ask for the certificate that is shown to who asks for this host; raise SiteCertificateUnavailable."""
+    """Ask for the certificate that is shown to who asks for this host; raise SiteCertificateUnavailableError."""
     try:
         shown = _shown(endpoint, host, _unchecked())
         return describe_certificate(shown, is_known=_is_known(endpoint, host))
     except (OSError, ValueError) as error:
-        raise SiteCertificateUnavailable(
+        raise SiteCertificateUnavailableError(
             f"cannot determine this site's certificate: {endpoint[0]}:{endpoint[1]} does not show one "
             f"({reason_in(error)}); try again, and see the log of nginx"
         ) from error

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, get_args
 from msgspec import Meta, Struct, structs
 
 from robotether_server import schemas
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import RosName
 
 Kind = Literal["differential", "holonomic", "ackermann"]
@@ -94,23 +94,25 @@ DEFAULTS = PageSettings()
 
 
 def parse(given: Mapping[str, object]) -> PageSettings:
-    """Return what this JSON object means; raise FieldInvalid, which names the member."""
+    """Return what this JSON object means; raise FieldInvalidError, which names the member."""
     return check(schemas.read(given, PageSettings, "page."))
 
 
 def check(page: PageSettings) -> PageSettings:
-    """Return the settings; raise FieldInvalid where they do not fit together."""
+    """Return the settings; raise FieldInvalidError where they do not fit together."""
     if page.quality_min > page.quality_max:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use page.quality_min: {page.quality_min} is over the highest quality, {page.quality_max}",
             "page.quality_min",
         )
     if (page.width is None) != (page.height is None):
-        raise FieldInvalid("cannot use page.width: give width and height, or neither", "page.width")
+        raise FieldInvalidError(
+            "cannot use page.width: give width and height, or neither", "page.width"
+        )
     topics = [camera.topic for camera in page.cameras]
     for topic in topics:
         if topics.count(topic) > 1:
-            raise FieldInvalid(
+            raise FieldInvalidError(
                 f"cannot use page.cameras: {topic} is there twice",
                 f"page.cameras.{len(topics) - topics[::-1].index(topic)}.topic",
             )

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
-from robotether_server.problems import FieldInvalid, Throttled
+from robotether_server.problems import FieldInvalidError, ThrottledError
 
 MIN_LENGTH = 12
 MAX_LENGTH = 1024
@@ -75,7 +75,7 @@ _places = threading.BoundedSemaphore(AT_ONCE + MAX_WAITING)
 @contextmanager
 def _in_turn() -> Iterator[None]:
     if not _places.acquire(blocking=False):
-        raise Throttled(
+        raise ThrottledError(
             "cannot check the password now: too many people log in at this moment; try again in a few seconds",
             THROTTLED_S,
         )
@@ -104,16 +104,16 @@ def new_password() -> str:
 
 
 def hash_password(password: str) -> str:
-    """Return the text for users.password_hash; raise FieldInvalid when it is too short or long, or Throttled."""
+    """Return the text for users.password_hash; raise FieldInvalidError when it is too short or long, or Throttled."""
     if not MIN_LENGTH <= len(password) <= MAX_LENGTH:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use this password: use at least {MIN_LENGTH} characters"
             if len(password) < MIN_LENGTH
             else f"cannot use this password: use at most {MAX_LENGTH} characters",
             "password",
         )
     if is_common(password):
-        raise FieldInvalid(
+        raise FieldInvalidError(
             "cannot use this password: it is among those that are tried first; choose another, such as "
             "four words that have nothing to do with each other",
             "password",

@@ -15,7 +15,7 @@ from http import HTTPStatus
 PROBLEM_JSON = "application/problem+json"
 
 
-class Problem(Exception):  # noqa: N818 - the word of RFC 9457 for what it renders
+class RobotetherError(Exception):
     """A failure with a code for machines and a sentence for people."""
 
     code: str = "internal_error"
@@ -45,7 +45,7 @@ class Problem(Exception):  # noqa: N818 - the word of RFC 9457 for what it rende
         }
 
     @property
-    def each(self) -> Sequence[Problem]:
+    def each(self) -> Sequence[RobotetherError]:
         """The problems of single fields, in the order of the form."""
         return (self,)
 
@@ -79,23 +79,23 @@ def reason_in(error: Exception) -> str:
     return getattr(error, "strerror", None) or "no reason is known"
 
 
-class SettingsError(Problem, code="settings_invalid"):
+class SettingsError(RobotetherError, code="settings_invalid"):
     """A variable of the environment is missing or has a value that is not allowed."""
 
 
-class MigrationFailed(Problem, code="migration_failed"):
+class MigrationFailedError(RobotetherError, code="migration_failed"):
     """The database could not be brought to this version's schema."""
 
 
-class StoreProblem(Problem):
+class StoreError(RobotetherError):
     """The database refused or could not be asked."""
 
 
-class StoreUnavailable(StoreProblem, code="store_unavailable", status=503):
+class StoreUnavailableError(StoreError, code="store_unavailable", status=503):
     """The database does not answer, or is too busy; asking again later may help."""
 
 
-class RecordExists(StoreProblem, code="record_exists", status=409):
+class RecordExistsError(StoreError, code="record_exists", status=409):
     """A unique key would occur twice; `key` is its name."""
 
     def __init__(self, detail: str, key: str = "") -> None:
@@ -112,107 +112,107 @@ KEYS_FIELDS = {
 }
 
 
-class RecordMissing(StoreProblem, code="record_missing", status=404):
+class RecordMissingError(StoreError, code="record_missing", status=404):
     """Something that an admin named does not exist."""
 
 
-class RecordRefused(StoreProblem, code="record_refused", status=422):
+class RecordRefusedError(StoreError, code="record_refused", status=422):
     """A value is not valid for its column, or a trigger refused it with a sentence."""
 
 
-class Unauthorized(Problem, status=401):
+class UnauthorizedError(RobotetherError, status=401):
     """Who asks is not known."""
 
 
-class LoginMissing(Unauthorized, code="login_missing"):
+class LoginMissingError(UnauthorizedError, code="login_missing"):
     """No valid login came with the request."""
 
 
-class LoginFailed(Unauthorized, code="login_failed"):
+class LoginFailedError(UnauthorizedError, code="login_failed"):
     """User or password is wrong; it does not say which."""
 
 
-class TokenInvalid(Unauthorized, code="token_invalid"):
+class TokenInvalidError(UnauthorizedError, code="token_invalid"):
     """The API token is unknown, expired, or its user is disabled."""
 
 
-class TokenExpired(Unauthorized, code="token_expired"):
+class TokenExpiredError(UnauthorizedError, code="token_expired"):
     """The join token's time is over."""
 
 
-class TokenUsedUp(Unauthorized, code="token_used_up"):
+class TokenUsedUpError(UnauthorizedError, code="token_used_up"):
     """The join token has no uses left, or has admitted this key before."""
 
 
-class TicketProblem(Unauthorized):
+class TicketError(UnauthorizedError):
     """A ticket does not open what it was shown for."""
 
 
-class TicketMissing(TicketProblem, code="ticket_missing"):
+class TicketMissingError(TicketError, code="ticket_missing"):
     """No ticket and no login came with the request."""
 
 
-class TicketMalformed(TicketProblem, code="ticket_malformed"):
+class TicketMalformedError(TicketError, code="ticket_malformed"):
     """The text is no ticket at all."""
 
 
-class TicketForged(TicketProblem, code="ticket_forged"):
+class TicketForgedError(TicketError, code="ticket_forged"):
     """The signature was not made with this site's key."""
 
 
-class TicketExpired(TicketProblem, code="ticket_expired"):
+class TicketExpiredError(TicketError, code="ticket_expired"):
     """The ticket is too old."""
 
 
-class TicketUsed(TicketProblem, code="ticket_used"):
+class TicketUsedError(TicketError, code="ticket_used"):
     """The ticket has opened a connection already."""
 
 
-class TicketForeign(TicketProblem, code="ticket_foreign"):
+class TicketForeignError(TicketError, code="ticket_foreign"):
     """The ticket is for another robot."""
 
 
-class Forbidden(Problem, status=403):
+class ForbiddenError(RobotetherError, status=403):
     """Who asks is known and may not."""
 
 
-class OriginRefused(Forbidden, code="origin_refused"):
+class OriginRefusedError(ForbiddenError, code="origin_refused"):
     """The page that asks comes from another site."""
 
 
-class CsrfRefused(Forbidden, code="csrf_refused"):
+class CsrfRefusedError(ForbiddenError, code="csrf_refused"):
     """A request that changes something came without the page's own token."""
 
 
-class DestinationRefused(Forbidden, code="destination_refused"):
+class DestinationRefusedError(ForbiddenError, code="destination_refused"):
     """A page would run or apply what a robot answers."""
 
 
-class GrantMissing(Forbidden, code="grant_missing"):
+class GrantMissingError(ForbiddenError, code="grant_missing"):
     """The user may see the robot but not do this with it."""
 
 
-class RobotDisabled(Forbidden, code="robot_disabled"):
+class RobotDisabledError(ForbiddenError, code="robot_disabled"):
     """An admin has disabled the robot."""
 
 
-class KeyRejected(Forbidden, code="key_rejected"):
+class KeyRejectedError(ForbiddenError, code="key_rejected"):
     """An admin rejected this key."""
 
 
-class KeyUnproven(Forbidden, code="key_unproven"):
+class KeyUnprovenError(ForbiddenError, code="key_unproven"):
     """Who joins did not show that it has the key's private half."""
 
 
-class TokenRequired(Forbidden, code="token_required"):
+class TokenRequiredError(ForbiddenError, code="token_required"):
     """Robots join with a token only."""
 
 
-class RobotUnknown(Problem, code="robot_unknown", status=404):
+class RobotUnknownError(RobotetherError, code="robot_unknown", status=404):
     """There is no such robot, or none that this user may see."""
 
 
-class FieldInvalid(Problem, code="field_invalid", status=422):
+class FieldInvalidError(RobotetherError, code="field_invalid", status=422):
     """A field from outside is missing or has a wrong value; the detail names it, and `field` if it is one of a form."""
 
     def __init__(self, detail: str, field: str = "") -> None:
@@ -220,56 +220,56 @@ class FieldInvalid(Problem, code="field_invalid", status=422):
         self.field = field
 
 
-class FieldsInvalid(FieldInvalid):
+class FieldsInvalidError(FieldInvalidError):
     """Several fields of a form are wrong; the detail is the first one's."""
 
-    def __init__(self, each: Sequence[FieldInvalid]) -> None:
+    def __init__(self, each: Sequence[FieldInvalidError]) -> None:
         super().__init__(each[0].detail, each[0].field)
         self._each = each
 
     @property
-    def each(self) -> Sequence[Problem]:
+    def each(self) -> Sequence[RobotetherError]:
         """The problems of single fields, in the order of the form."""
         return self._each
 
 
-class MacInUse(Problem, code="mac_in_use", status=409):
+class MacInUseError(RobotetherError, code="mac_in_use", status=409):
     """The row of this MAC holds another key."""
 
 
-class KeyInUse(Problem, code="key_in_use", status=409):
+class KeyInUseError(RobotetherError, code="key_in_use", status=409):
     """The key belongs to the row of another MAC."""
 
 
-class MacElsewhere(Problem, code="mac_elsewhere", status=409):
+class MacElsewhereError(RobotetherError, code="mac_elsewhere", status=409):
     """The robot is online on another machine; who asks is a copy of its disk."""
 
 
-class NotPossible(Problem, code="not_possible", status=409):
+class NotPossibleError(RobotetherError, code="not_possible", status=409):
     """An admin asks for what the record's present state does not allow."""
 
 
-class LeaseFree(Problem, code="lease_free", status=409):
+class LeaseFreeError(RobotetherError, code="lease_free", status=409):
     """Nobody drives the robot, so there is nobody to ask."""
 
 
-class LeaseNotYours(Problem, code="lease_not_yours", status=409):
+class LeaseNotYoursError(RobotetherError, code="lease_not_yours", status=409):
     """Only the driver may answer who asks."""
 
 
-class NobodyAsks(Problem, code="nobody_asks", status=409):
+class NobodyAsksError(RobotetherError, code="nobody_asks", status=409):
     """There is no question to answer or to take back."""
 
 
-class AlreadyAsked(Problem, code="already_asked", status=409):
+class AlreadyAskedError(RobotetherError, code="already_asked", status=409):
     """Somebody else waits for the control already."""
 
 
-class LastAdmin(Problem, code="last_admin", status=409):
+class LastAdminError(RobotetherError, code="last_admin", status=409):
     """Nobody could administer this site any more."""
 
 
-class Throttled(Problem, code="throttled", status=429):
+class ThrottledError(RobotetherError, code="throttled", status=429):
     """Too many attempts; the next one is accepted after `retry_after_s`."""
 
     def __init__(self, detail: str, retry_after_s: int) -> None:
@@ -277,31 +277,31 @@ class Throttled(Problem, code="throttled", status=429):
         self.retry_after_s = retry_after_s
 
 
-class TooManyPending(Problem, code="too_many_pending", status=429):
+class TooManyPendingError(RobotetherError, code="too_many_pending", status=429):
     """As many robots wait for approval as may."""
 
 
-class TooManyConnections(Problem, code="too_many_connections", status=429):
+class TooManyConnectionsError(RobotetherError, code="too_many_connections", status=429):
     """As many connections of this kind are open as may be, of this user or to this robot."""
 
 
-class SiteCertificateUnavailable(Problem, code="front_unavailable", status=503):
+class SiteCertificateUnavailableError(RobotetherError, code="front_unavailable", status=503):
     """The certificate that this site shows cannot be learnt now."""
 
 
-class RobotOffline(Problem, code="robot_offline", status=503):
+class RobotOfflineError(RobotetherError, code="robot_offline", status=503):
     """The robot has no tunnel."""
 
 
-class GuardSilent(Problem, code="guard_silent", status=504):
+class GuardSilentError(RobotetherError, code="guard_silent", status=504):
     """The robot is online, and its guard does not confirm."""
 
 
-class VideoDown(Problem, code="video_down", status=502):
+class VideoDownError(RobotetherError, code="video_down", status=502):
     """The tunnel is there; web_video_server on the robot does not answer."""
 
 
-class NoFrames(VideoDown, code="no_frames"):
+class NoFramesError(VideoDownError, code="no_frames"):
     """web_video_server is there; the camera's topic gives no frame."""
 
 
@@ -314,7 +314,7 @@ OLD_PHRASES = {
 }
 
 
-class HttpProblem(Problem):
+class HttpError(RobotetherError):
     """An error that HTTP itself has a status for, such as a path that does not exist."""
 
     def __init__(self, status: int, detail: str) -> None:

@@ -21,7 +21,7 @@ from robotether_server import buttons as button_settings
 from robotether_server import page_settings, schemas
 from robotether_server.buttons import Button, GivenButtons
 from robotether_server.page_settings import PageSettings
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import GLOBS_SCHEMA, GivenGlobs, Level
 
 SHELL_USER_PATTERN = "^[a-z_][a-z0-9_-]*$"
@@ -34,7 +34,7 @@ def _drive_topics(given: object, path: str) -> Globs:
     globs = schemas.read_globs(given, path)
     if not globs.patterns:
         # Without one, every command would pass the guard unseen.
-        raise FieldInvalid(f"cannot use {path}: it must name at least one topic", path)
+        raise FieldInvalidError(f"cannot use {path}: it must name at least one topic", path)
     return globs
 
 
@@ -233,9 +233,9 @@ class GivenSettings(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def parse(given: object) -> RobotSettings:
-    """Return the settings that this JSON object means; raise FieldInvalid, which names the member."""
+    """Return the settings that this JSON object means; raise FieldInvalidError, which names the member."""
     if not isinstance(given, Mapping):
-        raise FieldInvalid("cannot use settings: it must be a JSON object")
+        raise FieldInvalidError("cannot use settings: it must be a JSON object")
     members = schemas.read(given, GivenSettings, of="settings")
     policy = members.policy
     settings = RobotSettings(
@@ -265,15 +265,15 @@ def lacking(settings: RobotSettings, button: Button) -> str | None:
 
 
 def check_button(settings: RobotSettings, button: Button) -> None:
-    """Raise FieldInvalid for a button that no driver may press, or that would move the robot past the controls."""
+    """Raise FieldInvalidError for a button that no driver may press, or that would move the robot past the controls."""
     if button.kind == "publish" and settings.guard.drive_topics.match(button.target):
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use button {button.name!r}: {button.target} is a drive topic of this robot (guard.drive_topics), "
             "and those are for the page's own controls",
             "button.target",
         )
     if (path := lacking(settings, button)) is not None:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use button {button.name!r}: the robot's policy does not let a driver {button.kind} "
             f"{button.target}; an admin adds it to {path}, or the button goes",
             "button.target",
@@ -284,7 +284,7 @@ def _check_drive_topic(settings: RobotSettings) -> None:
     topic = settings.page.drive_topic
     if topic is not None and not settings.guard.drive_topics.match(topic):
         # The guard would not watch over it: nothing would stop the robot when commands stop.
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use page.drive_topic: {topic} is no drive topic of this robot; an admin adds it to "
             "guard.drive_topics",
             "page.drive_topic",

@@ -19,7 +19,7 @@ from robotether_common.ros import GLOB_PATTERN, MAX_GLOB_LENGTH, MAX_GLOBS, Glob
 from robotether_common.ros import MAX_NAME_LENGTH as MAX_ROS_NAME_LENGTH
 
 from robotether_server import identity, times
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 
 MAX_NAME_LENGTH = 63
 PLAIN_NAME_PATTERN = "^[a-z0-9][a-z0-9._-]{0,62}$"
@@ -116,14 +116,14 @@ GivenTimestamp = Annotated[
 
 
 def read_globs(given: object, path: str) -> Globs:
-    """Return patterns for names; raise FieldInvalid."""
+    """Return patterns for names; raise FieldInvalidError."""
     if not isinstance(given, list | tuple) or len(given) > MAX_GLOBS:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use {path}: it must be a list of at most {MAX_GLOBS} names", path
         )
     for pattern in given:
         if not isinstance(pattern, str) or not is_glob(pattern):
-            raise FieldInvalid(
+            raise FieldInvalidError(
                 f"cannot use {path}: {str(pattern)[:40]!r} is no full name, such as /arm/move or */cmd_vel; a "
                 f"name begins with / or *, has a-z, A-Z, 0-9, _, / and * and at most {MAX_GLOB_LENGTH} characters",
                 path,
@@ -167,7 +167,7 @@ class StructField(NamedTuple):
 
 
 def read_body(given: Mapping[str, object], hint: Any) -> Any:
-    """Return the Struct of these members, at least one if its type says so; raise FieldInvalid."""
+    """Return the Struct of these members, at least one if its type says so; raise FieldInvalidError."""
     kind: Any = _info(hint)
     least = 0
     if isinstance(kind, inspect.Metadata):
@@ -178,12 +178,12 @@ def read_body(given: Mapping[str, object], hint: Any) -> Any:
     found = read(given, kind.cls)
     if len(given) < least:
         names = ", ".join(field.name for field in _fields(kind.cls).values())
-        raise FieldInvalid(f"cannot change anything: give one of {names}")
+        raise FieldInvalidError(f"cannot change anything: give one of {names}")
     return found
 
 
 def read(given: Mapping[str, object], kind: type[S], path: str = "", *, of: str = "") -> S:
-    """Return the Struct of these members; raise FieldInvalid.
+    """Return the Struct of these members; raise FieldInvalidError.
 
     `path` is where they are, with a dot at its end; `of` names what they are the settings of.
     """
@@ -201,7 +201,7 @@ def read(given: Mapping[str, object], kind: type[S], path: str = "", *, of: str 
 
 
 def read_query(given: Mapping[str, str], kind: type[S]) -> S:
-    """Return the Struct of a query, whose numbers are written in decimal digits; raise FieldInvalid."""
+    """Return the Struct of a query, whose numbers are written in decimal digits; raise FieldInvalidError."""
     known = {field.name: field for field in _fields(kind).values()}
     plain: dict[str, object] = {
         name: _number(text, known[name]) if name in known else text for name, text in given.items()
@@ -210,26 +210,26 @@ def read_query(given: Mapping[str, str], kind: type[S]) -> S:
 
 
 def value(name: str, given: object, hint: Any) -> Any:
-    """Return the value converted to its type; raise FieldInvalid."""
+    """Return the value converted to its type; raise FieldInvalidError."""
     return _read_field(given, _field(name, hint, _info(hint), is_required=True), "")
 
 
 def check(name: str, given: object, hint: Any) -> None:
-    """Raise FieldInvalid unless the value is as its type says, without white space around it."""
+    """Raise FieldInvalidError unless the value is as its type says, without white space around it."""
     field = _field(name, hint, _info(hint), is_required=True)
     if _read_field(given, field, "") != given:
         raise _refusal(name, field)
 
 
 def _check_known(given: Mapping[str, object], known: list[str], of: str) -> None:
-    """Raise FieldInvalid for a member that nobody would read, such as a misspelt one."""
+    """Raise FieldInvalidError for a member that nobody would read, such as a misspelt one."""
     for key in given:
         if key not in known:
             name = repr(str(key)[:40])
             names = ", ".join(known)
             if of:
-                raise FieldInvalid(f"cannot use {of}: {name} is no setting; there is {names}")
-            raise FieldInvalid(f"cannot use {name}: there is no such field; known are {names}")
+                raise FieldInvalidError(f"cannot use {of}: {name} is no setting; there is {names}")
+            raise FieldInvalidError(f"cannot use {name}: there is no such field; known are {names}")
 
 
 @cache
@@ -296,7 +296,9 @@ def _struct(given: Mapping[str, object], kind: Any, name: str) -> Any:
     tag_field = kind.types[0].tag_field
     tag = given.get(tag_field)
     if not isinstance(tag, str) or tag not in tags:
-        raise FieldInvalid(f"cannot use {name}.{tag_field}: it must be one of {', '.join(tags)}")
+        raise FieldInvalidError(
+            f"cannot use {name}.{tag_field}: it must be one of {', '.join(tags)}"
+        )
     return tags[tag].cls
 
 
@@ -357,8 +359,8 @@ def _number(text: str, field: StructField) -> object:
     return int(text) if isinstance(field.kind, inspect.IntType) and is_plain else text
 
 
-def _refusal(name: str, field: StructField) -> FieldInvalid:
-    return FieldInvalid(f"cannot use {name}: it must be {_must_be(field)}", name)
+def _refusal(name: str, field: StructField) -> FieldInvalidError:
+    return FieldInvalidError(f"cannot use {name}: it must be {_must_be(field)}", name)
 
 
 def _must_be(field: StructField) -> str:

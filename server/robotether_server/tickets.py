@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import msgspec
 from itsdangerous import BadData, BadSignature, URLSafeTimedSerializer
 
-from robotether_server.problems import TicketExpired, TicketForged, TicketMalformed
+from robotether_server.problems import TicketExpiredError, TicketForgedError, TicketMalformedError
 
 Mode = Literal["observe", "drive"]
 CredentialKind = Literal["login", "token"]
@@ -68,36 +68,38 @@ class TicketSigner:
     def verify(self, text: str) -> tuple[Ticket, dt.datetime]:
         """Return the ticket and the time of its signature, to the second.
 
-        Raises TicketMalformed, TicketForged or TicketExpired.
+        Raises TicketMalformedError, TicketForgedError or TicketExpiredError.
         """
         try:
             fields, issued_at = self._serializer.loads(text, return_timestamp=True)
         except BadSignature as error:
             raise _why_unsigned(text) from error
         except BadData as error:
-            raise TicketMalformed("cannot read the ticket; get a new one") from error
+            raise TicketMalformedError("cannot read the ticket; get a new one") from error
         age_s = int(time.time()) - issued_at.timestamp()
         if age_s > self.ttl_s:
-            raise TicketExpired(
+            raise TicketExpiredError(
                 f"cannot accept the ticket: it is older than {self.ttl_s} s; get a new one"
             )
         if age_s < -MAX_AHEAD_S:
-            raise TicketExpired(
+            raise TicketExpiredError(
                 "cannot accept the ticket: the clock of the machine that signed it is ahead"
             )
         return _ticket(fields), issued_at
 
 
-def _why_unsigned(text: str) -> TicketForged | TicketMalformed:
+def _why_unsigned(text: str) -> TicketForgedError | TicketMalformedError:
     # A dot in front marks a compressed payload.
     if len(text.removeprefix(".").split(".")) == PARTS:
-        return TicketForged("cannot accept the ticket: this site did not sign it; get a new one")
-    return TicketMalformed("cannot read the ticket; get a new one")
+        return TicketForgedError(
+            "cannot accept the ticket: this site did not sign it; get a new one"
+        )
+    return TicketMalformedError("cannot read the ticket; get a new one")
 
 
 def _ticket(fields: object) -> Ticket:
     """Check the fields too: the same key may have signed another version's ticket."""
-    problem = TicketMalformed("cannot read the ticket: it has other fields; get a new one")
+    problem = TicketMalformedError("cannot read the ticket: it has other fields; get a new one")
     if not isinstance(fields, dict):
         raise problem
     if fields.keys() | {"remembered"} != Ticket.__dataclass_fields__.keys():

@@ -7,7 +7,7 @@ import datetime as dt
 import re
 from typing import overload
 
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 
 MAX_TEXT_LENGTH = 40
 MUST_BE = "a moment with its offset, such as 2026-01-31T12:00:00Z"
@@ -43,13 +43,13 @@ def rfc3339(timestamp: dt.datetime | None) -> str | None:
 
 
 def timestamp(field: str, text: str) -> dt.datetime:
-    """Parse an RFC 3339 time, such as 2026-01-31T12:00:00Z, into UTC; raise FieldInvalid."""
+    """Parse an RFC 3339 time, such as 2026-01-31T12:00:00Z, into UTC; raise FieldInvalidError."""
     try:
         if _TIMESTAMP.fullmatch(text):
             return dt.datetime.fromisoformat(text.upper()).astimezone(dt.UTC)
     except (ValueError, OverflowError):
         pass
-    raise FieldInvalid(f"cannot use {field}: it must be {MUST_BE}", field)
+    raise FieldInvalidError(f"cannot use {field}: it must be {MUST_BE}", field)
 
 
 def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:
@@ -59,19 +59,21 @@ def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:
             clock = _LAST_OF_DAY if is_end else _FIRST_OF_DAY
             return dt.datetime.combine(dt.date.fromisoformat(text), clock)
         return timestamp(field, text)
-    except (ValueError, FieldInvalid) as error:
-        raise FieldInvalid(
+    except (ValueError, FieldInvalidError) as error:
+        raise FieldInvalidError(
             f"cannot use {field}: it must be a day in UTC, such as 2026-01-31, or {MUST_BE}",
             field,
         ) from error
 
 
 def check_end(field: str, ends_at: dt.datetime) -> None:
-    """Raise FieldInvalid for an end that has passed, or is so far away that it must be a mistake."""
+    """Raise FieldInvalidError for an end that has passed, or is so far away that it must be a mistake."""
     wait = ends_at - dt.datetime.now(dt.UTC)
     if wait <= dt.timedelta():
-        raise FieldInvalid(f"cannot use {field}: it has passed; give a moment in the future", field)
+        raise FieldInvalidError(
+            f"cannot use {field}: it has passed; give a moment in the future", field
+        )
     if wait > MAX_WAIT:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use {field}: it is more than ten years away; leave it out for no end", field
         )

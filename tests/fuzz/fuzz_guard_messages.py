@@ -16,7 +16,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[2] / name) for name in ("co
 
 with atheris.instrument_imports(include=["robotether_common", "robotether_agent.guard"]):
     from robotether_agent.guard import drive_messages
-    from robotether_agent.guard.drive_messages import DriveTopics, Refused
+    from robotether_agent.guard.drive_messages import DriveMessageRefusedError, DriveTopics
 
 TOPICS = DriveTopics(["/cmd_vel", "*/cmd_vel", "/base/vel*"])
 SEEDS = (
@@ -32,7 +32,7 @@ def one_input(data: bytes) -> None:
     """Check one message as the client proxy and the drive controller do."""
     try:
         found = drive_messages.drive_message(data, TOPICS)
-    except drive_messages.Unclear:
+    except drive_messages.DriveMessageUnclearError:
         return
     if found is None:
         must_not_drive(json.loads(data))
@@ -55,7 +55,7 @@ def must_be_sound(found: drive_messages.DriveMessage) -> None:
     """What a command says anew is JSON, and says the same when it is read again."""
     try:
         command = drive_messages.read_command(found.fields.get("msg", {}), None)
-    except Refused:
+    except DriveMessageRefusedError:
         return
     again = json.loads(json.dumps(drive_messages.write_command(command), allow_nan=False))
     assert drive_messages.read_command(again, None).linear == command.linear

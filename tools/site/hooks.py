@@ -164,7 +164,7 @@ def _problems() -> list[str]:
     rows = [
         (int(one.status), one.code, _cell(inspect.getdoc(one) or ""))
         for one in found
-        if issubclass(one, problems.Problem) and "code" in vars(one)
+        if issubclass(one, problems.RobotetherError) and "code" in vars(one)
     ]
     return [f"| {status} | `{code}` | {meaning} |" for status, code, meaning in sorted(rows)]
 

@@ -21,7 +21,7 @@ from robotether_agent.enrolment.identity import IdentityStore, interface_with
 from robotether_agent.exposure import ADDRESS_ADVICE, PAST_GUARD, exposed_at, rosbridge_advice
 from robotether_agent.fields import printable
 from robotether_agent.files import FULL_ADVICE, NO_INODES, READ_ONLY
-from robotether_agent.problems import AgentProblem
+from robotether_agent.problems import AgentError
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import Settings
 from robotether_agent.status import is_alive, read_status
@@ -93,7 +93,7 @@ def check_mac(settings: Settings, root: Path = Path("/")) -> Finding:
         known = EnrolmentStore(settings.state_dir).load(settings.server)
         store = IdentityStore(settings, root, keeps=False)
         found = store.identity(known.mac if known else None)
-    except AgentProblem as problem:
+    except AgentError as problem:
         return fail("mac", problem.message, problem.advice)
     if not found.is_present:
         had = found.interface or "another interface"
@@ -107,7 +107,7 @@ async def check_key(settings: Settings) -> Finding:
     """Whether the robot has a key that OpenSSH can use."""
     try:
         key = await keys.present_key(settings.state_dir)
-    except AgentProblem as problem:
+    except AgentError as problem:
         return fail("key", problem.message, problem.advice)
     if key is None:
         return fail(

@@ -31,7 +31,7 @@ from robotether_agent.enrolment.join import REDIRECTS, SshAccess, parse_ssh
 from robotether_agent.fields import FieldError, get_object, get_text, parse_object, printable
 from robotether_agent.net.http_proxy import DEAD_ADVICE, Proxy, ask_for, proxy_of
 from robotether_agent.net.tcp import CHECK_NETWORK, CHECK_SERVER, Resolver, connect
-from robotether_agent.problems import AgentProblem
+from robotether_agent.problems import AgentError
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 
@@ -124,11 +124,11 @@ async def view_server(settings: Settings) -> ServerView:
         return replace(seen, no_address=cause_of(error, TIMEOUT_S))
     try:
         await within(TIMEOUT_S, _connect(settings, None))
-    except (AgentProblem, OSError, asyncio.TimeoutError) as error:
+    except (AgentError, OSError, asyncio.TimeoutError) as error:
         return replace(seen, no_port=_reason(error, CHECK_NETWORK))
     try:
         seen = replace(seen, certificate=await within(TIMEOUT_S, _connect(settings, _blind())))
-    except (AgentProblem, OSError, ValueError, asyncio.TimeoutError) as error:
+    except (AgentError, OSError, ValueError, asyncio.TimeoutError) as error:
         return replace(seen, no_tls=_reason(error, SILENT_ADVICE))
     seen = replace(seen, distrust=await _distrust(settings))
     try:
@@ -266,7 +266,7 @@ async def _joined(proxy: Proxy, host: str, port: int) -> socket.socket:
 
 def _reason(error: BaseException, if_silent: str) -> Cause:
     """Return the cause in `error`; `if_silent` is the advice on no answer at all."""
-    if isinstance(error, AgentProblem):
+    if isinstance(error, AgentError):
         return Cause(error.message, error.advice)
     cause = cause_of(error, TIMEOUT_S)
     is_silent = isinstance(error, asyncio.TimeoutError) and not cause.advice
@@ -280,7 +280,7 @@ async def _distrust(settings: Settings) -> Cause:
     try:
         context = ssl.create_default_context(cafile=settings.ca_file)
         await within(TIMEOUT_S, _connect(settings, context))
-    except (AgentProblem, OSError, asyncio.TimeoutError) as error:
+    except (AgentError, OSError, asyncio.TimeoutError) as error:
         return _reason(error, SILENT_ADVICE)
     return NO_CAUSE
 

@@ -16,12 +16,12 @@ from robotether_agent.net.happy_eyeballs import WHERE, said_once
 from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.problems import (
-    AgentProblem,
-    KeyRefused,
-    NoAnswer,
-    ServerKeyChanged,
-    ServerUnreachable,
-    SshMissing,
+    AgentError,
+    KeyRefusedError,
+    NoAnswerError,
+    ServerKeyChangedError,
+    ServerUnreachableError,
+    SshMissingError,
 )
 from robotether_agent.settings import Settings
 from robotether_agent.status import (
@@ -52,7 +52,7 @@ def check_join(settings: Settings, status: Status | None) -> Finding:
     """Whether the server has let this robot in."""
     try:
         known = EnrolmentStore(settings.state_dir).load(settings.server)
-    except AgentProblem as problem:
+    except AgentError as problem:
         return fail("join", problem.message, problem.advice)
     if status is not None and status.state == "pending":
         return fail(
@@ -74,7 +74,7 @@ async def check_ssh(
     store = EnrolmentStore(settings.state_dir)
     try:
         known, pinned = store.load(settings.server), keys.pinned_host_keys(store.known_hosts)
-    except AgentProblem as problem:
+    except AgentError as problem:
         return [fail("ssh", problem.message, problem.advice)]
     access = known.ssh if known else announced
     if access is None and settings.ssh_ports:
@@ -83,17 +83,17 @@ async def check_ssh(
         return [skipped("ssh", "the server has not said at which ports robots connect")]
     targets = _targets(settings, access)
     problems = await asyncio.gather(*(_problem_at(target, store) for target in targets))
-    one_works = any(isinstance(problem, KeyRefused) for problem in problems)
+    one_works = any(isinstance(problem, KeyRefusedError) for problem in problems)
     # Ports of which the same is to be said stand in one line.
-    alike: dict[str, list[tuple[SshAddress, AgentProblem]]] = {}
+    alike: dict[str, list[tuple[SshAddress, AgentError]]] = {}
     for target, found in zip(targets, problems, strict=True):
         alike.setdefault(_reason_of(found, target), []).append((target, found))
     return [_finding(group, pinned, above, one_works=one_works) for group in alike.values()]
 
 
-def _reason_of(problem: AgentProblem, target: SshAddress) -> str:
+def _reason_of(problem: AgentError, target: SshAddress) -> str:
     """Return what tells apart what is to be said of two ports."""
-    if isinstance(problem, KeyRefused):
+    if isinstance(problem, KeyRefusedError):
         return str(target)
     return problem.message.replace(str(target), target.host)
 
@@ -207,20 +207,20 @@ def _targets(settings: Settings, ssh: SshAccess) -> list[SshAddress]:
     ]
 
 
-async def _problem_at(target: SshAddress, store: EnrolmentStore) -> AgentProblem:
-    """Return what ends a connection without a key: KeyRefused when all before that is well."""
+async def _problem_at(target: SshAddress, store: EnrolmentStore) -> AgentError:
+    """Return what ends a connection without a key: KeyRefusedError when all before that is well."""
     try:
         connection = await (target.dialer or ServerDialer()).open(target)
-    except (NoAnswer, ServerUnreachable) as problem:
+    except (NoAnswerError, ServerUnreachableError) as problem:
         return problem
     with connection:
         try:
             status, words = await within(TIMEOUT_S, _ask_client(target, store, connection))
         except FileNotFoundError:
-            return SshMissing("cannot look at the SSH ports: there is no OpenSSH client (ssh)")
+            return SshMissingError("cannot look at the SSH ports: there is no OpenSSH client (ssh)")
         except asyncio.TimeoutError:
             why = f"cannot reach SSH at {target}: {SILENT}"
-            return ServerUnreachable(why, advice=SILENT_ADVICE)
+            return ServerUnreachableError(why, advice=SILENT_ADVICE)
     files = SshFiles((), store.known_hosts, store.known_hosts)
     return why_not_connected(words.splitlines(), status, target, files)
 
@@ -251,7 +251,7 @@ async def _ask_client(
 
 
 def _finding(
-    alike: list[tuple[SshAddress, AgentProblem]],
+    alike: list[tuple[SshAddress, AgentError]],
     pinned: list[HostKey],
     above: Sequence[Finding],
     *,
@@ -260,12 +260,12 @@ def _finding(
     """Return what is to be said of ports with the same problem."""
     target, problem = alike[0]
     step = f"ssh {', '.join(str(at.port) for at, _ in alike)}"
-    if isinstance(problem, KeyRefused):
+    if isinstance(problem, KeyRefusedError):
         return ok(step, f"{target.host} answers with the pinned host key")
-    if isinstance(problem, ServerKeyChanged) and not pinned:
+    if isinstance(problem, ServerKeyChangedError) and not pinned:
         return skipped(step, f"{target.host} answers; no host key is pinned before the first join")
     message = said_once(one.message for _, one in alike)
-    if isinstance(problem, ServerKeyChanged):
+    if isinstance(problem, ServerKeyChangedError):
         known = ", ".join(key.fingerprint for key in pinned)
         return fail(step, f"{message}; pinned is {known}", problem.advice)
     if one_works:

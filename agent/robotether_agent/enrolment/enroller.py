@@ -58,14 +58,14 @@ from robotether_agent.files import (
     write_atomic,
 )
 from robotether_agent.problems import (
-    AgentProblem,
-    AlreadyRunning,
-    AnswerInvalid,
-    JoinRefused,
-    ServerUnreachable,
-    SettingsInvalid,
-    StateUnusable,
-    TlsUntrusted,
+    AgentError,
+    AlreadyRunningError,
+    AnswerInvalidError,
+    JoinRefusedError,
+    ServerUnreachableError,
+    SettingsInvalidError,
+    StateUnusableError,
+    TlsUntrustedError,
 )
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
@@ -80,11 +80,11 @@ TOKEN_USELESS = frozenset(
 NEXT_KEY_USELESS = frozenset({"key_rejected", "key_in_use"})
 # Faults of the web, or of this robot's own files: what was pinned is enough for the tunnel.
 HARMLESS_ONCE_ENROLLED = (
-    ServerUnreachable,
-    TlsUntrusted,
-    AnswerInvalid,
-    SettingsInvalid,
-    StateUnusable,
+    ServerUnreachableError,
+    TlsUntrustedError,
+    AnswerInvalidError,
+    SettingsInvalidError,
+    StateUnusableError,
 )
 # Minimum interval between requests for the server's address: servers rarely move, and one whose
 # sshd is down gets requests from its whole fleet.
@@ -246,14 +246,14 @@ class Enroller:
             if (known := self._known()) is not None:
                 # Not synced: somebody may drive, and the guard stops a robot whose agent waits for a slow disk.
                 self._store.write(known, lasts=False)
-        except StateUnusable as problem:
+        except StateUnusableError as problem:
             self._repeats.log_problem("list of cells", problem)
 
     async def refresh(self) -> None:
         """Ask where the server is now, for as long as it takes; what goes wrong is only reported."""
         try:
             await self.join()
-        except AgentProblem as problem:
+        except AgentError as problem:
             self._repeats.log_problem("join", problem)
 
     async def report_host_key(self) -> None:
@@ -263,7 +263,7 @@ class Enroller:
                 self._request(self.identity(), await self.key()), host_key_refused=True
             )
             await within(QUICK_ANSWER_S, join(self._settings, request))
-        except (AgentProblem, asyncio.TimeoutError) as error:
+        except (AgentError, asyncio.TimeoutError) as error:
             log.debug("the server was not told of its host key: %s", error)
 
     async def join(self) -> Enrolment:
@@ -332,7 +332,7 @@ class Enroller:
             name = self._settings.name if token else None
             request = replace(request, token=token, name=name)
             return await join(self._settings, await _signed(request, key))
-        except (SettingsInvalid, JoinRefused) as problem:
+        except (SettingsInvalidError, JoinRefusedError) as problem:
             if not is_enrolled or problem.code not in TOKEN_USELESS:
                 raise
             self._repeats.log_problem("join without the token", problem)
@@ -356,14 +356,14 @@ class Enroller:
         request = replace(request, public_key=coming.public, previous_key=proof)
         try:
             answer = await join(self._settings, await _signed(request, coming))
-        except JoinRefused as problem:
+        except JoinRefusedError as problem:
             if problem.code in NEXT_KEY_USELESS:
                 keys.discard_next(self._settings.state_dir)
             raise
         try:
             await keys.promote(self._settings.state_dir)
             log.info("the server has the robot's new key %s", coming.fingerprint)
-        except StateUnusable as problem:
+        except StateUnusableError as problem:
             # Both keys are shown to the server until the disk takes the change.
             log.warning("%s", problem)
         return answer
@@ -380,21 +380,21 @@ def enrolment_files(state_dir: Path) -> list[Path]:
     try:
         return [path for path in (state_dir / name for name in FILES) if path.exists()]
     except OSError as error:
-        raise StateUnusable(
+        raise StateUnusableError(
             f"cannot look into {state_dir}: {error.strerror}", advice="run this with sudo"
         ) from error
 
 
 def unenrol(settings: Settings) -> None:
-    """Remove all of it; raise AlreadyRunning while an agent holds the run directory's lock."""
+    """Remove all of it; raise AlreadyRunningError while an agent holds the run directory's lock."""
     lock = settings.run_dir / LOCK
     try:
         # Without the lock file nothing runs: systemd removes the directory with the service.
         with only_one(lock) if lock.exists() else nullcontext():
             for path in enrolment_files(settings.state_dir):
                 path.unlink()
-    except AlreadyRunning as problem:
-        raise AlreadyRunning(
+    except AlreadyRunningError as problem:
+        raise AlreadyRunningError(
             "cannot forget this robot: its agent runs",
             advice="stop it first: sudo systemctl stop robotether-agent",
         ) from problem

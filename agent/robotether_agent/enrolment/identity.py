@@ -23,7 +23,7 @@ from robotether_agent.fields import (
     parse_object,
 )
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import InterfaceMissing, StateUnusable
+from robotether_agent.problems import InterfaceMissingError, StateUnusableError
 
 if TYPE_CHECKING:
     # join.sh uses this module before anything is installed, and settings need a package on Python 3.10.
@@ -95,7 +95,7 @@ class IdentityStore:
         """Follow the setting `interface` to another one, as soon as that is there."""
         try:
             return self._keep(self._find())
-        except InterfaceMissing:
+        except InterfaceMissingError:
             return self._as_it_is_now(kept)
 
     def _as_it_is_now(self, kept: Identity) -> Identity:
@@ -118,7 +118,7 @@ class IdentityStore:
         try:
             if self._keeps and read_text(self._file) != text:
                 write_atomic(self._file, text, 0o644)
-        except StateUnusable as problem:
+        except StateUnusableError as problem:
             # An enrolled robot has its MAC in the enrolment too, and a fresh one needs the disk for its key.
             log.debug("%s", problem)
 
@@ -134,12 +134,12 @@ class IdentityStore:
 def find_interface(
     interface: str | None, *, allow_local: bool, root: Path = Path("/")
 ) -> Interface:
-    """Return `interface`, or the primary physical interface when None; raise InterfaceMissing."""
+    """Return `interface`, or the primary physical interface when None; raise InterfaceMissingError."""
     if interface is not None:
         return _named(interface, allow_local=allow_local, root=root)
     chosen = choose(physical_interfaces(root, allow_local=allow_local), default_routes(root))
     if chosen is None:
-        raise InterfaceMissing(
+        raise InterfaceMissingError(
             "cannot find the MAC address of this robot: it has no physical network interface with one",
             advice="set interface or mac in agent.toml, and allow_local_mac = true in a container",
         )
@@ -204,14 +204,14 @@ def _ipv6_default_routes(root: Path) -> list[str]:
 def _named(interface: str, *, allow_local: bool, root: Path) -> Interface:
     path = root / "sys/class/net" / interface
     if not _mac_text(path):
-        raise InterfaceMissing(
+        raise InterfaceMissingError(
             f"cannot find the MAC address of this robot: it has no interface {interface}",
             advice="correct interface in agent.toml, or wait until it is there",
         )
     try:
         return _interface(path, allow_local=allow_local)
     except MacError as error:
-        raise InterfaceMissing(
+        raise InterfaceMissingError(
             f"cannot use the MAC address of interface {interface}: {error}",
             advice="choose another interface, or set allow_local_mac = true if it is really unique",
         ) from error

@@ -36,14 +36,14 @@ from robotether_agent.fields import (
 )
 from robotether_agent.net.http_proxy import DEAD_ADVICE, advice_on, proxy_of
 from robotether_agent.problems import (
-    AgentProblem,
-    AnswerInvalid,
-    JoinRefused,
-    NotEnrolled,
+    AgentError,
+    AnswerInvalidError,
+    JoinRefusedError,
+    NotEnrolledError,
     Retry,
-    ServerUnreachable,
-    SettingsInvalid,
-    TlsUntrusted,
+    ServerUnreachableError,
+    SettingsInvalidError,
+    TlsUntrustedError,
 )
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
@@ -170,7 +170,7 @@ def join_token(settings: Settings) -> str | None:
     try:
         return settings.token_file.read_text(encoding="ascii").strip() or None
     except (OSError, UnicodeDecodeError) as error:
-        raise SettingsInvalid(
+        raise SettingsInvalidError(
             f"cannot read the join token in {settings.token_file}, which token_file names: "
             f"{cause_of(error, 0).sentence}",
             advice=f"put the token there{NOT_IN_HOME}, or remove token_file from the settings",
@@ -182,7 +182,7 @@ async def join(settings: Settings, request: JoinRequest) -> Joined:
     try:
         status, body = await within(TIMEOUT_S, _post(settings, request))
     except aiohttp.ServerFingerprintMismatch as error:
-        raise TlsUntrusted(
+        raise TlsUntrustedError(
             f"cannot trust {settings.server}: its certificate has the SHA-256 {error.got.hex(':')}, not the pinned one",
             advice="compare it with the one that the server printed and correct tls_fingerprint, or find out who is in "
             "between, such as a captive portal",
@@ -199,9 +199,9 @@ async def join(settings: Settings, request: JoinRequest) -> Joined:
 def read_answer(server: str, status: int, body: bytes) -> Joined:
     """Return what an HTTP answer says, or raise the problem that it reports."""
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
-        raise ServerUnreachable(f"cannot join {server}: it answers with HTTP status {status}")
+        raise ServerUnreachableError(f"cannot join {server}: it answers with HTTP status {status}")
     if status in REDIRECTS:
-        raise AnswerInvalid(
+        raise AnswerInvalidError(
             f"cannot join {server}: something redirects (HTTP status {status}), which no Robotether server does",
             advice="log in to the captive portal of this network in a browser, or see that server names a Robotether "
             "server",
@@ -213,7 +213,7 @@ def read_answer(server: str, status: int, body: bytes) -> Joined:
         code = get_match(answer, "code", CODE, "a short code")
         detail = get_text(answer, "detail")
     except FieldError as error:
-        raise AnswerInvalid(
+        raise AnswerInvalidError(
             f"cannot join {server}: HTTP status {status}, and {error}",
             advice="see that server names a Robotether server, and that no captive portal is in between",
         ) from error
@@ -240,13 +240,15 @@ def parse_host_keys(obj: JsonObject) -> list[HostKey]:
     return [keys.parse_host_key(text) for text in get_texts(obj, "host_keys")]
 
 
-def _refusal(server: str, status: int, code: str, detail: str) -> AgentProblem:
+def _refusal(server: str, status: int, code: str, detail: str) -> AgentError:
     if status == HTTPStatus.ACCEPTED:
         advice = PENDING_ADVICE.get(code, "")
-        return NotEnrolled(f"cannot connect to {server} yet: {detail}", advice=advice)
+        return NotEnrolledError(f"cannot connect to {server} yet: {detail}", advice=advice)
     retry = Retry.ASK_AGAIN if status == HTTPStatus.TOO_MANY_REQUESTS else Retry.SLOWLY
     advice = ADVICE.get(code, "ask the server's administrator")
-    return JoinRefused(f"cannot join {server}: {detail}", code=code, retry=retry, advice=advice)
+    return JoinRefusedError(
+        f"cannot join {server}: {detail}", code=code, retry=retry, advice=advice
+    )
 
 
 async def _post(settings: Settings, request: JoinRequest) -> tuple[int, bytes]:
@@ -275,7 +277,7 @@ def _trust(settings: Settings) -> aiohttp.Fingerprint | ssl.SSLContext:
     try:
         return ssl.create_default_context(cafile=settings.ca_file)
     except (OSError, ssl.SSLError) as error:
-        raise SettingsInvalid(
+        raise SettingsInvalidError(
             f"cannot use ca_file = {str(settings.ca_file)!r}: {_why_no_ca(error)}",
             advice=f"allowed is a readable file of certificates in PEM{NOT_IN_HOME}",
             # The file may come back, and a robot that is connected needs it for a new key alone.
@@ -289,17 +291,17 @@ def _why_no_ca(error: OSError) -> str:
     return cause_of(error, 0).sentence
 
 
-def _untrusted(settings: Settings, error: Exception) -> TlsUntrusted:
+def _untrusted(settings: Settings, error: Exception) -> TlsUntrustedError:
     now = f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC"
     cause = cause_of(error, TIMEOUT_S)
     if getattr(error, "verify_code", None) in {NOT_YET_VALID, EXPIRED}:
-        return TlsUntrusted(
+        return TlsUntrustedError(
             f"cannot trust the certificate of {settings.server}: this robot's clock says {now}, and by that "
             f"{cause.sentence}",
             advice="this is tried again: a robot without a battery-backed clock waits for the time from the network "
             "(timedatectl set-ntp true); with tls_fingerprint set the clock does not matter",
         )
-    return TlsUntrusted(
+    return TlsUntrustedError(
         f"cannot trust the certificate of {settings.server}: {cause.sentence}",
         advice=f"{cause.advice or 'set tls_fingerprint or ca_file'}; and see that this robot's clock is right (it says "
         f"{now}), and that no captive portal is in between",
@@ -308,23 +310,23 @@ def _untrusted(settings: Settings, error: Exception) -> TlsUntrusted:
 
 def _proxy_problem(
     settings: Settings, error: aiohttp.ClientProxyConnectionError | aiohttp.ClientHttpProxyError
-) -> ServerUnreachable:
+) -> ServerUnreachableError:
     """Return what the HTTP proxy answers, or that it does not."""
     proxy = proxy_of(settings.http_proxy)
     if isinstance(error, aiohttp.ClientHttpProxyError):
         why = f"{proxy} answers {error.status} {printable(error.message, 80)}".rstrip()
-        return ServerUnreachable(
+        return ServerUnreachableError(
             f"cannot reach https://{settings.server}: {why}", advice=advice_on(error.status)
         )
     cause = cause_of(error, TIMEOUT_S)
-    return ServerUnreachable(
+    return ServerUnreachableError(
         f"cannot reach https://{settings.server}: {proxy} cannot be reached: {cause.sentence}",
         advice=cause.advice or DEAD_ADVICE,
     )
 
 
-def _unreachable(settings: Settings, cause: Cause) -> ServerUnreachable:
-    return ServerUnreachable(
+def _unreachable(settings: Settings, cause: Cause) -> ServerUnreachableError:
+    return ServerUnreachableError(
         f"cannot reach https://{settings.server}: {cause.sentence}",
         advice=cause.advice or "check this robot's network and the setting server",
     )

@@ -22,7 +22,12 @@ from pathlib import Path
 
 from robotether_agent.fields import FieldError, printable
 from robotether_agent.files import disk_problem, read_text, write_atomic
-from robotether_agent.problems import KeyUnusable, ServerKeyChanged, SshMissing, StateUnusable
+from robotether_agent.problems import (
+    KeyUnusableError,
+    ServerKeyChangedError,
+    SshMissingError,
+    StateUnusableError,
+)
 from robotether_agent.tasks import within
 
 KEYGEN_TIMEOUT_S = 30.0
@@ -99,7 +104,7 @@ async def next_key(state_dir: Path) -> KeyPair | None:
     """Return the key that is to replace the other one, if a change has begun."""
     try:
         return await _load(state_dir / NEXT)
-    except KeyUnusable as problem:
+    except KeyUnusableError as problem:
         # The key that is in use must not suffer from it; a rotation reports it loudly.
         log.debug("%s; leaving it out", problem)
         return None
@@ -149,7 +154,7 @@ async def _ensure(path: Path, what: str) -> KeyPair:
         await _make(path, what)
     key = await _load(path)
     if key is None:
-        raise KeyUnusable(f"cannot use the key {path}: it went away")
+        raise KeyUnusableError(f"cannot use the key {path}: it went away")
     return key
 
 
@@ -164,7 +169,7 @@ async def _read(path: Path) -> KeyPair | None:
     public = read_text(_public(path)) or await _keygen("-y", "-f", str(path))
     found = PUBLIC.match(public)
     if found is None:
-        raise KeyUnusable(
+        raise KeyUnusableError(
             f"cannot use the key {path}: its public half is not ssh-ed25519",
             advice=f"remove {path} and {path}.pub; the robot then joins with a new key",
         )
@@ -213,7 +218,7 @@ def _protect(path: Path) -> None:
     except FileNotFoundError:
         return
     except OSError as error:
-        raise KeyUnusable(
+        raise KeyUnusableError(
             f"cannot protect the key {path}, which others may read: {error.strerror}",
             advice=f"give it to the agent's user with mode 600: chmod 600 {path}",
         ) from error
@@ -229,20 +234,22 @@ async def _keygen(*arguments: str, given: bytes = b"") -> str:
             stderr=asyncio.subprocess.PIPE,
         )
     except FileNotFoundError as error:
-        raise SshMissing("cannot make the robot's key: there is no ssh-keygen") from error
+        raise SshMissingError("cannot make the robot's key: there is no ssh-keygen") from error
     except OSError as error:
-        raise KeyUnusable(f"cannot run ssh-keygen: {error.strerror}") from error
+        raise KeyUnusableError(f"cannot run ssh-keygen: {error.strerror}") from error
     try:
         out, err = await within(KEYGEN_TIMEOUT_S, process.communicate(given))
     except asyncio.TimeoutError as error:
-        raise KeyUnusable(f"cannot run ssh-keygen: no end after {KEYGEN_TIMEOUT_S:g} s") from error
+        raise KeyUnusableError(
+            f"cannot run ssh-keygen: no end after {KEYGEN_TIMEOUT_S:g} s"
+        ) from error
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
     if process.returncode:
         reason = err.decode(errors="replace").strip()
-        raise KeyUnusable(
+        raise KeyUnusableError(
             f"cannot run ssh-keygen on {arguments[-1]}: {reason}",
             advice="if this file is damaged, remove it: a robot without a key joins with a new one",
         )
@@ -281,9 +288,9 @@ def pinned_host_keys(path: Path) -> list[HostKey]:
     return keys
 
 
-def _broken_pin(path: Path, why: str) -> StateUnusable:
+def _broken_pin(path: Path, why: str) -> StateUnusableError:
     # Not the same as no file: pinning again by itself would make the pin worthless.
-    return StateUnusable(
+    return StateUnusableError(
         f"cannot use the pinned host keys in {path}: {why}", advice=f"remove {path}"
     )
 
@@ -294,7 +301,7 @@ def pin_host_keys(path: Path, keys: Collection[HostKey]) -> None:
 
 
 def check_host_keys(path: Path, before: Collection[HostKey], now: Collection[HostKey]) -> None:
-    """Raise ServerKeyChanged unless `now` agrees with `before` in every type of key that both have.
+    """Raise ServerKeyChangedError unless `now` agrees with `before` in every type of key that both have.
 
     A type that is new is not trusted either: the pin stays as the first join made it.
     """
@@ -304,7 +311,7 @@ def check_host_keys(path: Path, before: Collection[HostKey], now: Collection[Hos
         return
     shown = ", ".join(sorted(key.fingerprint for key in now))
     known = ", ".join(sorted(key.fingerprint for key in before))
-    raise ServerKeyChanged(
+    raise ServerKeyChangedError(
         f"cannot trust the server: its SSH host keys are now {shown}, and at the first join were {known}",
         advice=HOST_KEY_ADVICE.format(known_hosts=path),
     )

@@ -13,13 +13,13 @@ from collections.abc import Mapping
 from robotether_common.guard import FENCE_HEADER, FENCE_REFUSED, KEY_HEADER, MODE_HEADER
 from robotether_common.session import MAX_FENCE
 
-from robotether_agent.guard.drive_messages import Refused
+from robotether_agent.guard.drive_messages import DriveMessageRefusedError
 from robotether_agent.guard.topics import Authorization
 
 AGENT_SILENT_S = 1.0
 
 
-class NotAuthorized(Exception):  # noqa: N818 - as its neighbour Refused
+class DriveNotAuthorizedError(Exception):
     """A handshake gets the HTTP `status` and this text."""
 
     def __init__(self, status: int, why: str) -> None:
@@ -72,16 +72,18 @@ class Authorizer:
         self.stopped = False
 
     def authorize(self, headers: Mapping[str, str]) -> Authorization:
-        """Return what a handshake may do, or raise NotAuthorized."""
+        """Return what a handshake may do, or raise DriveNotAuthorizedError."""
         key = headers.get(KEY_HEADER)
         if key is None and self.direct:
             return Authorization("direct")
         if not self.key or not hmac.compare_digest(_bytes(key), _bytes(self.key)):
-            raise NotAuthorized(403, "cannot join rosbridge: only the server may, with its key")
+            raise DriveNotAuthorizedError(
+                403, "cannot join rosbridge: only the server may, with its key"
+            )
         if headers.get(MODE_HEADER) == "observe":
             return Authorization("observe")
         if headers.get(MODE_HEADER) != "drive":
-            raise NotAuthorized(
+            raise DriveNotAuthorizedError(
                 403, f"cannot join rosbridge: {MODE_HEADER} is neither drive nor observe"
             )
         return self._authorize_driver(_fence(headers.get(FENCE_HEADER, "")))
@@ -89,15 +91,23 @@ class Authorizer:
     def check(self, authorization: Authorization, fence: object, now: float) -> None:
         """Raise Refused unless a drive message with this `fence` may move the robot now."""
         if self.stopped:
-            raise Refused("stopped", "the robot is stopped; a driver must release it")
+            raise DriveMessageRefusedError(
+                "stopped", "the robot is stopped; a driver must release it"
+            )
         if self.exiting or not self._session or now >= self.silent_at:
-            raise Refused("held", "the robot's agent or its session with the server is down")
+            raise DriveMessageRefusedError(
+                "held", "the robot's agent or its session with the server is down"
+            )
         if not self.holds(authorization):
-            raise Refused("fence", "somebody else has control, or your control has ended")
+            raise DriveMessageRefusedError(
+                "fence", "somebody else has control, or your control has ended"
+            )
         if authorization.mode == "drive" and (
             type(fence) is not int or fence != authorization.fence
         ):
-            raise Refused("fence", "its fence is not that of the connection's lease")
+            raise DriveMessageRefusedError(
+                "fence", "its fence is not that of the connection's lease"
+            )
 
     def holds(self, authorization: Authorization) -> bool:
         """Return whether a connection's right to drive still holds, apart from holds that pass."""
@@ -113,15 +123,15 @@ class Authorizer:
 
     def _authorize_driver(self, fence: int) -> Authorization:
         if self.stopped:
-            raise NotAuthorized(FENCE_REFUSED, "cannot drive: the robot is stopped")
+            raise DriveNotAuthorizedError(FENCE_REFUSED, "cannot drive: the robot is stopped")
         if not self._session or self.exiting:
-            raise NotAuthorized(
+            raise DriveNotAuthorizedError(
                 FENCE_REFUSED, "cannot drive: the robot's session with the server is down"
             )
         if fence > self.fence:
             self.fence, self._held = fence, True
         if fence != self.fence or not self._held:
-            raise NotAuthorized(FENCE_REFUSED, f"cannot drive: lease {fence} is over")
+            raise DriveNotAuthorizedError(FENCE_REFUSED, f"cannot drive: lease {fence} is over")
         return Authorization("drive", fence)
 
 
@@ -133,4 +143,4 @@ def _fence(text: str) -> int:
     # isdecimal takes digits of all scripts; int() would too.
     if text.isascii() and text.isdecimal() and 0 < int(text[:20]) <= MAX_FENCE:
         return int(text[:20])
-    raise NotAuthorized(403, f"cannot drive: {FENCE_HEADER} is no number of a lease")
+    raise DriveNotAuthorizedError(403, f"cannot drive: {FENCE_HEADER} is no number of a lease")

@@ -18,7 +18,7 @@ from typing import NoReturn
 
 from robotether_agent.fields import FieldError, JsonObject, line_of, parse_object
 from robotether_agent.guard.fork_server import START_S, ForkServer
-from robotether_agent.problems import GuardDown
+from robotether_agent.problems import GuardDownError
 from robotether_agent.tasks import first_of, within
 
 TICK_S = 0.2
@@ -84,7 +84,7 @@ class GuardProcess:
 
     @classmethod
     async def start(cls, server: ForkServer) -> GuardProcess:
-        """Have a guard forked, or raise GuardDown; whether it works shows when it says so."""
+        """Have a guard forked, or raise GuardDownError; whether it works shows when it says so."""
         stdin, to_guard = os.pipe()
         from_guard, stdout = os.pipe()
         with os.fdopen(stdin), os.fdopen(stdout, "wb"), ExitStack() as unless_started:
@@ -109,9 +109,9 @@ class GuardProcess:
         self._to_guard.write(line_of(message))
 
     async def serve(self, on_line: Callable[[JsonObject], None]) -> NoReturn:
-        """Tick, and hand on each line of the guard; raise GuardDown when it has ended or hangs."""
+        """Tick, and hand on each line of the guard; raise GuardDownError when it has ended or hangs."""
         await first_of(self._listen(on_line), self._tick())
-        raise GuardDown(await self._why_ended())
+        raise GuardDownError(await self._why_ended())
 
     async def end(self) -> None:
         """Let the guard stop the robot and end; kill it if it does not, or if this wait is cut short."""
@@ -150,7 +150,7 @@ class GuardProcess:
             try:
                 on_line(parse_object(line, "the line"))
             except FieldError as error:
-                raise GuardDown(f"the guard sent an invalid line: {error}") from error
+                raise GuardDownError(f"the guard sent an invalid line: {error}") from error
 
     async def _line(self) -> bytes:
         """Return the next line, or nothing at the guard's end."""
@@ -159,14 +159,14 @@ class GuardProcess:
         except asyncio.IncompleteReadError:
             return b""
         except asyncio.LimitOverrunError as error:
-            raise GuardDown("the guard sent a line over 64 KiB") from error
+            raise GuardDownError("the guard sent a line over 64 KiB") from error
 
     async def _tick(self) -> None:
         while not self._silence.is_lost(self._clock()):
             self.send(TICK)
             # A guard that hangs is noticed when its time is over, not with the tick that follows.
             await asyncio.sleep(min(TICK_S, self._silence.left_s(self._clock())))
-        raise GuardDown("the guard hangs")
+        raise GuardDownError("the guard hangs")
 
     async def _why_ended(self) -> str:
         await asyncio.wait({self._exit_code()}, timeout=TICK_S)

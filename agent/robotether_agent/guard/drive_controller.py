@@ -21,8 +21,8 @@ from robotether_agent.guard.drive_messages import (
     SHAPES,
     CheckedCommand,
     DriveMessage,
+    DriveMessageRefusedError,
     MessageId,
-    Refused,
     Shape,
     limited,
     message_id,
@@ -226,7 +226,7 @@ class DriveController:
         """Do what a message on a drive topic asks for, or refuse it."""
         try:
             await self._dispatch(source, message)
-        except Refused as refused:
+        except DriveMessageRefusedError as refused:
             doing = "publish to" if message.operation == "publish" else message.operation
             text = f"cannot {doing} {message.topic}: {refused.why}"
             self.refuse(source, refused.kind, text, message_id(message.fields))
@@ -240,7 +240,7 @@ class DriveController:
 
     async def _dispatch(self, source: CommandSource, message: DriveMessage) -> None:
         if source.authorization.mode == "observe":
-            raise Refused("fence", "this connection only observes")
+            raise DriveMessageRefusedError("fence", "this connection only observes")
         self._welcome(source)
         if message.operation == "advertise":
             await self._advertise(source, message)
@@ -275,7 +275,9 @@ class DriveController:
         # The field latch is left out: a robot must not get its last command again by itself.
         name = message.fields.get("type")
         if not isinstance(name, str) or name not in SHAPES:
-            raise Refused("shape", "its type is no Twist, TwistStamped or AckermannDriveStamped")
+            raise DriveMessageRefusedError(
+                "shape", "its type is no Twist, TwistStamped or AckermannDriveStamped"
+            )
         topic = self._topic_for(source, message.topic)
         self._check_shape(topic, SHAPES[name])
         if topic.type != name:
@@ -290,7 +292,7 @@ class DriveController:
         wanted = read_command(message.fields.get("msg", {}), known.declared if known else None)
         try:
             old_at = self._old_at(source, stamp.get("t_ms"), now)
-        except Refused:
+        except DriveMessageRefusedError:
             if known is not None and not wanted.moves:
                 # However late it comes, the driver wants to stop.
                 known.waiting = None
@@ -299,7 +301,7 @@ class DriveController:
         topic = self._topic_for(source, message.topic)
         self._check_shape(topic, wanted.shape)
         if now < topic.withheld_until or (wanted.moves and topic.name in (self.unheard or ())):
-            raise Refused("held", f"nothing on the robot listens to {topic.name}")
+            raise DriveMessageRefusedError("held", f"nothing on the robot listens to {topic.name}")
         before = topic.sent if self._deadman.is_moving(topic.name) else None
         command = limited(wanted, before, now - topic.sent_at, self._config.limits)
         if topic.waiting is not None:
@@ -314,19 +316,23 @@ class DriveController:
         if self._deadman.is_at_rest(topic.name) or topic.sent is None:
             return
         if shape != topic.sent.shape:
-            raise Refused("shape", "the robot moves by another message type on this topic")
+            raise DriveMessageRefusedError(
+                "shape", "the robot moves by another message type on this topic"
+            )
 
     def _old_at(self, source: CommandSource, t_ms: object, now: float) -> float:
         """Return until when a command may be sent, or refuse it."""
         if not self.publisher.up or self._deadman.owes:
-            raise Refused("held", "rosbridge does not accept commands")
+            raise DriveMessageRefusedError("held", "rosbridge does not accept commands")
         if source.authorization.mode == "direct":
             return now + self._config.max_age_s
         if isinstance(t_ms, bool) or not isinstance(t_ms, int | float):
-            raise Refused("old", "its timestamp is missing or is no number")
+            raise DriveMessageRefusedError("old", "its timestamp is missing or is no number")
         # In this order nothing passes that is no timestamp, and no integer becomes a float that is too large.
         if not now * 1000 - self._config.max_age_s * 1000 <= t_ms <= now * 1000 + AHEAD_MS:
-            raise Refused("old", f"it is not of the last {self._config.max_age_s * 1000:g} ms")
+            raise DriveMessageRefusedError(
+                "old", f"it is not of the last {self._config.max_age_s * 1000:g} ms"
+            )
         return min(t_ms / 1000, now) + self._config.max_age_s
 
     # Sending.

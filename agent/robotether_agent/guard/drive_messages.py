@@ -71,7 +71,7 @@ MAX_WHOLE = 2**63 - 1
 MAX_STEP_S = 0.1
 
 
-class Refused(Exception):  # noqa: N818 - the word of the protocol
+class DriveMessageRefusedError(Exception):
     """Raised by every check, counted and answered; `why` goes on where "cannot DO WHAT: " ends."""
 
     def __init__(self, kind: RefusedKind, why: str) -> None:
@@ -80,7 +80,7 @@ class Refused(Exception):  # noqa: N818 - the word of the protocol
         self.why = why
 
 
-class Unclear(Refused):
+class DriveMessageUnclearError(DriveMessageRefusedError):
     """A message that cannot be checked; `message_id` is its own, for the answer."""
 
     def __init__(self, why: str, message_id: MessageId = None) -> None:
@@ -137,9 +137,9 @@ def drive_message(data: bytes, topics: DriveTopics) -> DriveMessage | None:
     fields = _parse(data)
     operation = fields.get("op")
     if not isinstance(operation, str):
-        raise Unclear("its op is no text", message_id(fields))
+        raise DriveMessageUnclearError("its op is no text", message_id(fields))
     if operation in WRAPPERS:
-        raise Unclear(f"the guard cannot check {operation}", message_id(fields))
+        raise DriveMessageUnclearError(f"the guard cannot check {operation}", message_id(fields))
     if operation not in ON_TOPICS:
         return None
     topic = _topic(fields, topics)
@@ -151,14 +151,18 @@ def _topic(fields: Mapping[str, Any], topics: DriveTopics) -> str | None:
     full = full_name(name)
     if full is None:
         shown = printable(str(name), 80)
-        raise Unclear(f"{shown!r} is no name like /a/b_1", message_id(fields))
+        raise DriveMessageUnclearError(f"{shown!r} is no name like /a/b_1", message_id(fields))
     if topics.match(full):
         return full
     if name != full and topics.might_be(full[1:]):
-        raise Unclear(f"{name!r} may be a drive topic; write its full name", message_id(fields))
+        raise DriveMessageUnclearError(
+            f"{name!r} may be a drive topic; write its full name", message_id(fields)
+        )
     if STAMP in fields:
         # The relay stamps drive commands only: its settings and these may differ for a while.
-        raise Unclear(f"{full} is a drive topic for the server, but not here", message_id(fields))
+        raise DriveMessageUnclearError(
+            f"{full} is a drive topic for the server, but not here", message_id(fields)
+        )
     return None
 
 
@@ -176,13 +180,13 @@ class _Parser:
         value = self._decoder.decode(text)
         outermost = isinstance(value, dict) and _is_guarded(value)
         if self._guarded > outermost:
-            raise Unclear("it has an operation inside another one")
+            raise DriveMessageUnclearError("it has an operation inside another one")
         return value
 
     def _object(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         made = dict(pairs)
         if len(made) != len(pairs):
-            raise Unclear("a key appears twice")
+            raise DriveMessageUnclearError("a key appears twice")
         self._guarded += _is_guarded(made)
         return made
 
@@ -191,9 +195,9 @@ def _parse(data: bytes) -> Mapping[str, Any]:
     try:
         value = _parser.parse(data.decode())
     except (ValueError, RecursionError) as error:
-        raise Unclear(f"it is not JSON: {printable(str(error), 120)}") from error
+        raise DriveMessageUnclearError(f"it is not JSON: {printable(str(error), 120)}") from error
     if not isinstance(value, dict):
-        raise Unclear("it is no JSON object")
+        raise DriveMessageUnclearError("it is no JSON object")
     return value
 
 
@@ -242,7 +246,9 @@ def read_command(message: object, declared: Shape | None) -> CheckedCommand:
     members = _object(message, "msg")
     shape = _shape(members) or declared
     if shape is None:
-        raise Refused("shape", "its msg is no Twist, TwistStamped or AckermannDriveStamped")
+        raise DriveMessageRefusedError(
+            "shape", "its msg is no Twist, TwistStamped or AckermannDriveStamped"
+        )
     _only(members, _MEMBERS[shape], "msg")
     if shape == "twist":
         return _twist(shape, members, None)
@@ -302,7 +308,7 @@ def _header(value: object) -> Mapping[str, Any]:
         or len(frame_id) > MAX_FRAME_ID_LENGTH
         or not frame_id.isprintable()
     ):
-        raise Refused("shape", "its frame_id is no short printable text")
+        raise DriveMessageRefusedError("shape", "its frame_id is no short printable text")
     stamp = header.get("stamp", {})
     if stamp != "now":
         stamp = _object(stamp, "stamp")
@@ -321,7 +327,7 @@ def _header_of(frame_id: str) -> Mapping[str, Any]:
 def _whole(members: Mapping[str, Any]) -> None:
     for name, value in members.items():
         if type(value) is not int or not 0 <= value <= MAX_WHOLE:
-            raise Refused("shape", f"its {name} is no whole number from 0")
+            raise DriveMessageRefusedError("shape", f"its {name} is no whole number from 0")
 
 
 def _vector(members: Mapping[str, Any], name: str) -> Vector:
@@ -333,22 +339,22 @@ def _vector(members: Mapping[str, Any], name: str) -> Vector:
 def _number(members: Mapping[str, Any], name: str) -> float:
     value = members.get(name, 0.0)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise Refused("shape", f"its {name} is no number")
+        raise DriveMessageRefusedError("shape", f"its {name} is no number")
     # An integer may be too large for a float, so it is compared first.
     if not -MAX_NUMBER <= value <= MAX_NUMBER or not math.isfinite(value):
-        raise Refused("shape", f"its {name} is no number that a robot can execute")
+        raise DriveMessageRefusedError("shape", f"its {name} is no number that a robot can execute")
     return float(value)
 
 
 def _object(value: object, name: str) -> Mapping[str, Any]:
     if not isinstance(value, dict):
-        raise Refused("shape", f"its {name} is no object")
+        raise DriveMessageRefusedError("shape", f"its {name} is no object")
     return value
 
 
 def _only(members: Mapping[str, Any], known: frozenset[str], name: str) -> None:
     if not members.keys() <= known:
-        raise Refused("shape", f"its {name} has members that no drive message has")
+        raise DriveMessageRefusedError("shape", f"its {name} has members that no drive message has")
 
 
 def _written(vector: Vector) -> dict[str, float]:

@@ -16,7 +16,7 @@ from robotether_common.session import MAX_FENCE
 
 from robotether_agent.fields import FieldError, get_int, parse_object
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import StateUnusable
+from robotether_agent.problems import StateUnusableError
 
 FENCE_FILE = "fence.json"
 
@@ -36,13 +36,13 @@ class FenceFile:
             if text is None:
                 return 0
             return get_int(parse_object(text, FENCE_FILE), "fence", 0, MAX_FENCE)
-        except (StateUnusable, FieldError) as error:
+        except (StateUnusableError, FieldError) as error:
             # It is written whole or not at all. The server sends its own number before anybody drives.
             log.error("%s cannot be read, so the server's number counts: %s", self._path, error)  # noqa: TRY400 - no defect
             return 0
 
     def write(self, fence: int) -> None:
-        """Keep the number; StateUnusable when that fails."""
+        """Keep the number; StateUnusableError when that fails."""
         # Not synced, which takes seconds on a memory card that is written to: a driver waits for this. A loss of
         # power also ends whatever could come with an older number.
         write_atomic(self._path, json.dumps({"fence": fence}) + "\n", 0o600, lasts=False)
@@ -56,7 +56,7 @@ class FenceStore:
         # What the disk has.
         self.kept = file.read()
         self._newest = self.kept
-        self._writing: asyncio.Task[StateUnusable | None] | None = None
+        self._writing: asyncio.Task[StateUnusableError | None] | None = None
 
     def note(self, fence: int) -> None:
         """Begin to write a number that is newer."""
@@ -66,7 +66,7 @@ class FenceStore:
             self._writing = asyncio.create_task(self._write())
 
     async def keep(self, fence: int) -> None:
-        """Return once the disk has this number or a newer one; StateUnusable when it cannot be written."""
+        """Return once the disk has this number or a newer one; StateUnusableError when it cannot be written."""
         self.note(fence)
         if fence > self.kept and self._writing is not None:
             # A client that leaves meanwhile must not leave a thread behind that writes beside the next one.
@@ -79,11 +79,11 @@ class FenceStore:
         if self._writing is not None:
             await asyncio.wait({self._writing})
 
-    async def _write(self) -> StateUnusable | None:
+    async def _write(self) -> StateUnusableError | None:
         while (newest := self._newest) > self.kept:
             try:
                 await asyncio.to_thread(self._file.write, newest)
-            except StateUnusable as problem:
+            except StateUnusableError as problem:
                 log.error("%s; nobody can drive with lease %d", problem, newest)  # noqa: TRY400 - no defect
                 return problem
             self.kept = newest

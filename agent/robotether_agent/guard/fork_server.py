@@ -30,7 +30,7 @@ from typing import NoReturn
 import robotether_common
 
 import robotether_agent
-from robotether_agent.problems import GuardDown
+from robotether_agent.problems import GuardDownError
 
 FORK, WAIT, PING = b"fork", b"wait", b"ping"
 MAX_PACKET_BYTES = 64
@@ -171,7 +171,7 @@ class ForkServer:
 
     @classmethod
     def start(cls, command: Sequence[str]) -> ForkServer:
-        """Start a server as a program, whose standard input is the socket; GuardDown if there is no such program."""
+        """Start a server as a program with the socket as its standard input; raises GuardDownError without it."""
         ours, theirs = _socket_pair()
         try:
             with theirs:
@@ -183,14 +183,14 @@ class ForkServer:
                 )
         except OSError as error:
             ours.close()
-            raise GuardDown(f"cannot start the guard: {error.strerror}") from error
+            raise GuardDownError(f"cannot start the guard: {error.strerror}") from error
         return cls(ours, process.pid, process.wait, START_S)
 
     async def guard(self, stdin: int, stdout: int) -> int:
-        """Fork a guard with these pipes, and return its process id; GuardDown if that fails."""
+        """Fork a guard with these pipes, and return its process id; GuardDownError if that fails."""
         answer = await self._answered(self._ask(FORK, (stdin, stdout)))
         if answer < 0:
-            raise GuardDown(f"cannot start the guard: {os.strerror(-answer)}")
+            raise GuardDownError(f"cannot start the guard: {os.strerror(-answer)}")
         return answer
 
     def exit_code(self, pid: int) -> asyncio.Future[int]:
@@ -198,7 +198,7 @@ class ForkServer:
         return self._ask(WAIT + b"%d" % pid)
 
     async def check(self) -> None:
-        """Raise GuardDown if it has ended or hangs."""
+        """Raise GuardDownError if it has ended or hangs."""
         await self._answered(self._ask(PING))
 
     def kill(self) -> None:
@@ -214,7 +214,7 @@ class ForkServer:
     async def _answered(self, answer: asyncio.Future[int]) -> int:
         await asyncio.wait({answer}, timeout=self._answer_s)
         if not answer.done():
-            raise GuardDown("the fork server hangs")
+            raise GuardDownError("the fork server hangs")
         return answer.result()
 
     def _ask(self, packet: bytes, pipes: Sequence[int] = ()) -> asyncio.Future[int]:
@@ -224,7 +224,7 @@ class ForkServer:
         try:
             socket.send_fds(self._control, [packet], pipes)
         except OSError:
-            answer.set_exception(GuardDown("the fork server ended"))
+            answer.set_exception(GuardDownError("the fork server ended"))
         else:
             self._answers.append(answer)
             answer.get_loop().add_reader(self._control, self._on_answer)
@@ -257,7 +257,7 @@ class ForkServer:
         self._reap()
         for answer in self._answers:
             if not answer.done():
-                answer.set_exception(GuardDown("the fork server ended"))
+                answer.set_exception(GuardDownError("the fork server ended"))
         self._answers.clear()
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from robotether_agent.fields import FieldError, get_text, parse_object
 from robotether_agent.files import disk_problem, read_text, write_atomic
 from robotether_agent.guard.agent_messages import MAX_BY_LENGTH, ReleaseRequest, StopRequest
-from robotether_agent.problems import StateUnusable
+from robotether_agent.problems import StateUnusableError
 
 STOP_FILE = "stop.json"
 MAX_WAITING = 100
@@ -41,16 +41,16 @@ class StopFile:
                 if text is None
                 else get_text(parse_object(text, STOP_FILE), "by", limit=MAX_BY_LENGTH)
             )
-        except (StateUnusable, FieldError) as error:
+        except (StateUnusableError, FieldError) as error:
             log.error("%s cannot be read, so the robot is stopped: %s", self._path, error)  # noqa: TRY400 - no defect
             return ""
 
     def write(self, by: str) -> None:
-        """Keep the stop; StateUnusable when that fails."""
+        """Keep the stop; StateUnusableError when that fails."""
         write_atomic(self._path, json.dumps({"by": by}) + "\n", 0o600)
 
     def remove(self) -> None:
-        """Let the stop end; StateUnusable when that fails."""
+        """Let the stop end; StateUnusableError when that fails."""
         try:
             self._path.unlink(missing_ok=True)
         except OSError as error:
@@ -113,7 +113,7 @@ class Latch:
             job.waits = False
             try:
                 await asyncio.to_thread(self._on_disk, job.message)
-            except StateUnusable as problem:
+            except StateUnusableError as problem:
                 log.error("%s; %s", problem, _despite_the_disk(job.message))  # noqa: TRY400 - no defect
             else:
                 self._released(job)

@@ -24,12 +24,12 @@ from robotether_common.guard import DISK_REFUSED, KEY_HEADER, RefusedKind
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.guard.agent_messages import GuardConfig
-from robotether_agent.guard.authorizer import Authorizer, NotAuthorized
+from robotether_agent.guard.authorizer import Authorizer, DriveNotAuthorizedError
 from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.drive_messages import (
+    DriveMessageUnclearError,
     DriveTopics,
     MessageId,
-    Unclear,
     drive_message,
 )
 from robotether_agent.guard.rosbridge import (
@@ -39,7 +39,7 @@ from robotether_agent.guard.rosbridge import (
     open_rosbridge,
 )
 from robotether_agent.guard.topics import Authorization
-from robotether_agent.problems import StateUnusable
+from robotether_agent.problems import StateUnusableError
 from robotether_agent.tasks import first_of, within
 
 ADDRESS = "127.0.0.1"
@@ -178,7 +178,7 @@ class ClientProxy:
         """Return whether a message may go on as it is; a drive message goes to the drive controller."""
         try:
             message = drive_message(data, self._topics())
-        except Unclear as unclear:
+        except DriveMessageUnclearError as unclear:
             text = f"cannot pass a message: {unclear.why}"
             self._controller.refuse(self, unclear.kind, text, unclear.message_id)
             return False
@@ -272,7 +272,7 @@ class Server:
     ) -> web.StreamResponse:
         try:
             authorization = self._authorizer.authorize(request.headers)
-        except NotAuthorized as refused:
+        except DriveNotAuthorizedError as refused:
             return _problem(refused.status, str(refused))
         # A newer lease than any before ends the older driver's connection.
         self.rights_changed()
@@ -292,7 +292,7 @@ class Server:
     ) -> web.StreamResponse:
         try:
             await self._keep_fence(proxy.authorization.fence)
-        except StateUnusable as problem:
+        except StateUnusableError as problem:
             return _problem(DISK_REFUSED, f"cannot drive: {problem.message}")
         try:
             rosbridge = await open_rosbridge(self._http, url)

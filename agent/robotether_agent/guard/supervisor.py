@@ -23,7 +23,7 @@ from robotether_agent.fields import JsonObject, get_flag, get_int, get_match, ge
 from robotether_agent.guard import agent_messages
 from robotether_agent.guard.child_process import GuardProcess
 from robotether_agent.guard.fork_server import ForkServer
-from robotether_agent.problems import GuardDown
+from robotether_agent.problems import GuardDownError
 from robotether_agent.tasks import first_of
 
 # Time after which a guard counts as stable: its end is then a new problem.
@@ -95,7 +95,7 @@ class GuardSupervisor:
                 began = self._clock()
                 try:
                     await self._run_one()
-                except GuardDown as problem:
+                except GuardDownError as problem:
                     restarts = 1 if self._clock() - began >= STABLE_S else restarts + 1
                     pause_s = pause_before(restarts)
                     log.warning("%s; another one follows in %.1f s", problem, pause_s)
@@ -163,7 +163,7 @@ class GuardSupervisor:
             for message in self._replay():
                 guard.send(message)
             await self._serve(guard)
-        except GuardDown:
+        except GuardDownError:
             # Also of one that only hangs: two guards at once must never drive.
             await guard.kill()
             raise
@@ -173,13 +173,13 @@ class GuardSupervisor:
 
     async def _serve(self, guard: GuardProcess) -> NoReturn:
         await first_of(guard.serve(self._on_line), self._keep_fork_server())
-        raise GuardDown("the guard ended")
+        raise GuardDownError("the guard ended")
 
     async def _start_guard(self) -> GuardProcess:
         if self._fork_server is not None:
             try:
                 return await GuardProcess.start(self._fork_server)
-            except GuardDown as problem:
+            except GuardDownError as problem:
                 self._drop_fork_server(problem)
         self._fork_server = ForkServer.start(self._command)
         return await GuardProcess.start(self._fork_server)
@@ -191,10 +191,10 @@ class GuardSupervisor:
             try:
                 self._fork_server = self._fork_server or ForkServer.start(self._command)
                 await self._fork_server.check()
-            except GuardDown as problem:
+            except GuardDownError as problem:
                 self._drop_fork_server(problem)
 
-    def _drop_fork_server(self, problem: GuardDown) -> None:
+    def _drop_fork_server(self, problem: GuardDownError) -> None:
         log.warning("%s; another one follows", problem)
         if self._fork_server is not None:
             self._fork_server.kill()

@@ -32,11 +32,11 @@ from robotether_agent.guard.drive_messages import (
     MAX_FRAME_ID_LENGTH,
     SHAPES,
     CheckedCommand,
+    DriveMessageRefusedError,
     MessageId,
-    Refused,
     Shape,
 )
-from robotether_agent.problems import StateUnusable
+from robotether_agent.problems import StateUnusableError
 
 MAX_TOPICS = 16
 # Maximum number of topics whose type is stored. A client advertises a topic once, so the type
@@ -185,7 +185,7 @@ class Topics:
             filter(is_removable, guests), key=lambda t: max(t.used_at, t.sent_at), default=None
         )
         if goes is None:
-            raise Refused(
+            raise DriveMessageRefusedError(
                 "shape",
                 f"the guard already has {MAX_TOPICS} drive topics, and can drop none now",
             )
@@ -348,12 +348,12 @@ class MotionFile:
         try:
             text = read_text(self._path)
             return None if text is None else _driven(parse_object(text, MOTION_FILE))
-        except (StateUnusable, FieldError) as error:
+        except (StateUnusableError, FieldError) as error:
             log.warning("%s cannot be read: %s", self._path, error)
             return []
 
     def write(self, driven: Sequence[Driven]) -> None:
-        """Write these topics; StateUnusable when that fails."""
+        """Write these topics; StateUnusableError when that fails."""
         text = json.dumps({"topics": [asdict(topic) for topic in driven]}) + "\n"
         # Not synced to the disk, which would hold the first command up: it must outlive the process only.
         new = self._path.with_suffix(".new")
@@ -364,7 +364,7 @@ class MotionFile:
             raise disk_problem(f"cannot write {self._path}", self._path.parent, error) from error
 
     def remove(self) -> None:
-        """Remove the file; StateUnusable when that fails."""
+        """Remove the file; StateUnusableError when that fails."""
         try:
             self._path.unlink(missing_ok=True)
         except OSError as error:
@@ -419,7 +419,7 @@ class MotionTracker:
         recorded = {**kept, moving.topic: moving}
         try:
             self._file.write(list(recorded.values()))
-        except StateUnusable as problem:
+        except StateUnusableError as problem:
             log.error("%s", problem)  # noqa: TRY400 - no defect
             return False
         self._recorded = recorded
@@ -439,6 +439,6 @@ class MotionTracker:
         try:
             self._file.remove()
             self._recorded = {}
-        except StateUnusable as problem:
+        except StateUnusableError as problem:
             log.warning("%s", problem)
             self._remove_at = now + REMOVED_AFTER_S

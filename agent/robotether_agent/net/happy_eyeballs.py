@@ -13,7 +13,12 @@ from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from itertools import takewhile
 from typing import Generic, TypeVar
 
-from robotether_agent.problems import AgentProblem, NoAnswer, ServerBusy, ServerUnreachable
+from robotether_agent.problems import (
+    AgentError,
+    NoAnswerError,
+    ServerBusyError,
+    ServerUnreachableError,
+)
 
 T = TypeVar("T")
 Pause = Callable[[], Awaitable[None]]
@@ -42,7 +47,7 @@ class HappyEyeballs(Generic[T]):
         pause: Pause,
         drop: Callable[[T], None],
         eager: bool = True,
-        ends: tuple[type[AgentProblem], ...] | None = None,
+        ends: tuple[type[AgentError], ...] | None = None,
     ) -> None:
         # A race of one costs more than the attempt.
         self._only = attempts[0] if isinstance(attempts, list) and len(attempts) == 1 else None
@@ -50,13 +55,15 @@ class HappyEyeballs(Generic[T]):
         self._pause = pause
         self._drop = drop
         self._eager = eager
-        self._ends = ends if ends is not None else (ServerBusy if eager else ServerUnreachable,)
+        self._ends = (
+            ends if ends is not None else (ServerBusyError if eager else ServerUnreachableError,)
+        )
         self._running: list[asyncio.Future[T]] = []
         self._pausing: asyncio.Future[None] | None = None
-        self._failed: deque[AgentProblem] = deque(maxlen=MAX_PROBLEMS)
+        self._failed: deque[AgentError] = deque(maxlen=MAX_PROBLEMS)
 
     @property
-    def problem(self) -> AgentProblem:
+    def problem(self) -> AgentError:
         """What the attempts said so far, as one."""
         return combined_problem(self._failed)
 
@@ -109,7 +116,7 @@ class HappyEyeballs(Generic[T]):
             if error is None:
                 return attempt
             self._running.remove(attempt)
-            if not isinstance(error, AgentProblem):
+            if not isinstance(error, AgentError):
                 raise error
             self._failed.append(error)
             if isinstance(error, self._ends):
@@ -145,16 +152,16 @@ class HappyEyeballs(Generic[T]):
             self._drop(attempt.result())
 
 
-def combined_problem(failed: Sequence[AgentProblem]) -> AgentProblem:
+def combined_problem(failed: Sequence[AgentError]) -> AgentError:
     """Return one problem for all: that nothing answered only if really nothing did; a server's own word counts most."""
-    for kind in (ServerBusy, ServerUnreachable):
+    for kind in (ServerBusyError, ServerUnreachableError):
         found = [problem for problem in failed if isinstance(problem, kind)]
         if found:
             return _one(kind, found)
-    return _one(NoAnswer, failed)
+    return _one(NoAnswerError, failed)
 
 
-def _one(kind: type[AgentProblem], found: Sequence[AgentProblem]) -> AgentProblem:
+def _one(kind: type[AgentError], found: Sequence[AgentError]) -> AgentError:
     message = said_once(problem.message for problem in found)
     advice = next((problem.advice for problem in found if problem.advice), None)
     return kind(message or "cannot connect: nothing answers", advice=advice)

@@ -15,7 +15,7 @@ from urllib.parse import unquote, urlsplit
 
 from robotether_agent.fields import printable
 from robotether_agent.net.tcp import peek
-from robotether_agent.problems import AgentProblem, NoAnswer, ServerUnreachable
+from robotether_agent.problems import AgentError, NoAnswerError, ServerUnreachableError
 from robotether_agent.tasks import within
 
 DEFAULT_PORT = 3128
@@ -77,10 +77,10 @@ async def ask_for(
         head = await within(TIMEOUT_S, peek(connection, lambda seen: END in seen, MAX_ANSWER_BYTES))
     except asyncio.TimeoutError as error:
         why = f"{proxy} does not answer in {TIMEOUT_S:g} s"
-        raise NoAnswer(f"cannot reach {where}: {why}", advice=DEAD_ADVICE) from error
+        raise NoAnswerError(f"cannot reach {where}: {why}", advice=DEAD_ADVICE) from error
     except OSError as error:
         why = f"{proxy} closes the connection"
-        raise ServerUnreachable(f"cannot reach {where}: {why}", advice=ADVICE) from error
+        raise ServerUnreachableError(f"cannot reach {where}: {why}", advice=ADVICE) from error
     problem = refusal(head, proxy, where)
     if problem is not None:
         raise problem
@@ -98,12 +98,12 @@ def request(proxy: Proxy, host: str, port: int) -> bytes:
     return "\r\n".join([*lines, "", ""]).encode()
 
 
-def refusal(head: bytes, proxy: Proxy, where: str) -> AgentProblem | None:
+def refusal(head: bytes, proxy: Proxy, where: str) -> AgentError | None:
     """Return what an answer means, or None when the connection is up."""
     line = STATUS_LINE.match(head)
     if line is None or END not in head:
         why = f"{proxy} answers with what is not HTTP"
-        return ServerUnreachable(f"cannot reach {where}: {why}", advice=ADVICE)
+        return ServerUnreachableError(f"cannot reach {where}: {why}", advice=ADVICE)
     status = int(line[1])
     if HTTPStatus.OK <= status < HTTPStatus.MULTIPLE_CHOICES:
         return None
@@ -111,7 +111,7 @@ def refusal(head: bytes, proxy: Proxy, where: str) -> AgentProblem | None:
     why = f"{proxy} answers {status} {said}".rstrip()
     if status in GATEWAY_FAILURES:
         why = f"{why}: it cannot reach that itself"
-    kind = NoAnswer if status == HTTPStatus.GATEWAY_TIMEOUT else ServerUnreachable
+    kind = NoAnswerError if status == HTTPStatus.GATEWAY_TIMEOUT else ServerUnreachableError
     return kind(f"cannot reach {where}: {why}", advice=advice_on(status))
 
 

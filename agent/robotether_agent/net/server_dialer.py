@@ -24,7 +24,12 @@ from robotether_agent.net import netlink
 from robotether_agent.net.happy_eyeballs import HappyEyeballs
 from robotether_agent.net.http_proxy import DEAD_ADVICE, Proxy, ask_for
 from robotether_agent.net.tcp import Resolver, connect, is_established, peek
-from robotether_agent.problems import AgentProblem, NoAnswer, ServerBusy, ServerUnreachable
+from robotether_agent.problems import (
+    AgentError,
+    NoAnswerError,
+    ServerBusyError,
+    ServerUnreachableError,
+)
 from robotether_agent.tasks import first_of, within
 
 SSH = b"SSH-"
@@ -80,7 +85,7 @@ class Banner:
             connection.send(CLIENT_BANNER)
             if not await _receives_ssh(connection, BANNER_TIMEOUT_S, name):
                 why = "it accepts the connection but stays silent"
-                raise NoAnswer(f"cannot reach SSH at {name}: {why}", advice=SILENT_ADVICE)
+                raise NoAnswerError(f"cannot reach SSH at {name}: {why}", advice=SILENT_ADVICE)
         except OSError as error:
             raise _closed(name) from error
         self._silent_ports.add(port)
@@ -101,20 +106,20 @@ def _is_long_enough(words: bytes) -> bool:
     return len(words) >= len(SSH)
 
 
-def _closed(name: str) -> AgentProblem:
-    return ServerUnreachable(
+def _closed(name: str) -> AgentError:
+    return ServerUnreachableError(
         f"cannot reach SSH at {name}: it closes the connection silently",
         advice="see that the server is up and not overloaded; this is tried again",
     )
 
 
-def _no_ssh(name: str, words: bytes) -> AgentProblem:
+def _no_ssh(name: str, words: bytes) -> AgentError:
     if words.startswith(FULL):
-        return ServerBusy(
+        return ServerBusyError(
             f"cannot log in at {name} now: it already handles as many log-ins as it accepts at once"
         )
     said = printable(words.decode("ascii", errors="replace").split("\r\n")[0], 60)
-    return ServerUnreachable(
+    return ServerUnreachableError(
         f"cannot reach SSH at {name}: what answers there is no SSH server ({said!r})",
         advice="find out what is in between, such as a captive portal, and log in to it",
     )
@@ -162,7 +167,7 @@ class _Candidate:
     """One cell: its addresses, and its refusal, after which it is not asked again while others are waited for."""
 
     addresses: list[SshAddress]
-    refusal: ServerUnreachable | None = None
+    refusal: ServerUnreachableError | None = None
 
 
 class ServerDialer:
@@ -197,8 +202,8 @@ class ServerDialer:
         """Return the first of the targets at which an SSH server answers, and keep the connection for `open`.
 
         The addresses of a cell stand side by side. The next cell is tried too when one refuses, is busy, or does not
-        answer for NEXT_CELL_AFTER_S, of which the first has had `unreached_s` already. Raises ServerUnreachable when
-        something refuses, and NoAnswer after FIND_TIMEOUT_S of silence, or after BUSY_FIND_TIMEOUT_S of it on a
+        answer for NEXT_CELL_AFTER_S, of which the first has had `unreached_s`. Raises ServerUnreachableError when
+        something refuses, and NoAnswerError after FIND_TIMEOUT_S of silence, or after BUSY_FIND_TIMEOUT_S of it on a
         connection that is up; each further cell has its own time before that.
         """
         cells = [
@@ -265,7 +270,7 @@ class ServerDialer:
         happy_eyeballs = HappyEyeballs(attempts, pause=self._pause_before_port, drop=_Probed.drop)
         try:
             return await happy_eyeballs.winner()
-        except ServerUnreachable as problem:
+        except ServerUnreachableError as problem:
             cell.refusal = problem
             raise
 

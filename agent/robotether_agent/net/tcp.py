@@ -21,7 +21,7 @@ from typing import Any
 
 from robotether_agent.describe_error import NAME_ADVICE, cause_of
 from robotether_agent.net.happy_eyeballs import HappyEyeballs, after
-from robotether_agent.problems import NoAnswer, ServerUnreachable
+from robotether_agent.problems import NoAnswerError, ServerUnreachableError
 from robotether_agent.tasks import within
 
 # Time limit for acknowledgements, after which the kernel closes a connection, even if its agent has
@@ -212,7 +212,7 @@ async def connect(
     try:
         addresses = await resolver.addresses(host, port)
     except OSError as error:
-        raise NoAnswer(f"cannot reach {name}: {error}", advice=NAME_ADVICE) from error
+        raise NoAnswerError(f"cannot reach {name}: {error}", advice=NAME_ADVICE) from error
     attempts = [partial(_connect, address, name, advice) for address in addresses]
     return await HappyEyeballs(attempts, pause=after(STAGGER_S), drop=socket.socket.close).winner()
 
@@ -230,11 +230,13 @@ async def _connect(address: Address, name: str, advice: str) -> socket.socket:
             return connection
     except asyncio.TimeoutError as error:
         why = f"no answer in {CONNECT_TIMEOUT_S:g} s ({where[0]})"
-        raise NoAnswer(f"cannot reach {name}: {why}", advice=advice or CHECK_NETWORK) from error
+        raise NoAnswerError(
+            f"cannot reach {name}: {why}", advice=advice or CHECK_NETWORK
+        ) from error
     except OSError as error:
         cause = cause_of(error, CONNECT_TIMEOUT_S)
         is_refused = isinstance(error, ConnectionRefusedError)
-        raise (ServerUnreachable if is_refused else NoAnswer)(
+        raise (ServerUnreachableError if is_refused else NoAnswerError)(
             f"cannot reach {name}: {cause.sentence} ({where[0]})",
             advice=cause.advice or advice or (CHECK_SERVER if is_refused else CHECK_NETWORK),
         ) from error

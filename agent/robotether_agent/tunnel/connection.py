@@ -18,7 +18,7 @@ from robotether_common.session import Kind
 
 from robotether_agent.fields import ListedCell
 from robotether_agent.net.server_dialer import SshAddress
-from robotether_agent.problems import ServerSilent
+from robotether_agent.problems import ServerSilentError
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import liveness
 from robotether_agent.tunnel.openssh import Forward, SshFiles
@@ -77,7 +77,7 @@ class Role:
 
 
 async def run_connection(target: SshAddress, files: SshFiles, role: Role) -> NoReturn:
-    """Connect, keep the forward, and serve the session until an AgentProblem is raised."""
+    """Connect, keep the forward, and serve the session until an AgentError is raised."""
     tunnel = await Tunnel.open(target, files, role.kind)
     try:
         if role.video_proxy is not None:
@@ -114,12 +114,12 @@ def _work(
 async def _leave_silent_relay(
     tunnel: Tunnel, session: Session, role: Role, target: SshAddress
 ) -> None:
-    """Raise ServerSilent when the cell has accepted the key, sends no configuration, and is not the only one."""
+    """Raise ServerSilentError when the cell has accepted the key, sends no configuration, and is not the only one."""
     while not tunnel.is_logged_in:  # noqa: ASYNC110 (the client tells it by a file alone)
         await asyncio.sleep(LOGGED_IN_CHECK_EVERY_S)
     await asyncio.sleep(RELAY_ANSWERS_WITHIN_S)
     if session.config is None and role.elsewhere():
-        raise ServerSilent(f"cannot open the session at {target}: its relay does not answer")
+        raise ServerSilentError(f"cannot open the session at {target}: its relay does not answer")
     await asyncio.Event().wait()
 
 

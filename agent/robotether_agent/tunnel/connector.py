@@ -23,15 +23,15 @@ from robotether_agent.net.happy_eyeballs import combined_problem
 from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
 from robotether_agent.problems import (
-    AgentProblem,
-    LinkLost,
-    LinkProblem,
-    NoAnswer,
+    AgentError,
+    LinkError,
+    LinkLostError,
+    NoAnswerError,
     Retry,
-    ServerKeyChanged,
-    ServerSilent,
-    ServerUnreachable,
-    SessionEnded,
+    ServerKeyChangedError,
+    ServerSilentError,
+    ServerUnreachableError,
+    SessionEndedError,
 )
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import first_of
@@ -88,17 +88,17 @@ class Connector:
         control = self._settings.run_dir / f"{role.kind}.ctl"
         files = SshFiles(keys, self._enroller.known_hosts, control)
         left = self.targets(ssh, role.kind)
-        failed: list[AgentProblem] = []
+        failed: list[AgentError] = []
         while left:
             try:
                 target = await self._find(left)
-            except (NoAnswer, ServerUnreachable) as problem:
+            except (NoAnswerError, ServerUnreachableError) as problem:
                 failed.append(problem)
                 break
             began = monotonic()
             failed.append(await self._unless_unreachable(target, files, role, ssh))
             left.remove(target)
-            if isinstance(failed[-1], ServerKeyChanged):
+            if isinstance(failed[-1], ServerKeyChangedError):
                 left = [one for one in left if one.cell != target.cell]
             elif monotonic() - began > HANGS_AFTER_S:
                 # Its other ports lead to the same sshd.
@@ -126,7 +126,7 @@ class Connector:
         """Raise when the session is at another cell than before, where its video and shell belong too."""
         await self._cell_left.wait()
         why = "the robot's session is at another machine of the server now"
-        raise LinkLost(f"left the connection: {why}", retry=Retry.AT_ONCE)
+        raise LinkLostError(f"left the connection: {why}", retry=Retry.AT_ONCE)
 
     def _is_at(self, cell: ListedCell | None) -> None:
         self._failed_at.clear()
@@ -148,10 +148,10 @@ class Connector:
 
         try:
             await first_of(find(), *([self._ask_web()] if self._is_silent_for_long() else []))
-        except NoAnswer:
+        except NoAnswerError:
             self._silent_since = self._silent_since or monotonic()
             raise
-        except ServerUnreachable:
+        except ServerUnreachableError:
             self._silent_since = None
             raise
         self._silent_since = None
@@ -172,7 +172,7 @@ class Connector:
 
     async def _unless_unreachable(
         self, target: SshAddress, files: SshFiles, role: Role, ssh: SshAccess
-    ) -> ServerUnreachable | ServerKeyChanged:
+    ) -> ServerUnreachableError | ServerKeyChangedError:
         """Connect to `target`; return only if no SSH server of ours lets us begin there."""
         was_up = False
 
@@ -189,13 +189,13 @@ class Connector:
             await run_connection(
                 target, files, self._followed(replace(role, on_up=on_up), target, ssh)
             )
-        except ServerUnreachable as problem:
+        except ServerUnreachableError as problem:
             return problem
-        except ServerKeyChanged as problem:
+        except ServerKeyChangedError as problem:
             if len(ssh.in_order(self._settings)) > 1:
                 self._repeats.log_problem(role.kind, _among_others(problem.message))
             return problem
-        except LinkProblem as problem:
+        except LinkError as problem:
             if role.kind == "session":
                 self._note_end(target.cell, problem, was_up=was_up)
             raise
@@ -215,24 +215,24 @@ class Connector:
 
         return replace(role, on_cells=on_cells, elsewhere=elsewhere)
 
-    def _note_end(self, cell: ListedCell | None, problem: LinkProblem, *, was_up: bool) -> None:
-        if isinstance(problem, ServerSilent):
+    def _note_end(self, cell: ListedCell | None, problem: LinkError, *, was_up: bool) -> None:
+        if isinstance(problem, ServerSilentError):
             self._fell_silent = (cell, monotonic())
         if cell is not None and (not was_up or has_no_relay(problem)):
             self._failed_at[cell] = monotonic()
 
 
-def has_no_relay(problem: AgentProblem) -> bool:
+def has_no_relay(problem: AgentError) -> bool:
     """Return whether a session ended because its cell's relay hangs or is gone, though the way to the cell is good."""
-    if isinstance(problem, ServerSilent):
+    if isinstance(problem, ServerSilentError):
         # With Retry.AT_ONCE nothing that was sent is acknowledged, or this robot slept: it may be the network.
         return problem.retry is not Retry.AT_ONCE
-    return isinstance(problem, SessionEnded) and problem.code in NO_RELAY_BYES
+    return isinstance(problem, SessionEndedError) and problem.code in NO_RELAY_BYES
 
 
-def _why_nowhere(failed: Sequence[AgentProblem], cells: int) -> AgentProblem:
+def _why_nowhere(failed: Sequence[AgentError], cells: int) -> AgentError:
     """Return one problem for all; a wrong host key ends the agent only if each of the `cells` has one."""
-    wrong = [problem for problem in failed if isinstance(problem, ServerKeyChanged)]
+    wrong = [problem for problem in failed if isinstance(problem, ServerKeyChangedError)]
     if not wrong:
         return combined_problem(failed)
     if len(wrong) >= cells:
@@ -240,5 +240,5 @@ def _why_nowhere(failed: Sequence[AgentProblem], cells: int) -> AgentProblem:
     return _among_others("; ".join(problem.message for problem in failed))
 
 
-def _among_others(message: str) -> ServerKeyChanged:
-    return ServerKeyChanged(message, advice=OTHERS_ADVICE, retry=Retry.SOON)
+def _among_others(message: str) -> ServerKeyChangedError:
+    return ServerKeyChangedError(message, advice=OTHERS_ADVICE, retry=Retry.SOON)

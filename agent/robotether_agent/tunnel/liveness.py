@@ -22,7 +22,13 @@ from robotether_agent.clock import robot_time
 from robotether_agent.net import netlink
 from robotether_agent.net.server_dialer import SETTLED_AFTER_S, ServerDialer, SshAddress
 from robotether_agent.net.tcp import is_stuck
-from robotether_agent.problems import AgentProblem, LinkProblem, NetworkChanged, Retry, ServerSilent
+from robotether_agent.problems import (
+    AgentError,
+    LinkError,
+    NetworkChangedError,
+    Retry,
+    ServerSilentError,
+)
 from robotether_agent.tasks import first_of
 from robotether_agent.tunnel.tunnel import Tunnel
 
@@ -118,7 +124,7 @@ async def watch(
     target: SshAddress,
     elsewhere: Callable[[], Sequence[SshAddress]] = nowhere_else,
 ) -> NoReturn:
-    """Raise ServerSilent or NetworkChanged when the connection is dead; else never end.
+    """Raise ServerSilentError or NetworkChangedError when the connection is dead; else never end.
 
     `elsewhere` returns the addresses of the other cells, as they are known by then.
     """
@@ -147,15 +153,15 @@ class Signs:
         return self.silent_s >= limit_s + self.idle_delay_s
 
 
-def suspicion(signs: Signs) -> LinkProblem | None:
+def suspicion(signs: Signs) -> LinkError | None:
     """Return why the connection may be dead, as the problem that it then is."""
     if signs.path is Path.GONE:
-        return NetworkChanged("lost the connection: this robot has another address now")
+        return NetworkChangedError("lost the connection: this robot has another address now")
     if signs.is_stuck and signs.is_silent:
         why = f"the server was silent for {signs.silent_s:.1f} s"
-        return ServerSilent(f"lost the connection: {why}", retry=Retry.AT_ONCE)
+        return ServerSilentError(f"lost the connection: {why}", retry=Retry.AT_ONCE)
     if signs.path is Path.MOVED:
-        return NetworkChanged(
+        return NetworkChangedError(
             "left the connection: this robot's route now leads through another network"
         )
     return None
@@ -246,14 +252,14 @@ class _Watch:
             idle_delay_s=self._session.idle_delay_s,
         )
 
-    async def _is_answered_elsewhere(self, problem: LinkProblem) -> bool:
+    async def _is_answered_elsewhere(self, problem: LinkError) -> bool:
         """Try to reach the server; return True if it answers there while this connection still looks dead.
 
         Another cell counts when this one is silent; when only the network has changed it is no reason to leave it.
         """
         if time.monotonic() < self._rest_until:
             return False
-        others = self._elsewhere() if isinstance(problem, ServerSilent) else ()
+        others = self._elsewhere() if isinstance(problem, ServerSilentError) else ()
         unreached_s = self._session.silent_s - self._session.idle_delay_s
         answered: list[SshAddress] = []
 
@@ -263,7 +269,7 @@ class _Watch:
 
         try:
             await first_of(find(), self._until_clear())
-        except AgentProblem as why:
+        except AgentError as why:
             log.debug("the server does not answer on another connection: %s", why)
             self._rest_until = time.monotonic() + REST_S
         if replace(self._signs(), is_distrusted=True).is_silent:

@@ -26,16 +26,16 @@ from robotether_agent.enrolment.keys import ALIAS, HOST_KEY_ADVICE
 from robotether_agent.fields import printable
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
-    AgentProblem,
-    ForwardFailed,
-    KeyRefused,
-    KeyUnusable,
-    LinkLost,
-    PortTaken,
-    ServerKeyChanged,
-    ServerUnreachable,
-    SessionRefused,
-    SshIncompatible,
+    AgentError,
+    ForwardFailedError,
+    KeyRefusedError,
+    KeyUnusableError,
+    LinkLostError,
+    PortTakenError,
+    ServerKeyChangedError,
+    ServerUnreachableError,
+    SessionRefusedError,
+    SshIncompatibleError,
 )
 
 CONNECT_TIMEOUT_S = 10
@@ -201,7 +201,7 @@ def child_environment() -> dict[str, str]:
 
 def why_not_connected(
     stderr: Sequence[str], status: int, target: SshAddress, files: SshFiles
-) -> AgentProblem:
+) -> AgentError:
     """Return why a client ended before the server sent a configuration."""
     for pattern, kind, why, advice in _BEFORE_CONFIG:
         line = _first(stderr, pattern)
@@ -212,15 +212,15 @@ def why_not_connected(
     said = _last(stderr)
     if status != SSH_FAILED:
         why = said or f"status {status}, and no message"
-        return SessionRefused(
+        return SessionRefusedError(
             f"cannot open the session at {target}: the server's command ended: {why}"
         )
-    return LinkLost(f"cannot connect to {target}: {said or 'ssh ended silently'}")
+    return LinkLostError(f"cannot connect to {target}: {said or 'ssh ended silently'}")
 
 
-def why_ended(stderr: Sequence[str], status: int | None, target: SshAddress) -> AgentProblem:
+def why_ended(stderr: Sequence[str], status: int | None, target: SshAddress) -> AgentError:
     """Return why a client ended that had been connected; `stderr` is what it printed since then."""
-    return LinkLost(f"lost the connection to {target}: {_last(stderr) or _silent_end(status)}")
+    return LinkLostError(f"lost the connection to {target}: {_last(stderr) or _silent_end(status)}")
 
 
 def _silent_end(status: int | None) -> str:
@@ -231,49 +231,54 @@ def _silent_end(status: int | None) -> str:
     return f"the server ended the session (status {status})"
 
 
-def why_no_forward(stderr: Sequence[str], forward: Forward, action: str) -> AgentProblem:
+def why_no_forward(stderr: Sequence[str], forward: Forward, action: str) -> AgentError:
     """Return why the running client did not add or cancel `forward`."""
     if _first(stderr, PORT_TAKEN) is not None:
-        return PortTaken(
+        return PortTakenError(
             f"cannot open port {forward.listen_port} on the server: it refuses the port to this robot",
             advice="another connection still holds it, or the robot's ports have changed; this is tried again",
         )
     said = _last(stderr) or "without a word"
-    return ForwardFailed(f"cannot {action} the forward {forward.spec}: {said}")
+    return ForwardFailedError(f"cannot {action} the forward {forward.spec}: {said}")
 
 
 # The order counts: a refused host key or key file also ends in lines that later patterns match.
-_BEFORE_CONFIG: tuple[tuple[re.Pattern[str], type[AgentProblem], str, str | None], ...] = (
-    (SESSION_COMMAND, SessionRefused, "cannot open the session at {target}: {line}", None),
+_BEFORE_CONFIG: tuple[tuple[re.Pattern[str], type[AgentError], str, str | None], ...] = (
+    (SESSION_COMMAND, SessionRefusedError, "cannot open the session at {target}: {line}", None),
     (
         HOST_KEY,
-        ServerKeyChanged,
+        ServerKeyChangedError,
         "cannot trust {target}: its host key is not one of those pinned at the first join ({line})",
         HOST_KEY_ADVICE,
     ),
     (
         KEY_DAMAGED,
-        KeyUnusable,
+        KeyUnusableError,
         "cannot use this robot's key: {line}",
         "this file is damaged: remove it and the one with .pub; a robot without a key joins with a new one",
     ),
     (
         KEY_FILE,
-        KeyUnusable,
+        KeyUnusableError,
         "cannot use the key {key}: {line}",
         "let only the agent's user read it: chmod 600 {key}",
     ),
     (
         KEY_REFUSED,
-        KeyRefused,
+        KeyRefusedError,
         "cannot log in at {target}: the server refuses this robot's key ({line})",
         None,
     ),
-    (INCOMPATIBLE, SshIncompatible, "cannot talk to {target}: {line}", None),
-    (FALLS_SILENT, ServerUnreachable, f"cannot reach SSH at {{target}}: {SILENT}", SILENT_ADVICE),
+    (INCOMPATIBLE, SshIncompatibleError, "cannot talk to {target}: {line}", None),
+    (
+        FALLS_SILENT,
+        ServerUnreachableError,
+        f"cannot reach SSH at {{target}}: {SILENT}",
+        SILENT_ADVICE,
+    ),
     (
         UNREACHABLE,
-        ServerUnreachable,
+        ServerUnreachableError,
         "cannot reach SSH at {target}: {line}",
         SILENT_ADVICE,
     ),

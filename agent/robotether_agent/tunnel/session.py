@@ -35,7 +35,12 @@ from robotether_agent.fields import (
     line_of,
     parse_object,
 )
-from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
+from robotether_agent.problems import (
+    ProtocolBrokenError,
+    Retry,
+    ServerSilentError,
+    SessionEndedError,
+)
 from robotether_agent.tasks import first_of
 
 MESSAGE_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
@@ -258,7 +263,7 @@ class Session:
     def send(self, message: Mapping[str, object]) -> None:
         """Send one message; a server that takes none for long ends the session."""
         if self._out.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
-            raise ServerSilent("lost the session: the server no longer reads")
+            raise ServerSilentError("lost the session: the server no longer reads")
         self._out.write(line_of(message))
 
     @property
@@ -294,16 +299,18 @@ class Session:
         except asyncio.IncompleteReadError:
             return b""
         except asyncio.LimitOverrunError as error:
-            raise ProtocolBroken("lost the session: the server sent a line over 64 KiB") from error
+            raise ProtocolBrokenError(
+                "lost the session: the server sent a line over 64 KiB"
+            ) from error
 
     async def _end_silence(self) -> NoReturn:
-        """Raise ServerSilent when nothing was received for too long; a time-out of each line would cost more."""
+        """Raise ServerSilentError when nothing was received for too long; a time-out of each line would cost more."""
         while True:
             left_s = self._timeout_s - self.silent_s
             if left_s <= 0:
                 why = f"the server was silent for {self._timeout_s:g} s"
                 retry = Retry.SOON if left_s > -FROZEN_S else Retry.AT_ONCE
-                raise ServerSilent(f"lost the session: {why}", retry=retry)
+                raise ServerSilentError(f"lost the session: {why}", retry=retry)
             await asyncio.sleep(min(left_s, CHECK_EVERY_S))
 
     def _handle(self, line: bytes) -> None:
@@ -316,7 +323,7 @@ class Session:
                 return
             handler(message)
         except FieldError as error:
-            raise ProtocolBroken(
+            raise ProtocolBrokenError(
                 f"lost the session: the server sent a broken line: {error}"
             ) from error
 
@@ -368,7 +375,7 @@ class Session:
     def _on_bye(self, message: JsonObject) -> None:
         code = get_match(message, "code", CODE, "a short code")
         detail = get_text(message, "detail", default="without a reason")
-        raise SessionEnded(
+        raise SessionEndedError(
             f"the server ended the connection: {detail}",
             code=code,
             retry=retry_after_bye(code),

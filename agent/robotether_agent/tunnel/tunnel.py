@@ -20,7 +20,7 @@ from robotether_common.session import MAX_LINE_BYTES, Kind
 
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.net.tcp import prepare_for_video
-from robotether_agent.problems import AgentProblem, ForwardFailed, LinkLost, SshMissing
+from robotether_agent.problems import AgentError, ForwardFailedError, LinkLostError, SshMissingError
 from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import (
     Forward,
@@ -105,7 +105,7 @@ class Tunnel:
         """Forget what was printed during the log-in, such as a banner: it is not why the connection ends."""
         self._stderr = b""
 
-    async def why_ended(self, *, was_connected: bool) -> AgentProblem:
+    async def why_ended(self, *, was_connected: bool) -> AgentError:
         """Wait shortly for the client's end and its last words, and return what they mean."""
         await asyncio.wait({self._listener}, timeout=END_TIMEOUT_S)
         try:
@@ -132,7 +132,7 @@ class Tunnel:
         command = control_command(self._files.control, action, forward)
         status, words = await _run(command)
         if status is None:
-            raise ForwardFailed(
+            raise ForwardFailedError(
                 f"cannot {action} {forward.spec}: no answer in {CONTROL_TIMEOUT_S:g} s"
             )
         if status != 0:
@@ -179,10 +179,10 @@ async def _start(command: list[str], stdin: int, stderr: int = PIPE) -> Process:
             start_new_session=True,
         )
     except FileNotFoundError as error:
-        raise SshMissing("cannot connect: there is no OpenSSH client (ssh)") from error
+        raise SshMissingError("cannot connect: there is no OpenSSH client (ssh)") from error
     except OSError as error:
         # No memory, or too many processes: the other connections go on.
-        raise LinkLost(f"cannot start OpenSSH's client: {error.strerror}") from error
+        raise LinkLostError(f"cannot start OpenSSH's client: {error.strerror}") from error
 
 
 async def _run(

@@ -33,7 +33,7 @@ from robotether_agent.guard.child_process import EXIT_S, TICK, TICK_S, GuardProc
 from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
 from robotether_agent.guard.rosbridge import new_http
 from robotether_agent.guard.supervisor import GuardSupervisor
-from robotether_agent.problems import GuardDown
+from robotether_agent.problems import GuardDownError
 from robotether_agent.settings import Settings
 from robotether_agent.systemd import Notifier
 from robotether_agent.tasks import first_of
@@ -85,9 +85,9 @@ class GuardHere:
         self._messages.feed_data(line_of(message))
 
     async def serve(self, on_line: Callable[[JsonObject], None]) -> NoReturn:
-        """Tick, and hand on each line of the guard; raise GuardDown when it has ended."""
+        """Tick, and hand on each line of the guard; raise GuardDownError when it has ended."""
         await first_of(self._until_end(), self._listen(on_line), self._tick())
-        raise GuardDown("the guard ended")
+        raise GuardDownError("the guard ended")
 
     async def end(self) -> None:
         """Let the guard stop the robot and end."""

@@ -32,14 +32,14 @@ from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.fields import get_cells, line_of
 from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
 from robotether_agent.problems import (
-    AgentProblem,
-    ForwardFailed,
-    KeyRefused,
-    LinkLost,
-    PortTaken,
-    ProtocolBroken,
-    ServerSilent,
-    SessionEnded,
+    AgentError,
+    ForwardFailedError,
+    KeyRefusedError,
+    LinkLostError,
+    PortTakenError,
+    ProtocolBrokenError,
+    ServerSilentError,
+    SessionEndedError,
 )
 from robotether_agent.settings import Settings
 from robotether_agent.tunnel.connection import (
@@ -182,23 +182,23 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         try:
             self._ssh = await asyncssh.connect(sock=sock, options=account.options)
         except asyncssh.PermissionDenied as error:
-            raise KeyRefused(f"cannot log in at {target}: {error}") from error
+            raise KeyRefusedError(f"cannot log in at {target}: {error}") from error
         except (asyncssh.Error, OSError) as error:
-            raise LinkLost(f"cannot log in at {target}: {error}") from error
+            raise LinkLostError(f"cannot log in at {target}: {error}") from error
         try:
             await self._ssh.create_session(lambda: self, "session", encoding=None)
         except (asyncssh.Error, OSError) as error:
             self._ssh.abort()
-            raise LinkLost(f"cannot open the session at {target}: {error}") from error
+            raise LinkLostError(f"cannot open the session at {target}: {error}") from error
 
     async def forward(self, port: int, make: Callable[[], asyncssh.SSHTCPSession[bytes]]) -> None:
         """Have the server listen at `port`; each connection there is a session of `make`."""
         try:
             await self._ssh.create_server(lambda _host, _port: make(), ANY_ADDRESS, port)
         except asyncssh.ChannelListenError as error:
-            raise PortTaken(f"cannot open port {port} on the server: {error}") from error
+            raise PortTakenError(f"cannot open port {port} on the server: {error}") from error
         except (asyncssh.Error, OSError) as error:
-            raise ForwardFailed(f"cannot open port {port} on the server: {error}") from error
+            raise ForwardFailedError(f"cannot open port {port} on the server: {error}") from error
 
     def send(self, message: Line) -> None:
         """Send one line, if the connection still is."""
@@ -211,7 +211,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         self._tasks.add(task)
         task.add_done_callback(self._done)
 
-    def fail(self, problem: AgentProblem) -> None:
+    def fail(self, problem: AgentError) -> None:
         """End with this problem; the first one counts."""
         if not self.ended.done():
             self.ended.set_exception(problem)
@@ -246,7 +246,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
             self._handle(json.loads(line))
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self.fail(LinkLost(f"lost the connection: {exc or 'without a word'}"))
+        self.fail(LinkLostError(f"lost the connection: {exc or 'without a word'}"))
 
     def _handle(self, line: Line) -> None:
         kind = line["type"]
@@ -281,7 +281,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         now = robot_time()
         if now - self._received_at > timeout_s:
             why = f"the server was silent for {timeout_s:g} s"
-            self.fail(ServerSilent(f"lost the session: {why}"))
+            self.fail(ServerSilentError(f"lost the session: {why}"))
             return
         if self.config:
             self._seq += 1
@@ -292,13 +292,13 @@ class Connection(asyncssh.SSHClientSession[bytes]):
     def _done(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
         if not task.cancelled() and (error := task.exception()) is not None:
-            why = error if isinstance(error, AgentProblem) else ProtocolBroken(repr(error))
+            why = error if isinstance(error, AgentError) else ProtocolBrokenError(repr(error))
             self.fail(why)
 
 
-def _ending(bye: Line) -> SessionEnded:
+def _ending(bye: Line) -> SessionEndedError:
     retry = retry_after_bye(bye["code"])
-    return SessionEnded(f"the server ended it: {bye['detail']}", code=bye["code"], retry=retry)
+    return SessionEndedError(f"the server ended it: {bye['detail']}", code=bye["code"], retry=retry)
 
 
 class VirtualRobot:
@@ -342,8 +342,8 @@ class VirtualRobot:
             connection.epoch = self._epochs.next()
             connection.send({"type": "hello", **who, "guard": "on", "epoch": connection.epoch})
             await connection.ended
-        except AgentProblem as problem:
-            if isinstance(problem, ServerSilent):
+        except AgentError as problem:
+            if isinstance(problem, ServerSilentError):
                 self._fell_silent = connection.target
             if has_no_relay(problem):
                 self._failed_at[connection.target] = robot_time()

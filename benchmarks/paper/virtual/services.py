@@ -19,7 +19,7 @@ from typing import Any, cast
 
 import asyncssh
 from aiohttp import WSMsgType, web
-from robotether_agent.guard.authorizer import Authorizer, NotAuthorized
+from robotether_agent.guard.authorizer import Authorizer, DriveNotAuthorizedError
 from robotether_agent.guard.topics import Authorization
 from robotether_common.guard import DEFAULT_MS, REFUSED_KINDS, STAMP
 
@@ -138,7 +138,7 @@ class Services:
             return web.Response(status=426, text="connect with a WebSocket\n")
         try:
             authorization = self._authorizer.authorize(request.headers)
-        except NotAuthorized as refused:
+        except DriveNotAuthorizedError as refused:
             return web.Response(status=refused.status, text=f"{refused}\n")
         self._rights_changed()
         await client.prepare(request)

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 
-from sim_robot.settings import SettingsProblem, SimSettings, from_environment
+from sim_robot.settings import SimSettings, SimSettingsError, from_environment
 from sim_robot.simulator import Simulator
 
 log = logging.getLogger("sim_robot")
@@ -18,7 +18,7 @@ def main() -> int:
     """Run until a signal comes; the exit code is 78 for settings that cannot be used."""
     try:
         settings = from_environment(os.environ)
-    except SettingsProblem as problem:
+    except SimSettingsError as problem:
         sys.stderr.write(f"{problem}\n")
         return EXIT_SETTINGS
     logging.basicConfig(

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from sim_robot.messages import Fields, MessageTypes, SimRobotProblem, Values
+from sim_robot.messages import Fields, MessageTypes, SimRobotError, Values
 
 log = logging.getLogger(__name__)
 
@@ -18,7 +18,7 @@ _NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+", re.ASCII)
 NAME_LIMIT = 255
 
 
-class GraphProblem(SimRobotProblem):
+class GraphError(SimRobotError):
     """The topic or service is not what the caller believes."""
 
 
@@ -51,10 +51,10 @@ class _BusTopic:
 
 
 def full_name(name: str) -> str:
-    """Make a topic's or service's name absolute; GraphProblem if ROS would not take it."""
+    """Make a topic's or service's name absolute; GraphError if ROS would not take it."""
     absolute = name if name.startswith("/") else "/" + name
     if len(absolute) > NAME_LIMIT or not _NAME.fullmatch(absolute):
-        raise GraphProblem(
+        raise GraphError(
             f"cannot use the name {name!r:.80}: parts of letters, digits and _ are allowed,"
             " divided by /, none beginning with a digit"
         )
@@ -126,7 +126,7 @@ class Bus:
         known = self._topics.get(topic)
         if type_name is None:
             if known is None:
-                raise GraphProblem(
+                raise GraphError(
                     f"cannot find the type of {topic}: nobody advertises it yet; give a type"
                 )
             return known
@@ -135,7 +135,7 @@ class Bus:
             known = self._topics[topic] = _BusTopic(key)
         elif known.key != key:
             established = self._types.name_of(known.key)
-            raise GraphProblem(
+            raise GraphError(
                 f"cannot use {topic} as {type_name}: it is established as {established}"
             )
         return known
@@ -179,9 +179,9 @@ class Services:
         self._services[service.name] = service
 
     def get(self, name: str) -> Service:
-        """Find a service, or raise GraphProblem."""
+        """Find a service, or raise GraphError."""
         if name not in self._services:
-            raise GraphProblem(f"Service {name} does not exist")
+            raise GraphError(f"Service {name} does not exist")
         return self._services[name]
 
     def all(self) -> list[Service]:

@@ -88,15 +88,15 @@ def float32(value: float) -> float:
     return rounded
 
 
-class SimRobotProblem(Exception):  # noqa: N818  "problem" is the word of all parts for it
+class SimRobotError(Exception):
     """What a client asked for cannot be done; the text is a sentence for a person."""
 
 
-class TypeUnknown(SimRobotProblem):
+class TypeUnknownError(SimRobotError):
     """No message type has this name."""
 
 
-class MessageMismatch(SimRobotProblem):
+class MessageMismatchError(SimRobotError):
     """A message has a field that its type lacks, or a value of another type."""
 
 
@@ -110,13 +110,13 @@ class MessageTypes:
         self._fields = {key: parse_fields(text) for key, text in definitions.items()}
 
     def key_of(self, name: str) -> str:
-        """Find the key of a type that a client named, or raise TypeUnknown."""
+        """Find the key of a type that a client named, or raise TypeUnknownError."""
         parts = name.split("/")
         if self.ros_version == ROS_2 and parts[1:2] == ["msg"]:
             del parts[1]
         key = "/".join(parts)
         if key not in self._fields:
-            raise TypeUnknown(
+            raise TypeUnknownError(
                 f"cannot use message type {name}: the simulated robot (ROS {self.ros_version})"
                 " has no such type"
             )
@@ -147,7 +147,7 @@ class MessageTypes:
     def conform(self, key: str, values: object, now_ns: int) -> Values:
         """Give the whole message: fields that are left out get defaults, a header gets the time.
 
-        Raises MessageMismatch for a field that the type lacks or a value that does not fit.
+        Raises MessageMismatchError for a field that the type lacks or a value that does not fit.
         """
         return self.conform_fields(self.name_of(key), self._fields[key], values, now_ns)
 
@@ -176,7 +176,7 @@ class _Conformer:
         known = dict(fields)
         for name in values:
             if name not in known:
-                raise MessageMismatch(f"{self._what} has no field {path}{name}")
+                raise MessageMismatchError(f"{self._what} has no field {path}{name}")
         return {
             name: self._field(field_type, values[name], f"{path}{name}")
             if name in values
@@ -255,9 +255,9 @@ class _Conformer:
             return self._types.time(self._now_ns if name == "stamp" else 0)
         return _DEFAULTS[field_type]()
 
-    def _mismatch(self, path: str, expected: str, value: object) -> MessageMismatch:
+    def _mismatch(self, path: str, expected: str, value: object) -> MessageMismatchError:
         where = f"field {path.rstrip('.')}" if path else "the message"
-        return MessageMismatch(
+        return MessageMismatchError(
             f"{self._what}: {where} must be {expected}, not {type(value).__name__} {value!r:.60}"
         )
 

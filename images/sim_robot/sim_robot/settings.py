@@ -14,7 +14,7 @@ PORT_MAX = 65535
 LOG_LEVELS = ("debug", "info", "warning", "error")
 
 
-class SettingsProblem(Exception):  # noqa: N818  as in messages.py
+class SimSettingsError(Exception):
     """A variable of the environment has a value that is not allowed."""
 
 
@@ -35,7 +35,7 @@ class SimSettings:
 
 
 def from_environment(environment: Mapping[str, str]) -> SimSettings:
-    """Read the settings; SettingsProblem names variable, value and what is allowed."""
+    """Read the settings; SimSettingsError names variable, value and what is allowed."""
     values = {key: value for key, value in environment.items() if key.startswith(PREFIX) and value}
     _refuse_unknown(values)
     return SimSettings(
@@ -63,11 +63,11 @@ def _refuse_unknown(values: Mapping[str, str]) -> None:
     for key in sorted(values):
         if key not in variable_names():
             known = ", ".join(variable_names())
-            raise SettingsProblem(f"cannot start: {key} is no setting; known are {known}")
+            raise SimSettingsError(f"cannot start: {key} is no setting; known are {known}")
 
 
-def _wrong(key: str, value: str, allowed: str) -> SettingsProblem:
-    return SettingsProblem(f"cannot start: {key} is {value!r}, allowed is {allowed}")
+def _wrong(key: str, value: str, allowed: str) -> SimSettingsError:
+    return SimSettingsError(f"cannot start: {key} is {value!r}, allowed is {allowed}")
 
 
 def _number(values: Mapping[str, str], key: str, default: float, low: int, high: int) -> float:

@@ -18,7 +18,12 @@ from robotether_server.api.recent_users import RecentUser
 from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
-from robotether_server.problems import GrantMissing, LoginMissing, TokenInvalid, Unauthorized
+from robotether_server.problems import (
+    GrantMissingError,
+    LoginMissingError,
+    TokenInvalidError,
+    UnauthorizedError,
+)
 from robotether_server.services import drive_pages, joining
 from robotether_server.services.joining import EnrolmentCredential
 from robotether_server.tickets import CredentialKind
@@ -47,7 +52,9 @@ def _renew(tx: Transaction, text: str) -> None:
 
 
 def api_user(tx: Transaction, request: Request, *, renew: bool = True) -> User:
-    """Return the user of a Bearer token or else of a login, used as by `page_user`; raise LoginMissing or TokenInvalid.
+    """Return the user of a Bearer token, else of a login as in `page_user`.
+
+    Raises LoginMissingError or TokenInvalidError.
 
     An invalid token is refused even beside a valid login, so that the program that sent it
     notices. A change by a login needs the page's token in X-CSRFToken, as any other site could
@@ -55,7 +62,7 @@ def api_user(tx: Transaction, request: Request, *, renew: bool = True) -> User:
     """
     try:
         user = _credential_user(tx, request, renew=renew)
-    except Unauthorized:
+    except UnauthorizedError:
         context().recent_users.forget(credential_of(request))
         raise
     context().recent_users.note(credential_of(request), RecentUser(user.id, user.name))
@@ -69,7 +76,9 @@ def _credential_user(tx: Transaction, request: Request, *, renew: bool) -> User:
         return token_user(tx, _bearer(header))
     user = page_user(tx, request, renew=renew)
     if user is None:
-        raise LoginMissing("cannot identify the caller: log in, or send an API token as Bearer")
+        raise LoginMissingError(
+            "cannot identify the caller: log in, or send an API token as Bearer"
+        )
     return user
 
 
@@ -82,7 +91,7 @@ def protect_login(request: Request) -> None:
 def enrolment_credential(tx: Transaction, request: Request) -> EnrolmentCredential:
     """Return the enrolment credential: a join token, or an API token or login of an admin.
 
-    Raises LoginMissing, TokenInvalid, TokenExpired or GrantMissing.
+    Raises LoginMissingError, TokenInvalidError, TokenExpiredError or GrantMissingError.
     """
     header = request.headers.get("Authorization")
     if header is not None:
@@ -99,16 +108,20 @@ def credential_of(request: Request) -> tuple[CredentialKind, str]:
 
 
 def token_user(tx: Transaction, text: str) -> User:
-    """Return the user of an API token; raise TokenInvalid."""
+    """Return the user of an API token; raise TokenInvalidError."""
     user = credentials.find_token_user(tx, text)
     if user is None:
-        raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
+        raise TokenInvalidError(
+            "cannot accept the token: it is unknown, expired or its user disabled"
+        )
     return user
 
 
 def _bearer(header: str) -> str:
     if header[: len(SCHEME)].lower() != SCHEME:
-        raise TokenInvalid("cannot accept the header Authorization: it must be 'Bearer rt_...'")
+        raise TokenInvalidError(
+            "cannot accept the header Authorization: it must be 'Bearer rt_...'"
+        )
     return header[len(SCHEME) :].strip()
 
 
@@ -145,8 +158,9 @@ class EnrolmentCaller:
 def admitted(who: Who, robot: str, *, briefly: bool = False) -> Iterator[Caller | EnrolmentCaller]:
     """Admit the caller of an operation, or raise what `api_user` or `enrolment_credential` raises.
 
-    Who is no admin, or does not manage the robot, gets GrantMissing, which reveals nothing about what was asked for;
-    a robot that the user may not see is RobotUnknown. `briefly`: a database that hangs is soon StoreUnavailable, and
+    Raises GrantMissingError for a user who is no admin and does not manage the robot, which reveals nothing;
+    a robot that the user may not see is RobotUnknownError. With `briefly` a hanging
+    database is soon StoreUnavailableError, and
     the login does not count as used.
     """
     with context().database.transaction(briefly=briefly) as tx:
@@ -171,6 +185,6 @@ def _source_of(user: User) -> Source:
 
 
 def check_admin(user: User) -> None:
-    """Raise GrantMissing for a user who is no admin."""
+    """Raise GrantMissingError for a user who is no admin."""
     if not user.is_admin:
-        raise GrantMissing(f"cannot do this as user {user.name}: it is for admins")
+        raise GrantMissingError(f"cannot do this as user {user.name}: it is for admins")

@@ -12,7 +12,7 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import grants
 from robotether_server.db.grants import Grant, Group, Site
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import (
     GivenTimestamp,
     Level,
@@ -164,7 +164,7 @@ def _scope(body: NewGrant) -> Scope:
 
 def _the_one(given: list[T], kinds: str) -> T:
     if len(given) != 1:
-        raise FieldInvalid(f"cannot give a grant: give exactly one of {kinds}")
+        raise FieldInvalidError(f"cannot give a grant: give exactly one of {kinds}")
     return given[0]
 
 

@@ -15,7 +15,7 @@ from robotether_server.api.operations import operation
 from robotether_server.db import cells
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.robots import Report
-from robotether_server.problems import Problem, StoreUnavailable, Throttled
+from robotether_server.problems import RobotetherError, StoreUnavailableError, ThrottledError
 from robotether_server.schemas import (
     AgentVersion,
     Hostname,
@@ -136,7 +136,7 @@ def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRob
 
 def _join(asked: joining.JoinAttempt) -> joining.Answer:
     if not _places.acquire(blocking=False):
-        raise Throttled(
+        raise ThrottledError(
             "cannot join now: too many robots join at this moment; try again shortly", THROTTLED_S
         )
     try:
@@ -146,9 +146,9 @@ def _join(asked: joining.JoinAttempt) -> joining.Answer:
             answer = joining.join(tx, asked, context().join, is_proven=is_proven)
             pending.forget_refusals(tx, asked.presented)
             return answer
-    except StoreUnavailable:
+    except StoreUnavailableError:
         raise
-    except Problem as problem:
+    except RobotetherError as problem:
         with context().database.transaction() as tx:
             pending.record_refusal(tx, asked.presented, problem.code, problem.detail)
         raise
@@ -173,7 +173,7 @@ def _asked(body: RobotJoin) -> joining.JoinAttempt:
 
 
 def ssh_of(settings: JoinSettings, addresses: Iterable[SshAddresses] = ()) -> Ssh:
-    """Return where a robot's tunnel goes, and the keys that it pins; raise StoreUnavailable."""
+    """Return where a robot's tunnel goes, and the keys that it pins; raise StoreUnavailableError."""
     host_keys = read_host_keys(settings.ssh_host_keys_dir)
     listed = [SshOfCell(one.host, list(one.ports)) for one in addresses]
     ports = list(settings.ssh_ports)
@@ -181,14 +181,14 @@ def ssh_of(settings: JoinSettings, addresses: Iterable[SshAddresses] = ()) -> Ss
 
 
 def read_host_keys(folder: Path) -> list[str]:
-    """Return each key as `TYPE BASE64`, by file name; raise StoreUnavailable when there is none."""
+    """Return each key as `TYPE BASE64`, by file name; raise StoreUnavailableError when there is none."""
     lines = []
     for path in sorted(folder.glob("*.pub")):
         words = path.read_text(encoding="ascii").split()
         if len(words) >= KEY_WORDS:
             lines.append(" ".join(words[:KEY_WORDS]))
     if not lines:
-        raise StoreUnavailable(
+        raise StoreUnavailableError(
             f"cannot read sshd's host keys: {folder} has no *.pub file yet; try again shortly"
         )
     return lines

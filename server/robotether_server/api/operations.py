@@ -23,11 +23,11 @@ from robotether_server import schemas
 from robotether_server.api import auth
 from robotether_server.api.auth import Who
 from robotether_server.problems import (
-    FieldInvalid,
-    HttpProblem,
-    RecordMissing,
-    RobotUnknown,
-    StoreUnavailable,
+    FieldInvalidError,
+    HttpError,
+    RecordMissingError,
+    RobotUnknownError,
+    StoreUnavailableError,
 )
 from robotether_server.times import rfc3339
 
@@ -113,7 +113,7 @@ def operation(
             try:
                 with _caller(who, names, briefly=without_database is not None) as caller:
                     return respond(handler(**caller, **names, **_given(one, any_type=any_type)))
-            except StoreUnavailable:
+            except StoreUnavailableError:
                 if without_database is None:
                     raise
             return respond(without_database(**names, **_given(one, any_type=any_type)))
@@ -151,7 +151,7 @@ def check_names(_endpoint: str | None, values: dict[str, Any] | None) -> None:
     for kind in ("robot", "user", "group", "site"):
         name = (values or {}).get(kind, "")
         if name != name.strip():
-            problem = RobotUnknown if kind == "robot" else RecordMissing
+            problem = RobotUnknownError if kind == "robot" else RecordMissingError
             raise problem(f"cannot find {kind} {name!r}: a name has no spaces")
 
 
@@ -166,7 +166,7 @@ def _given(one: ApiOperation, *, any_type: bool) -> dict[str, object]:
 
 def _body(*, any_type: bool) -> dict[str, object]:
     if not any_type and not request.is_json:
-        raise HttpProblem(
+        raise HttpError(
             HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
             "cannot read the body: send one JSON object, with Content-Type: application/json",
         )
@@ -175,14 +175,16 @@ def _body(*, any_type: bool) -> dict[str, object]:
     except RecursionError:
         body = None
     if not isinstance(body, dict):
-        raise FieldInvalid("cannot read the body: it must be one JSON object")
+        raise FieldInvalidError("cannot read the body: it must be one JSON object")
     return body
 
 
 def _query() -> dict[str, str]:
     for name, values in request.args.lists():
         if len(values) > 1:
-            raise FieldInvalid(f"cannot use {name[:40]!r}: it appears in the query more than once")
+            raise FieldInvalidError(
+                f"cannot use {name[:40]!r}: it appears in the query more than once"
+            )
     return dict(request.args.items())
 
 

@@ -24,7 +24,7 @@ from robotether_server.db.seen_robots import (
     Stopped,
 )
 from robotether_server.page_settings import PageSettings
-from robotether_server.problems import RobotUnknown
+from robotether_server.problems import RobotUnknownError
 from robotether_server.schemas import (
     AT_LEAST_ONE,
     MAX_NAME_LENGTH,
@@ -185,7 +185,7 @@ def show_robot(caller: Caller, robot: str) -> ShownRobot:
     """Get a robot that the user may see."""
     seen = seen_robots.find_seen(caller.tx, caller.user, robot)
     if seen is None:
-        raise RobotUnknown(
+        raise RobotUnknownError(
             f"cannot show robot {robot}: there is none of that name that you may see"
         )
     control = seen_robots.control_of(caller.tx, seen.robot.id)

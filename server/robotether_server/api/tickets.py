@@ -11,7 +11,7 @@ from robotether_server.api.recent_users import RecentUser
 from robotether_server.db import cells, grants, seen_robots
 from robotether_server.db.cells import Cell
 from robotether_server.db.users import User
-from robotether_server.problems import GrantMissing, RobotUnknown, StoreUnavailable
+from robotether_server.problems import GrantMissingError, RobotUnknownError, StoreUnavailableError
 from robotether_server.schemas import RobotName
 from robotether_server.tickets import Mode, Ticket, new_id
 
@@ -48,7 +48,7 @@ def create_without_database(body: NewTicket) -> Created[SignedTicket]:
     """Create a ticket for a user whom the database confirmed lately; the relay knows the robot and the grant."""
     user = context().recent_users.find(auth.credential_of(request))
     if user is None:
-        raise StoreUnavailable(
+        raise StoreUnavailableError(
             f"cannot open robot {body.robot}: the database does not answer; try again shortly"
         )
     auth.protect_login(request)
@@ -68,9 +68,11 @@ def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
     name, mode = body.robot, body.mode
     seen = seen_robots.find_seen(caller.tx, caller.user, name)
     if seen is None:
-        raise RobotUnknown(f"cannot open robot {name}: there is none of that name that you may see")
+        raise RobotUnknownError(
+            f"cannot open robot {name}: there is none of that name that you may see"
+        )
     if not grants.includes(seen.level, mode):
-        raise GrantMissing(f"cannot open robot {name} to {mode}: your grant is {seen.level}")
+        raise GrantMissingError(f"cannot open robot {name} to {mode}: your grant is {seen.level}")
     cell = _address_of(cells.find_of_robot(caller.tx, seen.robot.id))
     return _signed(caller.user, body, seen.robot.id, cell), 201
 

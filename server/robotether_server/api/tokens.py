@@ -16,7 +16,7 @@ from robotether_server.db.credentials import Token
 from robotether_server.db.join_tokens import JoinToken, Place
 from robotether_server.db.users import User
 from robotether_server.install_line import enrolment_lines
-from robotether_server.problems import RecordMissing, StoreUnavailable
+from robotether_server.problems import RecordMissingError, StoreUnavailableError
 from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label, UserName
 from robotether_server.services import tokens as token_service
@@ -98,7 +98,7 @@ def delete_token(caller: Caller, token_id: int) -> None:
     """Delete an API token of the user, with the join tokens and SSH keys that it made; an admin may delete any."""
     token = credentials.get_token(caller.tx, token_id)
     if token.user != caller.user.name and not caller.user.is_admin:
-        raise RecordMissing(f"cannot find token {token_id}: there is none of that number")
+        raise RecordMissingError(f"cannot find token {token_id}: there is none of that number")
     token_service.delete(caller.tx, caller.source, token_id)
 
 
@@ -125,7 +125,7 @@ def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoin
     )
     made = join_tokens.find(caller.tx, text)
     if made is None:
-        raise StoreUnavailable("cannot make the join token: it is gone already; try again")
+        raise StoreUnavailableError("cannot make the join token: it is gone already; try again")
     # This may raise: without an install line there is no token.
     lines = enrolment_lines(context().site_certificates, request.host, text)
     return CreatedJoinToken(

@@ -6,7 +6,7 @@ from robotether_server.cli.common import (
     JSON,
     SOURCE,
     YES,
-    NotDone,
+    NotDoneError,
     open_database,
     print_records,
     remove_after_question,
@@ -65,7 +65,9 @@ def drain(name: str, wait: bool, timeout: float) -> None:
     if wait and wait_for(lambda: _is_empty(database, name), timeout) is None:
         with database.transaction() as tx:
             left = cells.get(tx, name).robots
-        raise NotDone(f"cannot see cell {name} empty after {timeout:g} s: {left} robots are left")
+        raise NotDoneError(
+            f"cannot see cell {name} empty after {timeout:g} s: {left} robots are left"
+        )
     click.echo(f"cell {name} is {'empty' if wait else 'draining'}")
 
 

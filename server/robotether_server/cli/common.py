@@ -13,7 +13,7 @@ import click
 from robotether_server import settings
 from robotether_server.db import Database, Transaction
 from robotether_server.db.audit import Source
-from robotether_server.problems import Problem
+from robotether_server.problems import RobotetherError
 
 T = TypeVar("T")
 
@@ -24,7 +24,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 YES = click.option("--yes", is_flag=True, help="Remove it without asking.")
 
 
-class NotDone(Problem, code="not_done"):
+class NotDoneError(RobotetherError, code="not_done"):
     """A command that understood its arguments cannot do what they ask."""
 
 
@@ -34,11 +34,11 @@ def open_database() -> Database:
 
 
 def agree(action: str, question: str, without_terminal: str) -> None:
-    """Ask the person at the terminal; raise NotDone for a no, or when there is nobody to ask."""
+    """Ask the person at the terminal; raise NotDoneError for a no, or when there is nobody to ask."""
     if not sys.stdin.isatty():
-        raise NotDone(f"cannot {action}: there is no terminal to ask on; {without_terminal}")
+        raise NotDoneError(f"cannot {action}: there is no terminal to ask on; {without_terminal}")
     if not click.confirm(question):
-        raise NotDone(f"did not {action}: the answer was no")
+        raise NotDoneError(f"did not {action}: the answer was no")
 
 
 def remove_after_question(

@@ -29,7 +29,7 @@ from invoke.exceptions import CommandTimedOut, ThreadException
 
 from robotether_server.cli import fleet_ssh
 from robotether_server.cli.common import JSON, print_json, print_table
-from robotether_server.cli.fleet_ssh import FleetProblem, SshConnections
+from robotether_server.cli.fleet_ssh import FleetError, SshConnections
 from robotether_server.problems import reason_in
 
 T = TypeVar("T")
@@ -163,7 +163,7 @@ def run_on(
     timeout_s: float,
     password: str | None = None,
 ) -> int:
-    """Run what `on_lifeline` returned; return its exit status, or raise FleetProblem."""
+    """Run what `on_lifeline` returned; return its exit status, or raise FleetError."""
     runner = Runner(connection, password)
     try:
         result = runner.run(
@@ -176,12 +176,12 @@ def run_on(
             warn=True,
         )
     except CommandTimedOut as error:
-        raise FleetProblem(f"timed out after {timeout_s:g} s") from error
+        raise FleetError(f"timed out after {timeout_s:g} s") from error
     except (ThreadException, OSError, EOFError, paramiko.SSHException) as error:
         log.debug("the connection broke", exc_info=error)
-        raise FleetProblem("the connection broke while the command ran") from error
+        raise FleetError("the connection broke while the command ran") from error
     if result.exited == ENDED_WITHOUT_STATUS:
-        raise FleetProblem("the connection broke before the command ended")
+        raise FleetError("the connection broke before the command ended")
     return int(result.exited)
 
 
@@ -319,7 +319,7 @@ class FleetRun:
         try:
             with closing(out), closing(err):
                 status = self._run_on(robot, out, err)
-        except FleetProblem as error:
+        except FleetError as error:
             problem = "interrupted" if self.interrupted else error.detail
         except Exception as error:
             # The border of one robot: the others go on.

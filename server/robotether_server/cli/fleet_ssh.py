@@ -28,7 +28,7 @@ import paramiko
 from cryptography.exceptions import UnsupportedAlgorithm
 from paramiko.auth_strategy import AuthStrategy, InMemoryPrivateKey
 
-from robotether_server.problems import Problem, reason_in
+from robotether_server.problems import RobotetherError, reason_in
 
 USER_CONFIG = Path("~/.ssh/config")
 ALIAS = "robotether-"
@@ -57,7 +57,7 @@ WEAK = ("ssh-rsa", "ssh-dss")
 log = logging.getLogger(__name__)
 
 
-class FleetProblem(Problem):
+class FleetError(RobotetherError):
     """Why a command does not reach a robot, for the person who sent it."""
 
 
@@ -78,7 +78,7 @@ class Target:
 
 
 def choose(config: Path | None, patterns: Iterable[str]) -> list[str]:
-    """Return the robots that a pattern names, by name; raise FleetProblem for a pattern without any."""
+    """Return the robots that a pattern names, by name; raise FleetError for a pattern without any."""
     path = (config or USER_CONFIG).expanduser()
     known = sorted(robots_in(path))
     chosen: set[str] = set()
@@ -86,7 +86,7 @@ def choose(config: Path | None, patterns: Iterable[str]) -> list[str]:
         found = [name for name in known if fnmatchcase(name, pattern)]
         if not found:
             names = ", ".join(known) or "no robot at all"
-            raise FleetProblem(
+            raise FleetError(
                 f"cannot find robots for {pattern}: {path} has {names}; update it with: robotether ssh-config"
             )
         chosen.update(found)
@@ -109,11 +109,11 @@ def robots_in(path: Path) -> set[str]:
 def directives(path: Path, depth: int = 0) -> Iterator[tuple[str, list[str]]]:
     """Yield each keyword in lower case with its arguments; an included file is read at its Include."""
     if depth > MAX_INCLUDE_DEPTH:
-        raise FleetProblem(f"cannot read {path}: it is included over {MAX_INCLUDE_DEPTH} deep")
+        raise FleetError(f"cannot read {path}: it is included over {MAX_INCLUDE_DEPTH} deep")
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise FleetProblem(
+        raise FleetError(
             f"cannot read {path}: {reason_in(error)}; write it with: robotether ssh-config, or name another with "
             "--ssh-config"
         ) from error
@@ -145,7 +145,7 @@ def matches(pattern: str) -> list[Path]:
 
 
 def resolve(name: str, config: Path | None) -> Target:
-    """Return how to reach a robot; raise FleetProblem."""
+    """Return how to reach a robot; raise FleetError."""
     said = ask(name, config)
     jump = None
     for hop in said.get("proxyjump", ["none"])[0].split(","):
@@ -160,7 +160,7 @@ def ask(destination: str, config: Path | None) -> dict[str, list[str]]:
     # -T: it only prints, and must neither ask nor speak of terminals.
     done = _openssh("ssh", *chosen, "-T", "-G", "--", destination)
     if done.returncode != 0:
-        raise FleetProblem(f"cannot reach {destination}: ssh says: {done.stderr.strip()}")
+        raise FleetError(f"cannot reach {destination}: ssh says: {done.stderr.strip()}")
     said: dict[str, list[str]] = defaultdict(list)
     for line in done.stdout.splitlines():
         keyword, _, value = line.partition(" ")
@@ -182,7 +182,7 @@ def _openssh(*command: str) -> subprocess.CompletedProcess[str]:
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         why = reason_in(error)
-        raise FleetProblem(f"cannot ask {command[0]}: {why}; install OpenSSH's client") from error
+        raise FleetError(f"cannot ask {command[0]}: {why}; install OpenSSH's client") from error
 
 
 def _target(name: str, said: dict[str, list[str]], jump: Target | None) -> Target:
@@ -190,7 +190,7 @@ def _target(name: str, said: dict[str, list[str]], jump: Target | None) -> Targe
         return said.get(keyword, [otherwise])[0]
 
     if first("proxycommand", "none") != "none":
-        raise FleetProblem(
+        raise FleetError(
             f"cannot reach {name}: its entry has a ProxyCommand; fleet supports ProxyJump only"
         )
     host, port = first("hostname"), int(first("port", str(SSH_PORT)))
@@ -246,7 +246,7 @@ def _known_lines(path: Path, name: str) -> list[str]:
         return []
     done = _openssh("ssh-keygen", "-F", name, "-f", str(path))
     if done.returncode not in (0, NOT_FOUND):
-        raise FleetProblem(f"cannot read the known host keys in {path}: {done.stderr.strip()}")
+        raise FleetError(f"cannot read the known host keys in {path}: {done.stderr.strip()}")
     return done.stdout.splitlines()
 
 
@@ -260,9 +260,7 @@ def add_known(path: Path, name: str, key: KnownKey) -> None:
         with path.open("a", encoding="utf-8") as file:
             file.write("\n" * broken + f"{name} {key.type} {key.encoded}\n")
     except OSError as error:
-        raise FleetProblem(
-            f"cannot save the key of {name} in {path}: {reason_in(error)}"
-        ) from error
+        raise FleetError(f"cannot save the key of {name} in {path}: {reason_in(error)}") from error
 
 
 _writing = Lock()
@@ -284,29 +282,29 @@ class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # param
         return [*WEAK, *unwanted]
 
     def missing_host_key(self, _client: Any, _hostname: str, key: Any) -> None:
-        """Accept the host key, or raise FleetProblem."""
+        """Accept the host key, or raise FleetError."""
         shown = KnownKey(key.get_name(), base64.b64encode(key.asbytes()).decode())
         target = self._target
         if shown in self._revoked:
-            raise FleetProblem(f"cannot trust {target.name}: its host key is marked as revoked")
+            raise FleetError(f"cannot trust {target.name}: its host key is marked as revoked")
         if shown in self._trusted:
             return
         if self._trusted:
             raise changed(target)
         if not self._accept_new:
-            raise FleetProblem(
+            raise FleetError(
                 f"cannot trust {target.name}: its host key {key.fingerprint} is not known as "
                 f"{target.known_as}; compare it at a first `ssh`, or accept it with --accept-new"
             )
         if not target.known_hosts:
-            raise FleetProblem(f"cannot save the key of {target.name}: no UserKnownHostsFile")
+            raise FleetError(f"cannot save the key of {target.name}: no UserKnownHostsFile")
         with _writing:
             add_known(target.known_hosts[0], target.known_as, shown)
 
 
-def changed(target: Target) -> FleetProblem:
+def changed(target: Target) -> FleetError:
     """Return the sentence for a host with another key than it had."""
-    return FleetProblem(
+    return FleetError(
         f"cannot trust {target.name}: it shows another host key than the one known as "
         f"{target.known_as}; if it was installed again, forget the old one: "
         f"ssh-keygen -R '{target.known_as}'; if not, somebody may be intercepting the connection"
@@ -371,7 +369,7 @@ class Jump:
 
     lock: Lock
     connection: fabric.Connection | None = None
-    problem: FleetProblem | None = None
+    problem: FleetError | None = None
 
 
 class SshConnections:
@@ -385,7 +383,7 @@ class SshConnections:
         self._closed = False
 
     def open(self, target: Target) -> fabric.Connection:
-        """Return a connection that is logged in; raise a FleetProblem."""
+        """Return a connection that is logged in; raise a FleetError."""
         gateway = self._jump(target.jump) if target.jump else None
         return self._log_in(target, gateway)
 
@@ -415,7 +413,7 @@ class SshConnections:
             if jump.connection is None or not jump.connection.is_connected:
                 try:
                     jump.connection = self.open(target)
-                except FleetProblem as problem:
+                except FleetError as problem:
                     jump.problem = problem
                     raise
             return jump.connection
@@ -427,7 +425,7 @@ class SshConnections:
         try:
             connection.open()
             connection.transport.set_keepalive(KEEPALIVE_S)
-        except FleetProblem:
+        except FleetError:
             connection.client.close()
             raise
         except (OSError, EOFError, paramiko.SSHException) as error:
@@ -440,7 +438,7 @@ class SshConnections:
                 self._open.append(connection)
                 return connection
         _close(connection)
-        raise FleetProblem(f"cannot reach {target.name}: the run is over")
+        raise FleetError(f"cannot reach {target.name}: the run is over")
 
 
 def _close(connection: fabric.Connection) -> None:
@@ -492,18 +490,18 @@ def _connection(
     return connection
 
 
-def explain(error: Exception, target: Target, identities: Identities) -> FleetProblem:
+def explain(error: Exception, target: Target, identities: Identities) -> FleetError:
     """Return what kept a login from its end, as a sentence."""
     if isinstance(error, paramiko.AuthenticationException):
         return _login_refused(target, identities)
     if isinstance(error, paramiko.ssh_exception.IncompatiblePeer) and "host key" in str(error):
         return changed(target)
     if isinstance(error, paramiko.ChannelException) and error.code == PROHIBITED:
-        return FleetProblem(
+        return FleetError(
             f"cannot reach {target.name}: the server does not let you reach its shell; "
             "you need a grant to manage it, and its shell must be on"
         )
-    return FleetProblem(f"cannot reach {target.name}: {_describe_error(error, target)}")
+    return FleetError(f"cannot reach {target.name}: {_describe_error(error, target)}")
 
 
 def _describe_error(error: Exception, target: Target) -> str:
@@ -529,7 +527,7 @@ def _where(target: Target) -> str:
     return f"port {target.port} of {target.jump.host if target.jump else target.host}"
 
 
-def _login_refused(target: Target, identities: Identities) -> FleetProblem:
+def _login_refused(target: Target, identities: Identities) -> FleetError:
     if identities.locked:
         files = " ".join(str(path) for path in identities.locked)
         advice = f"unlock your key first: ssh-add {files}"
@@ -537,4 +535,4 @@ def _login_refused(target: Target, identities: Identities) -> FleetProblem:
         advice = "you have no SSH key here: ssh-keygen -t ed25519"
     else:
         advice = f"it accepts none of your {identities.tried} keys; does ssh {target.name} work?"
-    return FleetProblem(f"cannot log in to {target.name} as {target.user}: {advice}")
+    return FleetError(f"cannot log in to {target.name} as {target.user}: {advice}")

@@ -19,7 +19,7 @@ from robotether_server.cli.ssh_keys import print_ssh_config, ssh_key
 from robotether_server.cli.tokens import join_token, token
 from robotether_server.cli.users import add_first_admin, ensure_first_admin, user
 from robotether_server.db import migrate
-from robotether_server.problems import Problem, StoreUnavailable
+from robotether_server.problems import RobotetherError, StoreUnavailableError
 
 # One process, because the database does the work; gthread, because a thread may wait for it.
 GUNICORN = (
@@ -112,8 +112,8 @@ def main() -> None:
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
         cli(prog_name="robotether")
-    except Problem as problem:
+    except RobotetherError as problem:
         # The sentence is for users of the site too; an admin may know which host and why.
-        cause = f" ({problem.__cause__})" if isinstance(problem, StoreUnavailable) else ""
+        cause = f" ({problem.__cause__})" if isinstance(problem, StoreUnavailableError) else ""
         click.echo(f"robotether: {problem.detail}{cause}", err=True)
         sys.exit(1)

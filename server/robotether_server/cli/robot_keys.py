@@ -10,7 +10,7 @@ from robotether_server.cli import robot_texts
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
-    NotDone,
+    NotDoneError,
     agree,
     open_database,
     print_fields,
@@ -142,7 +142,7 @@ def _choose(database: Database, name: str, *, yes: bool) -> str:
 
 def _check_can_be_approved(robot: RobotRow) -> None:
     if robot.state == "disabled":
-        raise NotDone(
+        raise NotDoneError(
             f"cannot approve robot {robot.name}: it is disabled; "
             f"use: robotether robot enable {robot.name}"
         )
@@ -151,12 +151,12 @@ def _check_can_be_approved(robot: RobotRow) -> None:
 def _only(waiting: list[PendingKey], robot: RobotRow, action: str) -> PendingKey:
     if not waiting:
         joined = "no key waits there" if robot.fingerprint else "it has not joined yet"
-        raise NotDone(
+        raise NotDoneError(
             f"cannot {action} robot {robot.name}: {joined}, so there is no key to {action}"
         )
     if len(waiting) > 1:
         keys = ", ".join(f"{one.fingerprint} from {one.address}" for one in waiting)
-        raise NotDone(
+        raise NotDoneError(
             f"cannot decide which key to {action} for robot {robot.name}: {keys} wait; say --fingerprint"
         )
     return waiting[0]

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import click
 
 from robotether_server import robot_settings
-from robotether_server.cli.common import SOURCE, NotDone, open_database, print_json
+from robotether_server.cli.common import SOURCE, NotDoneError, open_database, print_json
 from robotether_server.db import seen_robots
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.robot_settings import Settings, get_path, is_in, put_path, remove_path
 from robotether_server.services import robots
 
@@ -36,8 +36,8 @@ def show_settings(name: str) -> None:
         present = seen_robots.get_seen(tx, name).robot.settings
     try:
         in_force = robot_settings.parse(present).as_dict()
-    except FieldInvalid as problem:
-        raise NotDone(
+    except FieldInvalidError as problem:
+        raise NotDoneError(
             f"cannot show the settings of robot {name}; it is locked until they are corrected with "
             f"robot set: {problem.detail}"
         ) from problem
@@ -69,7 +69,7 @@ def set_settings(name: str, changes: Sequence[str], shell_user: str | None) -> N
     if shell_user is not None:
         asked.append((SHELL_USER, shell_user or None))
     if not asked:
-        raise NotDone(f"cannot change robot {name}: say what; see --help")
+        raise NotDoneError(f"cannot change robot {name}: say what; see --help")
     _check_said_once([path for path, _ in asked])
     with open_database().transaction() as tx:
         changed = robots.change_settings(tx, SOURCE, name, lambda present: _changed(present, asked))
@@ -81,7 +81,7 @@ def set_settings(name: str, changes: Sequence[str], shell_user: str | None) -> N
 def _change(name: str, text: str) -> Change:
     path, equals, value = text.partition("=")
     if not equals:
-        raise NotDone(
+        raise NotDoneError(
             f"cannot set {text!r} of robot {name}: write KEY=VALUE, such as guard.deadman_ms=400"
         )
     return path, _value(value)
@@ -98,11 +98,11 @@ def _value(text: str) -> object:
 def _check_said_once(paths: Sequence[str]) -> None:
     for path in paths:
         if paths.count(path) > 1:
-            raise FieldInvalid(f"cannot use {path}: it is given twice")
+            raise FieldInvalidError(f"cannot use {path}: it is given twice")
 
 
 def _changed(present: Settings, asked: Sequence[Change]) -> Settings:
-    """Return the settings with the changes, unchecked; raise FieldInvalid for a default of no setting."""
+    """Return the settings with the changes, unchecked; raise FieldInvalidError for a default of no setting."""
     settings = present
     for path, value in asked:
         if value is None and path not in MEANT_NULLS:
@@ -117,4 +117,4 @@ def _check_known(present: Settings, path: str) -> None:
     # A typing error in the name of a limit must not pass for the end of that limit.
     defaults = robot_settings.DEFAULTS.as_dict()
     if path not in OPTIONAL and not is_in(defaults, path) and not is_in(present, path):
-        raise FieldInvalid(f"cannot use {path}: it is no setting; see: robot settings")
+        raise FieldInvalidError(f"cannot use {path}: it is no setting; see: robot settings")

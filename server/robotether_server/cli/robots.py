@@ -12,7 +12,7 @@ from robotether_server.cli.common import (
     JSON,
     SOURCE,
     YES,
-    NotDone,
+    NotDoneError,
     agree,
     open_database,
     print_fields,
@@ -95,7 +95,7 @@ def move_ports(name: str, ros: int | None, video: int | None) -> None:
     Without any, to a pair that is free. The robot connects again.
     """
     if (ros is None) != (video is None):
-        raise NotDone(f"cannot move robot {name}: --ros and --video go together")
+        raise NotDoneError(f"cannot move robot {name}: --ros and --video go together")
     with open_database().transaction() as tx:
         moved = robots.move_ports(tx, SOURCE, name, ros, video)
     click.echo(f"robot {name} has ports {moved.ros_port} and {moved.video_port}")
@@ -209,7 +209,9 @@ def wait_online(name: str, timeout: float) -> None:
     """Wait until the robot's tunnel is up."""
     database = open_database()
     if wait_for(lambda: _online(database, name), timeout) is None:
-        raise NotDone(f"cannot see robot {name} online after {timeout:g} s: see its agent's log")
+        raise NotDoneError(
+            f"cannot see robot {name} online after {timeout:g} s: see its agent's log"
+        )
     click.echo(f"robot {name} is online")
 
 

@@ -6,7 +6,7 @@ from typing import TextIO
 import click
 
 from robotether_server import settings
-from robotether_server.cli.common import JSON, SOURCE, NotDone, open_database, print_records
+from robotether_server.cli.common import JSON, SOURCE, NotDoneError, open_database, print_records
 from robotether_server.db import users
 from robotether_server.services import ssh_keys
 
@@ -56,7 +56,9 @@ def delete(user_name: str, name: str) -> None:
         user = users.get(tx, user_name)
         found = next((one for one in users.list_ssh_keys(tx, user) if one.name == name), None)
         if found is None:
-            raise NotDone(f"cannot delete SSH key {name}: user {user_name} has none of that name")
+            raise NotDoneError(
+                f"cannot delete SSH key {name}: user {user_name} has none of that name"
+            )
         ssh_keys.delete(tx, SOURCE, user, found.id)
     click.echo(f"deleted SSH key {name} of user {user_name}")
 
@@ -73,13 +75,13 @@ def print_ssh_config(user_name: str, host: str | None) -> None:
     join = settings.load(settings.JoinSettings, os.environ)
     where = host or join.public_host
     if where is None:
-        raise NotDone(
+        raise NotDoneError(
             "cannot print entries: PUBLIC_HOST is not set; set it in compose/.env, or say --host"
         )
     with open_database().transaction() as tx:
         found = ssh_keys.shell_entries(tx, users.get(tx, user_name))
     if not found:
-        raise NotDone(
+        raise NotDoneError(
             f"cannot print entries: user {user_name} manages no active robot whose shell is on; "
             f"see: robotether robot shell, robotether grant"
         )

@@ -10,7 +10,7 @@ from robotether_server import settings
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
-    NotDone,
+    NotDoneError,
     open_database,
     print_records,
     timestamp,
@@ -80,7 +80,7 @@ def delete(user_name: str, name: str) -> None:
         held = credentials.list_tokens_of(tx, users.get(tx, user_name))
         found = next((one for one in held if one.name == name), None)
         if found is None:
-            raise NotDone(f"cannot delete token {name}: user {user_name} has no such token")
+            raise NotDoneError(f"cannot delete token {name}: user {user_name} has no such token")
         tokens.delete(tx, SOURCE, found.id)
     click.echo(f"deleted token {name} of user {user_name}")
 
@@ -173,7 +173,7 @@ def delete_join_token(name: str) -> None:
     with open_database().transaction() as tx:
         token_id = next((one.id for one in join_tokens.list_all(tx) if one.name == name), None)
         if token_id is None:
-            raise NotDone(f"cannot delete join token {name}: there is none of that name")
+            raise NotDoneError(f"cannot delete join token {name}: there is none of that name")
         tokens.delete_join_token(tx, SOURCE, token_id)
     click.echo(f"deleted join token {name}")
 
@@ -183,7 +183,7 @@ def _site(host: str | None) -> tuple[SiteCertificates, str]:
     loaded = settings.load(settings.SiteAddressSettings, os.environ)
     if host is None:
         if loaded.public_host is None:
-            raise NotDone(
+            raise NotDoneError(
                 "cannot write the line: PUBLIC_HOST is not set; set it in compose/.env, or say --host"
             )
         return SiteCertificates(loaded), loaded.public_host

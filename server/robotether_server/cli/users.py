@@ -17,7 +17,7 @@ from robotether_server.db import Database
 from robotether_server.db import users as db_users
 from robotether_server.db.users import ROLES, Role
 from robotether_server.install_line import SiteAddress
-from robotether_server.problems import StoreUnavailable
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.services import users
 from robotether_server.settings import DatabaseSettings, WebSettings
 
@@ -47,13 +47,13 @@ def ensure_first_admin(loaded: WebSettings) -> None:
             if users.add_first(tx, SOURCE, password):
                 # Before the end of the transaction: an admin whose password nobody knows would stay behind.
                 click.echo(text)
-    except StoreUnavailable as problem:
+    except StoreUnavailableError as problem:
         # At a reboot web may be there before the database, which then has its admin.
         click.echo(f"web: cannot check for a first admin: {problem.detail}", err=True)
 
 
 def add_first_admin(database: DatabaseSettings, password: str) -> None:
-    """Make the user admin with this password, where there is no user; raise StoreUnavailable."""
+    """Make the user admin with this password, where there is no user; raise StoreUnavailableError."""
     with Database(database).transaction() as tx:
         if users.add_first(tx, SOURCE, password):
             click.echo(f"made the first user: {users.FIRST_ADMIN}")

@@ -12,7 +12,7 @@ from datetime import datetime
 
 from robotether_server import __version__
 from robotether_server.db.database import Row, Transaction, unique
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordMissingError
 from robotether_server.settings import CellSettings
 
 # Maximum age of a living cell's row; its relay writes it each second.
@@ -78,10 +78,10 @@ def list_regions(tx: Transaction) -> list[str]:
 
 
 def get(tx: Transaction, name: str) -> Cell:
-    """Return the cell of that name; raise RecordMissing."""
+    """Return the cell of that name; raise RecordMissingError."""
     row = tx.row(SELECT + "WHERE c.name = %s", (name,))
     if row is None:
-        raise RecordMissing(f"cannot find cell {name}: no such cell; see: cell list")
+        raise RecordMissingError(f"cannot find cell {name}: no such cell; see: cell list")
     return _cell_of(row)
 
 
@@ -123,7 +123,7 @@ def _cell_of(row: Row) -> Cell:
 def write_heartbeat(
     tx: Transaction, cell: CellSettings, *, robots: int, started_at: datetime
 ) -> None:
-    """Write that a cell is alive; RecordExists while a relay that started later has its name."""
+    """Write that a cell is alive; RecordExistsError while a relay that started later has its name."""
     values = {
         "name": cell.name,
         "host": cell.host,

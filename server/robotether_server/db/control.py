@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 
 from robotether_server.db.database import Transaction
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordMissingError
 
 MAX_NAME = 63
 MAX_ADDRESS = 45
@@ -144,7 +144,7 @@ def next_fence(tx: Transaction, lease: NewLease, cell: str | None = None) -> int
     )
     row = tx.row("SELECT fence FROM control_leases WHERE robot_id = %s", (lease.robot_id,))
     if row is None:
-        raise RecordMissing("cannot number the drive: the robot was removed meanwhile")
+        raise RecordMissingError("cannot number the drive: the robot was removed meanwhile")
     return int(row["fence"])
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from robotether_server.db import users
 from robotether_server.db.database import Transaction, unique
 from robotether_server.db.users import User
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordMissingError
 from robotether_server.schemas import Label, Timestamp, UserName
 
 RANDOM_BYTES = 32
@@ -111,7 +111,7 @@ class Token:
 
 
 def create_token(tx: Transaction, user: User, name: str, expires_at: dt.datetime | None) -> str:
-    """Make a token; return its text, which cannot be had again. Raises RecordExists."""
+    """Make a token; return its text, which cannot be had again. Raises RecordExistsError."""
     text = new_secret(API_PREFIX)
     with unique(
         f"cannot create token {name}: user {user.name} has one of that name; delete it or choose another name"
@@ -145,10 +145,10 @@ def list_tokens_of(tx: Transaction, user: User) -> list[Token]:
 
 
 def get_token(tx: Transaction, token_id: int) -> Token:
-    """Return the token of that id; raise RecordMissing."""
+    """Return the token of that id; raise RecordMissingError."""
     row = tx.row(SELECT_TOKENS + "WHERE t.id = %s", (token_id,))
     if row is None:
-        raise RecordMissing(f"cannot find token {token_id}: there is none of that number")
+        raise RecordMissingError(f"cannot find token {token_id}: there is none of that number")
     return Token(**row)
 
 

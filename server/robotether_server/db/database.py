@@ -21,11 +21,11 @@ from pymysql.cursors import DictCursor
 from pymysql.err import InterfaceError
 
 from robotether_server.problems import (
-    RecordExists,
-    RecordRefused,
+    RecordExistsError,
+    RecordRefusedError,
     SettingsError,
-    StoreProblem,
-    StoreUnavailable,
+    StoreError,
+    StoreUnavailableError,
     reason_in,
 )
 from robotether_server.settings import DatabaseSettings
@@ -92,7 +92,7 @@ _CONVERSIONS: dict[Any, Any] = {
 class Transaction:
     """One open transaction. Times go in and come out as aware datetimes in UTC.
 
-    Every method raises StoreUnavailable, RecordExists or RecordRefused; other database errors are
+    Every method raises StoreUnavailableError, RecordExistsError or RecordRefusedError; other database errors are
     mistakes in a statement and pass as they are.
     """
 
@@ -185,7 +185,7 @@ class Database:
             with _translated():
                 connection.mysql.commit()
             again = not tx.has_lock
-        except StoreUnavailable:
+        except StoreUnavailableError:
             self.close_kept()
             raise
         finally:
@@ -260,11 +260,11 @@ def tls_options(settings: DatabaseSettings) -> dict[str, Any]:
 
 @contextmanager
 def unique(sentence: str) -> Iterator[None]:
-    """Give a RecordExists of the block this sentence for people."""
+    """Give a RecordExistsError of the block this sentence for people."""
     try:
         yield
-    except RecordExists as error:
-        raise RecordExists(sentence, error.key) from error
+    except RecordExistsError as error:
+        raise RecordExistsError(sentence, error.key) from error
 
 
 @contextmanager
@@ -278,21 +278,23 @@ def _translated() -> Iterator[None]:
         raise problem from error
 
 
-def translate(error: pymysql.MySQLError) -> StoreProblem | None:
+def translate(error: pymysql.MySQLError) -> StoreError | None:
     """Return the problem that a database error means, or None when it is a mistake of ours."""
     number = error.args[0] if error.args else 0
     message = str(error.args[1]) if len(error.args) > 1 else str(error)
     if number in _UNAVAILABLE or number in _CLIENT_ERRORS or isinstance(error, InterfaceError):
-        return StoreUnavailable(
+        return StoreUnavailableError(
             "cannot reach the database: it does not answer or is too busy; try again shortly"
         )
     if number == SIGNALLED:
-        return RecordRefused(message)
+        return RecordRefusedError(message)
     if number == ER.DUP_ENTRY:
         key = re.search(r"for key '(?:\w+\.)?(\w+)'$", message)
-        return RecordExists("cannot save the record: it exists already", key[1] if key else "")
+        return RecordExistsError("cannot save the record: it exists already", key[1] if key else "")
     if number in _REFUSED:
-        return RecordRefused(f"cannot save the record: {_field_of(message)} {_REFUSED[number]}")
+        return RecordRefusedError(
+            f"cannot save the record: {_field_of(message)} {_REFUSED[number]}"
+        )
     return None
 
 

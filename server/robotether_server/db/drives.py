@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from robotether_server.db import cells
 from robotether_server.db.database import Transaction
 from robotether_server.db.users import User
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordMissingError
 from robotether_server.schemas import Amount, Count, Timestamp
 
 # A command other than zero went to the robot.
@@ -96,10 +96,10 @@ CONDITIONS = {
 
 
 def get(tx: Transaction, viewer: User, drive_id: int) -> Drive:
-    """Return one drive; raise RecordMissing when there is none that the viewer may see."""
+    """Return one drive; raise RecordMissingError when there is none that the viewer may see."""
     found = _select(tx, viewer, "id = %(id)s", {"id": drive_id}, 1)
     if not found:
-        raise RecordMissing(f"cannot show drive {drive_id}: there is none that you may see")
+        raise RecordMissingError(f"cannot show drive {drive_id}: there is none that you may see")
     return found[0]
 
 

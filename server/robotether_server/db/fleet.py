@@ -20,7 +20,7 @@ from robotether_server.db import control
 from robotether_server.db.cells import LOST_CODE
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, StopEntry
 from robotether_server.db.database import Row, Transaction
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.robot_settings import LevelPolicy, Policy, RobotSettings
 from robotether_server.schemas import Level
 from robotether_server.tickets import CredentialKind
@@ -189,7 +189,7 @@ def _robot_of(row: Row) -> RelayRobot:
 def _settings_of(row: Row) -> RobotSettings:
     try:
         return robot_settings.parse(json.loads(row["settings"]))
-    except (FieldInvalid, ValueError, RecursionError) as problem:
+    except (FieldInvalidError, ValueError, RecursionError) as problem:
         # Somebody wrote the row past the page; what it was to limit is not known.
         log.warning("robot %s: its settings are locked until mended: %s", row["name"], problem)
         return LOCKED

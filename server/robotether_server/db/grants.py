@@ -7,7 +7,7 @@ import datetime as dt
 from dataclasses import dataclass
 
 from robotether_server.db.database import Transaction, unique
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordMissingError
 from robotether_server.schemas import Level, PlainName, RobotName, UserName
 
 LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")  # each includes the ones before it
@@ -113,10 +113,10 @@ def remove(tx: Transaction, grant_id: int) -> None:
 
 
 def get(tx: Transaction, grant_id: int) -> Grant:
-    """Return one grant; raise RecordMissing."""
+    """Return one grant; raise RecordMissingError."""
     row = tx.row(SELECT + "WHERE g.id = %s", (grant_id,))
     if row is None:
-        raise RecordMissing(f"cannot find grant {grant_id}: there is none; see: grant list")
+        raise RecordMissingError(f"cannot find grant {grant_id}: there is none; see: grant list")
     return Grant(**row)
 
 
@@ -140,16 +140,16 @@ def list_all(tx: Transaction) -> list[Grant]:
 
 
 def add_group(tx: Transaction, name: str) -> int:
-    """Add a group without members; return its id. Raises RecordExists or RecordRefused."""
+    """Add a group without members; return its id. Raises RecordExistsError or RecordRefusedError."""
     with unique(f"cannot add group {name}: the name is taken"):
         return tx.insert("INSERT INTO user_groups (name) VALUES (%s)", (name,))
 
 
 def get_group(tx: Transaction, name: str) -> Group:
-    """Return the group of that name; raise RecordMissing."""
+    """Return the group of that name; raise RecordMissingError."""
     row = tx.row("SELECT id, name FROM user_groups WHERE name = %s", (name,))
     if row is None:
-        raise RecordMissing(
+        raise RecordMissingError(
             f"cannot find group {name}: no such group; add one with: group add {name}"
         )
     members = tx.rows(
@@ -198,16 +198,18 @@ def remove_member(tx: Transaction, group_id: int, user_id: int) -> bool:
 
 
 def add_site(tx: Transaction, name: str) -> int:
-    """Add a site without robots; return its id. Raises RecordExists or RecordRefused."""
+    """Add a site without robots; return its id. Raises RecordExistsError or RecordRefusedError."""
     with unique(f"cannot add site {name}: the name is taken"):
         return tx.insert("INSERT INTO sites (name) VALUES (%s)", (name,))
 
 
 def get_site(tx: Transaction, name: str) -> Site:
-    """Return the site of that name; raise RecordMissing."""
+    """Return the site of that name; raise RecordMissingError."""
     row = tx.row("SELECT id, name FROM sites WHERE name = %s", (name,))
     if row is None:
-        raise RecordMissing(f"cannot find site {name}: no such site; add one with: site add {name}")
+        raise RecordMissingError(
+            f"cannot find site {name}: no such site; add one with: site add {name}"
+        )
     robots = tx.rows("SELECT name FROM robots WHERE site_id = %s ORDER BY name", (row["id"],))
     return Site(row["id"], row["name"], tuple(robot["name"] for robot in robots))
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from robotether_server.db import credentials, grants
 from robotether_server.db.database import Transaction, unique
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordMissingError
 from robotether_server.schemas import Label, Timestamp
 
 SELECT = "SELECT id, name, uses, used, created_at, created_by, expires_at FROM join_tokens "
@@ -47,7 +47,7 @@ def create(
     place: Place = NOWHERE,
     api_token: bytes | None = None,
 ) -> str:
-    """Make a token; return its text, which cannot be had again. Raises RecordExists or RecordMissing.
+    """Make a token; return its text, which cannot be had again. Raises RecordExistsError or RecordMissingError.
 
     `api_token` is the hash of the one that made it.
     """
@@ -83,10 +83,10 @@ def find(tx: Transaction, text: str) -> JoinToken | None:
 
 
 def get(tx: Transaction, token_id: int) -> JoinToken:
-    """Return the token of that id, locked until the transaction ends; raise RecordMissing."""
+    """Return the token of that id, locked until the transaction ends; raise RecordMissingError."""
     row = tx.row(SELECT + "WHERE id = %s FOR UPDATE", (token_id,))
     if row is None:
-        raise RecordMissing(f"cannot find join token {token_id}: there is none of that number")
+        raise RecordMissingError(f"cannot find join token {token_id}: there is none of that number")
     return JoinToken(**row)
 
 

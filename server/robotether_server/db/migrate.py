@@ -17,7 +17,7 @@ from pymysql.cursors import Cursor
 
 from robotether_server.db import Database
 from robotether_server.db.database import CONNECT_TIMEOUT_S, Transaction, tls_options
-from robotether_server.problems import MigrationFailed, StoreUnavailable
+from robotether_server.problems import MigrationFailedError, StoreUnavailableError
 from robotether_server.settings import DatabaseSettings, MigrateSettings
 
 logger = logging.getLogger(__name__)
@@ -28,11 +28,11 @@ LOCK_WAIT_S = 10
 def migrate(settings: MigrateSettings) -> list[str]:
     """Apply what is missing; return the names of the migrations applied now.
 
-    Raises StoreUnavailable or MigrationFailed.
+    Raises StoreUnavailableError or MigrationFailedError.
     """
     files = sorted(settings.migrations_dir.glob("*.sql"))
     if not files:
-        raise MigrationFailed(
+        raise MigrationFailedError(
             f"cannot migrate: MIGRATIONS_DIR={str(settings.migrations_dir)!r} has no migrations"
         )
     database = Database(settings.database)
@@ -50,7 +50,7 @@ def _only_one(database: Database) -> Iterator[None]:
     """Keep other migrations out: the server frees this lock itself when its holder dies."""
     with database.transaction() as tx:
         if not tx.lock("robotether.migrate", LOCK_WAIT_S):
-            raise StoreUnavailable(
+            raise StoreUnavailableError(
                 f"cannot migrate: another migration has been running for {LOCK_WAIT_S} s; "
                 "wait for it to end"
             )
@@ -108,7 +108,7 @@ def _apply_one(cursor: Cursor, file: Path) -> None:
             pass
         cursor.execute("INSERT INTO schema_migrations (name) VALUES (%s)", (file.stem,))
     except pymysql.MySQLError as error:
-        raise MigrationFailed(
+        raise MigrationFailedError(
             f"cannot apply migration {file.stem}: {error}; nothing after it was applied"
         ) from error
     logger.info("applied migration %s", file.stem)

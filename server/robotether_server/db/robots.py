@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.identity import PublicKey
-from robotether_server.problems import RecordExists, RecordMissing, StoreUnavailable
+from robotether_server.problems import RecordExistsError, RecordMissingError, StoreUnavailableError
 
 State = Literal["pending", "active", "disabled"]
 
@@ -123,7 +123,7 @@ class Claim:
 
 
 def lock_enrolment(tx: Transaction) -> None:
-    """Make joins, and what admins do to robots' rows and keys, take turns; raise StoreUnavailable.
+    """Make joins, and what admins do to robots' rows and keys, take turns; raise StoreUnavailableError.
 
     Held until after the transaction's commit. A join decides by several rows at once: whose the
     MAC is, whether another row or a claim has the key, how many wait, which name is free. Row locks in changing order
@@ -131,7 +131,7 @@ def lock_enrolment(tx: Transaction) -> None:
     it left. Who needs it takes it first, before any row.
     """
     if not tx.lock("robotether.enrolment", LOCK_WAIT_S):
-        raise StoreUnavailable(
+        raise StoreUnavailableError(
             f"cannot change robots: other changes have been running for {LOCK_WAIT_S} s; try again shortly"
         )
 
@@ -146,16 +146,16 @@ def from_row(row: Row) -> RobotRow:
 
 
 def get(tx: Transaction, name: str) -> RobotRow:
-    """Return the robot of that name, locked until the transaction ends; raise RecordMissing."""
+    """Return the robot of that name, locked until the transaction ends; raise RecordMissingError."""
     row = tx.row(SELECT + "WHERE r.name = %s FOR UPDATE", (name,))
     if row is None:
         raise missing(name)
     return from_row(row)
 
 
-def missing(name: str) -> RecordMissing:
+def missing(name: str) -> RecordMissingError:
     """Return the problem of a name that no robot has."""
-    return RecordMissing(f"cannot find robot {name}: no such robot; see: robot list")
+    return RecordMissingError(f"cannot find robot {name}: no such robot; see: robot list")
 
 
 def find_by_mac(tx: Transaction, mac: str) -> RobotRow | None:
@@ -212,14 +212,14 @@ def remove_unknown(tx: Transaction, before: dt.datetime) -> None:
 
 
 def add(tx: Transaction, mac: str, name: str, *, unknown: bool = False) -> int:
-    """Add a robot; the database allots its ports. Raises RecordExists or RecordRefused."""
+    """Add a robot; the database allots its ports. Raises RecordExistsError or RecordRefusedError."""
     try:
         return tx.insert(
             "INSERT INTO robots (mac, name, stranger) VALUES (%s, %s, %s)", (mac, name, unknown)
         )
-    except RecordExists as error:
+    except RecordExistsError as error:
         taken = f"MAC {mac}" if error.key == "mac" else f"name {name}"
-        raise RecordExists(
+        raise RecordExistsError(
             f"cannot add robot {name}: another robot has the {taken}", error.key
         ) from error
 
@@ -234,7 +234,7 @@ def set_state(tx: Transaction, robot_id: int, state: State) -> None:
 
 
 def set_key(tx: Transaction, robot_id: int, key: PublicKey, report: Report) -> None:
-    """Write down the key that a robot showed, and what it said with it. Raises RecordExists.
+    """Write down the key that a robot showed, and what it said with it. Raises RecordExistsError.
 
     What logged in with an earlier key ends; `rotate_key` is for a key whose connections live on.
     """
@@ -254,7 +254,7 @@ def set_key(tx: Transaction, robot_id: int, key: PublicKey, report: Report) -> N
 
 
 def rotate_key(tx: Transaction, robot_id: int, key: PublicKey) -> None:
-    """Put a new key in place of the robot's own, whose connections live on. Raises RecordExists."""
+    """Put a new key in place of the robot's own, whose connections live on. Raises RecordExistsError."""
     tx.change(
         # Set from left to right: the first takes the old key's fingerprint.
         "UPDATE robots SET previous_fingerprint = fingerprint, fingerprint = %s, public_key = %s, "
@@ -281,7 +281,7 @@ def forget_key(tx: Transaction, robot_id: int) -> None:
 
 
 def rename(tx: Transaction, robot_id: int, name: str) -> None:
-    """Give the robot another name. Raises RecordExists or RecordRefused."""
+    """Give the robot another name. Raises RecordExistsError or RecordRefusedError."""
     with unique(f"cannot use the name {name}: another robot has it"):
         tx.change("UPDATE robots SET name = %s WHERE id = %s", (name, robot_id))
 
@@ -292,13 +292,13 @@ def announce(tx: Transaction, robot_id: int) -> None:
 
 
 def set_mac(tx: Transaction, robot_id: int, mac: str) -> None:
-    """Give the robot another MAC. Raises RecordExists or RecordRefused."""
+    """Give the robot another MAC. Raises RecordExistsError or RecordRefusedError."""
     with unique(f"cannot use the MAC {mac}: another robot has it"):
         tx.change("UPDATE robots SET mac = %s WHERE id = %s", (mac, robot_id))
 
 
 def set_ports(tx: Transaction, robot_id: int, ros: int | None, video: int | None) -> None:
-    """Move the robot to these ports; to another free pair with None for both. Raises RecordRefused."""
+    """Move the robot to these ports; to another free pair with None for both. Raises RecordRefusedError."""
     with unique(f"cannot use the ports {ros} and {video}: another robot has one of them"):
         tx.change(
             "UPDATE robots SET ros_port = %s, video_port = %s WHERE id = %s", (ros, video, robot_id)
@@ -306,7 +306,7 @@ def set_ports(tx: Transaction, robot_id: int, ros: int | None, video: int | None
 
 
 def set_shell(tx: Transaction, robot_id: int, *, on: bool) -> None:
-    """Allot the robot a port for a shell, or free it. Raises RecordRefused."""
+    """Allot the robot a port for a shell, or free it. Raises RecordRefusedError."""
     tx.change("UPDATE robots SET shell = %s WHERE id = %s", (on, robot_id))
 
 
@@ -333,7 +333,7 @@ def find_claim(tx: Transaction, fingerprint: str) -> Claim | None:
 
 
 def add_claim(tx: Transaction, robot: RobotRow, key: PublicKey, report: Report) -> None:
-    """Write down that a key wants to be the one of that robot. Raises RecordExists."""
+    """Write down that a key wants to be the one of that robot. Raises RecordExistsError."""
     tx.insert(
         "INSERT INTO key_claims "
         "(robot_id, robot, mac, fingerprint, public_key, hostname, agent_version, address) "
@@ -352,7 +352,7 @@ def add_claim(tx: Transaction, robot: RobotRow, key: PublicKey, report: Report) 
 
 
 def add_rejected_key(tx: Transaction, robot: RobotRow, by: str) -> None:
-    """Remember the key that this robot's row had as rejected. Raises RecordExists."""
+    """Remember the key that this robot's row had as rejected. Raises RecordExistsError."""
     report = robot.report
     tx.insert(
         "INSERT INTO key_claims (robot, mac, fingerprint, public_key, hostname, agent_version, address, "
@@ -405,12 +405,14 @@ def list_rejected_keys(tx: Transaction) -> list[Claim]:
 
 
 def get_rejected_key(tx: Transaction, claim_id: int) -> Claim:
-    """Return the rejected key of that id; raise RecordMissing."""
+    """Return the rejected key of that id; raise RecordMissingError."""
     row = tx.row(
         SELECT_CLAIM + "WHERE c.id = %s AND c.rejected_at IS NOT NULL FOR UPDATE", (claim_id,)
     )
     if row is None:
-        raise RecordMissing(f"cannot find rejected key {claim_id}: there is none of that number")
+        raise RecordMissingError(
+            f"cannot find rejected key {claim_id}: there is none of that number"
+        )
     return _claim(row)
 
 

@@ -159,7 +159,7 @@ def count_seen(tx: Transaction) -> dict[int, int]:
 
 
 def get_seen(tx: Transaction, name: str) -> SeenRobot:
-    """Return one robot as an admin sees it; raise RecordMissing."""
+    """Return one robot as an admin sees it; raise RecordMissingError."""
     values = {"admin": True, "user_id": 0, "name": name}
     row = tx.row(SELECT_ONE, values)
     if row is None:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.identity import PublicKey
-from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.problems import RecordExistsError, RecordMissingError
 from robotether_server.schemas import Fingerprint, Label, Timestamp
 
 Role = Literal["admin", "user"]
@@ -57,15 +57,17 @@ def find(tx: Transaction, name: str) -> User | None:
 
 
 def get(tx: Transaction, name: str) -> User:
-    """Return the user of that name; raise RecordMissing."""
+    """Return the user of that name; raise RecordMissingError."""
     user = find(tx, name)
     if user is None:
-        raise RecordMissing(f"cannot find user {name}: no such user; add one with: user add {name}")
+        raise RecordMissingError(
+            f"cannot find user {name}: no such user; add one with: user add {name}"
+        )
     return user
 
 
 def add(tx: Transaction, name: str, password_hash: str, role: Role) -> int:
-    """Add a user; return the id. Raises RecordExists or RecordRefused."""
+    """Add a user; return the id. Raises RecordExistsError or RecordRefusedError."""
     with unique(f"cannot add user {name}: the name is taken"):
         return tx.insert(
             "INSERT INTO users (name, password_hash, role) VALUES (%s, %s, %s)",
@@ -125,7 +127,7 @@ def ssh_keys_made_by(tx: Transaction, api_token_id: int) -> list[int]:
 def add_ssh_key(
     tx: Transaction, user: User, name: str, key: PublicKey, api_token: bytes | None = None
 ) -> SshKey:
-    """Add a key; raise RecordExists when the user has it, or one of that name.
+    """Add a key; raise RecordExistsError when the user has it, or one of that name.
 
     `api_token` is the hash of the one that adds it.
     """
@@ -135,19 +137,19 @@ def add_ssh_key(
             "VALUES (%s, %s, %s, %s, (SELECT id FROM api_tokens WHERE token_hash = %s))",
             (user.id, name, key.fingerprint, key.line, api_token),
         )
-    except RecordExists as error:
+    except RecordExistsError as error:
         taken = "a key of that name" if error.key == "user_ssh_keys_name" else "this very key"
-        raise RecordExists(
+        raise RecordExistsError(
             f"cannot add SSH key {name}: user {user.name} has {taken} already", error.key
         ) from error
     return get_ssh_key(tx, user, key_id)
 
 
 def get_ssh_key(tx: Transaction, user: User, key_id: int) -> SshKey:
-    """Return a key of that user; raise RecordMissing."""
+    """Return a key of that user; raise RecordMissingError."""
     row = tx.row(SELECT_SSH_KEY + "WHERE user_id = %s AND id = %s", (user.id, key_id))
     if row is None:
-        raise RecordMissing(
+        raise RecordMissingError(
             f"cannot find SSH key {key_id}: user {user.name} has none of that number"
         )
     return SshKey(**row)

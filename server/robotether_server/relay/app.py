@@ -1,6 +1,6 @@
 """The relay's HTTP applications: the public routes behind nginx, the same for other cells, and the inside ones.
 
-`wiring` makes both. The middleware is the border at which a Problem becomes an answer.
+`wiring` makes both. The middleware is the border at which a RobotetherError becomes an answer.
 """
 
 from __future__ import annotations
@@ -13,7 +13,13 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from prometheus_client import CONTENT_TYPE_LATEST
 
-from robotether_server.problems import PROBLEM_JSON, HttpProblem, OriginRefused, Problem, Throttled
+from robotether_server.problems import (
+    PROBLEM_JSON,
+    HttpError,
+    OriginRefusedError,
+    RobotetherError,
+    ThrottledError,
+)
 from robotether_server.relay.cells.feed import FLEET_PATH, PeerFeedHandler
 from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PROOF_HEADER, PeerKeys
@@ -77,16 +83,16 @@ def public_app(
             ):
                 return forwarded
             return await handler(request)
-        except Problem as problem:
+        except RobotetherError as problem:
             metrics.refusals.labels(problem.code).inc()
             # Paths and details hold what came from outside, which must not write a line of its own.
             log.info("%r refused: %s: %r", request.path[:200], problem.code, problem.detail)
             return problem_answer(problem)
         except web.HTTPException as exc:
-            return problem_answer(HttpProblem(exc.status, f"cannot serve {request.path[:200]}"))
+            return problem_answer(HttpError(exc.status, f"cannot serve {request.path[:200]}"))
         except Exception:
             log.exception("%r failed", request.path[:200])
-            return problem_answer(HttpProblem(500, "cannot answer: see the log of the relay"))
+            return problem_answer(HttpError(500, "cannot answer: see the log of the relay"))
 
     app = web.Application(middlewares=[answer_problems], client_max_size=MAX_BODY_BYTES)
     channels.add_routes(app)
@@ -102,7 +108,7 @@ def peer_app(app: web.Application, keys: PeerKeys, feed: PeerFeedHandler) -> web
     async def check_proof(request: web.Request, handler: Handler) -> web.StreamResponse:
         # Anybody else could name a client's address in X-Forwarded-For, and see the whole fleet.
         if not keys.is_proof(request.headers.get(PROOF_HEADER, "")):
-            return problem_answer(HttpProblem(403, "cannot serve the request: no cell sent it"))
+            return problem_answer(HttpError(403, "cannot serve the request: no cell sent it"))
         return await handler(request)
 
     app.middlewares.insert(0, check_proof)
@@ -146,12 +152,12 @@ async def serve(app: web.Application, host: str, port: int, *, backlog: int) -> 
     return runner
 
 
-def problem_answer(problem: Problem) -> web.Response:
+def problem_answer(problem: RobotetherError) -> web.Response:
     """Write a problem as RFC 9457 says."""
     headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
     if problem.status == 401:  # noqa: PLR2004  # RFC 9110 wants the header with this status
         headers["WWW-Authenticate"] = "Bearer"
-    if isinstance(problem, Throttled):
+    if isinstance(problem, ThrottledError):
         headers["Retry-After"] = str(problem.retry_after_s)
     return web.json_response(
         problem.as_dict(), status=problem.status, headers=headers, content_type=PROBLEM_JSON
@@ -175,7 +181,7 @@ class Cors:
             return None
         origin = request.headers.get("Origin", "")
         if origin not in self._allowed:
-            raise OriginRefused(
+            raise OriginRefusedError(
                 f"cannot serve a page of {origin[:100]!r}: it is not in ALLOWED_ORIGINS"
             )
         headers = {

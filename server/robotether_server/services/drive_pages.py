@@ -15,7 +15,12 @@ from robotether_server.db import Transaction, audit, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.db.users import User
-from robotether_server.problems import FieldInvalid, GrantMissing, NotPossible, RobotUnknown
+from robotether_server.problems import (
+    FieldInvalidError,
+    GrantMissingError,
+    NotPossibleError,
+    RobotUnknownError,
+)
 from robotether_server.robot_settings import RobotSettings, Settings, put_path, same_json
 from robotether_server.services import robots as robot_service
 
@@ -25,14 +30,14 @@ Change = Callable[[list[Button]], list[Button]]
 
 
 def set_page(tx: Transaction, source: Source, name: str, page: object) -> RobotSettings:
-    """Replace `page`; what is missing is as by default. Raises FieldInvalid. Returns all that is in force then."""
+    """Replace `page`; what is missing is as by default. Raises FieldInvalidError. Returns all that is in force then."""
     return _set(tx, source, name, "page", page)
 
 
 def change_page(
     tx: Transaction, source: Source, name: str, change: SettingsChange
 ) -> RobotSettings:
-    """Replace `page` by that of the settings that `change` makes of the present ones; raise FieldInvalid.
+    """Replace `page` by that of the settings that `change` makes of the present ones; raise FieldInvalidError.
 
     No other change comes in between.
     """
@@ -41,7 +46,7 @@ def change_page(
 
 
 def set_buttons(tx: Transaction, source: Source, name: str, buttons: object) -> RobotSettings:
-    """Replace `buttons`; raise FieldInvalid. Returns all that is in force then."""
+    """Replace `buttons`; raise FieldInvalidError. Returns all that is in force then."""
     return _set(tx, source, name, "buttons", buttons)
 
 
@@ -54,7 +59,7 @@ def change_buttons(tx: Transaction, source: Source, name: str, change: Change) -
 
 
 def allow(tx: Transaction, source: Source, name: str, button: Button) -> None:
-    """Add what the button sends to the drivers' policy, if it is missing; raise FieldInvalid."""
+    """Add what the button sends to the drivers' policy, if it is missing; raise FieldInvalidError."""
 
     def change(present: Settings) -> Settings:
         settings = robot_settings.parse(present)
@@ -68,28 +73,28 @@ def allow(tx: Transaction, source: Source, name: str, button: Button) -> None:
 
 
 def placed(buttons: list[Button], place: int, name: str) -> int:
-    """Return the index of the button at this place, from 1; raise NotPossible when it is not of that name any more."""
+    """Return the index of the button at this place, from 1; raise NotPossibleError if its name has changed."""
     if not 1 <= place <= len(buttons) or buttons[place - 1].name != name:
-        raise NotPossible(
+        raise NotPossibleError(
             f"cannot change button {name}: the buttons have changed meanwhile; check them again"
         )
     return place - 1
 
 
 def read(text: str) -> dict[str, object]:
-    """Parse a JSON object from a form; raise FieldInvalid, which names the place of the error."""
+    """Parse a JSON object from a form; raise FieldInvalidError, which names the place of the error."""
     try:
         found = json.loads(text or "{}", object_pairs_hook=_once)
     except json.JSONDecodeError as error:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot read what the button sends: {error.msg} at line {error.lineno}, column {error.colno}; it must "
             'be a JSON object such as {"data": true}',
             "sends",
         ) from error
     except (ValueError, RecursionError) as error:
-        raise FieldInvalid(f"cannot read what the button sends: {error}", "sends") from error
+        raise FieldInvalidError(f"cannot read what the button sends: {error}", "sends") from error
     if not isinstance(found, dict):
-        raise FieldInvalid(
+        raise FieldInvalidError(
             'cannot read what the button sends: it must be a JSON object such as {"data": true}',
             "sends",
         )
@@ -118,12 +123,12 @@ def _set(
 
 
 def find_managed(tx: Transaction, user: User, name: str) -> SeenRobot:
-    """Return the robot if this user manages it; raise RobotUnknown when they may not see it, else GrantMissing."""
+    """Return the robot if this user manages it; else raise RobotUnknownError (unseen) or GrantMissingError."""
     seen = seen_robots.find_seen(tx, user, name)
     if seen is None:
-        raise RobotUnknown(f"No robot '{name}', or you have no access.")
+        raise RobotUnknownError(f"No robot '{name}', or you have no access.")
     if seen.level != "manage":
-        raise GrantMissing(
+        raise GrantMissingError(
             f"cannot change the page of robot {name}: your grant is {seen.level}; it takes one to manage it"
         )
     return seen

@@ -11,7 +11,7 @@ from robotether_server.db import Transaction, audit, grants, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import Grant, Group, Pair, Site
 from robotether_server.db.robots import RobotRow
-from robotether_server.problems import NotPossible, RecordMissing
+from robotether_server.problems import NotPossibleError, RecordMissingError
 from robotether_server.schemas import Level, NewPlainName
 
 
@@ -43,7 +43,7 @@ def give(
 ) -> tuple[Grant, bool]:
     """Add a grant, which replaces an earlier one of the same pair; return whether there was none before.
 
-    Raises RecordMissing, or FieldInvalid for an invalid end.
+    Raises RecordMissingError, or FieldInvalidError for an invalid end.
     """
     if ends_at is not None:
         times.check_end("ends_at", ends_at)
@@ -58,12 +58,12 @@ def give(
 
 
 def is_given(tx: Transaction, grantee: Grantee, scope: Scope) -> bool:
-    """Return whether there is a grant of this pair, ended or not; raise RecordMissing."""
+    """Return whether there is a grant of this pair, ended or not; raise RecordMissingError."""
     return grants.find(tx, _pair(tx, grantee, scope)) is not None
 
 
 def revoke_by_id(tx: Transaction, source: Source, grant_id: int) -> Grant:
-    """Take a grant away; return it as it was. Raises RecordMissing."""
+    """Take a grant away; return it as it was. Raises RecordMissingError."""
     found = grants.get(tx, grant_id)
     grants.remove(tx, found.id)
     audit.record(tx, source, "grant_taken", found.robot, **_about(found))
@@ -71,11 +71,13 @@ def revoke_by_id(tx: Transaction, source: Source, grant_id: int) -> Grant:
 
 
 def revoke_from(tx: Transaction, source: Source, grantee: Grantee, scope: Scope) -> Grant:
-    """Delete the grant of this pair; raise RecordMissing when there is none."""
+    """Delete the grant of this pair; raise RecordMissingError when there is none."""
     found = grants.find(tx, _pair(tx, grantee, scope))
     if found is None:
         what = "all robots" if scope.kind == "all" else f"{scope.kind} {scope.name}"
-        raise RecordMissing(f"cannot revoke: {grantee.kind} {grantee.name} has no grant for {what}")
+        raise RecordMissingError(
+            f"cannot revoke: {grantee.kind} {grantee.name} has no grant for {what}"
+        )
     return revoke_by_id(tx, source, found.id)
 
 
@@ -107,7 +109,7 @@ def _text(timestamp: dt.datetime | None) -> str | None:
 
 
 def add_group(tx: Transaction, source: Source, name: str) -> Group:
-    """Add a group without members; raise FieldInvalid or RecordExists."""
+    """Add a group without members; raise FieldInvalidError or RecordExistsError."""
     schemas.check("name", name, NewPlainName)
     grants.add_group(tx, name)
     audit.record(tx, source, "group_added", group=name)
@@ -115,7 +117,7 @@ def add_group(tx: Transaction, source: Source, name: str) -> Group:
 
 
 def remove_group(tx: Transaction, source: Source, name: str) -> Group:
-    """Remove a group with its grants; return it as it was. Raises RecordMissing."""
+    """Remove a group with its grants; return it as it was. Raises RecordMissingError."""
     found = grants.get_group(tx, name)
     grants.remove_group(tx, found.id)
     audit.record(tx, source, "group_removed", group=name, members=list(found.members))
@@ -123,22 +125,24 @@ def remove_group(tx: Transaction, source: Source, name: str) -> Group:
 
 
 def add_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
-    """Give a user the grants of a group; raise RecordMissing. Who is a member already stays one."""
+    """Give a user the grants of a group; raise RecordMissingError. Who is a member already stays one."""
     if grants.add_member(tx, grants.get_group(tx, name).id, users.get(tx, user).id):
         audit.record(tx, source, "group_member_added", group=name, user=user)
     return grants.get_group(tx, name)
 
 
 def remove_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
-    """Remove a user from a group; raise RecordMissing."""
+    """Remove a user from a group; raise RecordMissingError."""
     if not grants.remove_member(tx, grants.get_group(tx, name).id, users.get(tx, user).id):
-        raise RecordMissing(f"cannot remove user {user} from group {name}: the user is no member")
+        raise RecordMissingError(
+            f"cannot remove user {user} from group {name}: the user is no member"
+        )
     audit.record(tx, source, "group_member_removed", group=name, user=user)
     return grants.get_group(tx, name)
 
 
 def add_site(tx: Transaction, source: Source, name: str) -> Site:
-    """Add a site without robots; raise FieldInvalid or RecordExists."""
+    """Add a site without robots; raise FieldInvalidError or RecordExistsError."""
     schemas.check("name", name, NewPlainName)
     grants.add_site(tx, name)
     audit.record(tx, source, "site_added", site=name)
@@ -146,7 +150,7 @@ def add_site(tx: Transaction, source: Source, name: str) -> Site:
 
 
 def remove_site(tx: Transaction, source: Source, name: str) -> Site:
-    """Remove a site with its grants; return it as it was. Its robots are at no site then. Raises RecordMissing."""
+    """Remove a site with its grants; return it as it was. Its robots are at no site then. Raises RecordMissingError."""
     found = grants.get_site(tx, name)
     grants.remove_site(tx, found.id)
     audit.record(tx, source, "site_removed", site=name, robots=list(found.robots))
@@ -154,7 +158,7 @@ def remove_site(tx: Transaction, source: Source, name: str) -> Site:
 
 
 def place_robot(tx: Transaction, source: Source, robot: str, site: str | None) -> RobotRow:
-    """Put a robot at a site, or at none; raise RecordMissing."""
+    """Put a robot at a site, or at none; raise RecordMissingError."""
     found = robots.get(tx, robot)
     if found.site != site:
         grants.place_robot(tx, found.id, None if site is None else grants.get_site(tx, site).id)
@@ -163,7 +167,7 @@ def place_robot(tx: Transaction, source: Source, robot: str, site: str | None) -
 
 
 def remove_robot(tx: Transaction, source: Source, robot: str, site: str) -> RobotRow:
-    """Put a robot of this site at none; raise RecordMissing, or NotPossible when it is not there."""
+    """Put a robot of this site at none; raise RecordMissingError, or NotPossibleError when it is not there."""
     if robots.get(tx, robot).site != site:
-        raise NotPossible(f"cannot remove robot {robot} from site {site}: it is not there")
+        raise NotPossibleError(f"cannot remove robot {robot} from site {site}: it is not there")
     return place_robot(tx, source, robot, None)

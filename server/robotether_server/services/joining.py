@@ -30,19 +30,19 @@ from robotether_server.db.robots import Claim, Report, RobotRow
 from robotether_server.db.users import User
 from robotether_server.identity import PublicKey
 from robotether_server.problems import (
-    FieldInvalid,
-    GrantMissing,
-    KeyInUse,
-    KeyRejected,
-    KeyUnproven,
-    MacElsewhere,
-    RecordExists,
-    RobotDisabled,
-    TokenExpired,
-    TokenInvalid,
-    TokenRequired,
-    TokenUsedUp,
-    TooManyPending,
+    FieldInvalidError,
+    GrantMissingError,
+    KeyInUseError,
+    KeyRejectedError,
+    KeyUnprovenError,
+    MacElsewhereError,
+    RecordExistsError,
+    RobotDisabledError,
+    TokenExpiredError,
+    TokenInvalidError,
+    TokenRequiredError,
+    TokenUsedUpError,
+    TooManyPendingError,
 )
 from robotether_server.robot_settings import put_path
 from robotether_server.services import grants
@@ -137,9 +137,9 @@ def is_proven(presented: PresentedKey, signature: str | None, token: str | None 
 
 
 def check_proven(presented: PresentedKey, *, is_proven: bool) -> None:
-    """Raise KeyUnproven."""
+    """Raise KeyUnprovenError."""
     if not is_proven:
-        raise KeyUnproven(
+        raise KeyUnprovenError(
             f"cannot join with key {presented.key.fingerprint}: the request has no signature by it over token, MAC and "
             "key; an agent that is older than this server makes none: install this server's"
         )
@@ -148,8 +148,9 @@ def check_proven(presented: PresentedKey, *, is_proven: bool) -> None:
 def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings, *, is_proven: bool) -> Answer:
     """Answer a robot after writing down what is new; must be the first action in its transaction.
 
-    Raises FieldInvalid, KeyUnproven, TokenInvalid, TokenExpired, TokenUsedUp, TokenRequired, GrantMissing,
-    RobotDisabled, KeyRejected, KeyInUse, MacElsewhere, TooManyPending or StoreUnavailable.
+    Raises FieldInvalidError, KeyUnprovenError, TokenInvalidError, TokenExpiredError, TokenUsedUpError,
+    TokenRequiredError, GrantMissingError, RobotDisabledError, KeyRejectedError, KeyInUseError, MacElsewhereError,
+    TooManyPendingError or StoreUnavailableError.
     """
     robots.lock_enrolment(tx)
     too_old = dt.datetime.now(dt.UTC) - UNKNOWN_ROBOT_LIFETIME
@@ -243,7 +244,7 @@ class _Joining:
         )
 
     def _check_room(self) -> None:
-        """Raise TooManyPending when all, or one network, have as much waiting as may."""
+        """Raise TooManyPendingError when all, or one network, have as much waiting as may."""
         waiting = robots.unknown_addresses(self.tx)
         waiting += [claim.report.address for claim in robots.list_claims(self.tx)]
         network = network_of(self.request.presented.report.address)
@@ -251,7 +252,7 @@ class _Joining:
         is_crowded = from_there >= MAX_UNKNOWN_PER_NETWORK
         whose = f"{from_there} from {network}" if is_crowded else f"{len(waiting)}"
         if is_crowded or len(waiting) >= self.rules.max_pending:
-            raise TooManyPending(
+            raise TooManyPendingError(
                 f"cannot admit another unknown robot: {whose} already wait for approval; an admin approves or "
                 "rejects some, or announces this one with: robotether robot add NAME --mac MAC"
             )
@@ -261,19 +262,19 @@ def _check_not_disabled(robot: RobotRow, presented: PresentedKey, *, is_known: b
     if robot.state != "disabled":
         return
     if not is_known:
-        raise RobotDisabled(
+        raise RobotDisabledError(
             f"cannot join with MAC {presented.mac}: its robot is disabled; ask an admin"
         )
-    raise RobotDisabled(
+    raise RobotDisabledError(
         f"cannot join robot {robot.name}: it is disabled; an admin enables it with: "
         f"robotether robot enable {robot.name}"
     )
 
 
 def _check_moved(tx: Transaction, request: JoinAttempt, robot: RobotRow) -> None:
-    """Note that a robot lost its MAC, or raise MacElsewhere: it is at work, so who asks is its copy."""
+    """Note that a robot lost its MAC, or raise MacElsewhereError: it is at work, so who asks is its copy."""
     if seen_robots.is_online(tx, robot.id):
-        raise MacElsewhere(
+        raise MacElsewhereError(
             f"cannot join with MAC {robot.mac}: this machine does not have it, and its robot is online; this is a "
             "copy of that robot's disk, and must join with its own MAC and a new key"
         )
@@ -294,18 +295,18 @@ def _credential_of(
     if rules.policy != "token-only":
         return None
     if credential is not None:
-        raise TokenUsedUp(
+        raise TokenUsedUpError(
             "cannot join with this token: it has admitted this key before, and an admin has undone that; "
             "get another token"
         )
-    raise TokenRequired(
+    raise TokenRequiredError(
         "cannot join without a token: this server requires one (JOIN_POLICY=token-only); an admin makes "
         "one with: robotether robot invite"
     )
 
 
 def find_credential(tx: Transaction, text: str) -> EnrolmentCredential:
-    """Return whose token that is; raise TokenInvalid, TokenExpired or GrantMissing.
+    """Return whose token that is; raise TokenInvalidError, TokenExpiredError or GrantMissingError.
 
     A join token that is used up still says who asks: a use is counted when it admits a robot.
     """
@@ -313,23 +314,27 @@ def find_credential(tx: Transaction, text: str) -> EnrolmentCredential:
         return EnrolmentCredential(ROBOT, token=_join_token(tx, text))
     user = credentials.find_token_user(tx, text)
     if user is None:
-        raise TokenInvalid("cannot accept the token: it is unknown, expired or its user disabled")
+        raise TokenInvalidError(
+            "cannot accept the token: it is unknown, expired or its user disabled"
+        )
     return credential_of_admin(user)
 
 
 def credential_of_admin(user: User) -> EnrolmentCredential:
-    """Return an admin as a credential; raise GrantMissing for another user."""
+    """Return an admin as a credential; raise GrantMissingError for another user."""
     if not user.is_admin:
-        raise GrantMissing("cannot admit a robot with this token: it must be an admin's")
+        raise GrantMissingError("cannot admit a robot with this token: it must be an admin's")
     return EnrolmentCredential(user.name, admin=user)
 
 
 def _join_token(tx: Transaction, text: str) -> JoinToken:
     token = join_tokens.find(tx, text)
     if token is None:
-        raise TokenInvalid("cannot accept the join token: it is unknown or deleted; make another")
+        raise TokenInvalidError(
+            "cannot accept the join token: it is unknown or deleted; make another"
+        )
     if token.expires_at <= dt.datetime.now(dt.UTC):
-        raise TokenExpired(
+        raise TokenExpiredError(
             f"cannot accept the join token: it expired at {token.expires_at:%Y-%m-%d %H:%M} UTC; "
             "make another"
         )
@@ -345,14 +350,14 @@ def rotate(
 ) -> bool:
     """Put the new key in place of the one that signed it; False: the robot is not active with that one.
 
-    Must never change a key that did not sign. Raises FieldInvalid for a signature that does not hold, and KeyInUse.
+    Must never change a key that did not sign. Raises FieldInvalidError for a wrong signature, and KeyInUseError.
     """
     old = robot.key
     if old is None or robot.state != "active" or previous.fingerprint != old.fingerprint:
         return False
     message = rotation_message(presented.mac, presented.key.line)
     if not identity.signature_holds(old, ROTATION_NAMESPACE, message, previous.signature):
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use previous_key: its signature is not by key {old.fingerprint} over this MAC and the "
             "new key"
         )
@@ -374,10 +379,10 @@ def rotate(
 
 
 def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
-    """Raise KeyRejected for a key that an admin rejected."""
+    """Raise KeyRejectedError for a key that an admin rejected."""
     claim = robots.find_claim(tx, key.fingerprint)
     if claim is not None and claim.is_rejected:
-        raise KeyRejected(
+        raise KeyRejectedError(
             f"cannot join with key {key.fingerprint}: an admin rejected it; make a new key on the robot "
             "(sudo robotether-agent forget), or ask an admin to remove it from the list of rejected keys"
         )
@@ -386,7 +391,7 @@ def check_not_rejected(tx: Transaction, key: PublicKey) -> None:
 def check_key_is_free(
     tx: Transaction, source: Source, presented: PresentedKey, *, is_authorized: bool
 ) -> None:
-    """Raise KeyInUse when the key is at another MAC; where it only waits there, an authorized robot gets it."""
+    """Raise KeyInUseError when the key is at another MAC; where it only waits there, an authorized robot gets it."""
     holder = robots.find_by_key(tx, presented.key.fingerprint)
     claim = robots.find_claim(tx, presented.key.fingerprint)
     waits_elsewhere = holder is not None and holder.mac != presented.mac
@@ -394,7 +399,7 @@ def check_key_is_free(
     if not waits_elsewhere and not claimed_elsewhere:
         return
     if not is_authorized or (waits_elsewhere and holder is not None and holder.state != "pending"):
-        raise KeyInUse(
+        raise KeyInUseError(
             f"cannot join with MAC {presented.mac}: the key belongs to a robot with another MAC; "
             "make a new key on this one"
         )
@@ -410,7 +415,7 @@ def admit(
 ) -> RobotRow:
     """Make the key the robot's own, and the robot active; None: JOIN_POLICY admits first keys.
 
-    Raises TokenUsedUp; a use of a join token is counted here and nowhere else.
+    Raises TokenUsedUpError; a use of a join token is counted here and nowhere else.
     """
     if credential is not None and credential.token is not None:
         _count_use(tx, credential.token, presented.key)
@@ -453,7 +458,7 @@ def _put_in_place(tx: Transaction, source: Source, robot: RobotRow, place: Place
 
 
 def adopt_key(tx: Transaction, robot: RobotRow, presented: PresentedKey) -> None:
-    """Write the key into the row, unless it is there: a known key changes nothing. Raises KeyInUse."""
+    """Write the key into the row, unless it is there: a known key changes nothing. Raises KeyInUseError."""
     claim = robots.find_claim(tx, presented.key.fingerprint)
     if claim is not None:
         robots.remove_claim(tx, claim.id)
@@ -461,9 +466,9 @@ def adopt_key(tx: Transaction, robot: RobotRow, presented: PresentedKey) -> None
         return
     try:
         robots.set_key(tx, robot.id, presented.key, presented.report)
-    except RecordExists as error:
+    except RecordExistsError as error:
         # Only SQL written by hand comes in between: joins and admins hold the lock.
-        raise KeyInUse(
+        raise KeyInUseError(
             f"cannot join with MAC {presented.mac}: another robot has the key"
         ) from error
 
@@ -495,12 +500,12 @@ def usual_names(mac: str) -> Iterator[str]:
 
 def _count_use(tx: Transaction, token: JoinToken, key: PublicKey) -> None:
     if join_tokens.has_admitted(tx, token.id, key.fingerprint):
-        raise TokenUsedUp(
+        raise TokenUsedUpError(
             f"cannot join with this token: it has admitted key {key.fingerprint} before, and an admin has undone "
             "that; get another token, or an admin's approval"
         )
     if not join_tokens.use(tx, token.id, key.fingerprint):
-        raise TokenUsedUp(
+        raise TokenUsedUpError(
             f"cannot join with this token: it was good for {token.uses} "
             f"{'robot' if token.uses == 1 else 'robots'}, and has admitted them; get another"
         )

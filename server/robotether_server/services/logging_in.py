@@ -23,7 +23,7 @@ from robotether_server import passwords
 from robotether_server.db import Database, Transaction, audit, credentials, users
 from robotether_server.db.audit import Network, Occurrence, Source, network_of
 from robotether_server.db.users import User
-from robotether_server.problems import LoginFailed, Throttled
+from robotether_server.problems import LoginFailedError, ThrottledError
 
 FAILED = "login_failed"
 SUCCEEDED = "login"
@@ -81,18 +81,18 @@ _open_guesses = OpenGuesses()
 
 
 def log_in(database: Database, source: Source, password: str, lifetime: dt.timedelta) -> str:
-    """Return the text for the cookie; raise LoginFailed or Throttled. `source` has the claimed name."""
+    """Return the text for the cookie; raise LoginFailedError or Throttled. `source` has the claimed name."""
     with _guessed(database, source, password) as guess, database.transaction() as tx:
         # The check takes long: an admin who has set another password meanwhile has ended all logins with this one.
         if guess.checked is not None and users.is_unchanged(tx, guess.checked):
             guess.outcome = audit.record(tx, source, SUCCEEDED)
             return credentials.create_login(tx, guess.checked, source.address or "", lifetime)
         guess.outcome = audit.record(tx, source, FAILED)
-    raise LoginFailed("Wrong name or password.")
+    raise LoginFailedError("Wrong name or password.")
 
 
 def confirm(database: Database, source: Source, password: str) -> None:
-    """Check the password of somebody who is logged in; raise LoginFailed or Throttled.
+    """Check the password of somebody who is logged in; raise LoginFailedError or Throttled.
 
     A browser that was left open must not be a way to guess it, so a failure counts as one of a login does.
     """
@@ -101,7 +101,7 @@ def confirm(database: Database, source: Source, password: str) -> None:
             return
         with database.transaction() as tx:
             guess.outcome = audit.record(tx, source, FAILED)
-    raise LoginFailed("cannot continue: the current password is wrong")
+    raise LoginFailedError("cannot continue: the current password is wrong")
 
 
 @contextmanager
@@ -133,7 +133,7 @@ def _check_throttle(tx: Transaction, guess: Guess, before: list[Guess]) -> None:
     if allowed_at is None or allowed_at <= guess.at:
         return
     wait_s = math.ceil((allowed_at - guess.at).total_seconds())
-    raise Throttled(
+    raise ThrottledError(
         f"cannot log in now: too many attempts failed; try again at {allowed_at:%H:%M:%S} UTC "
         f"(in {math.ceil(wait_s / 60)} min)",
         wait_s,

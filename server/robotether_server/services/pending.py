@@ -80,7 +80,7 @@ def host_key_refused(robot: str) -> str:
 
 
 def forgive(tx: Transaction, source: Source, rejected_id: int) -> RejectedKey:
-    """Let a rejected key ask again, and return it; raise RecordMissing."""
+    """Let a rejected key ask again, and return it; raise RecordMissingError."""
     claim = robots.get_rejected_key(tx, rejected_id)
     robots.remove_claim(tx, claim.id)
     audit.record(

@@ -11,10 +11,10 @@ from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Claim, Report, RobotRow, State
 from robotether_server.problems import (
-    MacInUse,
-    NotPossible,
-    RecordExists,
-    RobotDisabled,
+    MacInUseError,
+    NotPossibleError,
+    RecordExistsError,
+    RobotDisabledError,
 )
 from robotether_server.robot_settings import Settings
 from robotether_server.services import joining
@@ -38,7 +38,7 @@ class Registration:
 def add(
     tx: Transaction, source: Source, mac: str, name: str, *, allow_local_mac: bool = False
 ) -> RobotRow:
-    """Announce a robot before it joins; raise FieldInvalid, RecordExists or RecordRefused.
+    """Announce a robot before it joins; raise FieldInvalidError, RecordExistsError or RecordRefusedError.
 
     An unknown robot that waits with this MAC does not matter: its row gets the name, and its key waits on.
     """
@@ -57,7 +57,8 @@ def add(
 def register(tx: Transaction, source: Source, registration: Registration) -> tuple[RobotRow, bool]:
     """Make a robot active with this key; return whether its row was made for it. Asking again changes nothing.
 
-    Raises FieldInvalid, KeyUnproven, RecordExists, MacInUse, KeyInUse, KeyRejected, RobotDisabled or TokenUsedUp.
+    Raises FieldInvalidError, KeyUnprovenError, RecordExistsError, MacInUseError, KeyInUseError, KeyRejectedError,
+    RobotDisabledError or TokenUsedUpError.
     """
     presented = joining.PresentedKey(
         mac=identity.normalise_mac(registration.mac),
@@ -89,7 +90,7 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
 
 
 def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> RobotRow:
-    """Make this key the robot's own, be it the row's or a claim; raise NotPossible when it does not wait there.
+    """Make this key the robot's own, be it the row's or a claim; raise NotPossibleError when it does not wait there.
 
     Approving the key that an active robot has changes nothing.
     """
@@ -100,7 +101,7 @@ def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Rob
         robots.remove_claim(tx, claim.id)
         robots.set_key(tx, found.id, claim.key, claim.report)
     elif found.fingerprint != fingerprint:
-        raise NotPossible(_no_such_key(found, fingerprint))
+        raise NotPossibleError(_no_such_key(found, fingerprint))
     elif found.state == "active":
         return found
     robots.set_state(tx, found.id, "active")
@@ -112,7 +113,7 @@ def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Rob
 
 
 def reject(tx: Transaction, source: Source, name: str, fingerprint: str) -> None:
-    """Turn a waiting key away for good; raise NotPossible when it does not wait there.
+    """Turn a waiting key away for good; raise NotPossibleError when it does not wait there.
 
     A row that nobody announced goes with it; an announced robot waits for its first key again.
     """
@@ -137,10 +138,10 @@ def disable(tx: Transaction, source: Source, name: str) -> RobotRow:
 
 
 def enable(tx: Transaction, source: Source, name: str) -> RobotRow:
-    """Let a disabled robot in again; raise NotPossible when it is not disabled."""
+    """Let a disabled robot in again; raise NotPossibleError when it is not disabled."""
     found = _get(tx, name)
     if found.state != "disabled":
-        raise NotPossible(f"cannot enable robot {name}: it is {found.state}, not disabled")
+        raise NotPossibleError(f"cannot enable robot {name}: it is {found.state}, not disabled")
     # Without a key there is nothing yet that could prove to be this robot.
     state: State = "active" if found.fingerprint else "pending"
     _change_state(tx, source, found, state, "robot_enabled")
@@ -148,7 +149,7 @@ def enable(tx: Transaction, source: Source, name: str) -> RobotRow:
 
 
 def rename(tx: Transaction, source: Source, name: str, new_name: str) -> RobotRow:
-    """Give a robot another name; raise RecordExists or RecordRefused."""
+    """Give a robot another name; raise RecordExistsError or RecordRefusedError."""
     found = _get(tx, name)
     if new_name != name:
         robots.rename(tx, found.id, new_name)
@@ -159,7 +160,7 @@ def rename(tx: Transaction, source: Source, name: str, new_name: str) -> RobotRo
 def set_mac(
     tx: Transaction, source: Source, name: str, mac: str, *, allow_local_mac: bool = False
 ) -> RobotRow:
-    """Give a robot another MAC; raise FieldInvalid or RecordExists.
+    """Give a robot another MAC; raise FieldInvalidError or RecordExistsError.
 
     An unknown robot that waits with this MAC does not matter: its row goes, and its key has to ask again.
     """
@@ -189,7 +190,7 @@ def move_ports(
     ros_port: int | None = None,
     video_port: int | None = None,
 ) -> RobotRow:
-    """Move a robot to these ports, or to another free pair; raise RecordExists or RecordRefused."""
+    """Move a robot to these ports, or to another free pair; raise RecordExistsError or RecordRefusedError."""
     found = _get(tx, name)
     robots.set_ports(tx, found.id, ros_port, video_port)
     moved = robots.get(tx, name)
@@ -205,7 +206,7 @@ def move_ports(
 
 
 def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> RobotRow:
-    """Forward a port to the robot's sshd, or stop doing so; raise RecordRefused when no port is free."""
+    """Forward a port to the robot's sshd, or stop doing so; raise RecordRefusedError when no port is free."""
     found = _get(tx, name)
     if found.shell == on:
         return found
@@ -220,7 +221,7 @@ def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> RobotRow:
 def set_settings(
     tx: Transaction, source: Source, name: str, settings: dict[str, object]
 ) -> RobotRow:
-    """Replace a robot's settings; {} means the defaults, and only what differs from them is kept. Raises FieldInvalid.
+    """Replace a robot's settings; {} means the defaults, and only differences are stored. Raises FieldInvalidError.
 
     Relay and guard follow by themselves.
     """
@@ -235,7 +236,7 @@ def set_settings(
 def change_settings(
     tx: Transaction, source: Source, name: str, change: Callable[[Settings], Settings]
 ) -> RobotRow:
-    """Replace a robot's settings by what `change` makes of the present ones; raise FieldInvalid.
+    """Replace a robot's settings by what `change` makes of the present ones; raise FieldInvalidError.
 
     No other change comes in between.
     """
@@ -253,10 +254,10 @@ def rekey(tx: Transaction, source: Source, name: str) -> RobotRow:
 
 
 def rotate_key(tx: Transaction, source: Source, name: str) -> RobotRow:
-    """Ask the robot's agent to make a new key; raise NotPossible when the robot is not active."""
+    """Ask the robot's agent to make a new key; raise NotPossibleError when the robot is not active."""
     found = _get(tx, name)
     if found.state != "active" or found.fingerprint is None:
-        raise NotPossible(
+        raise NotPossibleError(
             f"cannot rotate the key of robot {name}: it is {found.state}"
             f"{'' if found.fingerprint else ' and has no key'}; only an active robot can prove a new key"
         )
@@ -294,7 +295,7 @@ def _claim_of(tx: Transaction, found: RobotRow, fingerprint: str) -> Claim | Non
 
 def _check_not_disabled(found: RobotRow) -> None:
     if found.state == "disabled":
-        raise NotPossible(
+        raise NotPossibleError(
             f"cannot approve robot {found.name}: it is disabled; "
             f"use: robotether robot enable {found.name}"
         )
@@ -312,11 +313,11 @@ def _no_such_key(found: RobotRow, fingerprint: str) -> str:
 
 def _reject_own(tx: Transaction, source: Source, found: RobotRow, fingerprint: str) -> None:
     if found.key is None or found.fingerprint != fingerprint or found.report is None:
-        raise NotPossible(
+        raise NotPossibleError(
             f"cannot reject key {fingerprint}: it does not wait at robot {found.name}"
         )
     if found.state != "pending":
-        raise NotPossible(
+        raise NotPossibleError(
             f"cannot reject key {fingerprint}: robot {found.name} is {found.state} with it; forget the key "
             f"with: robotether robot rekey {found.name}"
         )
@@ -341,13 +342,13 @@ def _add(tx: Transaction, mac: str, name: str) -> RobotRow:
 
 def _check_may_register(found: RobotRow, presented: joining.PresentedKey) -> None:
     if found.state == "disabled":
-        raise RobotDisabled(
+        raise RobotDisabledError(
             f"cannot enrol robot {found.name}: it is disabled; an admin enables it with: "
             f"robotether robot enable {found.name}"
         )
     is_other = found.fingerprint not in (None, presented.key.fingerprint)
     if found.state == "active" and is_other:
-        raise MacInUse(
+        raise MacInUseError(
             f"cannot enrol MAC {presented.mac}: robot {found.name} has it, with another key; if this is that robot "
             f"with a new disk, an admin forgets the old key with: robotether robot rekey {found.name}"
         )
@@ -358,7 +359,7 @@ def _named(tx: Transaction, source: Source, found: RobotRow, name: str) -> Robot
     if found.name == name:
         return found
     if not found.is_unknown:
-        raise RecordExists(
+        raise RecordExistsError(
             f"cannot enrol robot {name}: MAC {found.mac} belongs to robot {found.name}; use that name, or "
             f"rename it first"
         )

@@ -9,7 +9,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.grants import includes
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import SshKey, User
-from robotether_server.problems import FieldInvalid, NotPossible
+from robotether_server.problems import FieldInvalidError, NotPossibleError
 from robotether_server.robot_settings import ShellUser
 from robotether_server.schemas import MAX_NAME_LENGTH, Label
 
@@ -27,12 +27,12 @@ class ShellEntry:
 
 
 def add(tx: Transaction, source: Source, user: User, name: str | None, line: str) -> SshKey:
-    """Add a key; without a name it gets its comment's. Raises FieldInvalid, RecordExists or NotPossible."""
+    """Add a key, named as in its comment by default; FieldInvalidError, RecordExistsError or NotPossibleError."""
     key = identity.parse_persons_key(line)
     chosen = name or identity.key_comment(line)[:MAX_NAME_LENGTH].strip() or key.fingerprint
     schemas.check("name", chosen, Label)
     if len(users.list_ssh_keys(tx, user)) >= MAX_KEYS:
-        raise NotPossible(
+        raise NotPossibleError(
             f"cannot add SSH key {chosen}: user {user.name} has {MAX_KEYS}; delete one that is not used"
         )
     added = users.add_ssh_key(tx, user, chosen, key, source.api_token)
@@ -41,7 +41,7 @@ def add(tx: Transaction, source: Source, user: User, name: str | None, line: str
 
 
 def delete(tx: Transaction, source: Source, user: User, key_id: int) -> SshKey:
-    """Delete a key of this user and return it; what it opened ends. Raises RecordMissing."""
+    """Delete a key of this user and return it; what it opened ends. Raises RecordMissingError."""
     key = users.get_ssh_key(tx, user, key_id)
     users.delete_ssh_key(tx, key.id)
     audit.record(tx, source, "ssh_key_deleted", **_details(user, key))
@@ -87,6 +87,6 @@ def _shell_user(robot: RobotRow) -> str | None:
     found = robot.settings.get("shell_user")
     try:
         schemas.check("shell_user", found, ShellUser)
-    except FieldInvalid:
+    except FieldInvalidError:
         return None
     return str(found)

@@ -9,7 +9,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.credentials import Token
 from robotether_server.db.join_tokens import NOWHERE, JoinToken, Place
 from robotether_server.db.users import User
-from robotether_server.problems import FieldInvalid, GrantMissing, NotPossible
+from robotether_server.problems import FieldInvalidError, GrantMissingError, NotPossibleError
 from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label
 from robotether_server.services import ssh_keys
@@ -31,17 +31,18 @@ SUFFIX_BYTES = 3
 def create(tx: Transaction, source: Source, user: User, name: str, days: int | None = None) -> str:
     """Make a token that ends after so many days, and return its text, which cannot be had again.
 
-    Raises FieldInvalid, RecordExists, NotPossible, or GrantMissing for a program that shows a token itself: one that
+    Raises FieldInvalidError, RecordExistsError, NotPossibleError, or GrantMissingError for a program that
+    shows a token itself: one that
     leaked would outlive its own end.
     """
     if source.api_token is not None:
-        raise GrantMissing(
+        raise GrantMissingError(
             f"cannot create token {name}: an API token makes no other; log in, or run: robotether token create"
         )
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days or DEFAULT_DAYS)
     schemas.check("name", name, Label)
     if len(credentials.list_tokens_of(tx, user)) >= MAX_TOKENS:
-        raise NotPossible(
+        raise NotPossibleError(
             f"cannot create token {name}: user {user.name} has {MAX_TOKENS}; delete those that are not used"
         )
     text = credentials.create_token(tx, user, name, expires_at)
@@ -57,7 +58,7 @@ def create(tx: Transaction, source: Source, user: User, name: str, days: int | N
 
 
 def delete(tx: Transaction, source: Source, token_id: int) -> Token:
-    """Delete a token and return it; what it opened ends, and what it made goes with it. Raises RecordMissing."""
+    """Delete a token and return it; what it opened ends, and what it made goes with it. Raises RecordMissingError."""
     token = credentials.get_token(tx, token_id)
     for join_token_id in join_tokens.made_by(tx, token_id):
         delete_join_token(tx, source, join_token_id)
@@ -81,7 +82,7 @@ def invite(
 ) -> tuple[str, str]:
     """Make a join token, for a robot that asks for the name `robot` if there is one; return its label and text.
 
-    Raises FieldInvalid, RecordExists or RecordMissing.
+    Raises FieldInvalidError, RecordExistsError or RecordMissingError.
     """
     if robot is not None:
         _check_requested_name(tx, robot, uses)
@@ -92,17 +93,17 @@ def invite(
 
 
 def _check_requested_name(tx: Transaction, robot: str, uses: int) -> None:
-    """Raise FieldInvalid for a name that the server would ignore when the robot asks for it."""
+    """Raise FieldInvalidError for a name that the server would ignore when the robot asks for it."""
     if not ROBOT_NAME.fullmatch(robot):
-        raise FieldInvalid(
+        raise FieldInvalidError(
             "cannot use this name: use a-z, 0-9 and -; begin and end with a letter or digit", "name"
         )
     if uses > 1:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             "cannot give one name to several robots: leave it empty, and rename them later", "name"
         )
     if robots.name_is_taken(tx, robot):
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot name it {robot}: a robot has that name; if this is that robot, leave the name empty and it "
             "keeps its own",
             "name",
@@ -120,16 +121,16 @@ def create_join_token(
 ) -> str:
     """Make a token and return its text, which cannot be had again.
 
-    Raises FieldInvalid, RecordExists or RecordMissing.
+    Raises FieldInvalidError, RecordExistsError or RecordMissingError.
     """
     schemas.check("name", name, Label)
     if place.region is not None:
         schemas.check("region", place.region, Region)
     if not 1 <= uses <= MAX_USES:
-        raise FieldInvalid(f"cannot use uses: it must be 1 to {MAX_USES}", "uses")
+        raise FieldInvalidError(f"cannot use uses: it must be 1 to {MAX_USES}", "uses")
     lifetime = expires_at - dt.datetime.now(dt.UTC)
     if not dt.timedelta() < lifetime <= MAX_LIFETIME:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             "cannot use hours: the token's time must end within 1 to 8760 hours", "hours"
         )
     text = join_tokens.create(
@@ -154,7 +155,7 @@ def create_join_token(
 
 
 def delete_join_token(tx: Transaction, source: Source, token_id: int) -> JoinToken:
-    """Delete a token and return it; the robots that it admitted stay. Raises RecordMissing."""
+    """Delete a token and return it; the robots that it admitted stay. Raises RecordMissingError."""
     token = join_tokens.get(tx, token_id)
     join_tokens.delete(tx, token_id)
     audit.record(tx, source, "join_token_deleted", token=token.name, used=token.used)

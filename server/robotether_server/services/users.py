@@ -7,7 +7,7 @@ from robotether_server import passwords, schemas
 from robotether_server.db import Transaction, audit, credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.db.users import Role, User
-from robotether_server.problems import LastAdmin, RecordExists
+from robotether_server.problems import LastAdminError, RecordExistsError
 from robotether_server.schemas import NewPlainName
 from robotether_server.services import tokens
 
@@ -15,7 +15,7 @@ FIRST_ADMIN = "admin"
 
 
 def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -> User:
-    """Add a user; raise FieldInvalid for the name or the password, or RecordExists."""
+    """Add a user; raise FieldInvalidError for the name or the password, or RecordExistsError."""
     schemas.check("name", name, NewPlainName)
     users.add(tx, name, passwords.hash_password(password), role)
     audit.record(tx, source, "user_added", user=name, role=role)
@@ -28,20 +28,20 @@ def add_first(tx: Transaction, source: Source, password: str) -> bool:
         return False
     try:
         add(tx, source, FIRST_ADMIN, password, "admin")
-    except RecordExists:
+    except RecordExistsError:
         return False
     return True
 
 
 def set_password(tx: Transaction, source: Source, name: str, password: str) -> None:
-    """Give a user a new password and end the logins made with the old one; raise FieldInvalid."""
+    """Give a user a new password and end the logins made with the old one; raise FieldInvalidError."""
     found = users.get(tx, name)
     users.set_password(tx, found.id, passwords.hash_password(password))
     audit.record(tx, source, "password_set", user=name)
 
 
 def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
-    """Make a user an admin, or an admin a user; raise LastAdmin."""
+    """Make a user an admin, or an admin a user; raise LastAdminError."""
     found = users.get(tx, name)
     if found.role == role:
         return found
@@ -54,7 +54,7 @@ def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
 
 
 def set_disabled(tx: Transaction, source: Source, name: str, *, disabled: bool) -> User:
-    """Disable a user, or enable the user again; raise LastAdmin."""
+    """Disable a user, or enable the user again; raise LastAdminError."""
     found = users.get(tx, name)
     if found.disabled == disabled:
         return found
@@ -75,7 +75,7 @@ def log_out_everywhere(tx: Transaction, source: Source, name: str) -> int:
 
 
 def remove(tx: Transaction, source: Source, name: str) -> User:
-    """Remove a user with logins, tokens, keys and grants; return the user. Raises LastAdmin."""
+    """Remove a user with logins, tokens, keys and grants; return the user. Raises LastAdminError."""
     found = users.get(tx, name)
     _check_not_last(tx, name, f"cannot remove user {name}")
     tokens.delete_join_tokens_of(tx, source, name)
@@ -87,6 +87,6 @@ def remove(tx: Transaction, source: Source, name: str) -> User:
 def _check_not_last(tx: Transaction, name: str, action: str) -> None:
     # Locked, so that two admins who remove each other at once do not both succeed.
     if users.enabled_admins(tx) == [name]:
-        raise LastAdmin(
+        raise LastAdminError(
             f"{action}: nobody else is an admin who is enabled; make another user an admin first"
         )

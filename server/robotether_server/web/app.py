@@ -15,7 +15,7 @@ from robotether_server.backups import RECORD
 from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
 from robotether_server.install_line import SiteCertificates
-from robotether_server.problems import OriginRefused
+from robotether_server.problems import OriginRefusedError
 from robotether_server.settings import WebSettings, load
 from robotether_server.tickets import TicketSigner
 from robotether_server.web import admin, current_user, errors, forms, page_texts
@@ -193,7 +193,7 @@ def _is_preflight() -> bool:
 def _answer_preflight(allowed: frozenset[str]) -> Response:
     origin = request.headers.get("Origin", "")
     if origin not in allowed:
-        raise OriginRefused(
+        raise OriginRefusedError(
             f"cannot serve a page of {origin[:100]!r}: it is not in ALLOWED_ORIGINS"
         )
     response = Response(status=204)

@@ -13,7 +13,7 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
 from robotether_server.api.exports import R
-from robotether_server.problems import Problem, RecordMissing
+from robotether_server.problems import RecordMissingError, RobotetherError
 from robotether_server.web import current_user
 from robotether_server.web.forms import METHODS, go_on
 
@@ -60,8 +60,8 @@ def register(
 ) -> None:
     """Make the path of each action ask and act.
 
-    `find` returns what the texts may name, from the parts of the path, or raises a Problem; `back` is the page that the
-    question came from, and may name the same.
+    `find` returns what the texts may name, from the parts of the path, or raises a RobotetherError; `back` is the
+    page that the question came from, and may name the same.
     """
     for action in actions:
         view = _view(action, back, find)
@@ -90,7 +90,7 @@ def ask_first(
         return _ask(action, back, words)
     try:
         result = do()
-    except Problem as problem:
+    except RobotetherError as problem:
         return _ask(action, back, words, problem)
     if isinstance(result, AnyResponse):
         return result
@@ -99,7 +99,7 @@ def ask_first(
 
 
 def _ask(
-    action: ConfirmedAction, back: str, words: Words, problem: Problem | None = None
+    action: ConfirmedAction, back: str, words: Words, problem: RobotetherError | None = None
 ) -> AnyResponse:
     # As markup that escapes what is none: a time among the words is the reader's own.
     effects = [escape(effect).format_map(words) for effect in action.effects]
@@ -121,8 +121,8 @@ def _ask(
 
 
 def pick(records: Iterable[R], number: int, missing: str) -> R:
-    """Return the record of that number; raise RecordMissing with this sentence."""
+    """Return the record of that number; raise RecordMissingError with this sentence."""
     for record in records:
         if record.id == number:
             return record
-    raise RecordMissing(missing)
+    raise RecordMissingError(missing)

@@ -14,7 +14,7 @@ from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
-from robotether_server.problems import GrantMissing
+from robotether_server.problems import GrantMissingError
 from robotether_server.services import pending
 
 
@@ -34,10 +34,10 @@ def require_user() -> AnyResponse | None:
 
 
 def require_admin() -> AnyResponse | None:
-    """Identify the user as `require_user` does; raise GrantMissing unless it is an admin."""
+    """Identify the user as `require_user` does; raise GrantMissingError unless it is an admin."""
     answer = require_user()
     if answer is None and not get().is_admin:
-        raise GrantMissing("This page is for administrators.")
+        raise GrantMissingError("This page is for administrators.")
     return answer
 
 

@@ -14,12 +14,12 @@ from robotether_server.api import auth
 from robotether_server.api.context import context
 from robotether_server.problems import (
     PROBLEM_JSON,
-    CsrfRefused,
-    HttpProblem,
-    Problem,
-    StoreProblem,
-    StoreUnavailable,
-    Throttled,
+    CsrfRefusedError,
+    HttpError,
+    RobotetherError,
+    StoreError,
+    StoreUnavailableError,
+    ThrottledError,
 )
 from robotether_server.web import current_user
 
@@ -32,30 +32,30 @@ API_PATH = "/api/v1/"
 
 def register(app: Flask) -> None:
     """Answer every kind of failure of the application."""
-    app.register_error_handler(Problem, answer)
+    app.register_error_handler(RobotetherError, answer)
     app.register_error_handler(CSRFError, _answer_csrf)
     app.register_error_handler(HTTPException, _answer_http)
     app.register_error_handler(Exception, _answer_unforeseen)
 
 
-def answer(problem: Problem) -> Response:
+def answer(problem: RobotetherError) -> Response:
     """Return the response for a problem."""
-    if isinstance(problem, StoreUnavailable):
+    if isinstance(problem, StoreUnavailableError):
         logger.error("%s: %s", problem.detail, problem.__cause__)
     response = _as_json(problem) if request.path.startswith(JSON_PATHS) else _as_page(problem)
     response.status_code = problem.status
     if problem.status == HTTPStatus.UNAUTHORIZED and request.path.startswith(API_PATH):
         response.headers["WWW-Authenticate"] = "Bearer"  # RFC 9110, as the relay does
-    if isinstance(problem, Throttled):
+    if isinstance(problem, ThrottledError):
         response.headers["Retry-After"] = str(problem.retry_after_s)
     return response
 
 
-def _as_json(problem: Problem) -> Response:
+def _as_json(problem: RobotetherError) -> Response:
     return Response(json.dumps(problem.as_dict()), content_type=PROBLEM_JSON)
 
 
-def _as_page(problem: Problem) -> Response:
+def _as_page(problem: RobotetherError) -> Response:
     if problem.status < HTTPStatus.INTERNAL_SERVER_ERROR:
         _keep_menu()
     title = HTTPStatus(problem.status).phrase.capitalize()
@@ -74,13 +74,13 @@ def _keep_menu() -> None:
             user = auth.page_user(tx, request)
             if user is not None:
                 current_user.remember(tx, user)
-    except StoreProblem:
+    except StoreError:
         logger.warning("cannot show the menu on an error page", exc_info=True)
 
 
 def _answer_csrf(error: CSRFError) -> Response:
     return answer(
-        CsrfRefused(
+        CsrfRefusedError(
             f"cannot accept the form: {error.description} Load the page again, and send it once more."
         )
     )
@@ -93,7 +93,7 @@ def _answer_http(error: HTTPException) -> Response:
     detail = error.description or "there are no details"
     if error.code == HTTPStatus.NOT_FOUND:
         detail = "There is no page at this address."
-    response = answer(HttpProblem(error.code, detail))
+    response = answer(HttpError(error.code, detail))
     for name, value in error.get_headers():
         if name.lower() not in {"content-type", "content-length"}:
             response.headers[name] = value
@@ -104,4 +104,4 @@ def _answer_unforeseen(error: Exception) -> Response:
     # The path comes from outside, and must not write a line of its own.
     logger.error("cannot answer %s %r", request.method, request.path, exc_info=error)
     status = HTTPStatus.INTERNAL_SERVER_ERROR
-    return answer(HttpProblem(status, "cannot answer: an error in the server; see its log"))
+    return answer(HttpError(status, "cannot answer: an error in the server; see its log"))

@@ -14,7 +14,7 @@ from robotether_server.api import exports
 from robotether_server.api.context import context
 from robotether_server.api.exports import R
 from robotether_server.db import Transaction
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 
 LENGTH_OF_DAY_TEXT = 10
 PER_PAGE = 50
@@ -54,7 +54,7 @@ def register(
             shown = {"asked": given, "offered": offer(tx), "files": files(request.path, given)}
             try:
                 found = page(request.path, given, find(tx, given))
-            except FieldInvalid as problem:
+            except FieldInvalidError as problem:
                 empty = Page[R]([], None, None)
                 answer = render_template(template, page=empty, problem=problem, **shown)
                 return answer, HTTPStatus.UNPROCESSABLE_ENTITY
@@ -70,13 +70,13 @@ def asked(names: tuple[str, ...]) -> Asked:
 
 
 def since(given: Asked) -> dt.datetime | None:
-    """Parse a start: a day in UTC, from its first second, or a time; raise FieldInvalid."""
+    """Parse a start: a day in UTC, from its first second, or a time; raise FieldInvalidError."""
     text = given["since"]
     return times.day_or_timestamp("From", text, is_end=False) if text else None
 
 
 def until(given: Asked) -> dt.datetime | None:
-    """Parse an exclusive end: a day in UTC, which is included, or a time; raise FieldInvalid."""
+    """Parse an exclusive end: a day in UTC, which is included, or a time; raise FieldInvalidError."""
     text = given["until"]
     if not text:
         return None
@@ -84,7 +84,7 @@ def until(given: Asked) -> dt.datetime | None:
     try:
         return found + dt.timedelta(seconds=1) if len(text) == LENGTH_OF_DAY_TEXT else found
     except OverflowError as error:
-        raise FieldInvalid("cannot use To: there is no day after it") from error
+        raise FieldInvalidError("cannot use To: there is no day after it") from error
 
 
 def link(path: str, given: Asked, **more: object) -> str:
@@ -117,7 +117,7 @@ def files(path: str, given: Asked) -> list[tuple[str, str]]:
 
 
 def file_kind() -> exports.Format:
-    """Return which of them is asked for; raise FieldInvalid."""
+    """Return which of them is asked for; raise FieldInvalidError."""
     kind = request.args.get("format", "")
     schemas.check("format", kind, exports.Format)
     return cast(exports.Format, kind)

@@ -13,7 +13,7 @@ from flask import Blueprint, Flask, flash, g, redirect, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.problems import FieldInvalid, Problem, RecordExists
+from robotether_server.problems import FieldInvalidError, RecordExistsError, RobotetherError
 from robotether_server.schemas import MAX_NAME_LENGTH, ROBOT_NAME_PATTERN
 from robotether_server.web import current_user
 
@@ -40,7 +40,7 @@ def form(blueprint: Blueprint, path: str, page: Callable[..., str]) -> Callable[
             try:
                 with context().database.transaction() as tx:
                     saved = save(tx, current_user.source(), **parts)
-            except Problem as problem:
+            except RobotetherError as problem:
                 return page(**parts, problem=problem), problem.status
             return saved if isinstance(saved, str) else go_on(*saved)
 
@@ -64,7 +64,7 @@ def register(app: Flask) -> None:
     app.add_template_global(wrong_fields)
 
 
-def wrong_at(problem: Problem | None, name: str, id_: str, label: str) -> str:
+def wrong_at(problem: RobotetherError | None, name: str, id_: str, label: str) -> str:
     """Return what is wrong with the field of this name, empty if nothing, and note where it is for the summary."""
     for one in problem.each if problem else ():
         if one.field == name:
@@ -73,7 +73,7 @@ def wrong_at(problem: Problem | None, name: str, id_: str, label: str) -> str:
     return ""
 
 
-def wrong_fields(problem: Problem) -> list[WrongField]:
+def wrong_fields(problem: RobotetherError) -> list[WrongField]:
     """Return the lines of the summary; the page's fields must have been drawn."""
     marked: dict[str, WrongField] = g.get("marked", {})
     return [marked.get(one.field) or WrongField(one.detail) for one in problem.each]
@@ -84,7 +84,7 @@ def named(fields: Mapping[str, str]) -> Iterator[None]:
     """Name the field of a refusal in the block as this form does: {name in the refusal: name in the form}."""
     try:
         yield
-    except (FieldInvalid, RecordExists) as problem:
+    except (FieldInvalidError, RecordExistsError) as problem:
         problem.field = fields.get(problem.field, problem.field)
         raise
 
@@ -99,7 +99,7 @@ def text(name: str, label: str, longest: int) -> str:
     """Return a text of printable characters, without the white space around it."""
     value = optional_text(name, label, longest)
     if value is None:
-        raise FieldInvalid(f"cannot continue: fill in {label}", name)
+        raise FieldInvalidError(f"cannot continue: fill in {label}", name)
     return value
 
 
@@ -107,7 +107,7 @@ def optional_text(name: str, label: str, longest: int) -> str | None:
     """Return a text as `text` does, or None when the field is empty."""
     value = request.form.get(name, "").strip()
     if len(value) > longest or not value.isprintable():
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use {label}: at most {longest} printable characters are allowed", name
         )
     return value or None
@@ -117,7 +117,7 @@ def robot_name(name: str, label: str) -> str:
     """Return a name that a robot may have."""
     value = text(name, label, MAX_NAME_LENGTH)
     if not re.fullmatch(ROBOT_NAME_PATTERN, value):
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use {label}: use a-z, 0-9 and -; begin and end with a letter or digit", name
         )
     return value
@@ -132,7 +132,7 @@ def number(name: str, label: str, lowest: int, highest: int) -> int:
     """Return a whole number within the bounds, both included."""
     value = optional_number(name, label, lowest, highest)
     if value is None:
-        raise FieldInvalid(f"cannot continue: fill in {label}", name)
+        raise FieldInvalidError(f"cannot continue: fill in {label}", name)
     return value
 
 
@@ -144,7 +144,7 @@ def optional_number(name: str, label: str, lowest: int, highest: int) -> int | N
     # Python takes digits of every script and underscores for a number; people mean neither.
     is_number = value.isascii() and value.isdigit() and len(value) <= len(str(highest))
     if not is_number or not lowest <= int(value) <= highest:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use {label}: it must be a whole number from {lowest} to {highest}", name
         )
     return int(value)
@@ -155,7 +155,7 @@ def choice(name: str, label: str, allowed: tuple[T, ...]) -> T:
     for value in allowed:
         if request.form.get(name) == value:
             return value
-    raise FieldInvalid(f"cannot use {label}: choose one of {', '.join(allowed)}", name)
+    raise FieldInvalidError(f"cannot use {label}: choose one of {', '.join(allowed)}", name)
 
 
 def is_ticked(name: str) -> bool:

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 
 from robotether_server.db import Database, Transaction, robots
-from robotether_server.problems import Problem
+from robotether_server.problems import RobotetherError
 
 
 def mac(number: int) -> str:
@@ -40,7 +40,7 @@ def at_once(
             with database.transaction() as tx:
                 together.wait(20)
                 deed(tx, number)
-        except (LookupError, Problem, threading.BrokenBarrierError) as error:
+        except (LookupError, RobotetherError, threading.BrokenBarrierError) as error:
             failures.append(f"{type(error).__name__}: {error.__cause__ or error}")
 
     threads = [threading.Thread(target=run, args=(number,)) for number in range(count)]

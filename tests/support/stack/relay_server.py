@@ -27,7 +27,7 @@ from robotether_server.db.fleet import (
     SessionEntry,
     Snapshot,
 )
-from robotether_server.problems import StoreUnavailable
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.cells.keys import PeerKeys
 from robotether_server.relay.http.timing import LivenessLimits
@@ -150,7 +150,7 @@ class MemoryDatabase(RelayDatabase):
 
     def _check_up(self) -> None:
         if self.down:
-            raise StoreUnavailable("cannot reach the database: the test took them away")
+            raise StoreUnavailableError("cannot reach the database: the test took them away")
 
     def _rights(self) -> str:
         return repr((self.robots, self.grants))

@@ -20,17 +20,17 @@ from robotether_agent.backoff import (
     retry_or_give_up,
 )
 from robotether_agent.problems import (
-    AgentProblem,
-    LinkLost,
-    NetworkChanged,
-    NoAnswer,
-    NotEnrolled,
+    AgentError,
+    LinkLostError,
+    NetworkChangedError,
+    NoAnswerError,
+    NotEnrolledError,
     Retry,
-    ServerBusy,
-    ServerKeyChanged,
-    ServerSilent,
-    SessionEnded,
-    TlsUntrusted,
+    ServerBusyError,
+    ServerKeyChangedError,
+    ServerSilentError,
+    SessionEndedError,
+    TlsUntrustedError,
 )
 
 
@@ -58,12 +58,12 @@ def test_delays_are_spread_from_half_a_second():
 @pytest.mark.parametrize(
     ("problem", "low", "high"),
     [
-        (LinkLost("x"), 0.5, 1),
-        (NoAnswer("x"), 0, 0.2),
-        (NetworkChanged("x"), 0, 0.2),
-        (ServerSilent("x", retry=Retry.AT_ONCE), 0, 0.2),
-        (NotEnrolled("x"), 5, 15),
-        (TlsUntrusted("x"), 15, 30),
+        (LinkLostError("x"), 0.5, 1),
+        (NoAnswerError("x"), 0, 0.2),
+        (NetworkChangedError("x"), 0, 0.2),
+        (ServerSilentError("x", retry=Retry.AT_ONCE), 0, 0.2),
+        (NotEnrolledError("x"), 5, 15),
+        (TlsUntrustedError("x"), 15, 30),
     ],
 )
 def test_each_problem_has_its_pause(problem, low, high):
@@ -76,54 +76,54 @@ def test_each_problem_has_its_pause(problem, low, high):
 def test_starts_anew_after_a_connection_that_stood():
     """Pauses grow while none comes up, and are short again after one that stood 10 s."""
     backoff = Backoff(Longest())
-    assert [backoff.after(LinkLost("x"), uptime_s=0) for _ in range(4)] == [1, 2, 4, 8]
-    assert backoff.after(LinkLost("x"), uptime_s=STABLE_S) == 1
+    assert [backoff.after(LinkLostError("x"), uptime_s=0) for _ in range(4)] == [1, 2, 4, 8]
+    assert backoff.after(LinkLostError("x"), uptime_s=STABLE_S) == 1
 
 
 def test_a_short_connection_ends_what_was_before_it():
     """One machine of a server after the other may fail; who has waited for one does not wait longer for the next."""
     backoff = Backoff(Longest())
-    assert [backoff.after(LinkLost("x"), uptime_s=0) for _ in range(4)] == [1, 2, 4, 8]
-    assert [backoff.after(LinkLost("x"), uptime_s=1) for _ in range(2)] == [2, 2]
-    assert backoff.after(LinkLost("x"), uptime_s=0) == 4
+    assert [backoff.after(LinkLostError("x"), uptime_s=0) for _ in range(4)] == [1, 2, 4, 8]
+    assert [backoff.after(LinkLostError("x"), uptime_s=1) for _ in range(2)] == [2, 2]
+    assert backoff.after(LinkLostError("x"), uptime_s=0) == 4
 
 
 def test_a_busy_server_is_asked_again_soon():
     """It has room as soon as one log-in ends, and the robot would wait longer for its turn than that takes."""
     backoff = Backoff(Longest())
-    assert [backoff.after(ServerBusy("x"), uptime_s=0) for _ in range(5)] == [1, 2, 4, 4, 4]
+    assert [backoff.after(ServerBusyError("x"), uptime_s=0) for _ in range(5)] == [1, 2, 4, 4, 4]
 
 
 def test_silence_on_a_connection_that_stood_is_the_networks():
     """It is dialled again at once, and only then; a login that stalls again and again is not."""
     backoff = Backoff(Longest())
-    assert backoff.after(ServerSilent("x"), uptime_s=STABLE_S) == 0.7
-    assert [backoff.after(ServerSilent("x"), uptime_s=0) for _ in range(3)] == [1, 2, 4]
+    assert backoff.after(ServerSilentError("x"), uptime_s=STABLE_S) == 0.7
+    assert [backoff.after(ServerSilentError("x"), uptime_s=0) for _ in range(3)] == [1, 2, 4]
 
 
 def test_another_address_after_a_connection_that_stood_costs_no_pause():
     """Who drives waits for it; addresses that change all the time do pause."""
     backoff = Backoff(Longest())
-    assert backoff.after(NetworkChanged("x"), uptime_s=STABLE_S) == 0
-    assert backoff.after(NetworkChanged("x"), uptime_s=1) == 0.2
+    assert backoff.after(NetworkChangedError("x"), uptime_s=STABLE_S) == 0
+    assert backoff.after(NetworkChangedError("x"), uptime_s=1) == 0.2
 
 
 def test_a_robot_that_somebody_used_goes_before_the_others():
     """Until it has a connection again, or the server is away for longer."""
     backoff = Backoff(Longest())
-    assert backoff.after(LinkLost("x"), uptime_s=STABLE_S, was_used=True) == 0.2
-    first = [backoff.after(ServerBusy("x"), uptime_s=0) for _ in range(USED_TRIES - 1)]
-    assert {*first, backoff.after(LinkLost("x"), uptime_s=1)} == {0.6}
-    assert backoff.after(LinkLost("x"), uptime_s=0) == 2
-    superseded = SessionEnded("x", code="superseded", retry=Retry.SLOWLY)
+    assert backoff.after(LinkLostError("x"), uptime_s=STABLE_S, was_used=True) == 0.2
+    first = [backoff.after(ServerBusyError("x"), uptime_s=0) for _ in range(USED_TRIES - 1)]
+    assert {*first, backoff.after(LinkLostError("x"), uptime_s=1)} == {0.6}
+    assert backoff.after(LinkLostError("x"), uptime_s=0) == 2
+    superseded = SessionEndedError("x", code="superseded", retry=Retry.SLOWLY)
     assert backoff.after(superseded, uptime_s=STABLE_S, was_used=True) == 30
-    assert backoff.after(LinkLost("x"), uptime_s=STABLE_S) == 1
+    assert backoff.after(LinkLostError("x"), uptime_s=STABLE_S) == 1
 
 
 def test_who_is_sent_away_at_once_again_and_again_pauses():
     """Machines that are all taken out of service are not logged in at all the time."""
     backoff = Backoff(Longest())
-    sent_away = SessionEnded("x", code="cell_draining", retry=Retry.AT_ONCE)
+    sent_away = SessionEndedError("x", code="cell_draining", retry=Retry.AT_ONCE)
     assert backoff.after(sent_away, uptime_s=STABLE_S) == 0.2
     assert [backoff.after(sent_away, uptime_s=1) for _ in range(3)] == [1, 2, 4]
 
@@ -145,13 +145,17 @@ class NoPause(Random):
 
 async def test_tries_again_until_nothing_helps():
     """Problems that pass are told and tried again; one that does not comes out."""
-    problems: list[AgentProblem] = [LinkLost("one"), NotEnrolled("two"), ServerKeyChanged("three")]
-    told: list[AgentProblem] = []
+    problems: list[AgentError] = [
+        LinkLostError("one"),
+        NotEnrolledError("two"),
+        ServerKeyChangedError("three"),
+    ]
+    told: list[AgentError] = []
 
     async def attempt(_: Uptime) -> None:
         raise problems[len(told)]
 
-    with pytest.raises(ServerKeyChanged, match="three"):
+    with pytest.raises(ServerKeyChangedError, match="three"):
         await keep_going("session", attempt, Backoff(NoPause()), told.append)
     assert told == problems[:2]
 
@@ -161,8 +165,8 @@ def test_repeats_are_thinned_out(caplog):
     caplog.set_level(logging.INFO)
     repeats = Repeats()
     for _ in range(10):
-        repeats.log_problem("session", LinkLost("lost it"), 1)
-    repeats.log_problem("session", NotEnrolled("not yet"), 1)
+        repeats.log_problem("session", LinkLostError("lost it"), 1)
+    repeats.log_problem("session", NotEnrolledError("not yet"), 1)
     assert [record.levelname for record in caplog.records] == ["WARNING"] * 4 + ["INFO"]
     assert "lost it [link_lost]; next try in 1.0 s (for the 8. time)" in caplog.text
 
@@ -171,11 +175,11 @@ def test_two_problems_that_take_turns_are_thinned_out_too(caplog):
     """A network that comes and goes for days fills no log; after a success all is told anew."""
     repeats = Repeats()
     for _ in range(8):
-        repeats.log_problem("session", LinkLost("lost it"), 1)
-        repeats.log_problem("session", ServerKeyChanged("changed"))
+        repeats.log_problem("session", LinkLostError("lost it"), 1)
+        repeats.log_problem("session", ServerKeyChangedError("changed"))
     assert len(caplog.records) == 8
     repeats.forget()
-    repeats.log_problem("session", LinkLost("lost it"), 1)
+    repeats.log_problem("session", LinkLostError("lost it"), 1)
     assert len(caplog.records) == 9
 
 

@@ -12,7 +12,7 @@ from fake_cloud import echo, eventually
 from openssh_server import listens
 from robotether_agent import backoff
 from robotether_agent.enrolment.keys import ensure_key
-from robotether_agent.problems import AgentProblem, AlreadyRunning, Retry, ServerKeyChanged
+from robotether_agent.problems import AgentError, AlreadyRunningError, Retry, ServerKeyChangedError
 
 
 async def test_joins_connects_and_forwards_both_services(make_cloud, start_agent):
@@ -64,7 +64,7 @@ async def test_changed_host_key_stops_the_agent(make_cloud, start_agent):
     cloud.ssh.stop()
     cloud.ssh.new_host_key()
     cloud.ssh.start()
-    with pytest.raises(ServerKeyChanged, match="POSING AS THE SERVER"):
+    with pytest.raises(ServerKeyChangedError, match="POSING AS THE SERVER"):
         await agent.until(lambda _: False, "the agent ends")
     assert agent.status().state == "stopped"
     assert agent.status().problem_code == "host_key_changed"
@@ -103,7 +103,7 @@ async def test_session_failing_leaves_media_alone(make_cloud, start_agent):
     assert len(cloud.of_kind("media", live=False)) == 1
 
 
-def _slowly_or_at_once(problem: AgentProblem, *_: object) -> float:
+def _slowly_or_at_once(problem: AgentError, *_: object) -> float:
     return 60.0 if problem.retry is Retry.SLOWLY else 0.05
 
 
@@ -160,7 +160,7 @@ async def test_second_agent_does_not_start(make_cloud, start_agent):
     cloud = await make_cloud()
     await start_agent(cloud).until_connected()
     second = start_agent(cloud)
-    with pytest.raises(AlreadyRunning, match="another agent holds"):
+    with pytest.raises(AlreadyRunningError, match="another agent holds"):
         await second.task
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from robotether_agent.files import read_text, write_atomic
-from robotether_agent.problems import StateUnusable
+from robotether_agent.problems import StateUnusableError
 
 
 def test_writes_whole_files_with_their_mode(place):
@@ -38,21 +38,21 @@ def test_the_new_name_is_on_the_disk_too(place, monkeypatch):
 def test_missing_is_none_and_unreadable_is_a_problem(place):
     """No file is no error, a directory in its place is one."""
     assert read_text(place / "none") is None
-    with pytest.raises(StateUnusable, match="cannot read"):
+    with pytest.raises(StateUnusableError, match="cannot read"):
         read_text(place)
 
 
 def test_a_pipe_in_a_files_place_keeps_nobody_waiting(place):
     """Root reads the agent's files too, and whoever replaced one must not hold root up."""
     os.mkfifo(place / "status.json")
-    with pytest.raises(StateUnusable, match="no regular file"):
+    with pytest.raises(StateUnusableError, match="no regular file"):
         read_text(place / "status.json")
 
 
 def test_a_failed_write_leaves_nothing(place):
     """When the replacing fails the half-made file is removed, and the problem says where."""
     (place / "a").mkdir()
-    with pytest.raises(StateUnusable, match=r"cannot write .*let the agent's user"):
+    with pytest.raises(StateUnusableError, match=r"cannot write .*let the agent's user"):
         write_atomic(place / "a", "one", 0o644)
     assert [path.name for path in place.iterdir()] == ["a"]
 

@@ -6,12 +6,12 @@ import re
 from pathlib import Path
 
 from robotether_agent import problems
-from robotether_agent.problems import AgentProblem, Retry, ServerKeyChanged, SettingsInvalid
+from robotether_agent.problems import AgentError, Retry, ServerKeyChangedError, SettingsInvalidError
 
 UNIT = Path(__file__).parents[3] / "agent/systemd/robotether-agent.service"
 
 
-def all_problems(base: type[AgentProblem] = AgentProblem) -> list[type[AgentProblem]]:
+def all_problems(base: type[AgentError] = AgentError) -> list[type[AgentError]]:
     found = [base]
     for child in base.__subclasses__():
         found += all_problems(child)
@@ -33,7 +33,7 @@ def test_codes_are_short_and_unique():
 
 def test_a_problem_reads_as_a_sentence_with_advice_and_code():
     """What, why, what to do, and the code that stands in the status too."""
-    problem = ServerKeyChanged("cannot trust h: it changed", advice="ask somebody")
+    problem = ServerKeyChangedError("cannot trust h: it changed", advice="ask somebody")
     assert str(problem) == "cannot trust h: it changed; ask somebody [host_key_changed]"
     assert problem.retry is Retry.NEVER
 
@@ -43,7 +43,7 @@ def test_systemd_does_not_restart_what_a_person_must_look_at():
     line = re.search(r"^RestartPreventExitStatus=(.*)$", UNIT.read_text(), re.MULTILINE)
     assert line is not None
     codes = {int(code) for code in line[1].split()}
-    assert codes == {ServerKeyChanged.exit_code, SettingsInvalid.exit_code}
+    assert codes == {ServerKeyChangedError.exit_code, SettingsInvalidError.exit_code}
 
 
 def test_each_hardening_line_has_its_reason():

@@ -18,7 +18,7 @@ import pytest
 from fake_cloud import WAIT_S, FakeCloud, agent_environ, eventually
 from openssh_server import descendants, is_alive
 from robotether_agent import cli as command
-from robotether_agent.problems import AlreadyRunning, ServerKeyChanged
+from robotether_agent.problems import AlreadyRunningError, ServerKeyChangedError
 from robotether_agent.settings import Settings
 from robotether_agent.status import read_status
 
@@ -161,7 +161,7 @@ def test_failed_start_pauses_before_systemd_starts_the_agent_again(
 
 
 def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, systemd):
-    monkeypatch.setattr(command, "Agent", failing(AlreadyRunning("cannot start")))
+    monkeypatch.setattr(command, "Agent", failing(AlreadyRunningError("cannot start")))
     monkeypatch.setattr(command, "before_restart", lambda *_: 60.0)
     stop = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM))
     stop.start()
@@ -175,10 +175,10 @@ def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, syst
     """Neither for a person at a terminal, nor where the unit says that a person must look first."""
     monkeypatch.setattr(command, "before_restart", lambda *_: pytest.fail("it pauses"))
     settings = Settings(server="a.example", run_dir=place, guard="off")
-    monkeypatch.setattr(command, "Agent", failing(AlreadyRunning("cannot start")))
-    assert command.run(settings, {}) == AlreadyRunning.exit_code
-    monkeypatch.setattr(command, "Agent", failing(ServerKeyChanged("another key")))
-    assert command.run(settings, environ) == ServerKeyChanged.exit_code
+    monkeypatch.setattr(command, "Agent", failing(AlreadyRunningError("cannot start")))
+    assert command.run(settings, {}) == AlreadyRunningError.exit_code
+    monkeypatch.setattr(command, "Agent", failing(ServerKeyChangedError("another key")))
+    assert command.run(settings, environ) == ServerKeyChangedError.exit_code
 
 
 def test_an_error_of_the_agent_itself_leaves_its_traceback(monkeypatch, place, capsys):
@@ -193,12 +193,12 @@ def test_an_error_of_the_agent_itself_leaves_its_traceback(monkeypatch, place, c
 def test_a_problem_that_ends_it_has_its_exit_code(monkeypatch, place, capsys):
     """A person reads one sentence, and no traceback."""
     monkeypatch.setattr(
-        command, "Agent", failing(AlreadyRunning("cannot start: another agent runs"))
+        command, "Agent", failing(AlreadyRunningError("cannot start: another agent runs"))
     )
     code = command.run(
         Settings(server="a.example", run_dir=place, guard="off"), {"JOURNAL_STREAM": "1:2"}
     )
-    assert code == AlreadyRunning.exit_code
+    assert code == AlreadyRunningError.exit_code
     assert capsys.readouterr().err.splitlines() == [
         "<2>STOPPED: cannot start: another agent runs [already_running]"
     ]

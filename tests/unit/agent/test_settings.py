@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.problems import SettingsInvalid
+from robotether_agent.problems import SettingsInvalidError
 from robotether_agent.settings import (
     MAX_RUN_DIR_LENGTH,
     PARSERS,
@@ -231,7 +231,7 @@ def test_run_dir_keeps_room_for_the_control_sockets():
 def test_wrong_value_names_variable_value_and_what_is_allowed(key, value, allowed):
     """A wrong value stops the start with everything that is needed to correct it."""
     name = f"ROBOTETHER_{key.upper()}"
-    with pytest.raises(SettingsInvalid) as error:
+    with pytest.raises(SettingsInvalidError) as error:
         load(None, {"ROBOTETHER_SERVER": "a.example", name: value})
     assert name in error.value.message
     assert repr(value) in error.value.message
@@ -240,7 +240,7 @@ def test_wrong_value_names_variable_value_and_what_is_allowed(key, value, allowe
 
 def test_wrong_value_in_the_file_names_file_and_key(tmp_path):
     file = written(tmp_path, 'server = "a.example"\nssh_ports = "no"\n')
-    with pytest.raises(SettingsInvalid, match=f"{file}: ssh_ports = 'no': allowed is"):
+    with pytest.raises(SettingsInvalidError, match=f"{file}: ssh_ports = 'no': allowed is"):
         load(file, {})
 
 
@@ -254,7 +254,7 @@ def test_wrong_value_in_the_file_names_file_and_key(tmp_path):
 )
 def test_refuses_what_cannot_be_meant(tmp_path, text, environ, why):
     """Unknown keys, broken TOML and two sources of one thing are errors."""
-    with pytest.raises(SettingsInvalid, match=why):
+    with pytest.raises(SettingsInvalidError, match=why):
         load(written(tmp_path, text), environ)
 
 
@@ -271,7 +271,7 @@ def test_secrets_are_in_no_error_and_no_representation(tmp_path):
     assert "s3cret" not in repr(load(None, {"ROBOTETHER_SERVER": "a", **given}))
     for key, value in SECRETS.items():
         file = written(tmp_path, f'server = "a"\n{key} = {{ wrong = "{value}" }}')
-        with pytest.raises(SettingsInvalid) as error:
+        with pytest.raises(SettingsInvalidError) as error:
             load(file, {})
         assert key in str(error.value)
         assert "s3cret" not in str(error.value)
@@ -287,7 +287,7 @@ def test_secrets_are_in_no_error_and_no_representation(tmp_path):
 )
 def test_a_refused_urls_password_is_hidden(key, url, shown_url):
     """Where no password is allowed, the refusal of one does not print it."""
-    with pytest.raises(SettingsInvalid) as error:
+    with pytest.raises(SettingsInvalidError) as error:
         load(None, {"ROBOTETHER_SERVER": "a.example", f"ROBOTETHER_{key.upper()}": url})
     assert "s3cret" not in str(error.value)
     assert shown_url in str(error.value)
@@ -302,12 +302,12 @@ def test_the_cameras_by_name():
 def test_an_installer_asks_before_it_knows_the_server(tmp_path):
     """Some commands need no server; what else is set is checked all the same."""
     assert load(None, {}, needs_server=False).server == ""
-    with pytest.raises(SettingsInvalid, match="ROBOTETHER_MAC"):
+    with pytest.raises(SettingsInvalidError, match="ROBOTETHER_MAC"):
         load(None, {"ROBOTETHER_MAC": "rubbish"}, needs_server=False)
 
 
 def test_a_named_file_must_exist(tmp_path):
-    with pytest.raises(SettingsInvalid, match="no such file"):
+    with pytest.raises(SettingsInvalidError, match="no such file"):
         load(tmp_path / "none.toml", {"ROBOTETHER_SERVER": "a.example"})
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 
-from robotether_agent.problems import KeyRefused, LinkLost
+from robotether_agent.problems import KeyRefusedError, LinkLostError
 from robotether_agent.status import (
     STALE_S,
     Status,
@@ -112,7 +112,7 @@ def test_a_robot_that_waits_shows_its_key(place):
 def test_a_problem_and_what_to_do(place):
     """A problem that lasts stands there with its code, its time and an advice."""
     board = StatusWriter(place, "robots.example.com", on_state=lambda _: None, clock=lambda: NOW)
-    board.report_problem(KeyRefused("cannot log in", advice="approve it"), "waiting")
+    board.report_problem(KeyRefusedError("cannot log in", advice="approve it"), "waiting")
     why = "not connected, tries again by itself: cannot log in [key_refused]"
     assert headline(board.status) == why
     text = render(board.status, NOW)
@@ -127,7 +127,7 @@ def test_a_problem_that_is_over(place):
     board = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: clock[0])
     board.set(state="connected", robot="sim1", video_tunnel="open")
     board.report_problem(
-        KeyRefused("cannot log in", advice="approve it"), "waiting", video_tunnel="closed"
+        KeyRefusedError("cannot log in", advice="approve it"), "waiting", video_tunnel="closed"
     )
     board.set(state="connected")
     assert has_problem(board.status), "the video tunnel is still closed"
@@ -148,9 +148,9 @@ def test_a_problem_that_is_over(place):
 def test_a_new_problem_is_not_over(place):
     """A problem that comes after one that is over lasts, until all is open again."""
     board = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
-    board.report_problem(KeyRefused("cannot log in"), "waiting")
+    board.report_problem(KeyRefusedError("cannot log in"), "waiting")
     board.set(state="connected", video_tunnel="open")
-    board.report_problem(LinkLost("lost the video tunnel"), "connected", video_tunnel="closed")
+    board.report_problem(LinkLostError("lost the video tunnel"), "connected", video_tunnel="closed")
     assert has_problem(board.status)
     assert "problem       lost the video tunnel [link_lost]" in render(board.status, NOW)
 

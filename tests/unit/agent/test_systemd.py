@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from robotether_agent import systemd
-from robotether_agent.problems import UpgradeFailed
+from robotether_agent.problems import UpgradeFailedError
 from robotether_agent.systemd import JournalFormatter, Notifier
 
 
@@ -40,7 +40,7 @@ def test_without_systemd_there_is_no_state(tmp_path, monkeypatch):
     """A container has none, and a robot on which it does not run answers nothing."""
     monkeypatch.setenv("PATH", str(tmp_path))
     assert systemd.state() is None
-    with pytest.raises(UpgradeFailed, match="cannot run systemctl"):
+    with pytest.raises(UpgradeFailedError, match="cannot run systemctl"):
         systemd.reload_units()
 
 
@@ -51,7 +51,7 @@ def test_restarts_and_tells_why_not(systemctl):
     systemd.restart()
     assert words.read_text() == "daemon-reload\nrestart robotether-agent.service\n"
     systemctl("echo Unit not found >&2; exit 5")
-    with pytest.raises(UpgradeFailed, match="Unit not found") as error:
+    with pytest.raises(UpgradeFailedError, match="Unit not found") as error:
         systemd.restart()
     assert "journalctl" in error.value.advice
 

@@ -15,7 +15,7 @@ from fake_cloud import eventually
 from installed_agent import DEAF, DIES, GOOD, InstalledAgent
 from robotether_agent import systemd
 from robotether_agent.files import only_one
-from robotether_agent.problems import AlreadyRunning, StateUnusable, UpgradeFailed
+from robotether_agent.problems import AlreadyRunningError, StateUnusableError, UpgradeFailedError
 from robotether_agent.upgrade import (
     BOOT,
     COMMAND,
@@ -58,14 +58,14 @@ def test_current_is_a_link_that_can_be_moved_with_its_folder(layout):
 
 def test_without_a_version_in_use_there_is_nothing_to_switch_from(tmp_path):
     """The first installation makes the link itself."""
-    with pytest.raises(UpgradeFailed, match="current leads to no version"):
+    with pytest.raises(UpgradeFailedError, match="current leads to no version"):
         Layout(tmp_path).in_use()
 
 
 @pytest.mark.parametrize("name", ["versions/none", "2", "versions/2/bin"])
 def test_only_a_whole_version_in_its_place_is_one(layout, name):
     """Another folder, or one without the command, is refused."""
-    with pytest.raises(UpgradeFailed, match="cannot switch to"):
+    with pytest.raises(UpgradeFailedError, match="cannot switch to"):
         layout.check(layout.base / name)
     layout.check(version(layout, "2"))
 
@@ -73,7 +73,7 @@ def test_only_a_whole_version_in_its_place_is_one(layout, name):
 def test_a_place_that_cannot_be_changed_is_told(layout):
     """Without sudo, or on a read-only disk, the sentence says so."""
     (layout.base / ".current.new").mkdir()
-    with pytest.raises(StateUnusable, match="run this with sudo"):
+    with pytest.raises(StateUnusableError, match="run this with sudo"):
         layout.use(version(layout, "2"))
     assert layout.in_use() == version(layout, "1")
 
@@ -92,9 +92,9 @@ def test_the_next_boot_starts_the_old_version(tmp_path):
 def test_a_place_that_cannot_be_written_is_told(tmp_path):
     """What could not be removed would change versions at the next boot."""
     (tmp_path / BOOT / PENDING_NAME).mkdir(parents=True)
-    with pytest.raises(StateUnusable, match="cannot make"):
+    with pytest.raises(StateUnusableError, match="cannot make"):
         PendingUpgrade(tmp_path).note(WAS, TARGET, "connected", 60)
-    with pytest.raises(StateUnusable, match="cannot remove"):
+    with pytest.raises(StateUnusableError, match="cannot remove"):
         PendingUpgrade(tmp_path).clear()
 
 
@@ -274,11 +274,11 @@ async def test_a_report_that_the_disk_does_not_take_leaves_the_next_boot_alone(
 
     def write_until_full(layout: Layout, report: UpgradeReport) -> None:
         if report.result == full_from:
-            raise StateUnusable("cannot write: the disk is full")
+            raise StateUnusableError("cannot write: the disk is full")
         write(layout, report)
 
     monkeypatch.setattr(Layout, "write", write_until_full)
-    with pytest.raises(StateUnusable, match="full"):
+    with pytest.raises(StateUnusableError, match="full"):
         await robot.switch(robot.add("2"))
     assert (robot.in_use, robot.status().state) == (in_use, "connected")
     assert list(robot.layout.unit.parent.rglob(PENDING_NAME)) == []
@@ -286,5 +286,5 @@ async def test_a_report_that_the_disk_does_not_take_leaves_the_next_boot_alone(
 
 async def test_one_switch_at_a_time(robot):
     """A second one would take the first one's new version for the old one."""
-    with only_one(robot.layout.lock), pytest.raises(AlreadyRunning, match="another switch"):
+    with only_one(robot.layout.lock), pytest.raises(AlreadyRunningError, match="another switch"):
         await robot.switch(robot.add("2"))

@@ -6,7 +6,7 @@ import drive_settings
 import pytest
 from drive_settings import LIGHTS
 from robotether_server.buttons import MAX_BUTTONS, MAX_FIELDS_BYTES, parse, parse_one
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 
 DOCK = {**drive_settings.DOCK, "type": ""}
 
@@ -69,7 +69,7 @@ def test_types_are_those_of_either_ros(ros_type):
 )
 def test_a_wrong_value_is_named(button, member, value):
     """The place of the button and the member tell what to mend."""
-    with pytest.raises(FieldInvalid, match=rf"cannot use buttons\.2\.{member}: "):
+    with pytest.raises(FieldInvalidError, match=rf"cannot use buttons\.2\.{member}: "):
         parse([{**button, "name": "Other"}, {**button, member: value}])
 
 
@@ -86,5 +86,5 @@ def test_a_wrong_value_is_named(button, member, value):
 )
 def test_what_is_no_list_of_buttons_is_refused(given, why):
     """A name stands once, and a button has the members of its kind alone."""
-    with pytest.raises(FieldInvalid, match=f"cannot use {why}"):
+    with pytest.raises(FieldInvalidError, match=f"cannot use {why}"):
         parse(given)

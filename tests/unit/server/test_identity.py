@@ -19,7 +19,7 @@ from robotether_server.identity import (
     parse_robots_key,
     signature_holds,
 )
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 
 # The generator of the curve, which is a point of it.
 NISTP256_POINT = bytes.fromhex(
@@ -64,7 +64,7 @@ def test_usual_spellings_become_one(text: str) -> None:
 )
 def test_anything_else_is_refused(text: str) -> None:
     """The sentence names the field and shows how to write it."""
-    with pytest.raises(FieldInvalid, match=r"cannot use mac .* write it as 00:1b:44:11:3a:b7"):
+    with pytest.raises(FieldInvalidError, match=r"cannot use mac .* write it as 00:1b:44:11:3a:b7"):
         normalise_mac(text)
 
 
@@ -74,7 +74,7 @@ def test_anything_else_is_refused(text: str) -> None:
 )
 def test_macs_of_no_single_robot_are_refused(text: str) -> None:
     """Zero, broadcast and multicast, whatever the spelling."""
-    with pytest.raises(FieldInvalid, match=r"cannot use mac .* which no single robot has"):
+    with pytest.raises(FieldInvalidError, match=r"cannot use mac .* which no single robot has"):
         normalise_mac(text)
 
 
@@ -83,9 +83,9 @@ def test_macs_of_no_single_robot_are_refused(text: str) -> None:
 )
 def test_macs_that_machines_give_themselves_are_refused_unless_allowed(text: str) -> None:
     """The sentence says how an admin lets one in."""
-    with pytest.raises(FieldInvalid, match=r"locally administered.*--allow-local-mac"):
+    with pytest.raises(FieldInvalidError, match=r"locally administered.*--allow-local-mac"):
         normalise_mac(text, allow_local=False)
-    with pytest.raises(FieldInvalid, match="locally administered"):
+    with pytest.raises(FieldInvalidError, match="locally administered"):
         check_universal_mac(normalise_mac(text))
 
 
@@ -144,16 +144,16 @@ def test_keys_of_security_keys_are_peoples(tmp_path: Path) -> None:
             ["ssh-keygen", "-lf", file], check=True, capture_output=True, text=True
         )
         assert parse_persons_key(line).fingerprint == shown.stdout.split()[1]
-        with pytest.raises(FieldInvalid):
+        with pytest.raises(FieldInvalidError):
             parse_robots_key(line)
-        with pytest.raises(FieldInvalid, match="damaged"):
+        with pytest.raises(FieldInvalidError, match="damaged"):
             parse_persons_key(f"{kind.decode()} {wire(kind, *fields[:-1])}")
 
 
 def test_short_rsa_key_is_refused(tmp_path: Path) -> None:
     """The sentence says how many bits it needs; 2048 are enough."""
     parse_persons_key(make_key(tmp_path, "rsa", 2048)[0])
-    with pytest.raises(FieldInvalid, match="2048 bits or more, this has 1024"):
+    with pytest.raises(FieldInvalidError, match="2048 bits or more, this has 1024"):
         parse_persons_key(f"ssh-rsa {wire(b'ssh-rsa', b'!', bytes(1) + bytes([255]) * 128)}")
 
 
@@ -179,14 +179,14 @@ def test_what_is_no_plain_key_is_refused(ed25519: str, change: object) -> None:
     """Options, a second line, control characters, damage and other types do not reach sshd."""
     assert callable(change)
     for read in (parse_robots_key, parse_persons_key):
-        with pytest.raises(FieldInvalid, match="cannot use public_key"):
+        with pytest.raises(FieldInvalidError, match="cannot use public_key"):
             read(change(ed25519))
 
 
 @given(st.binary(max_size=120), st.sampled_from(["ssh-ed25519", "ssh-rsa", "ecdsa-sha2-nistp256"]))
 def test_rubbish_is_refused_with_a_problem(blob: bytes, kind: str) -> None:
     """No bytes from outside raise anything else."""
-    with pytest.raises(FieldInvalid):
+    with pytest.raises(FieldInvalidError):
         parse_persons_key(f"{kind} {base64.b64encode(blob).decode()}")
 
 

@@ -20,7 +20,7 @@ from robotether_server.install_line import (
     parse_site_address,
     site_of,
 )
-from robotether_server.problems import FieldInvalid, SiteCertificateUnavailable
+from robotether_server.problems import FieldInvalidError, SiteCertificateUnavailableError
 from robotether_server.settings import SiteAddressSettings
 from tls_front import TlsFront, openssl
 
@@ -142,7 +142,7 @@ def test_sites_are_read_as_they_are_written(text: str) -> None:
 )
 def test_host_that_is_none_is_refused(text: str) -> None:
     """A header is a stranger's text until it is checked."""
-    with pytest.raises(FieldInvalid, match="cannot use host"):
+    with pytest.raises(FieldInvalidError, match="cannot use host"):
         parse_site_address(text)
 
 
@@ -206,6 +206,7 @@ def test_no_certificate_is_said_so() -> None:
     """Nobody listens: a sentence, not a traceback."""
     certificates = SiteCertificates(SiteAddressSettings(None, 443, ("127.0.0.1", free_port())))
     with pytest.raises(
-        SiteCertificateUnavailable, match=r"cannot determine this site's certificate: 127\.0\.0\.1"
+        SiteCertificateUnavailableError,
+        match=r"cannot determine this site's certificate: 127\.0\.0\.1",
     ):
         certificates.certificate("localhost")

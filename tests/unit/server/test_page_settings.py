@@ -6,7 +6,7 @@ import json
 
 import pytest
 from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, Camera, parse
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 
 # As docs/reference/robot-settings.md shows them.
 DOCUMENTED = """
@@ -108,7 +108,7 @@ def test_a_wrong_value_is_named(path, value):
         value = [{**FRONT, member: value}]
     elif inner:
         value = [value]
-    with pytest.raises(FieldInvalid, match=f"cannot use page.{path}: "):
+    with pytest.raises(FieldInvalidError, match=f"cannot use page.{path}: "):
         parse({name: value})
 
 
@@ -123,5 +123,5 @@ def test_a_wrong_value_is_named(path, value):
 )
 def test_what_does_not_fit_together_is_refused(given, why):
     """A range that is none, half a size, and members that nobody would read."""
-    with pytest.raises(FieldInvalid, match=f"cannot use {why}"):
+    with pytest.raises(FieldInvalidError, match=f"cannot use {why}"):
         parse(given)

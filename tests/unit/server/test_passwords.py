@@ -7,7 +7,7 @@ from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 
 import pytest
 from robotether_server import passwords
-from robotether_server.problems import FieldInvalid, Throttled
+from robotether_server.problems import FieldInvalidError, ThrottledError
 
 
 def test_right_password_matches_and_wrong_does_not() -> None:
@@ -47,7 +47,7 @@ def test_a_burst_of_logins_leaves_threads_to_others(monkeypatch: pytest.MonkeyPa
             [problem] = [check.exception() for check in refused]
         finally:
             is_over.set()
-    assert isinstance(problem, Throttled)
+    assert isinstance(problem, ThrottledError)
     assert [check.result() for check in checks if check not in refused] == [True] * 4
     # The places are free again.
     assert passwords.matches("anything", "a hash")
@@ -64,7 +64,7 @@ def test_damaged_hash_matches_nothing() -> None:
 )
 def test_length_has_bounds(password: str, bound: str) -> None:
     """The sentence says which."""
-    with pytest.raises(FieldInvalid, match=bound):
+    with pytest.raises(FieldInvalidError, match=bound):
         passwords.hash_password(password)
 
 
@@ -94,7 +94,7 @@ def test_new_passwords_are_allowed_and_differ() -> None:
 )
 def test_common_password_is_refused(password: str) -> None:
     """As long as it may be: it is what an attacker tries first."""
-    with pytest.raises(FieldInvalid, match="tried first"):
+    with pytest.raises(FieldInvalidError, match="tried first"):
         passwords.hash_password(password)
 
 

@@ -7,14 +7,14 @@ import ssl
 
 import pytest
 from robotether_server import problems
-from robotether_server.problems import HttpProblem, Problem, TicketExpired, reason_in
+from robotether_server.problems import HttpError, RobotetherError, TicketExpiredError, reason_in
 
 
-def tree(kind: type[Problem]) -> list[type[Problem]]:
+def tree(kind: type[RobotetherError]) -> list[type[RobotetherError]]:
     return [kind, *(below for child in kind.__subclasses__() for below in tree(child))]
 
 
-OURS = [kind for kind in tree(Problem) if kind.__module__ == problems.__name__]
+OURS = [kind for kind in tree(RobotetherError) if kind.__module__ == problems.__name__]
 
 
 def test_codes_are_unique() -> None:
@@ -25,7 +25,7 @@ def test_codes_are_unique() -> None:
 
 def test_problem_is_rendered_as_in_the_contract() -> None:
     """The members are those of RFC 9457 and the code."""
-    assert TicketExpired("cannot open it").as_dict() == {
+    assert TicketExpiredError("cannot open it").as_dict() == {
         "type": "about:blank",
         "title": "Unauthorized",
         "status": 401,
@@ -48,7 +48,7 @@ def test_problem_is_rendered_as_in_the_contract() -> None:
 )
 def test_http_errors_have_codes_too(status: int, code: str) -> None:
     """What HTTP names, the code names alike."""
-    assert HttpProblem(status, "x").as_dict()["code"] == code
+    assert HttpError(status, "x").as_dict()["code"] == code
 
 
 @pytest.mark.parametrize(

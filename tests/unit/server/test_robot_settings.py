@@ -9,7 +9,7 @@ from drive_settings import DOCK, LIGHTS
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_common.ros import MAX_GLOBS, Globs
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.robot_settings import DEFAULTS, get_path, is_in, parse, put_path, remove_path
 
 # As docs/reference/robot-settings.md shows them.
@@ -149,7 +149,7 @@ def test_a_wrong_value_is_named(path, value):
     settings: dict[str, object] = {last: value}
     for parent in reversed(parents):
         settings = {parent: settings}
-    with pytest.raises(FieldInvalid, match=f"cannot use {path}: "):
+    with pytest.raises(FieldInvalidError, match=f"cannot use {path}: "):
         parse(settings)
 
 
@@ -169,14 +169,14 @@ def test_a_wrong_value_is_named(path, value):
 )
 def test_an_unknown_member_is_refused(settings, path, member):
     """A limit with a typing error would be no limit, and no observer can be made a driver here."""
-    with pytest.raises(FieldInvalid, match=f"cannot use {path}: '{member}' is no setting"):
+    with pytest.raises(FieldInvalidError, match=f"cannot use {path}: '{member}' is no setting"):
         parse(settings)
 
 
 @pytest.mark.parametrize("given_value", [None, [], "x", 7])
 def test_settings_are_an_object(given_value):
     """Anything else is refused as a whole."""
-    with pytest.raises(FieldInvalid, match="cannot use settings"):
+    with pytest.raises(FieldInvalidError, match="cannot use settings"):
         parse(given_value)
 
 
@@ -199,7 +199,7 @@ def test_page_and_buttons_are_kept_as_what_differs():
 )
 def test_a_button_that_no_driver_may_press_is_refused(button, missing):
     """The refusal tells what an admin has to add, whatever managers may do."""
-    with pytest.raises(FieldInvalid, match=f"does not let a driver {missing}"):
+    with pytest.raises(FieldInvalidError, match=f"does not let a driver {missing}"):
         parse({"buttons": [button]})
 
 
@@ -207,7 +207,7 @@ def test_a_policy_that_takes_a_button_away_is_refused():
     """Nobody finds out by a button that does nothing."""
     members = {"policy": BUTTONS_POLICY, "buttons": [LIGHTS, DOCK]}
     parse(members)
-    with pytest.raises(FieldInvalid, match=r"button 'Dock'.*policy\.drive\.call, or the"):
+    with pytest.raises(FieldInvalidError, match=r"button 'Dock'.*policy\.drive\.call, or the"):
         parse({**members, "policy": {"drive": {"publish": ["/lights"]}}})
 
 
@@ -215,16 +215,16 @@ def test_no_button_moves_a_robot():
     """A drive topic is for the controls alone, even if the policy lets drivers publish to it."""
     button = {**LIGHTS, "topic": "/base/cmd_vel"}
     policy = {"drive": {"publish": ["*"], "call": ["*"]}}
-    with pytest.raises(FieldInvalid, match="/base/cmd_vel is a drive topic of this robot"):
+    with pytest.raises(FieldInvalidError, match="/base/cmd_vel is a drive topic of this robot"):
         parse({"policy": policy, "buttons": [button]})
-    with pytest.raises(FieldInvalid, match="/lights is a drive topic of this robot"):
+    with pytest.raises(FieldInvalidError, match="/lights is a drive topic of this robot"):
         parse({"policy": policy, "guard": {"drive_topics": ["/l*"]}, "buttons": [LIGHTS]})
 
 
 def test_the_page_drives_on_what_the_guard_watches():
     """Nothing would stop a robot that is driven past its guard."""
     assert parse({"page": {"drive_topic": "/base/cmd_vel"}}).page.drive_topic == "/base/cmd_vel"
-    with pytest.raises(FieldInvalid, match=r"page\.drive_topic: /wheels is no drive topic"):
+    with pytest.raises(FieldInvalidError, match=r"page\.drive_topic: /wheels is no drive topic"):
         parse({"page": {"drive_topic": "/wheels"}})
     assert parse(
         {"guard": {"drive_topics": ["/wheels"]}, "page": {"drive_topic": "/wheels"}}
@@ -236,7 +236,7 @@ def test_whatever_is_given_is_refused_or_kept(value):
     """What passes means the same when it is read again from what is kept."""
     try:
         settings = parse(value)
-    except FieldInvalid:
+    except FieldInvalidError:
         return
     assert parse(json.loads(json.dumps(settings.as_given()))) == settings
 

@@ -9,7 +9,7 @@ import pytest
 from msgspec import UNSET, Meta, Struct, UnsetType
 from robotether_common.ros import MAX_NAME_LENGTH
 from robotether_server import schemas
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import Label, NewPlainName, RobotName, RosName, read_globs
 
 
@@ -57,7 +57,7 @@ def read(**given: object) -> Any:
 
 def refused(given: dict[str, object]) -> str:
     """How an object is refused."""
-    with pytest.raises(FieldInvalid) as problem:
+    with pytest.raises(FieldInvalidError) as problem:
         schemas.read(given, Thing)
     return problem.value.detail
 
@@ -111,7 +111,7 @@ def test_number_out_of_bounds_is_refused(value: object) -> None:
 def test_number_in_a_query_is_plain_digits(value: str) -> None:
     """Python takes more for a number than people mean."""
     assert schemas.read_query({"name": "7", "uses": "7"}, Thing) == Thing(name="7", uses=7)
-    with pytest.raises(FieldInvalid, match="uses: it must be a whole number from 1 to 10"):
+    with pytest.raises(FieldInvalidError, match="uses: it must be a whole number from 1 to 10"):
         schemas.read_query({"name": "x", "uses": value}, Thing)
 
 
@@ -210,7 +210,7 @@ def test_single_value_passes(name: str) -> None:
 @pytest.mark.parametrize("name", ["", " ", "a ", "a\tb", "a\x1b[2J", "x" * 64])
 def test_single_value_is_refused_unless_it_can_stay_as_it_is(name: str) -> None:
     """The sentence names the field."""
-    with pytest.raises(FieldInvalid, match="cannot use name"):
+    with pytest.raises(FieldInvalidError, match="cannot use name"):
         schemas.check("name", name, Label)
 
 
@@ -222,7 +222,7 @@ def test_patterns_are_kept_once():
 @pytest.mark.parametrize("value", ["/a", ["a"], [5], None])
 def test_other_patterns_are_refused_by_their_path(value):
     """Who gave it reads which member it was."""
-    with pytest.raises(FieldInvalid, match=r"cannot use page\.fps: "):
+    with pytest.raises(FieldInvalidError, match=r"cannot use page\.fps: "):
         read_globs(value, "page.fps")
 
 
@@ -237,5 +237,5 @@ def test_full_name_passes():
 )
 def test_other_names_are_refused(value):
     """Also one with white space around it."""
-    with pytest.raises(FieldInvalid, match="cannot use topic: it must be a full name such as"):
+    with pytest.raises(FieldInvalidError, match="cannot use topic: it must be a full name such as"):
         schemas.value("topic", value, RosName)

@@ -10,7 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from itsdangerous import URLSafeTimedSerializer
-from robotether_server.problems import TicketExpired, TicketForged, TicketMalformed, TicketProblem
+from robotether_server.problems import (
+    TicketError,
+    TicketExpiredError,
+    TicketForgedError,
+    TicketMalformedError,
+)
 from robotether_server.tickets import SALT, Ticket, TicketSigner, new_id
 
 KEY = "k" * 32
@@ -54,7 +59,7 @@ def test_ticket_is_good_for_its_time(
     if is_good:
         assert SIGNER.verify(text)[0] == TICKET
     else:
-        with pytest.raises(TicketExpired):
+        with pytest.raises(TicketExpiredError):
             SIGNER.verify(text)
 
 
@@ -64,7 +69,7 @@ def test_old_ticket_is_expired(monkeypatch: pytest.MonkeyPatch) -> None:
     text = signer.sign(TICKET)
     now = time.time()
     monkeypatch.setattr(time, "time", lambda: now + 32)
-    with pytest.raises(TicketExpired, match="30 s"):
+    with pytest.raises(TicketExpiredError, match="30 s"):
         signer.verify(text)
 
 
@@ -80,7 +85,7 @@ def test_old_ticket_is_expired(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_ticket_of_another_hand_is_forged(text: str) -> None:
     """A signature that is not ours is told from a text that is no ticket."""
-    with pytest.raises(TicketForged):
+    with pytest.raises(TicketForgedError):
         SIGNER.verify(text)
 
 
@@ -103,14 +108,14 @@ def test_ticket_of_another_hand_is_forged(text: str) -> None:
 )
 def test_ticket_with_other_fields_is_malformed(fields: object) -> None:
     """Our own signature does not make a wrong field right."""
-    with pytest.raises(TicketMalformed):
+    with pytest.raises(TicketMalformedError):
         SIGNER.verify(sign_as_contract_says(fields))
 
 
 @given(st.text(max_size=200))
 def test_rubbish_is_refused_with_a_problem(text: str) -> None:
     """No text from outside raises anything else."""
-    with pytest.raises(TicketProblem):
+    with pytest.raises(TicketError):
         SIGNER.verify(text)
 
 

@@ -6,7 +6,7 @@ import datetime as dt
 
 import pytest
 from robotether_server import times
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 
@@ -44,7 +44,7 @@ def test_moment_is_taken_with_its_offset(text: str) -> None:
 )
 def test_what_is_no_moment_is_refused_with_its_field(text: str) -> None:
     """The sentence shows how to write one."""
-    with pytest.raises(FieldInvalid, match=r"cannot use until: .* 2026-01-31T12:00:00Z"):
+    with pytest.raises(FieldInvalidError, match=r"cannot use until: .* 2026-01-31T12:00:00Z"):
         times.timestamp("until", text)
 
 
@@ -59,7 +59,7 @@ def test_day_begins_and_ends_in_utc() -> None:
 @pytest.mark.parametrize("text", ["2026-02-30", "31.1.2026", "2026-1-31", "tomorrow"])
 def test_what_is_no_day_is_refused(text: str) -> None:
     """The sentence shows both ways."""
-    with pytest.raises(FieldInvalid, match=r"a day in UTC, such as 2026-01-31, or a moment"):
+    with pytest.raises(FieldInvalidError, match=r"a day in UTC, such as 2026-01-31, or a moment"):
         times.day_or_timestamp("Until", text, is_end=True)
 
 
@@ -72,7 +72,7 @@ def test_end_must_be_to_come_and_not_too_far(wait: dt.timedelta, why: str) -> No
     now = dt.datetime.now(dt.UTC)
     times.check_end("ends_at", now + dt.timedelta(minutes=1))
     times.check_end("ends_at", now + dt.timedelta(days=3659))
-    with pytest.raises(FieldInvalid, match=f"cannot use ends_at: .*{why}"):
+    with pytest.raises(FieldInvalidError, match=f"cannot use ends_at: .*{why}"):
         times.check_end("ends_at", now + wait)
 
 

@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 from sim_robot.messages import (
-    MessageMismatch,
+    MessageMismatchError,
     MessageTypes,
-    TypeUnknown,
+    TypeUnknownError,
 )
 
 NOW_NS = 12_000_000_034
@@ -16,7 +16,7 @@ def test_ros_1_knows_the_short_spelling_only() -> None:
     """A ROS 1 robot refuses the ROS 2 name."""
     types = MessageTypes(1)
     assert types.name_of(types.key_of("geometry_msgs/Twist")) == "geometry_msgs/Twist"
-    with pytest.raises(TypeUnknown, match="geometry_msgs/msg/Twist"):
+    with pytest.raises(TypeUnknownError, match="geometry_msgs/msg/Twist"):
         types.key_of("geometry_msgs/msg/Twist")
 
 
@@ -63,7 +63,7 @@ def test_header_gets_the_time(version: int, stamp: dict[str, int]) -> None:
 )
 def test_mismatch_names_the_field(key: str, values: Any, where: str) -> None:
     """What does not fit is refused with the path of the field."""
-    with pytest.raises(MessageMismatch) as caught:
+    with pytest.raises(MessageMismatchError) as caught:
         MessageTypes(2).conform(key, values, NOW_NS)
     assert where in str(caught.value)
 

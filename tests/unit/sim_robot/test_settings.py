@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import sim_robot
-from sim_robot.settings import SettingsProblem, SimSettings, from_environment, variable_names
+from sim_robot.settings import SimSettings, SimSettingsError, from_environment, variable_names
 
 
 def test_every_variable_is_read() -> None:
@@ -38,7 +38,7 @@ def test_wrong_value_names_variable_value_and_allowed(
     variable: str, value: str, allowed: str
 ) -> None:
     """The error says all three."""
-    with pytest.raises(SettingsProblem) as caught:
+    with pytest.raises(SimSettingsError) as caught:
         from_environment({variable: value})
     for part in (variable, repr(value), allowed):
         assert part in str(caught.value)
@@ -46,7 +46,7 @@ def test_wrong_value_names_variable_value_and_allowed(
 
 def test_typo_is_an_error() -> None:
     """A SIM_ variable that nothing reads stops the start."""
-    with pytest.raises(SettingsProblem, match="SIM_VIDEOPORT"):
+    with pytest.raises(SimSettingsError, match="SIM_VIDEOPORT"):
         from_environment({"SIM_VIDEOPORT": "1"})
 
 

@@ -8,7 +8,7 @@ import pytest
 from allotment import at_once, insert_at_once, mac, pair_owners, shell_owners
 from mariadb_server import MariaDb
 from robotether_server.db import Database, Transaction, migrate, robots, seen_robots
-from robotether_server.problems import RecordExists, RecordRefused
+from robotether_server.problems import RecordExistsError, RecordRefusedError
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_full_range_says_what_to_do(database: Database, admin_database: Database
     with database.transaction() as tx:
         robots.add(tx, mac(1), "a")
         robots.add(tx, mac(2), "b")
-        with pytest.raises(RecordRefused) as refused:
+        with pytest.raises(RecordRefusedError) as refused:
             robots.add(tx, mac(3), "c")
     assert refused.value.detail == (
         "cannot add robot c: all 2 port pairs are in use; "
@@ -144,7 +144,7 @@ def test_no_free_shell_port_says_what_to_do(database: Database, admin_database: 
     with database.transaction() as tx:
         add_with_shell(tx, 1)
         second = robots.add(tx, mac(2), "b")
-        with pytest.raises(RecordRefused) as refused:
+        with pytest.raises(RecordRefusedError) as refused:
             robots.set_shell(tx, second, on=True)
         assert robots.get(tx, "b").shell is False
     assert refused.value.detail == (
@@ -160,7 +160,7 @@ def test_shell_port_that_cannot_be_is_refused(database: Database, port: int) -> 
         add_with_shell(tx, 1)
         robots.add(tx, mac(2), "b")
         with pytest.raises(
-            (RecordExists, RecordRefused), match=r"no free shell port|exists already"
+            (RecordExistsError, RecordRefusedError), match=r"no free shell port|exists already"
         ):
             tx.change("UPDATE robots SET shell = TRUE, shell_port = %s WHERE name = 'b'", (port,))
 
@@ -183,7 +183,7 @@ def test_ports_kept_for_shells_are_nobodys_pair(database: Database) -> None:
         add_with_shell(tx, 1)
         robots.add(tx, mac(2), "b")
         for ros, video in ((24000, 30000), (30000, 24049)):
-            with pytest.raises(RecordRefused, match="is kept for shells"):
+            with pytest.raises(RecordRefusedError, match="is kept for shells"):
                 tx.change(
                     "UPDATE robots SET ros_port = %s, video_port = %s WHERE name = 'b'",
                     (ros, video),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from robotether_server.db import Database, Transaction, grants, robots, users
 from robotether_server.db.audit import AuditSearch, Source, find, record
-from robotether_server.problems import RecordMissing, RobotUnknown
+from robotether_server.problems import RecordMissingError, RobotUnknownError
 
 LOOK_UPS: list[Callable[[Transaction, str], object]] = [
     users.get,
@@ -43,7 +43,7 @@ def test_name_with_a_blank_or_in_other_case_is_another_name(
         grants.add_site(tx, "x")
         grants.add_group(tx, "x")
         assert look_up(tx, "x") is not None
-        with pytest.raises((RecordMissing, RobotUnknown)):
+        with pytest.raises((RecordMissingError, RobotUnknownError)):
             look_up(tx, name)
 
 

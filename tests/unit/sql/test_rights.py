@@ -11,7 +11,7 @@ from robotether_server.db import Database, Transaction, fleet, grants, robots, s
 from robotether_server.db.grants import Pair
 from robotether_server.db.robots import Report
 from robotether_server.identity import PublicKey
-from robotether_server.problems import RecordRefused
+from robotether_server.problems import RecordRefusedError
 from robotether_server.schemas import Level
 
 HOUR = dt.timedelta(hours=1)
@@ -126,7 +126,7 @@ def test_grant_of_nobody_or_for_nothing_is_refused(
 ) -> None:
     """The database itself keeps a row from meaning all robots by mistake."""
     pair = Pair(**{column: ids[name] for column, name in columns.items()})
-    with database.transaction() as tx, pytest.raises(RecordRefused):
+    with database.transaction() as tx, pytest.raises(RecordRefusedError):
         grants.put(tx, pair, "observe")
 
 

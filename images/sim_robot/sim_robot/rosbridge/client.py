@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from sim_robot.graph import Graph, Node, TopicMessage
-from sim_robot.messages import SimRobotProblem, finite_or_none
+from sim_robot.messages import SimRobotError, finite_or_none
 
 NODE_NAME = "/rosbridge_websocket"
 STATUS_LEVELS = ("info", "warning", "error", "none")  # from talkative to silent
@@ -218,10 +218,10 @@ class Client:
         self.outbox.put_message(message.wire[topic])
 
     def check_limit(self) -> None:
-        """Raise SimRobotProblem when the client may not hold one more topic."""
+        """Raise SimRobotError when the client may not hold one more topic."""
         held = sum(map(len, self.advertised.values())) + sum(map(len, self.subscriptions.values()))
         if held >= TOPICS_LIMIT:
-            raise SimRobotProblem(f"cannot take one more topic: this client holds {TOPICS_LIMIT}")
+            raise SimRobotError(f"cannot take one more topic: this client holds {TOPICS_LIMIT}")
 
     def close(self) -> None:
         """Give back everything that the client held."""

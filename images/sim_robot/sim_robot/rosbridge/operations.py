@@ -1,7 +1,7 @@
 """The operations that a client may send: one function a kind, the list of all, and the border of one request.
 
 server.py hands each message to `handle`. An operation takes the client and the whole message, and raises a
-SimRobotProblem when it cannot be done. Errors go back to the client as rosbridge's status message and end neither the
+SimRobotError when it cannot be done. Errors go back to the client as rosbridge's status message and end neither the
 connection nor anything else.
 """
 
@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from sim_robot.graph import Graph, TopicMessage, full_name
-from sim_robot.messages import SimRobotProblem
+from sim_robot.messages import SimRobotError
 from sim_robot.rosbridge.client import (
     STATUS_LEVELS,
     Client,
@@ -44,7 +44,7 @@ REFUSED = (
 )
 
 
-class OperationProblem(SimRobotProblem):
+class OperationError(SimRobotError):
     """A rosbridge operation is broken, unknown or not offered."""
 
 
@@ -141,7 +141,7 @@ def unsubscribe(client: Client, operation: dict[str, Any]) -> None:
 def _request(operation: dict[str, Any]) -> SubscribeRequest:
     compression = get_optional_text(operation, "compression") or "none"
     if compression != "none":
-        raise OperationProblem(
+        raise OperationError(
             f"the simulated robot cannot send with compression {compression!r:.40}"
         )
     return SubscribeRequest(
@@ -161,7 +161,7 @@ def call_service(client: Client, operation: dict[str, Any]) -> None:
     answer: dict[str, Any] = {"op": "service_response", "service": name}
     try:
         values = _call(client.graph, name, operation.get("args"))
-    except SimRobotProblem as problem:
+    except SimRobotError as problem:
         client.reply(answer | {"values": str(problem), "result": False}, get_identity(operation))
     else:
         client.reply(answer | {"values": values, "result": True}, get_identity(operation))
@@ -181,7 +181,7 @@ def set_level(client: Client, operation: dict[str, Any]) -> None:
     """Send only status messages of this level and above from now on."""
     level = get_text(operation, "level")
     if level not in STATUS_LEVELS:
-        raise OperationProblem(
+        raise OperationError(
             f"Expected field level to be one of {', '.join(STATUS_LEVELS)}, not {level!r}"
         )
     client.level = level
@@ -194,7 +194,7 @@ def status(client: Client, operation: dict[str, Any]) -> None:
 
 def refuse(_client: Client, operation: dict[str, Any]) -> None:
     """Say that this is not offered."""
-    raise OperationProblem(f"the simulated robot does not offer the operation {operation['op']}")
+    raise OperationError(f"the simulated robot does not offer the operation {operation['op']}")
 
 
 OPERATIONS: Mapping[str, Callable[[Client, dict[str, Any]], None]] = {
@@ -216,7 +216,7 @@ def handle(client: Client, data: str | bytes) -> None:
     try:
         operation = _parse(data)
         _run(client, operation)
-    except SimRobotProblem as problem:
+    except SimRobotError as problem:
         log.info("%s: %s", client.name, problem)
         _report(client, operation, str(problem))
     except Exception:
@@ -227,9 +227,9 @@ def handle(client: Client, data: str | bytes) -> None:
 def _run(client: Client, operation: dict[str, Any]) -> None:
     name = operation.get("op")
     if name is None:
-        raise OperationProblem(f"Received a message without an op; known are {_known()}")
+        raise OperationError(f"Received a message without an op; known are {_known()}")
     if not isinstance(name, str) or name not in OPERATIONS:
-        raise OperationProblem(f"Unknown operation: {name!r:.60}; known are {_known()}")
+        raise OperationError(f"Unknown operation: {name!r:.60}; known are {_known()}")
     get_identity(operation)
     OPERATIONS[name](client, operation)
 
@@ -242,9 +242,9 @@ def _parse(data: str | bytes) -> dict[str, Any]:
     try:
         operation = json.loads(data, parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
-        raise OperationProblem(f"cannot read a message: it is no JSON ({error})") from error
+        raise OperationError(f"cannot read a message: it is no JSON ({error})") from error
     if not isinstance(operation, dict):
-        raise OperationProblem("cannot read a message: it is JSON, but no object")
+        raise OperationError("cannot read a message: it is JSON, but no object")
     return operation
 
 
@@ -262,7 +262,7 @@ def get_text(operation: Operation, name: str) -> str:
     """Get a string that must be there."""
     value = get_optional_text(operation, name)
     if value is None:
-        raise OperationProblem(f"Expected a {name} field but none was found")
+        raise OperationError(f"Expected a {name} field but none was found")
     return value
 
 
@@ -285,7 +285,7 @@ def get_count(operation: Operation, name: str) -> int:
     """Get a whole number that is not negative, 0 if the field is left out."""
     value = operation.get(name, 0)
     if type(value) is not int or value < 0:
-        raise OperationProblem(
+        raise OperationError(
             f"Expected field {name} to be a whole number from 0, not {value!r:.60}"
         )
     return value
@@ -296,11 +296,11 @@ def get_identity(operation: Operation) -> str | int | None:
     value = operation.get("id")
     if value is None or type(value) in (str, int):
         return value
-    raise OperationProblem(f"Expected field id to be a string or a whole number, not {value!r:.60}")
+    raise OperationError(f"Expected field id to be a string or a whole number, not {value!r:.60}")
 
 
 def _optional(operation: Operation, name: str, kind: type[T], what: str) -> T | None:
     value = operation.get(name)
     if name not in operation or isinstance(value, kind):
         return value
-    raise OperationProblem(f"Expected field {name} to be {what}, not {value!r:.60}")
+    raise OperationError(f"Expected field {name} to be {what}, not {value!r:.60}")

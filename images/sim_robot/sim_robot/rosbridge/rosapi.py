@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 
 from sim_robot.graph import Graph, Service
-from sim_robot.messages import ROS_1, ROS_2, Fields, TypeUnknown, Values
+from sim_robot.messages import ROS_1, ROS_2, Fields, TypeUnknownError, Values
 
 NODE = "/rosapi"
 # The last of each that takes a Twist.
@@ -44,7 +44,7 @@ def _topic_type(graph: Graph, request: Values) -> Values:
 def _topics_for_type(graph: Graph, request: Values) -> Values:
     try:
         wanted = graph.types.key_of(request["type"])
-    except TypeUnknown:
+    except TypeUnknownError:
         return {"topics": []}
     return {"topics": [name for name, key in graph.bus.topics().items() if key == wanted]}
 

@@ -1,6 +1,6 @@
 """Decides who may open what, by tickets, logins, API tokens and the page's origin.
 
-The handlers of `app` ask here before anything else happens. A refusal is a Problem with its code.
+The handlers of `app` ask here before anything else happens. A refusal is a RobotetherError with its code.
 The ids of used tickets are remembered as long as a ticket is good, in bounded memory.
 """
 
@@ -17,20 +17,20 @@ from aiohttp import ClientSession
 
 from robotether_server.db.fleet import Credential, RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
-    CsrfRefused,
-    GrantMissing,
-    LoginMissing,
-    OriginRefused,
-    RobotUnknown,
-    StoreUnavailable,
-    Throttled,
-    TicketExpired,
-    TicketForeign,
-    TicketForged,
-    TicketMalformed,
-    TicketMissing,
-    TicketUsed,
-    TokenInvalid,
+    CsrfRefusedError,
+    GrantMissingError,
+    LoginMissingError,
+    OriginRefusedError,
+    RobotUnknownError,
+    StoreUnavailableError,
+    ThrottledError,
+    TicketExpiredError,
+    TicketForeignError,
+    TicketForgedError,
+    TicketMalformedError,
+    TicketMissingError,
+    TicketUsedError,
+    TokenInvalidError,
 )
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials, credential_of
@@ -93,18 +93,18 @@ class UsedTickets:
         self._issued: OrderedDict[str, datetime] = OrderedDict()
 
     def refuse_too_old(self, issued_at: datetime, now: datetime) -> None:
-        """Raise TicketExpired when this relay cannot know whether the ticket was used."""
+        """Raise TicketExpiredError when this relay cannot know whether the ticket was used."""
         # The clock may have been set back since the start; else every ticket was too old until it catches up.
         self._floor = min(self._floor, now.replace(microsecond=0))
         if issued_at < self._floor:
-            raise TicketExpired(
+            raise TicketExpiredError(
                 "cannot accept the ticket: the relay may have accepted it before; get a new one"
             )
 
     def use(self, ticket_id: str, issued_at: datetime) -> None:
-        """Remember the ticket; TicketUsed when it is known."""
+        """Remember the ticket; TicketUsedError when it is known."""
         if ticket_id in self._issued:
-            raise TicketUsed("cannot accept the ticket: it was already used; get a new one")
+            raise TicketUsedError("cannot accept the ticket: it was already used; get a new one")
         self._issued[ticket_id] = issued_at
         if len(self._issued) > self._capacity:
             _, forgotten = self._issued.popitem(last=False)
@@ -141,7 +141,7 @@ class Access:
         _check_name(name)
         self.check_origin(request)
         if request.ticket is None:
-            raise TicketMissing(f"cannot open robot {name}: the request has no ticket")
+            raise TicketMissingError(f"cannot open robot {name}: the request has no ticket")
         ticket, issued_at = self._verified(request.ticket)
         permit = self._permit_of_ticket(ticket, issued_at, name, ticket.mode)
         self._use(ticket, issued_at, permit.robot)
@@ -182,11 +182,13 @@ class Access:
         self._snapshot()
         asker = await self.asker(request)
         if asker.credential.kind == "login" and request.origin is None and not csrf_header:
-            raise CsrfRefused("cannot change anything: send the header X-CSRFToken with a login")
+            raise CsrfRefusedError(
+                "cannot change anything: send the header X-CSRFToken with a login"
+            )
         return asker
 
     async def asker(self, request: Request) -> AuthenticatedUser:
-        """Return who asks by token or login; LoginMissing or TokenInvalid when nobody is known.
+        """Return who asks by token or login; LoginMissingError or TokenInvalidError when nobody is known.
 
         A page of another site shows a token: a login that its browser adds is not its word.
         """
@@ -195,7 +197,7 @@ class Access:
         is_ours = request.origin is None or _same_host(request.origin, request.host)
         asker = await self._asker(request, "login", (request.login or "") if is_ours else "")
         if asker is None:
-            raise LoginMissing("cannot identify the caller: log in first")
+            raise LoginMissingError("cannot identify the caller: log in first")
         return asker
 
     async def is_vouched_for(self, request: Request) -> bool:
@@ -208,9 +210,15 @@ class Access:
                 await self.asker(request)
             else:
                 self._signer.verify(request.ticket)
-        except (StoreUnavailable, TicketExpired):
+        except (StoreUnavailableError, TicketExpiredError):
             return True
-        except (LoginMissing, Throttled, TicketForged, TicketMalformed, TokenInvalid):
+        except (
+            LoginMissingError,
+            ThrottledError,
+            TicketForgedError,
+            TicketMalformedError,
+            TokenInvalidError,
+        ):
             return False
         return True
 
@@ -220,7 +228,7 @@ class Access:
         if origin is None or origin in self._allowed_origins:
             return
         if not _same_host(origin, request.host):
-            raise OriginRefused(
+            raise OriginRefusedError(
                 f"cannot serve a page of {origin[:100]}: only this site's own pages and those in "
                 "ALLOWED_ORIGINS may ask"
             )
@@ -231,7 +239,9 @@ class Access:
         if scheme.lower() == "bearer":
             asker = await self._asker(request, "token", token.strip())
         if asker is None:
-            raise TokenInvalid("cannot identify the caller: the token is unknown or has expired")
+            raise TokenInvalidError(
+                "cannot identify the caller: the token is unknown or has expired"
+            )
         return asker
 
     async def _asker(
@@ -254,7 +264,7 @@ class Access:
             # Counted back from now, as the clock may have been set since. A signature's timestamp has whole seconds.
             connected_at = self._clock() - timedelta(seconds=online_s)
             if issued_at < connected_at.replace(microsecond=0):
-                raise TicketExpired(
+                raise TicketExpiredError(
                     "cannot accept the ticket: the robot has connected elsewhere since; get a new one"
                 )
         self._used.use(ticket.id, issued_at)
@@ -264,28 +274,28 @@ class Access:
         robot = self.visible_robot(user, name)
         is_for_it = ticket.robot == name if ticket.remembered else ticket.robot_id == robot.id
         if not is_for_it:
-            raise TicketForeign(f"cannot open robot {name}: the ticket is for another robot")
+            raise TicketForeignError(f"cannot open robot {name}: the ticket is for another robot")
         granted = self._snapshot().level(user.id, robot.id)
         if granted is None or not permits(granted, use):
-            raise GrantMissing(f"cannot drive robot {name}: your grant is to observe only")
+            raise GrantMissingError(f"cannot drive robot {name}: your grant is to observe only")
         credential = Credential(ticket.credential, bytes.fromhex(ticket.credential_sha256))
         if not ticket.remembered:
             age = self._clock() - issued_at
             self._credentials.note_signed(credential, user, age.total_seconds())
         elif not self._credentials.held_lately(credential):
-            raise StoreUnavailable(
+            raise StoreUnavailableError(
                 f"cannot open robot {name}: the database does not answer; try again shortly"
             )
         level = granted if use == "drive" else "observe"
         return Permit(user, robot, use, credential, level, may_drive=permits(granted, "drive"))
 
     def visible_robot(self, user: RelayUser, name: str) -> RelayRobot:
-        """Return the robot; RobotUnknown when there is none for this user."""
+        """Return the robot; RobotUnknownError when there is none for this user."""
         _check_name(name)
         snapshot = self._snapshot()
         robot = snapshot.by_name.get(name)
         if robot is None or snapshot.level(user.id, robot.id) is None:
-            raise RobotUnknown(f"cannot open robot {name}: there is no such robot for you")
+            raise RobotUnknownError(f"cannot open robot {name}: there is no such robot for you")
         return robot
 
 
@@ -306,7 +316,7 @@ def request_of(
 def _check_name(name: str) -> None:
     """Refuse what is no robot's name, before it is in any sentence or log."""
     if not ROBOT_NAME.fullmatch(name):
-        raise RobotUnknown("cannot open the robot: a robot's name has a-z, 0-9 and - only")
+        raise RobotUnknownError("cannot open the robot: a robot's name has a-z, 0-9 and - only")
 
 
 def _same_host(origin: str, host: str) -> bool:

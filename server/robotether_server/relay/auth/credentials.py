@@ -17,7 +17,7 @@ from contextlib import contextmanager
 
 from robotether_server.db.credentials import digest
 from robotether_server.db.fleet import Credential, RelayUser
-from robotether_server.problems import StoreUnavailable, Throttled
+from robotether_server.problems import StoreUnavailableError, ThrottledError
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.tickets import CredentialKind
 
@@ -59,7 +59,7 @@ class SharedQuestions:
         self._asking: asyncio.Task[None] | None = None
 
     async def user_of(self, credential: Credential, address: str) -> RelayUser | None:
-        """Return who the credential belongs to; raise Throttled or StoreUnavailable."""
+        """Return who the credential belongs to; raise Throttled or StoreUnavailableError."""
         if (answer := self._waiting.get(credential)) is None:
             answer = self._wait_for(credential, address)
         # Several may wait for it, and one of them may leave.
@@ -69,7 +69,7 @@ class SharedQuestions:
         if self._of_address[address] >= MAX_WAITING_OF_ADDRESS or (
             self._of_address.total() >= MAX_WAITING
         ):
-            raise Throttled(
+            raise ThrottledError(
                 "cannot identify the caller now: too many requests wait to be identified; try again shortly",
                 THROTTLED_S,
             )
@@ -130,7 +130,7 @@ class Credentials:
     async def user_of(
         self, credential: Credential, address: str = "", *, stops: bool = False
     ) -> RelayUser | None:
-        """Return who the credential belongs to; None: it does not hold. May raise StoreUnavailable or Throttled.
+        """Return who the credential belongs to; None: it does not hold. May raise StoreUnavailableError or Throttled.
 
         `address` is where it was sent from, `stops`: to stop robots.
         """
@@ -144,7 +144,7 @@ class Credentials:
         rechecks = self._rechecks
         try:
             user = await self._ask_for(credential, address, stops=stops)
-        except StoreUnavailable:
+        except StoreUnavailableError:
             # Whoever may still begin to drive may stop a robot, too.
             if self._is_recent(credential):
                 return self._recent[credential][1]
@@ -165,11 +165,11 @@ class Credentials:
         return await questions.user_of(credential, address)
 
     async def holds(self, credential: Credential) -> bool:
-        """Ask the database, whatever is remembered; StoreUnavailable when it is away and did not say so recently."""
+        """Ask the database, whatever is cached; StoreUnavailableError if it is down and did not confirm it recently."""
         rechecks = self._rechecks
         try:
             found = await self._users_of([credential], briefly=True)
-        except StoreUnavailable:
+        except StoreUnavailableError:
             if self.held_lately(credential):
                 return True
             raise

@@ -13,7 +13,7 @@ from datetime import datetime
 
 from robotether_server.db import cells
 from robotether_server.db.cells import ALIVE_S, Cell, SshAddresses
-from robotether_server.problems import StoreProblem, StoreUnavailable
+from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.settings import CellSettings
 from robotether_server.times import utc_now
@@ -109,10 +109,10 @@ class Cells:
         """Write the heartbeat, and read all cells."""
         try:
             found = await self._database.heartbeat(self._settings, self._robots(), self._started_at)
-        except StoreUnavailable:
+        except StoreUnavailableError:
             # `fleet` says in the log that the database is away.
             self._settled_at = asyncio.get_running_loop().time() + ALIVE_S
-        except StoreProblem as problem:
+        except StoreError as problem:
             self._report(problem.detail)
         except Exception:
             log.exception("cannot write this cell's heartbeat; cells stay as they were last read")

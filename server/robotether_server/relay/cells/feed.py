@@ -16,7 +16,7 @@ from itertools import islice
 from aiohttp import ClientWebSocketResponse, WSMsgType, web
 
 from robotether_server.contract.robots import LiveState
-from robotether_server.problems import HttpProblem
+from robotether_server.problems import HttpError
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.messages import (
     PeerHello,
@@ -101,7 +101,7 @@ class PeerFeedHandler:
         """Send all that is, then each change, until the other cell is gone."""
         connection = web.WebSocketResponse(autoping=False, compress=False, timeout=PING_EVERY_S)
         if not connection.can_prepare(request):
-            raise HttpProblem(426, "cannot follow the fleet: connect with a WebSocket")
+            raise HttpError(426, "cannot follow the fleet: connect with a WebSocket")
         await connection.prepare(request)
         feed = PeerFeed(self._fleet_events, self._registry)
         with self._fleet_events.followed(feed), self._counted(request.query.get("cell", "")):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import logging
 
-from robotether_server.problems import StoreProblem
+from robotether_server.problems import StoreError
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.control.control import Control
@@ -47,7 +47,7 @@ class StoredControlReader:
         try:
             async with asyncio.timeout(READ_WITHIN_S), self._reads:
                 self._control.remember(await self._database.stored_control(robot_id))
-        except (StoreProblem, TimeoutError):
+        except (StoreError, TimeoutError):
             # Then it counts what other cells and the guard reported.
             log.info("robot %d: its stop and number could not be read", robot_id)
         except Exception:
@@ -62,7 +62,7 @@ class StoredControlReader:
                 continue
             try:
                 self._control.remember(await self._database.stored_control())
-            except StoreProblem:
+            except StoreError:
                 # `fleet` says in the log that the database is away.
                 continue
             except Exception:

@@ -19,7 +19,7 @@ from msgspec.structs import asdict, replace
 from robotether_server.contract.robots import LiveState, RemovedRobot, RobotObject
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.offline import offline_reason
-from robotether_server.problems import TooManyConnections
+from robotether_server.problems import TooManyConnectionsError
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
@@ -283,7 +283,9 @@ class EventsHandler:
         asker = await self._access.for_events(asked)
         mine = self._fleet_events.subscribers_of(asker.user.id)
         if mine >= self._connections.caps.per_user:
-            raise TooManyConnections(f"cannot follow the fleet: you already follow it {mine} times")
+            raise TooManyConnectionsError(
+                f"cannot follow the fleet: you already follow it {mine} times"
+            )
         response = web.StreamResponse(headers=HEADERS)
         with (
             self._fleet_events.subscribed(asker.user.id) as subscriber,

@@ -20,7 +20,7 @@ from msgspec import Struct
 from robotether_server.contract.control import StoppedRobot, StoppedRobotList
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.db.grants import includes
-from robotether_server.problems import FieldInvalid, GrantMissing, HttpProblem
+from robotether_server.problems import FieldInvalidError, GrantMissingError, HttpError
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.control import leasing
 from robotether_server.relay.control.control import Control
@@ -105,7 +105,7 @@ class ControlApi:
         action = self._actions.get(name or "")
         if action is None:
             known = ", ".join(self._actions)
-            raise FieldInvalid(f"cannot use action: it must be one of {known}")
+            raise FieldInvalidError(f"cannot use action: it must be one of {known}")
         if "to" in members:
             action = self._handing_over_to(name, members["to"])
         self._check_level(user, robot, "manage" if name == "take" else "drive", f"{name}")
@@ -123,7 +123,7 @@ class ControlApi:
         ]
         if not robots:
             where = "" if site is None else f" of site {site}"
-            raise GrantMissing(f"cannot stop all robots{where}: you manage none of them")
+            raise GrantMissingError(f"cannot stop all robots{where}: you manage none of them")
         stops, address = self._control.stops, _address(request)
         for robot in robots:
             stops.stop(robot, user.name, reason=reason, address=address)
@@ -141,7 +141,9 @@ class ControlApi:
         self, action: str | None, to: object
     ) -> Callable[[RelayRobot, leasing.LeaseRequester], None]:
         if action != "hand_over" or not isinstance(to, str):
-            raise FieldInvalid("cannot use to: it is a user's name, and goes with hand_over alone")
+            raise FieldInvalidError(
+                "cannot use to: it is a user's name, and goes with hand_over alone"
+            )
         return partial(self._control.leasing.hand_over, to=to)
 
     async def _who_and_what(
@@ -167,7 +169,7 @@ class ControlApi:
     def _check_level(self, user: RelayUser, robot: RelayRobot, needed: Level, action: str) -> None:
         level = self._snapshot().level(user.id, robot.id)
         if level is None or not includes(level, needed):
-            raise GrantMissing(
+            raise GrantMissingError(
                 f"cannot do {action!r} with robot {robot.name}: you need the right to {needed}"
             )
 
@@ -192,16 +194,16 @@ async def _members(request: web.Request, known: Collection[str]) -> Mapping[str,
     if not data:
         return {}
     if request.content_type != "application/json":
-        raise HttpProblem(415, "cannot read the body: send it as application/json")
+        raise HttpError(415, "cannot read the body: send it as application/json")
     try:
         members = json.loads(data)
     except (ValueError, RecursionError) as exc:
-        raise HttpProblem(400, "cannot read the body: it is no JSON") from exc
+        raise HttpError(400, "cannot read the body: it is no JSON") from exc
     if not isinstance(members, dict):
-        raise FieldInvalid("cannot read the body: it must be an object")
+        raise FieldInvalidError("cannot read the body: it must be an object")
     for name in members:
         if name not in known:
-            raise FieldInvalid(f"cannot use {name[:40]!r}: there is no such member here")
+            raise FieldInvalidError(f"cannot use {name[:40]!r}: there is no such member here")
     return members
 
 
@@ -211,7 +213,7 @@ def _seen_stop(members: Mapping[str, Any]) -> ShownStop | None:
         return None
     by, at = members.get("by"), members.get("at")
     if not isinstance(by, str) or not isinstance(at, str):
-        raise FieldInvalid("cannot use by and at: give both, as the control object shows them")
+        raise FieldInvalidError("cannot use by and at: give both, as the control object shows them")
     return ShownStop(by, at)
 
 
@@ -220,7 +222,7 @@ def _text(members: Mapping[str, Any], name: str, max_length: int) -> str | None:
     if value is None:
         return None
     if not isinstance(value, str) or len(value) > max_length or not value.isprintable():
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot use {name}: it must be a text of at most {max_length} characters"
         )
     return value

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
 from robotether_server.db.fleet import AuditEntry, RelayRobot, RelayUser
-from robotether_server.problems import RecordMissing, RecordRefused, StoreProblem
+from robotether_server.problems import RecordMissingError, RecordRefusedError, StoreError
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.records.database import RelayDatabase
@@ -187,11 +187,11 @@ class Leasing:
         asked = NewLease(robot.id, connection.user_id, connection.user, utc_now(), above)
         try:
             return await self._database.next_fence(asked)
-        except (RecordMissing, RecordRefused) as gone:
+        except (RecordMissingError, RecordRefusedError) as gone:
             # Robot or user was removed meanwhile, which the relay reads of only in its next look.
             log.info("robot %s: cannot number a drive: %s", robot.name, gone.detail)
             raise ConnectionClosedError(close_reasons.rights_ended(robot.name)) from gone
-        except StoreProblem as problem:
+        except StoreError as problem:
             log.warning("robot %s: cannot number a drive: %s", robot.name, problem.detail)
             if self._registry.presence(robot.id).guard == "ready":
                 return None

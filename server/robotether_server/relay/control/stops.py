@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from robotether_server.db.control import MAX_NAME, Stop, StopEntry, StopId
 from robotether_server.db.fleet import AuditEntry, RelayRobot
-from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
+from robotether_server.problems import GuardSilentError, NotPossibleError, RobotOfflineError
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.event_writer import EventWriter
@@ -174,9 +174,9 @@ class Stops:
         seen: ShownStop | None = None,
         address: str | None = None,
     ) -> None:
-        """Release the robot; RobotOffline or GuardSilent when it does not confirm.
+        """Release the robot; RobotOfflineError or GuardSilentError when it does not confirm.
 
-        NotPossible when another stop is in force than the one that was `seen`.
+        NotPossibleError when another stop is in force than the one that was `seen`.
         """
         self._check_seen(robot, seen)
         presence, stops = self._registry.presence(robot.id), self._of(robot.id)
@@ -184,7 +184,7 @@ class Stops:
         if not released and not presence.report.stopped:
             return
         if not presence.online:
-            raise RobotOffline(
+            raise RobotOfflineError(
                 close_reasons.offline_sentence(robot.name, presence.since, utc_now())
             )
         # Without a guard nobody confirms, and the stop was never more than the server's.
@@ -219,7 +219,7 @@ class Stops:
         stop = self.of(robot.id)
         if seen is not None and stop is not None and self.shown(robot.id) != seen:
             sentence = close_reasons.stopped_sentence(robot.name, stop.by, stop.at)
-            raise NotPossible(f"{sentence} too; check again before you release it")
+            raise NotPossibleError(f"{sentence} too; check again before you release it")
 
     def _of(self, robot_id: int) -> RobotStops:
         return self._registry.robot(robot_id).stops
@@ -296,7 +296,7 @@ class Stops:
             # The answer alone may be lost: both sides must say the same again.
             if (stop := self.of(robot.id)) is not None:
                 self._send_stop(robot.id, stop)
-            raise GuardSilent(
+            raise GuardSilentError(
                 f"cannot release robot {robot.name}: its guard did not confirm it in "
                 f"{RELEASED_WITHIN_S:g} s; it stays stopped"
             ) from exc
@@ -340,8 +340,8 @@ def _may_end_it(answered: asyncio.Future[None]) -> bool:
     return not answered.done() or not (answered.cancelled() or answered.exception())
 
 
-def _stopped_again(robot: RelayRobot, by: str) -> NotPossible:
-    return NotPossible(f"cannot release robot {robot.name}: {by} has stopped it again")
+def _stopped_again(robot: RelayRobot, by: str) -> NotPossibleError:
+    return NotPossibleError(f"cannot release robot {robot.name}: {by} has stopped it again")
 
 
 def _claimed_name(by: str) -> str:

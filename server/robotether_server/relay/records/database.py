@@ -17,7 +17,7 @@ from robotether_server.db import Database, Transaction, cells, control, fleet
 from robotether_server.db.cells import Cell
 from robotether_server.db.control import NewLease, StoredControl
 from robotether_server.db.fleet import Changes, Credential, Entry, RelayUser, Snapshot
-from robotether_server.problems import StoreUnavailable
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.settings import CellSettings
 
 T = TypeVar("T")
@@ -30,7 +30,7 @@ BRIEF_S = 1.0
 
 
 class RelayDatabase:
-    """What the relay of a cell asks the database; StoreUnavailable when it does not answer."""
+    """What the relay of a cell asks the database; StoreUnavailableError when it does not answer."""
 
     def __init__(self, database: Database, cell: str, answer_within_s: float = 3.0) -> None:
         self._database = database
@@ -100,7 +100,7 @@ class RelayDatabase:
             found = question(tx)
             if is_over.is_set():
                 # Nobody would know of what it wrote.
-                raise StoreUnavailable("cannot reach the database: its answer came too late")
+                raise StoreUnavailableError("cannot reach the database: its answer came too late")
             return found
 
         try:
@@ -109,7 +109,7 @@ class RelayDatabase:
         except TimeoutError as exc:
             self._hangs = True
             self._database.close_kept()
-            raise StoreUnavailable(
+            raise StoreUnavailableError(
                 f"cannot reach the database: no answer in {within_s:g} s; try again shortly"
             ) from exc
         finally:
@@ -119,11 +119,11 @@ class RelayDatabase:
 
     def _check_answers(self) -> None:
         if self._hangs:
-            raise StoreUnavailable("cannot reach the database: it hangs; try again shortly")
+            raise StoreUnavailableError("cannot reach the database: it hangs; try again shortly")
 
     async def _in_thread(self, question: Callable[[Transaction], T]) -> T:
         if self._open >= MAX_OPEN_QUESTIONS:
-            raise StoreUnavailable("cannot reach the database: too many queries are waiting")
+            raise StoreUnavailableError("cannot reach the database: too many queries are waiting")
         self._open += 1
         future = asyncio.get_running_loop().run_in_executor(
             self._threads, self._in_transaction, question

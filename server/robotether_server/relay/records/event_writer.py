@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from robotether_server.db.control import DriveEntry, StopEntry
 from robotether_server.db.fleet import Entry, FormerSessions, SessionEntry
-from robotether_server.problems import StoreProblem, StoreUnavailable
+from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.http.timing import delays
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.journal import Journal, JournalEntry
@@ -107,7 +107,7 @@ class EventWriter:
             self._writing = batch
             try:
                 await self._write(batch)
-            except StoreUnavailable as problem:
+            except StoreUnavailableError as problem:
                 self._put_back(batch)
                 if not failing:
                     log.warning("%s; %d entries wait", problem.detail, len(self._waiting))
@@ -127,7 +127,7 @@ class EventWriter:
     async def _write(self, batch: Sequence[Entry]) -> None:
         try:
             await self._write_together(batch)
-        except StoreUnavailable:
+        except StoreUnavailableError:
             raise
         except Exception:  # noqa: BLE001  # reported by `_write_alone`, for the entry that caused it
             # One entry that cannot be written must not keep the others from it; a stop may be among them.
@@ -141,9 +141,9 @@ class EventWriter:
     async def _write_alone(self, entry: Entry) -> None:
         try:
             await self._write_together([entry])
-        except StoreUnavailable:
+        except StoreUnavailableError:
             self._queue(entry)
-        except StoreProblem as problem:
+        except StoreError as problem:
             log.warning("cannot write %r: %s; dropped", entry, problem.detail)
             self.dropped += 1
         except Exception:

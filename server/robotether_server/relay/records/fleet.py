@@ -14,7 +14,7 @@ from typing import Protocol
 
 from robotether_server.db.control import StoredControl
 from robotether_server.db.fleet import Changes, Snapshot
-from robotether_server.problems import StoreProblem, StoreUnavailable
+from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.records.database import RelayDatabase
 
 log = logging.getLogger(__name__)
@@ -74,9 +74,9 @@ class Fleet:
         self._on_stored_control.append(control)
 
     def snapshot(self) -> Snapshot:
-        """The last snapshot; StoreUnavailable as long as there has never been one."""
+        """The last snapshot; StoreUnavailableError as long as there has never been one."""
         if self._snapshot is None:
-            raise StoreUnavailable(
+            raise StoreUnavailableError(
                 "cannot answer: the database has not answered the relay yet; try again shortly"
             )
         return self._snapshot
@@ -101,7 +101,7 @@ class Fleet:
         try:
             async with self._polling:
                 await self._poll_changes()
-        except StoreProblem as problem:
+        except StoreError as problem:
             self._set_store_up(False, problem.detail)
         except Exception:
             # Whatever one poll met, the next may succeed; without polls rights would never end.

@@ -14,7 +14,13 @@ from datetime import datetime, timedelta
 from typing import Protocol
 
 from robotether_server.db.fleet import RelayUser
-from robotether_server.problems import AlreadyAsked, LeaseFree, LeaseNotYours, NobodyAsks, Throttled
+from robotether_server.problems import (
+    AlreadyAskedError,
+    LeaseFreeError,
+    LeaseNotYoursError,
+    NobodyAsksError,
+    ThrottledError,
+)
 from robotether_server.relay.http.timing import RateLimiter
 
 PASSES_AFTER_S = 20.0
@@ -159,9 +165,11 @@ class Lease:
         """Ask the driver for the control; False when this user asked already. Throttled after a few in a row."""
         driver = self._driver_or_free(now)
         if driver.holder.user_id == user.id:
-            raise LeaseFree("cannot ask for control: it is yours")
+            raise LeaseFreeError("cannot ask for control: it is yours")
         if self.waiting is not None and self.waiting.user.id != user.id:
-            raise AlreadyAsked(f"cannot ask for control: {self.waiting.user.name} waits for it")
+            raise AlreadyAskedError(
+                f"cannot ask for control: {self.waiting.user.name} waits for it"
+            )
         if self.waiting is not None:
             return False
         self._count_question(user, now)
@@ -171,7 +179,7 @@ class Lease:
     def withdraw(self, user: RelayUser) -> None:
         """Take one's question back."""
         if self.waiting is None or self.waiting.user.id != user.id:
-            raise NobodyAsks("cannot withdraw the request: you have not asked for control")
+            raise NobodyAsksError("cannot withdraw the request: you have not asked for control")
         self.waiting = None
 
     def refuse(self, user: RelayUser, now: Instant) -> RelayUser:
@@ -184,7 +192,7 @@ class Lease:
         """The driver says yes, to whoever asks or to the one of this name alone."""
         asker = self._asker_of(user, now)
         if to is not None and asker.name != to:
-            raise NobodyAsks(f"cannot hand control over: {asker.name} asks for it now")
+            raise NobodyAsksError(f"cannot hand control over: {asker.name} asks for it now")
         return self._pass_to(asker, now)
 
     def take(self, user: RelayUser, now: Instant) -> Handover | None:
@@ -229,7 +237,7 @@ class Lease:
         limiter = self._questions.setdefault(user.id, fresh)
         if not limiter.allow(now.s):
             wait_s = math.ceil(limiter.free_in_s(now.s))
-            raise Throttled(
+            raise ThrottledError(
                 f"cannot ask for control: you have asked {QUESTIONS_AT_ONCE} times in a row; "
                 f"ask again in {wait_s} s",
                 wait_s,
@@ -240,14 +248,14 @@ class Lease:
             return self.driver
         kept = self.reserved(now)
         if kept is not None:
-            raise AlreadyAsked(f"cannot ask for control: it is reserved for {kept.user.name}")
-        raise LeaseFree("cannot ask for control: nobody drives; just connect")
+            raise AlreadyAskedError(f"cannot ask for control: it is reserved for {kept.user.name}")
+        raise LeaseFreeError("cannot ask for control: nobody drives; just connect")
 
     def _asker_of(self, user: RelayUser, now: Instant) -> RelayUser:
         if self._driver_or_free(now).holder.user_id != user.id:
-            raise LeaseNotYours("cannot answer for the driver: you do not drive this robot")
+            raise LeaseNotYoursError("cannot answer for the driver: you do not drive this robot")
         if self.waiting is None:
-            raise NobodyAsks("cannot answer: nobody asks for control")
+            raise NobodyAsksError("cannot answer: nobody asks for control")
         return self.waiting.user
 
     def _pass_to(self, user: RelayUser, now: Instant) -> Handover:

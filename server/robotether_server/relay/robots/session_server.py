@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 from robotether_common.session import MAX_LINE_BYTES, ByeCode
 
 from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.problems import StoreUnavailable
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import NotAuthorizedError, authorize
 from robotether_server.relay.robots.port_checks import PortChecker
@@ -107,7 +107,7 @@ class SessionServer:
         except NotAuthorizedError as refusal:
             self._refused(refusal.code)
             await _say_bye(writer, refusal.code, refusal.detail)
-        except StoreUnavailable as problem:
+        except StoreUnavailableError as problem:
             self._refused("not_ready")
             await _say_bye(writer, "not_ready", problem.detail)
         else:

@@ -16,7 +16,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.join_tokens import JoinToken, Place
 from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.install_line import EnrolmentLines, enrolment_lines
-from robotether_server.problems import Problem
+from robotether_server.problems import RobotetherError
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import pending, tokens
 from robotether_server.services import robots as robot_service
@@ -41,7 +41,7 @@ class Invitation:
     lines: EnrolmentLines | None = None
 
 
-def show(problem: Problem | None = None) -> str:
+def show(problem: RobotetherError | None = None) -> str:
     """Show the page with nothing made yet, perhaps with the problem of one of its forms."""
     with context().database.transaction() as tx:
         return _page(tx, problem=problem)
@@ -88,7 +88,7 @@ def announce(tx: Transaction, source: Source) -> Saved:
 
 
 def _page(
-    tx: Transaction, invitation: Invitation | None = None, problem: Problem | None = None
+    tx: Transaction, invitation: Invitation | None = None, problem: RobotetherError | None = None
 ) -> str:
     everyone = seen_robots.list_all(tx)
     return render_template(

@@ -15,7 +15,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS, Grant
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import User
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web import confirmation, forms
@@ -129,18 +129,18 @@ def _ends_at() -> dt.datetime | None:
         return None
     try:
         return times.timestamp("ends_at", f"{text}Z" if WITHOUT_ZONE.fullmatch(text) else text)
-    except FieldInvalid as error:
-        raise FieldInvalid("cannot use Until: choose a day and a time", "ends_at") from error
+    except FieldInvalidError as error:
+        raise FieldInvalidError("cannot use Until: choose a day and a time", "ends_at") from error
 
 
 def grantee() -> Grantee:
-    """Return the user or group of the form's field `holder`; raise FieldInvalid."""
+    """Return the user or group of the form's field `holder`; raise FieldInvalidError."""
     kind, _, name = forms.text("holder", "Who", MAX_CHOICE_LENGTH).partition(":")
     if kind == "user" and name:
         return Grantee("user", name)
     if kind == "group" and name:
         return Grantee("group", name)
-    raise FieldInvalid("cannot use Who: choose a user or a group", "holder")
+    raise FieldInvalidError("cannot use Who: choose a user or a group", "holder")
 
 
 def _scope() -> Scope:
@@ -151,7 +151,7 @@ def _scope() -> Scope:
         return Scope("robot", name)
     if kind == "site" and name:
         return Scope("site", name)
-    raise FieldInvalid("cannot use What: choose a robot, a site or all robots", "scope")
+    raise FieldInvalidError("cannot use What: choose a robot, a site or all robots", "scope")
 
 
 def _found(grant_id: int) -> Words:

@@ -8,7 +8,7 @@ from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.join_tokens import Place
-from robotether_server.problems import Problem
+from robotether_server.problems import RobotetherError
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.web import confirmation, forms
@@ -19,7 +19,7 @@ from robotether_server.web.forms import Saved, form
 blueprint = Blueprint("groups", __name__, url_prefix="/groups")
 
 
-def show_all(problem: Problem | None = None) -> str:
+def show_all(problem: RobotetherError | None = None) -> str:
     """Show every group."""
     with context().database.transaction() as tx:
         found = db_grants.list_groups(tx)
@@ -35,7 +35,7 @@ def add(tx: Transaction, source: Source) -> Saved:
 
 
 @blueprint.get("/<name>")
-def show(name: str, problem: Problem | None = None) -> str:
+def show(name: str, problem: RobotetherError | None = None) -> str:
     """Show one group, with the problem of one of its forms."""
     with context().database.transaction() as tx:
         group = db_grants.get_group(tx, name)

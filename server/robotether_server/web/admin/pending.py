@@ -11,7 +11,7 @@ from flask import Blueprint, request
 from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordMissingError
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import pending, robots
 from robotether_server.web import confirmation, forms
@@ -61,7 +61,7 @@ def _found_waiting(name: str) -> Words:
                     "an announced one waits for another key."
                 )
                 return {"key": one, "stays": stays}
-    raise RecordMissing(
+    raise RecordMissingError(
         f"cannot find that key of robot {name}: it no longer waits; see {add_robot.PAGE} for the keys that do"
     )
 

@@ -17,7 +17,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.seen_robots import FREE, ControlState, SeenRobot
-from robotether_server.problems import Problem, RobotUnknown
+from robotether_server.problems import RobotetherError, RobotUnknownError
 from robotether_server.robot_settings import put_path, remove_path
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
@@ -119,7 +119,7 @@ def _pages(search: RobotSearch, first: int, found: int) -> list[tuple[str, str]]
 
 
 @blueprint.get("/robots/<name>")
-def show(name: str, problem: Problem | None = None) -> str:
+def show(name: str, problem: RobotetherError | None = None) -> str:
     """Show the overview of one robot, with the problem of its form."""
     with context().database.transaction() as tx:
         seen = find(tx, name)
@@ -136,7 +136,7 @@ def show(name: str, problem: Problem | None = None) -> str:
 
 
 @blueprint.get("/robots/<name>/access")
-def show_access(name: str, problem: Problem | None = None) -> str:
+def show_access(name: str, problem: RobotetherError | None = None) -> str:
     """Show the grants for one robot, with the problem of their form."""
     with context().database.transaction() as tx:
         seen = find(tx, name)
@@ -206,17 +206,17 @@ def page_of(name: str) -> str:
 
 
 def find(tx: Transaction, name: str) -> SeenRobot:
-    """Return the robot of that name, as an admin sees it; raise RobotUnknown."""
+    """Return the robot of that name, as an admin sees it; raise RobotUnknownError."""
     seen = seen_robots.find_seen(tx, current_user.get(), name)
     if seen is None:
-        raise RobotUnknown(
+        raise RobotUnknownError(
             f"cannot show robot {name}: there is none of that name; it may have been renamed or removed"
         )
     return seen
 
 
 def found(name: str) -> Words:
-    """Return what the texts of actions name; raise RobotUnknown."""
+    """Return what the texts of actions name; raise RobotUnknownError."""
     with context().database.transaction() as tx:
         robot = find(tx, name).robot
     return {"robot": robot, "name": name, "shell_user": robot.settings.get("shell_user", "")}

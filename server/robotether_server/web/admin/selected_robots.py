@@ -12,7 +12,7 @@ from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.services import robots
@@ -32,7 +32,7 @@ HIDDEN_OF_GRANT = (*HIDDEN, ("level", "{level}"), ("hours", "{hours}"))
 def _names() -> list[str]:
     names = request.values.get("robots", "").split() or request.args.getlist("robot")
     if not names:
-        raise FieldInvalid("cannot continue: tick at least one robot", "robot")
+        raise FieldInvalidError("cannot continue: tick at least one robot", "robot")
     return list(dict.fromkeys(names))
 
 

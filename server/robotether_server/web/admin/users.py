@@ -12,7 +12,7 @@ from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.users import ROLES
-from robotether_server.problems import Problem
+from robotether_server.problems import RobotetherError
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import users as user_service
 from robotether_server.web import confirmation, forms
@@ -23,7 +23,7 @@ from robotether_server.web.forms import Saved, form
 blueprint = Blueprint("users", __name__, url_prefix="/users")
 
 
-def show_all(problem: Problem | None = None) -> str:
+def show_all(problem: RobotetherError | None = None) -> str:
     """Show every user."""
     with context().database.transaction() as tx:
         everyone = users.list_all(tx)
@@ -51,7 +51,7 @@ def add(tx: Transaction, source: Source) -> Saved:
 
 
 @blueprint.get("/<name>")
-def show(name: str, problem: Problem | None = None) -> str:
+def show(name: str, problem: RobotetherError | None = None) -> str:
     """Show one user, with the problem of one of its forms."""
     with context().database.transaction() as tx:
         user = users.get(tx, name)

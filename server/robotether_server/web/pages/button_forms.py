@@ -12,7 +12,7 @@ from robotether_server.api.context import context
 from robotether_server.buttons import MAX_FIELDS_BYTES, MAX_NAME_LENGTH, MEMBERS, Button
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
-from robotether_server.problems import FieldInvalid, NotPossible, Problem
+from robotether_server.problems import FieldInvalidError, NotPossibleError, RobotetherError
 from robotether_server.services import drive_pages
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import ConfirmedAction, Words
@@ -47,7 +47,7 @@ def show_all(name: str) -> str:
     problem = None
     try:
         present = robot_settings.parse(settings).buttons
-    except FieldInvalid as error:
+    except FieldInvalidError as error:
         # Somebody wrote by SQL what nobody may set.
         problem = error
     return render_template(
@@ -60,7 +60,7 @@ def show_all(name: str) -> str:
     )
 
 
-def show_new(name: str, problem: Problem | None = None) -> str:
+def show_new(name: str, problem: RobotetherError | None = None) -> str:
     """Show the empty form."""
     _present(name)
     return _page(name, f"Add a button to robot {name}", EMPTY, problem=problem)
@@ -72,7 +72,7 @@ def add(tx: Transaction, source: Source, name: str) -> Saved:
     return _save(tx, source, name, lambda present, new: [*present, new])
 
 
-def show(name: str, place: int, problem: Problem | None = None) -> str:
+def show(name: str, place: int, problem: RobotetherError | None = None) -> str:
     """Show the form of a button at its position."""
     button = _at(name, place)
     title = f"Button {button.name} of robot {name}"
@@ -102,7 +102,7 @@ def move(name: str, place: int) -> AnyResponse:
     def swapped(present: list[Button]) -> list[Button]:
         at = drive_pages.placed(present, place, was)
         if not 0 <= at + to < len(present):
-            raise NotPossible(f"cannot move button {was}: it cannot move further")
+            raise NotPossibleError(f"cannot move button {was}: it cannot move further")
         present[at], present[at + to] = present[at + to], present[at]
         return present
 
@@ -147,7 +147,7 @@ def _page(
     title: str,
     present: dict[str, str],
     was: str = "",
-    problem: Problem | None = None,
+    problem: RobotetherError | None = None,
 ) -> str:
     """Return the form with the button's values, or as it was sent."""
     sent = {field: request.form.get(field, "") for field in (*EMPTY, "allow")}
@@ -165,7 +165,7 @@ def _page(
 
 
 def _sent() -> Button:
-    """Return the button in the form; raise FieldInvalid."""
+    """Return the button in the form; raise FieldInvalidError."""
     kind = forms.choice("kind", "What it does", tuple(MEMBERS))
     target, sent = MEMBERS[kind]
     return buttons.parse_one(
@@ -202,8 +202,8 @@ def _present(name: str) -> tuple[Button, ...]:
         settings = drive_pages.find_managed(tx, current_user.get(), name).robot.settings
     try:
         return robot_settings.parse(settings).buttons
-    except FieldInvalid as problem:
-        raise NotPossible(
+    except FieldInvalidError as problem:
+        raise NotPossibleError(
             f"cannot change the buttons of robot {name} until an admin has corrected its settings: {problem.detail}"
         ) from problem
 
@@ -211,7 +211,9 @@ def _present(name: str) -> tuple[Button, ...]:
 def _at(name: str, place: int) -> Button:
     present = _present(name)
     if not 1 <= place <= len(present):
-        raise NotPossible(f"cannot find button {place} of robot {name}: it may have been removed")
+        raise NotPossibleError(
+            f"cannot find button {place} of robot {name}: it may have been removed"
+        )
     return present[place - 1]
 
 

@@ -10,7 +10,7 @@ from flask import Blueprint, redirect, send_from_directory
 from werkzeug.security import safe_join
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server.problems import HttpProblem
+from robotether_server.problems import HttpError
 
 blueprint = Blueprint("documents", __name__)
 
@@ -23,7 +23,7 @@ CACHE_S = 300
 def document(name: str) -> AnyResponse:
     """Send a page or what it loads, with the policy that lets its own scripts run."""
     if not SITE.is_dir():
-        raise HttpProblem(
+        raise HttpError(
             HTTPStatus.NOT_FOUND,
             "cannot send the documents: this server was started outside of its image, which holds them",
         )

@@ -25,11 +25,11 @@ from robotether_server.db import seen_robots
 from robotether_server.db.audit import MAX_ACTOR_LENGTH, Source
 from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.problems import (
-    FieldInvalid,
-    LoginFailed,
-    OriginRefused,
-    RobotUnknown,
-    Throttled,
+    FieldInvalidError,
+    LoginFailedError,
+    OriginRefusedError,
+    RobotUnknownError,
+    ThrottledError,
 )
 from robotether_server.services import logging_in
 from robotether_server.times import rfc3339
@@ -78,11 +78,11 @@ def log_in() -> AnyResponse:
         _check_host()
         unused = context().login_lifetime.unused
         text = logging_in.log_in(context().database, source, password, unused)
-    except (LoginFailed, OriginRefused, Throttled) as problem:
+    except (LoginFailedError, OriginRefusedError, ThrottledError) as problem:
         problem.field = "password"
         response = make_response(render_template("login.html", error=problem))
         response.status_code = problem.status
-        if isinstance(problem, Throttled):
+        if isinstance(problem, ThrottledError):
             response.headers["Retry-After"] = str(problem.retry_after_s)
         return response
     # Form tokens of the time before the login end with it.
@@ -93,11 +93,11 @@ def log_in() -> AnyResponse:
 
 
 def _check_host() -> None:
-    """Raise OriginRefused where the browser sees another host than this server: driving and Stop would fail there."""
+    """Raise OriginRefusedError if the browser sees another host than this server: driving and Stop would fail."""
     seen = urlsplit(request.headers.get("Origin", "")).netloc.lower()
     ours = request.host.lower().removesuffix(":443")
     if seen and seen.removesuffix(":443") != ours:
-        raise OriginRefused(
+        raise OriginRefusedError(
             f"cannot serve {seen[:100]!r}: a proxy in front changes the header Host to {ours[:100]!r}, and "
             "nobody could drive or stop a robot; let it pass Host on unchanged"
         )
@@ -139,7 +139,7 @@ def show_robot(name: str) -> AnyResponse:
             return current_user.to_login()
         seen = seen_robots.find_seen(tx, user, name)
     if seen is None:
-        raise RobotUnknown(f"No robot '{name}', or you have no access.")
+        raise RobotUnknownError(f"No robot '{name}', or you have no access.")
     robot = {
         "name": name,
         "mac": seen.robot.mac,
@@ -153,7 +153,7 @@ def _in_force(seen: SeenRobot) -> dict[str, object]:
     """Return all settings, the defaults filled in."""
     try:
         return robot_settings.parse(seen.robot.settings).as_dict()
-    except FieldInvalid:
+    except FieldInvalidError:
         # Somebody wrote by SQL what nobody may set; the relay keeps drivers out until it is mended.
         return robot_settings.DEFAULTS.as_dict()
 
@@ -175,7 +175,7 @@ def _first_camera(seen: SeenRobot) -> str:
     """Return the topic of the camera that the robot's settings name first; empty: the page asks the robot."""
     try:
         cameras = robot_settings.parse(seen.robot.settings).page.cameras
-    except FieldInvalid:
+    except FieldInvalidError:
         return ""
     return cameras[0].topic if cameras else ""
 

@@ -10,7 +10,7 @@ from http import HTTPStatus
 from flask import Blueprint, Response, request, send_file
 
 from robotether_server.api.context import context
-from robotether_server.problems import HttpProblem
+from robotether_server.problems import HttpError
 
 blueprint = Blueprint("installer", __name__)
 
@@ -37,7 +37,7 @@ def manifest() -> Response:
 def agent_file(name: str) -> Response:
     """Send one of the listed files."""
     if name not in listed(_read(MANIFEST).decode()):
-        raise HttpProblem(
+        raise HttpError(
             HTTPStatus.NOT_FOUND, f"cannot send {name}: /agent/manifest does not list it"
         )
     kind = TEXT if name.endswith(".txt") else "application/octet-stream"
@@ -51,7 +51,7 @@ def package() -> Response:
     if architecture not in ARCHITECTURES:
         known = " or ".join(ARCHITECTURES)
         why = f"cannot send a package for this arch: it must be {known}"
-        raise HttpProblem(HTTPStatus.NOT_FOUND, why)
+        raise HttpError(HTTPStatus.NOT_FOUND, why)
     found = sorted(context().agent_files_dir.glob(f"*_{architecture}.deb"))
     if not found:
         raise _missing(f"agent.deb for {architecture}")
@@ -77,8 +77,8 @@ def _read(name: str) -> bytes:
         raise _missing(name) from error
 
 
-def _missing(what: str) -> HttpProblem:
-    return HttpProblem(
+def _missing(what: str) -> HttpError:
+    return HttpError(
         HTTPStatus.NOT_FOUND,
         f"cannot send {what}: this server was started outside of its image, which holds it",
     )

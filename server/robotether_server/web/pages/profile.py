@@ -14,7 +14,12 @@ from robotether_server.db.audit import Source
 from robotether_server.db.users import is_unchanged, list_ssh_keys
 from robotether_server.identity import MAX_KEY_LENGTH
 from robotether_server.install_line import site_of
-from robotether_server.problems import FieldInvalid, LoginFailed, Problem, Throttled
+from robotether_server.problems import (
+    FieldInvalidError,
+    LoginFailedError,
+    RobotetherError,
+    ThrottledError,
+)
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import logging_in, ssh_keys, tokens, users
 from robotether_server.web import confirmation, current_user, forms
@@ -28,7 +33,7 @@ PAGE = "/profile"
 
 
 @blueprint.get("")
-def show(problem: Problem | None = None, part: str = "") -> str:
+def show(problem: RobotetherError | None = None, part: str = "") -> str:
     """Show the profile, with the problem of one of its forms, `part`."""
     user = current_user.get()
     with context().database.transaction() as tx:
@@ -85,15 +90,15 @@ def _change_password() -> AnyResponse:
     user, source = current_user.get(), current_user.source()
     new = forms.secret("new")
     if new != forms.secret("again"):
-        raise FieldInvalid("cannot change the password: the two new ones differ", "again")
+        raise FieldInvalidError("cannot change the password: the two new ones differ", "again")
     try:
         logging_in.confirm(context().database, source, forms.secret("present"))
-    except (LoginFailed, Throttled) as problem:
+    except (LoginFailedError, ThrottledError) as problem:
         problem.field = "present"
         raise
     with forms.named({"password": "new"}), context().database.transaction() as tx:
         if not is_unchanged(tx, user):
-            raise LoginFailed("cannot change the password: an admin has changed it meanwhile")
+            raise LoginFailedError("cannot change the password: an admin has changed it meanwhile")
         users.set_password(tx, source, user.name, new)
         text = credentials.create_login(
             tx, user, source.address or "", context().login_lifetime.unused

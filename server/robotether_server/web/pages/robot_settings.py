@@ -20,7 +20,12 @@ from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
 from robotether_server.page_settings import MAX_CAMERAS, TURNS
-from robotether_server.problems import FieldInvalid, FieldsInvalid, GrantMissing, Problem
+from robotether_server.problems import (
+    FieldInvalidError,
+    FieldsInvalidError,
+    GrantMissingError,
+    RobotetherError,
+)
 from robotether_server.robot_settings import GivenSettings, Settings, get_path, is_in, put_path
 from robotether_server.services import drive_pages
 from robotether_server.services import robots as robot_service
@@ -73,13 +78,13 @@ def tabs_of(name: str) -> list[tuple[str, str]]:
     return [(tab.title, path_of(name, tab)) for tab in TABS if is_admin or not tab.is_for_admins]
 
 
-def show(tab: Tab, name: str, problem: Problem | None = None) -> str:
+def show(tab: Tab, name: str, problem: RobotetherError | None = None) -> str:
     """Show the form of a tab with what is in force, or as it was sent."""
     with context().database.transaction() as tx:
         present = _settings(tx, name, tab)
     try:
         robot_settings.parse(present)
-    except FieldInvalid as error:
+    except FieldInvalidError as error:
         # Somebody wrote by SQL what nobody may set; the form brings the robot back.
         problem = problem or error
     return render_template(
@@ -117,10 +122,10 @@ for one in (SAFETY, CAMERAS, DRIVING, PERMISSIONS):
 
 
 def _settings(tx: Transaction, name: str, tab: Tab) -> Mapping[str, object]:
-    """Return the robot's settings; raise RobotUnknown or GrantMissing."""
+    """Return the robot's settings; raise RobotUnknownError or GrantMissingError."""
     seen = drive_pages.find_managed(tx, current_user.get(), name)
     if tab.is_for_admins and not current_user.get().is_admin:
-        raise GrantMissing("These settings are for administrators.")
+        raise GrantMissingError("These settings are for administrators.")
     return seen.robot.settings
 
 
@@ -192,28 +197,28 @@ def _sent_cameras() -> list[tuple[str, str, str]]:
 
 
 def _checked(tab: Tab) -> Settings:
-    """Return the values of the form by their paths; raise FieldsInvalid, which names every wrong one."""
+    """Return the values of the form by their paths; raise FieldsInvalidError, which names every wrong one."""
     read: dict[str, Callable[[], object]] = {CAMERAS_PATH: _cameras} if tab is CAMERAS else {}
     read |= {field.path: partial(_value, field) for field in tab.fields}
     angles = {field.path for field in tab.fields if field.in_degrees}
     values: Settings = {}
-    wrong: list[FieldInvalid] = []
+    wrong: list[FieldInvalidError] = []
     for path, value in read.items():
         with _collected(wrong, in_degrees=path in angles):
             values[path] = value()
             schemas.read(put_path({}, path, values[path]), GivenSettings, of="settings")
     if wrong:
-        raise FieldsInvalid(wrong)
+        raise FieldsInvalidError(wrong)
     return values
 
 
 @contextmanager
-def _collected(wrong: list[FieldInvalid], *, in_degrees: bool) -> Iterator[None]:
+def _collected(wrong: list[FieldInvalidError], *, in_degrees: bool) -> Iterator[None]:
     try:
         yield
-    except FieldInvalid as problem:
+    except FieldInvalidError as problem:
         detail = RANGE.sub(_range_in_degrees, problem.detail) if in_degrees else problem.detail
-        wrong.append(FieldInvalid(detail, problem.field))
+        wrong.append(FieldInvalidError(detail, problem.field))
 
 
 def _range_in_degrees(range_: re.Match[str]) -> str:
@@ -233,7 +238,7 @@ def _value(field: SettingField) -> object:
     """Return what a field has, unchecked."""
     text = request.form.get(field.path)
     if text is None or len(text) > MAX_FIELD_LENGTH:
-        raise FieldInvalid(f"cannot use {field.path}: it is missing or too long", field.path)
+        raise FieldInvalidError(f"cannot use {field.path}: it is missing or too long", field.path)
     text = text.strip()
     if field.kind == "globs":
         return [line.strip() for line in text.splitlines() if line.strip()]

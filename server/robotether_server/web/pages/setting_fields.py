@@ -10,7 +10,7 @@ from typing import Literal
 
 from robotether_server import robot_settings
 from robotether_server.page_settings import BatteryUnit, DriveType, Kind
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.robot_settings import get_path, is_in
 from robotether_server.web import forms
 
@@ -385,7 +385,7 @@ def summary(settings: Mapping[str, object]) -> list[tuple[str, str]]:
     """Return what of safety and permissions differs from the defaults, as labels and texts."""
     try:
         given = robot_settings.parse(settings).as_given()
-    except FieldInvalid as error:
+    except FieldInvalidError as error:
         # Somebody wrote by SQL what nobody may set.
         return [("Not valid", error.detail)]
     return [

@@ -10,7 +10,7 @@ import pytest
 from fake_cloud import fingerprint
 from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, Finding, fail, ok, skipped
 from robotether_agent.doctor.checks import run_checks
-from robotether_agent.problems import ServerKeyChanged
+from robotether_agent.problems import ServerKeyChangedError
 from robotether_agent.settings import Settings
 from robotether_agent.status import render
 
@@ -110,7 +110,7 @@ async def test_after_another_host_key_doctor_status_and_log_agree(make_cloud, st
     cloud.ssh.stop()
     cloud.ssh.new_host_key()
     cloud.ssh.start()
-    with pytest.raises(ServerKeyChanged) as ended:
+    with pytest.raises(ServerKeyChangedError) as ended:
         await asyncio.wait_for(agent.task, 30)
     shown = render(agent.status(), time.time())
     found = {f.step: f async for f in run_checks(agent.settings)}

@@ -27,14 +27,14 @@ from robotether_agent.enrolment.enroller import (
 from robotether_agent.enrolment.keys import ensure_next_key
 from robotether_agent.fields import ListedCell
 from robotether_agent.problems import (
-    InterfaceMissing,
-    JoinRefused,
-    KeyUnusable,
-    NotEnrolled,
+    InterfaceMissingError,
+    JoinRefusedError,
+    KeyUnusableError,
+    NotEnrolledError,
     Retry,
-    ServerUnreachable,
-    SettingsInvalid,
-    StateUnusable,
+    ServerUnreachableError,
+    SettingsInvalidError,
+    StateUnusableError,
 )
 from robotether_agent.settings import Settings, load
 from robotether_common.join import JOIN_NAMESPACE, join_message
@@ -161,7 +161,7 @@ async def test_a_fresh_robot_needs_the_server(cloud, settings):
     """Without an enrolment and without the web there is nothing to connect to."""
     await cloud.stop_web()
     enroller = Enroller(settings)
-    with pytest.raises(ServerUnreachable):
+    with pytest.raises(ServerUnreachableError):
         await enroller.enrolment()
 
 
@@ -227,17 +227,17 @@ async def test_a_refusal_holds_for_an_enrolled_robot_too(cloud, settings):
     await enroller.key()
     refusal = {"code": "robot_disabled", "detail": "it is disabled"}
     cloud.answer = lambda: web.json_response(refusal, status=403)
-    with pytest.raises(JoinRefused, match="it is disabled"):
+    with pytest.raises(JoinRefusedError, match="it is disabled"):
         await enroller.enrolment()
     cloud.remove_robot()
-    with pytest.raises(NotEnrolled, match="robotether robot approve"):
+    with pytest.raises(NotEnrolledError, match="robotether robot approve"):
         await enroller.enrolment()
 
 
 async def test_a_fresh_robot_shows_its_token(cloud, settings, place):
     """The token goes with the first join; a token file that is missing then is a wrong setting."""
     settings = replace(settings, token_file=place / "token")
-    with pytest.raises(SettingsInvalid, match="cannot read the join token"):
+    with pytest.raises(SettingsInvalidError, match="cannot read the join token"):
         await enrol(settings)
     (place / "token").write_text("rt_abc\n")
     await enrol(settings)
@@ -274,7 +274,7 @@ async def test_a_token_that_is_worthless_keeps_no_enrolled_robot_out(cloud, sett
 async def test_a_worthless_token_keeps_a_fresh_robot_out(cloud, settings):
     """Who gave a robot a token is told that it is no use, not left with a robot that waits."""
     cloud.answer = refuses_tokens(cloud, 401, "token_invalid")
-    with pytest.raises(JoinRefused, match="this token is of no use"):
+    with pytest.raises(JoinRefusedError, match="this token is of no use"):
         await enrol(replace(settings, token="rt_old"))
     assert len(cloud.joins) == 1
 
@@ -303,14 +303,14 @@ async def test_a_fresh_robot_needs_a_disk(cloud, settings):
     cloud.mode = "refuses_key"
     enroller = Enroller(settings)
     await enroller.key()
-    with full_disk(), pytest.raises(StateUnusable, match=r"cannot write .*known_hosts"):
+    with full_disk(), pytest.raises(StateUnusableError, match=r"cannot write .*known_hosts"):
         await enroller.enrolment()
 
 
 async def test_the_mac_stays_what_it_was_at_the_join(cloud, settings):
     """An adapter that is pulled out later gives an enrolled robot no other name, a fresh one none."""
     pulled = replace(settings, mac=None, interface="none0")
-    with pytest.raises(InterfaceMissing, match="no interface none0"):
+    with pytest.raises(InterfaceMissingError, match="no interface none0"):
         await enrol(pulled)
     assert cloud.joins == []
     await enrol(settings)
@@ -372,7 +372,7 @@ async def test_a_copy_does_not_connect_in_the_robots_place(cloud, settings, mach
     enroller = await without_its_card(replace(settings, mac=None), machine)
     refusal = {"code": "mac_elsewhere", "detail": "robot sim1 is online on another machine"}
     cloud.answer = lambda: web.json_response(refusal, status=409)
-    with pytest.raises(JoinRefused, match="sudo robotether-agent forget") as error:
+    with pytest.raises(JoinRefusedError, match="sudo robotether-agent forget") as error:
         await enroller.enrolment()
     assert error.value.retry is Retry.SLOWLY
 
@@ -381,7 +381,7 @@ async def test_a_robot_without_its_mac_does_not_guess(cloud, settings, machine):
     """With the web away nobody can tell it from a copy, and two robots under one name are worse than none."""
     enroller = await without_its_card(replace(settings, mac=None), machine)
     await cloud.stop_web()
-    with pytest.raises(ServerUnreachable):
+    with pytest.raises(ServerUnreachableError):
         await enroller.enrolment()
 
 
@@ -409,7 +409,7 @@ async def test_an_answer_that_was_lost_is_asked_for_again(cloud, settings):
     """When the agent dies after the server took the key, the next start brings the change to its end."""
     enroller = await enrol(settings)
     cloud.mode = "loses_answers"
-    with pytest.raises(ServerUnreachable):
+    with pytest.raises(ServerUnreachableError):
         await enroller.rotate()
     coming = await enroller.next_key()
     assert coming is not None
@@ -425,7 +425,7 @@ async def test_a_change_that_the_server_never_heard_of_goes_on(cloud, settings):
     enroller = await enrol(settings)
     await enroller.enrolment()
     await cloud.stop_web()
-    with pytest.raises(ServerUnreachable):
+    with pytest.raises(ServerUnreachableError):
         await enroller.rotate()
     assert (await Enroller(settings).enrolment()).robot == "sim1"
 
@@ -446,7 +446,7 @@ async def test_a_disk_that_takes_no_new_key_keeps_the_old_one(cloud, settings):
     """Nothing is asked of the server before the new key is safe on the disk."""
     enroller = await enrol(settings)
     old = await enroller.key()
-    with full_disk(), pytest.raises((KeyUnusable, StateUnusable)):
+    with full_disk(), pytest.raises((KeyUnusableError, StateUnusableError)):
         await enroller.rotate()
     assert len(cloud.joins) == 1
     assert await enroller.key() == old
@@ -471,7 +471,7 @@ async def test_a_key_that_an_admin_rejected_is_given_up(cloud, settings):
     enroller = await enrol(settings)
     refusal = {"code": "key_rejected", "detail": "this key was rejected"}
     cloud.refuses_rotation = lambda: web.json_response(refusal, status=403)
-    with pytest.raises(JoinRefused, match="rejected"):
+    with pytest.raises(JoinRefusedError, match="rejected"):
         await enroller.rotate()
     assert await enroller.next_key() is None
     assert (await enroller.enrolment()).robot == "sim1"

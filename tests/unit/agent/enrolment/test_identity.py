@@ -6,7 +6,7 @@ import pytest
 from fake_root import FakeRoot
 from robotether_agent.enrolment.identity import find_interface, interface_with
 from robotether_agent.fields import MacError, normalise_mac
-from robotether_agent.problems import InterfaceMissing
+from robotether_agent.problems import InterfaceMissingError
 
 WIFI = "b8:27:eb:01:02:03"
 
@@ -68,7 +68,7 @@ def test_without_a_route_wired_comes_first_then_the_lowest_index(root):
 def test_locally_administered_only_when_allowed(root):
     """A made-up address could name two robots, so it counts only when the settings say so."""
     root.add("eth0", "02:42:ac:11:00:02", 2)
-    with pytest.raises(InterfaceMissing, match="no physical network interface"):
+    with pytest.raises(InterfaceMissingError, match="no physical network interface"):
         root.find()
     assert root.find(allow_local=True) == "02:42:ac:11:00:02"
 
@@ -77,9 +77,9 @@ def test_a_named_interface_needs_no_hardware(root):
     """Who names an interface gets it, or a sentence that says why not."""
     root.add("eth0", "02:42:ac:11:00:02", 2, device=False)
     assert root.find("eth0", allow_local=True) == "02:42:ac:11:00:02"
-    with pytest.raises(InterfaceMissing, match=r"locally administered.*allow_local_mac"):
+    with pytest.raises(InterfaceMissingError, match=r"locally administered.*allow_local_mac"):
         root.find("eth0")
-    with pytest.raises(InterfaceMissing, match="no interface eth9"):
+    with pytest.raises(InterfaceMissingError, match="no interface eth9"):
         root.find("eth9")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from fake_root import FakeRoot
 from robotether_agent.enrolment.identity import Identity, IdentityStore
-from robotether_agent.problems import InterfaceMissing
+from robotether_agent.problems import InterfaceMissingError
 from robotether_agent.settings import Settings
 
 WIRED, WIFI, USB = "00:1b:44:00:00:01", "b8:27:eb:00:00:02", "00:1b:44:00:00:03"
@@ -124,7 +124,7 @@ def test_a_machine_without_hardware_is_told_so(tmp_path):
     """A container has no physical interface: a sentence, and nothing is kept."""
     machine = Machine(tmp_path)
     machine.remove("wlan0")
-    with pytest.raises(InterfaceMissing, match="no physical network interface"):
+    with pytest.raises(InterfaceMissingError, match="no physical network interface"):
         machine.is_now()
     assert list(machine.state.iterdir()) == []
 

@@ -14,13 +14,13 @@ from fake_proxy import FakeProxy
 from local_network import free_port
 from robotether_agent.enrolment.join import JoinRequest, join, join_token, read_answer
 from robotether_agent.problems import (
-    AnswerInvalid,
-    JoinRefused,
-    NotEnrolled,
+    AnswerInvalidError,
+    JoinRefusedError,
+    NotEnrolledError,
     Retry,
-    ServerUnreachable,
-    SettingsInvalid,
-    TlsUntrusted,
+    ServerUnreachableError,
+    SettingsInvalidError,
+    TlsUntrustedError,
 )
 from robotether_agent.settings import Settings
 from robotether_common.join import PreviousKey
@@ -60,10 +60,10 @@ async def test_own_authority_is_enough(make_cloud):
 async def test_other_certificate_is_not_trusted(make_cloud):
     """Neither a wrong fingerprint nor an unknown authority gets the request, and the sentence says which."""
     cloud = await make_cloud()
-    with pytest.raises(TlsUntrusted, match="not the pinned one") as pinned:
+    with pytest.raises(TlsUntrustedError, match="not the pinned one") as pinned:
         await join(Settings(server=cloud.server, tls_fingerprint=b"\0" * 32), REQUEST)
     assert fingerprint() in pinned.value.message.replace(":", "")
-    with pytest.raises(TlsUntrusted, match="clock is right"):
+    with pytest.raises(TlsUntrustedError, match="clock is right"):
         await join(Settings(server=cloud.server), REQUEST)
     assert cloud.joins == []
 
@@ -71,14 +71,14 @@ async def test_other_certificate_is_not_trusted(make_cloud):
 async def test_unreadable_ca_file_is_a_settings_problem(place):
     """It is read again, and ends no agent whose connection needs it for nothing but a new key."""
     settings = Settings(server="127.0.0.1:1", ca_file=place / "none.pem")
-    with pytest.raises(SettingsInvalid, match="ca_file") as found:
+    with pytest.raises(SettingsInvalidError, match="ca_file") as found:
         await join(settings, REQUEST)
     assert found.value.retry is Retry.SLOWLY
     assert "not in /home" in found.value.advice
 
 
 async def test_nothing_there_is_unreachable():
-    with pytest.raises(ServerUnreachable, match=r"cannot reach https://127\.0\.0\.1"):
+    with pytest.raises(ServerUnreachableError, match=r"cannot reach https://127\.0\.0\.1"):
         await join(Settings(server=f"127.0.0.1:{free_port()}"), REQUEST)
 
 
@@ -95,7 +95,7 @@ async def test_through_a_proxy(make_cloud):
         url = proxy.url.replace("//", "//robot:s3cret%2F%40%3A@")
         assert (await join(behind(url, cloud), REQUEST)).robot == "sim1"
         assert proxy.asked == [cloud.server]
-        with pytest.raises(TlsUntrusted, match="not the pinned one"):
+        with pytest.raises(TlsUntrustedError, match="not the pinned one"):
             await join(replace(behind(url, cloud), tls_fingerprint=b"\0" * 32), REQUEST)
 
 
@@ -109,7 +109,7 @@ async def test_through_a_proxy(make_cloud):
 async def test_a_proxy_that_does_not_let_it_through(make_cloud, mode, told):
     cloud = await make_cloud()
     async with FakeProxy(mode) as proxy:
-        with pytest.raises(ServerUnreachable, match=told) as caught:
+        with pytest.raises(ServerUnreachableError, match=told) as caught:
             await join(behind(proxy.url, cloud), REQUEST)
         assert f"the HTTP proxy 127.0.0.1 port {proxy.port}" in str(caught.value)
 
@@ -117,7 +117,7 @@ async def test_a_proxy_that_does_not_let_it_through(make_cloud, mode, told):
 async def test_a_proxy_that_is_not_there(make_cloud):
     """A wrong address is told as the proxy's, and not as the server's."""
     settings = behind(f"http://robot:s3cret@127.0.0.1:{free_port()}", await make_cloud())
-    with pytest.raises(ServerUnreachable, match=r"HTTP proxy .* cannot be reached") as caught:
+    with pytest.raises(ServerUnreachableError, match=r"HTTP proxy .* cannot be reached") as caught:
         await join(settings, REQUEST)
     assert "s3cret" not in str(caught.value)
 
@@ -127,10 +127,10 @@ async def test_redirects_and_endless_answers_are_refused(make_cloud):
     cloud = await make_cloud()
     settings = Settings(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
     cloud.answer = lambda: web.Response(status=302, headers={"Location": "https://127.0.0.1:1/"})
-    with pytest.raises(AnswerInvalid, match="HTTP status 302"):
+    with pytest.raises(AnswerInvalidError, match="HTTP status 302"):
         await join(settings, REQUEST)
     cloud.answer = lambda: web.Response(body=b"x" * 200_000)
-    with pytest.raises(ServerUnreachable, match="longer than"):
+    with pytest.raises(ServerUnreachableError, match="longer than"):
         await join(settings, REQUEST)
 
 
@@ -150,25 +150,25 @@ async def test_redirects_and_endless_answers_are_refused(make_cloud):
 )
 def test_wrong_field_of_the_answer_is_named(changes, field):
     """Nothing that could become an option of ssh or a second line of known_hosts gets through."""
-    with pytest.raises(AnswerInvalid, match=field):
+    with pytest.raises(AnswerInvalidError, match=field):
         read_answer("a.example", 200, answer(**changes))
 
 
 @pytest.mark.parametrize(
     ("status", "code", "kind", "retry"),
     [
-        (202, "approval_pending", NotEnrolled, Retry.ASK_AGAIN),
-        (403, "robot_disabled", JoinRefused, Retry.SLOWLY),
-        (202, "mac_in_use", NotEnrolled, Retry.ASK_AGAIN),
-        (401, "token_invalid", JoinRefused, Retry.SLOWLY),
-        (401, "token_expired", JoinRefused, Retry.SLOWLY),
-        (401, "token_used_up", JoinRefused, Retry.SLOWLY),
-        (403, "key_rejected", JoinRefused, Retry.SLOWLY),
-        (403, "token_required", JoinRefused, Retry.SLOWLY),
-        (409, "key_in_use", JoinRefused, Retry.SLOWLY),
-        (409, "mac_elsewhere", JoinRefused, Retry.SLOWLY),
-        (422, "field_invalid", JoinRefused, Retry.SLOWLY),
-        (429, "too_many_pending", JoinRefused, Retry.ASK_AGAIN),
+        (202, "approval_pending", NotEnrolledError, Retry.ASK_AGAIN),
+        (403, "robot_disabled", JoinRefusedError, Retry.SLOWLY),
+        (202, "mac_in_use", NotEnrolledError, Retry.ASK_AGAIN),
+        (401, "token_invalid", JoinRefusedError, Retry.SLOWLY),
+        (401, "token_expired", JoinRefusedError, Retry.SLOWLY),
+        (401, "token_used_up", JoinRefusedError, Retry.SLOWLY),
+        (403, "key_rejected", JoinRefusedError, Retry.SLOWLY),
+        (403, "token_required", JoinRefusedError, Retry.SLOWLY),
+        (409, "key_in_use", JoinRefusedError, Retry.SLOWLY),
+        (409, "mac_elsewhere", JoinRefusedError, Retry.SLOWLY),
+        (422, "field_invalid", JoinRefusedError, Retry.SLOWLY),
+        (429, "too_many_pending", JoinRefusedError, Retry.ASK_AGAIN),
     ],
 )
 def test_each_refusal_keeps_its_reason(status, code, kind, retry):
@@ -180,16 +180,16 @@ def test_each_refusal_keeps_its_reason(status, code, kind, retry):
     # The server's own sentence for an approval says how it is given.
     assert error.value.advice or code == "approval_pending"
     assert "ask the server's administrator" not in error.value.advice
-    assert error.value.code == ("not_enrolled" if kind is NotEnrolled else code)
+    assert error.value.code == ("not_enrolled" if kind is NotEnrolledError else code)
 
 
 @pytest.mark.parametrize(
     ("status", "body", "kind"),
     [
-        (502, b"<html>", ServerUnreachable),
-        (200, b"<html>Welcome to the hotel", AnswerInvalid),
-        (404, b"{}", AnswerInvalid),
-        (200, b'{"state": "pending"}', AnswerInvalid),
+        (502, b"<html>", ServerUnreachableError),
+        (200, b"<html>Welcome to the hotel", AnswerInvalidError),
+        (404, b"{}", AnswerInvalidError),
+        (200, b'{"state": "pending"}', AnswerInvalidError),
     ],
 )
 def test_other_servers_are_told_apart(status, body, kind):
@@ -210,7 +210,7 @@ async def test_a_wrong_clock_is_told_as_such_and_no_matter_with_a_pin(place, beg
     cloud = FakeCloud(pem=pem)
     await cloud.start()
     try:
-        with pytest.raises(TlsUntrusted, match=f"this robot's clock says 20.* {why}") as error:
+        with pytest.raises(TlsUntrustedError, match=f"this robot's clock says 20.* {why}") as error:
             await join(Settings(server=cloud.server, ca_file=pem), REQUEST)
         assert "with tls_fingerprint set the clock does not matter" in error.value.advice
         pinned = bytes.fromhex(fingerprint_of(pem))
@@ -243,7 +243,7 @@ def test_a_token_file_is_read_when_it_is_needed(place):
     """It may be gone once the robot is enrolled; a join without it says which is missing."""
     file = place / "token"
     settings = Settings(server="a.example", token_file=file)
-    with pytest.raises(SettingsInvalid, match="cannot read the join token"):
+    with pytest.raises(SettingsInvalidError, match="cannot read the join token"):
         join_token(settings)
     file.write_text("from-file\n")
     assert join_token(settings) == "from-file"

@@ -23,7 +23,12 @@ from robotether_agent.enrolment.keys import (
     present_key,
     promote,
 )
-from robotether_agent.problems import KeyUnusable, ServerKeyChanged, SshMissing, StateUnusable
+from robotether_agent.problems import (
+    KeyUnusableError,
+    ServerKeyChangedError,
+    SshMissingError,
+    StateUnusableError,
+)
 
 
 async def test_made_once_and_kept(place):
@@ -46,7 +51,7 @@ async def test_damaged_public_half_is_told(place):
     """A .pub that was cut short is key_unusable, with what to do."""
     key = await ensure_key(place)
     key.path.with_suffix(".pub").write_text(key.public[:-3])
-    with pytest.raises(KeyUnusable, match="not ssh-ed25519"):
+    with pytest.raises(KeyUnusableError, match="not ssh-ed25519"):
         await ensure_key(place)
 
 
@@ -61,25 +66,25 @@ async def test_open_mode_is_mended(place):
 async def test_broken_and_foreign_keys_are_told(place):
     """A key that ssh-keygen cannot read, or of another type, is key_unusable with its path."""
     (place / "id_ed25519").write_text("rubbish")
-    with pytest.raises(KeyUnusable, match="id_ed25519") as damaged:
+    with pytest.raises(KeyUnusableError, match="id_ed25519") as damaged:
         await ensure_key(place)
     assert "remove it" in damaged.value.advice
     (place / "id_ed25519").unlink()
     command = ["ssh-keygen", "-q", "-t", "ecdsa", "-N", "", "-f", str(place / "id_ed25519")]
     await asyncio.to_thread(subprocess.run, command, check=True, stdin=subprocess.DEVNULL)
-    with pytest.raises(KeyUnusable, match="not ssh-ed25519"):
+    with pytest.raises(KeyUnusableError, match="not ssh-ed25519"):
         await ensure_key(place)
 
 
 async def test_nowhere_to_write(place):
-    with pytest.raises(StateUnusable, match="cannot make the robot's key in"):
+    with pytest.raises(StateUnusableError, match="cannot make the robot's key in"):
         await ensure_key(place / "none")
 
 
 async def test_without_ssh_keygen(place, monkeypatch):
     """A robot without OpenSSH is told which package to install, and nothing is left half-made."""
     monkeypatch.setenv("PATH", str(place))
-    with pytest.raises(SshMissing, match="openssh-client"):
+    with pytest.raises(SshMissingError, match="openssh-client"):
         await ensure_key(place)
     assert list(place.iterdir()) == []
 
@@ -140,7 +145,7 @@ async def test_a_broken_next_key_does_not_touch_the_key_in_use(place):
     (place / "id_ed25519.next").write_text("rubbish")
     (place / "id_ed25519.next").chmod(0o600)
     assert await next_key(place) is None
-    with pytest.raises(KeyUnusable, match=r"id_ed25519\.next"):
+    with pytest.raises(KeyUnusableError, match=r"id_ed25519\.next"):
         await ensure_next_key(place)
 
 
@@ -183,7 +188,7 @@ def test_only_what_agrees_with_the_pin_is_trusted(now, trusted):
     if trusted:
         check_host_keys(PATH, [ED], now)
         return
-    with pytest.raises(ServerKeyChanged, match="SHA256:"):
+    with pytest.raises(ServerKeyChangedError, match="SHA256:"):
         check_host_keys(PATH, [ED], now)
 
 
@@ -191,7 +196,7 @@ def test_only_what_agrees_with_the_pin_is_trusted(now, trusted):
 def test_a_broken_pin_is_not_as_good_as_none(place, text):
     """A damaged file must not make the agent trust whatever comes next."""
     (place / "known_hosts").write_text(text)
-    with pytest.raises(StateUnusable, match="cannot use the pinned host keys"):
+    with pytest.raises(StateUnusableError, match="cannot use the pinned host keys"):
         pinned_host_keys(place / "known_hosts")
 
 
@@ -199,7 +204,7 @@ def test_other_host_keys_of_the_same_server_are_refused(place):
     """A second join changes neither pin nor enrolment when the host keys differ."""
     store = EnrolmentStore(place)
     store.keep(ENROLMENT, [PINNED])
-    with pytest.raises(ServerKeyChanged):
+    with pytest.raises(ServerKeyChangedError):
         store.keep(Enrolment("a.example", "renamed", ENROLMENT.mac, ACCESS), [OTHER])
     assert store.load("a.example") == ENROLMENT
 
@@ -210,7 +215,7 @@ def test_a_broken_enrolment_keeps_the_pin(place):
     store.keep(ENROLMENT, [PINNED])
     (place / "enrolment.json").write_text("{")
     assert store.load("a.example") is None
-    with pytest.raises(ServerKeyChanged):
+    with pytest.raises(ServerKeyChangedError):
         store.keep(ENROLMENT, [OTHER])
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.authorizer import AGENT_SILENT_S, Authorizer, NotAuthorized
-from robotether_agent.guard.drive_messages import Refused
+from robotether_agent.guard.authorizer import AGENT_SILENT_S, Authorizer, DriveNotAuthorizedError
+from robotether_agent.guard.drive_messages import DriveMessageRefusedError
 from robotether_agent.guard.topics import Authorization
 
 NOW = 100.0
@@ -26,7 +26,7 @@ def headers(mode: str = "drive", fence: object = 13, key: str = "k1") -> dict[st
 
 
 def status(rights: Authorizer, given_: dict[str, str]) -> int:
-    with pytest.raises(NotAuthorized) as refused:
+    with pytest.raises(DriveNotAuthorizedError) as refused:
         rights.authorize(given_)
     return refused.value.status
 
@@ -34,7 +34,7 @@ def status(rights: Authorizer, given_: dict[str, str]) -> int:
 def kind(
     rights: Authorizer, authorization: Authorization, fence: object = 13, now: float = NOW
 ) -> str:
-    with pytest.raises(Refused) as refused:
+    with pytest.raises(DriveMessageRefusedError) as refused:
         rights.check(authorization, fence, now)
     return refused.value.kind
 
@@ -225,7 +225,7 @@ def test_an_old_fence_never_passes(events: list[tuple[str, int]]) -> None:
         elif what == "door":
             try:
                 newest = max(newest, rights.authorize(headers(fence=fence)).fence)
-            except NotAuthorized:
+            except DriveNotAuthorizedError:
                 continue
         elif what == "stop":
             rights.stop()

@@ -28,7 +28,7 @@ from robotether_agent.guard.fork_server import (
     fork_server_command,
     guard_environment,
 )
-from robotether_agent.problems import GuardDown
+from robotether_agent.problems import GuardDownError
 
 TEN_S = 10.0
 
@@ -56,7 +56,7 @@ async def start(place: Path) -> AsyncIterator[Start]:
 async def served(guard: GuardProcess, lines: list[dict[str, Any]] | None = None) -> str:
     """Return why the guard's life ended."""
     taken = [] if lines is None else lines
-    with pytest.raises(GuardDown) as caught:
+    with pytest.raises(GuardDownError) as caught:
         await asyncio.wait_for(guard.serve(lambda line: taken.append(dict(line))), 10)
     return caught.value.message
 
@@ -111,7 +111,7 @@ async def test_one_that_does_not_end_is_killed(start, place, monkeypatch):
 
 async def test_a_guard_that_cannot_be_started_is_down(place):
     """A missing program is told like a guard that ended."""
-    with pytest.raises(GuardDown, match="cannot start the guard: No such file"):
+    with pytest.raises(GuardDownError, match="cannot start the guard: No such file"):
         ForkServer.start([str(place / "none")])
 
 

@@ -17,10 +17,10 @@ from robotether_agent.guard.drive_messages import (
     CheckedCommand,
     DriveLimits,
     DriveMessage,
+    DriveMessageRefusedError,
+    DriveMessageUnclearError,
     DriveTopics,
-    Refused,
     Shape,
-    Unclear,
     Vector,
     drive_message,
     limited,
@@ -113,7 +113,7 @@ def test_operations_on_drive_topics_are_found(operation: str, name: str) -> None
 @pytest.mark.parametrize("operation", ["publish", "advertise", "unadvertise"])
 def test_a_drive_command_for_what_is_no_drive_topic_here_is_refused(operation: str) -> None:
     """Settings change at the server first: what it stamped must not reach the wheels past the guard."""
-    with pytest.raises(Unclear, match="is a drive topic for the server"):
+    with pytest.raises(DriveMessageUnclearError, match="is a drive topic for the server"):
         read({"op": operation, "topic": "/base/move", "robotether": {"t_ms": 1.0, "fence": 13}})
 
 
@@ -154,13 +154,13 @@ def test_escapes_hide_no_operation() -> None:
 )  # fmt: skip
 def test_what_cannot_be_checked_is_refused(data: bytes) -> None:
     """Whatever else rosbridge's parser could make of it."""
-    with pytest.raises(Unclear):
+    with pytest.raises(DriveMessageUnclearError):
         read(data)
 
 
 def test_a_refusal_names_the_message() -> None:
     """The client finds its own id in the answer."""
-    with pytest.raises(Unclear) as refused:
+    with pytest.raises(DriveMessageUnclearError) as refused:
         read({"op": "png", "id": "p1"})
     assert (refused.value.message_id, refused.value.kind) == ("p1", "shape")
 
@@ -194,7 +194,7 @@ def test_nothing_that_passes_can_drive(value: object) -> None:
     """Neither itself nor by an operation inside that a parser in trouble could find."""
     try:
         passed = read(json.dumps(value).encode()) is None
-    except Unclear:
+    except DriveMessageUnclearError:
         return
     assert isinstance(value, dict)
     inner = operations(list(value.values()))
@@ -207,7 +207,7 @@ def test_nothing_that_passes_can_drive(value: object) -> None:
 def test_rubbish_is_refused_and_raises_nothing_else(data: bytes) -> None:
     try:
         read(data)
-    except Unclear:
+    except DriveMessageUnclearError:
         return
 
 
@@ -251,7 +251,7 @@ def test_the_advertised_type_decides_only_when_the_message_says_nothing() -> Non
     assert read_command({}, "ackermann").shape == "ackermann"
     assert read_command({"header": {}}, "twist_stamped").shape == "twist_stamped"
     assert read_command(TWIST, "ackermann").shape == "twist"
-    with pytest.raises(Refused):
+    with pytest.raises(DriveMessageRefusedError):
         read_command({}, None)
 
 
@@ -278,7 +278,7 @@ def test_stamp_and_number_are_the_robots(stamp: object, body: dict[str, Any]) ->
 )  # fmt: skip
 def test_anything_else_is_no_command(message: object) -> None:
     """Numbers that are none, fields that nobody knows, shapes of other messages."""
-    with pytest.raises(Refused) as refused:
+    with pytest.raises(DriveMessageRefusedError) as refused:
         read_command(message, None)
     assert refused.value.kind == "shape"
 
@@ -314,7 +314,7 @@ VECTOR = st.dictionaries(st.sampled_from(["x", "y", "z", "w"]), NUMBER, max_size
 def test_whatever_passes_is_finite_and_json(message: dict[str, Any]) -> None:
     try:
         command = read_command(message, None)
-    except Refused:
+    except DriveMessageRefusedError:
         return
     numbers = (*command.linear, *command.angular, command.steering)
     assert all(-MAX_NUMBER <= number <= MAX_NUMBER for number in numbers)

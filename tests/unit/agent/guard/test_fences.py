@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from robotether_agent.guard.fences import FenceFile, FenceStore
-from robotether_agent.problems import StateUnusable
+from robotether_agent.problems import StateUnusableError
 from robotether_common.session import MAX_FENCE
 from sim_client import until
 
@@ -86,7 +86,7 @@ async def test_a_disk_that_fails_keeps_nobody_waiting_and_may_work_again(
 ) -> None:
     caplog.set_level(logging.ERROR)
     store = FenceStore(FenceFile(tmp_path / "gone"))
-    with pytest.raises(StateUnusable, match=r"cannot write .*fence\.json"):
+    with pytest.raises(StateUnusableError, match=r"cannot write .*fence\.json"):
         await store.keep(14)
     assert store.kept == 0
     assert "nobody can drive with lease 14" in caplog.text

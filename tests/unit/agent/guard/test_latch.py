@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.agent_messages import ReleaseRequest, StopRequest
 from robotether_agent.guard.latch import MAX_WAITING, Latch, StopFile
-from robotether_agent.problems import StateUnusable
+from robotether_agent.problems import StateUnusableError
 from sim_client import until
 
 
@@ -41,7 +41,7 @@ def test_a_stop_that_is_no_file_is_a_stop(tmp_path: Path) -> None:
 
 
 def test_a_stop_for_which_there_is_no_directory_is_a_problem(tmp_path: Path) -> None:
-    with pytest.raises(StateUnusable):
+    with pytest.raises(StateUnusableError):
         StopFile(tmp_path / "gone").write("ben")
 
 

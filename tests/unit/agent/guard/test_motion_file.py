@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from robotether_agent.guard.topics import REMOVED_AFTER_S, Driven, MotionFile, MotionTracker
-from robotether_agent.problems import StateUnusable
+from robotether_agent.problems import StateUnusableError
 
 DRIVEN = [
     Driven("/cmd_vel", "twist"),
@@ -40,7 +40,7 @@ def test_motion_that_cannot_be_read_is_motion(tmp_path: Path, text: str) -> None
 
 def test_a_directory_that_is_gone_is_a_problem(tmp_path: Path) -> None:
     gone = tmp_path / "gone"
-    with pytest.raises(StateUnusable):
+    with pytest.raises(StateUnusableError):
         MotionFile(gone).write(DRIVEN)
 
 

@@ -8,7 +8,11 @@ import pytest
 from controller_world import FakeSource, World
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.drive_messages import CheckedCommand, MessageId, Refused
+from robotether_agent.guard.drive_messages import (
+    CheckedCommand,
+    DriveMessageRefusedError,
+    MessageId,
+)
 from robotether_agent.guard.topics import (
     MAX_TOPICS,
     MAX_TYPES,
@@ -46,7 +50,7 @@ def test_their_number_is_bounded() -> None:
     topics = Topics()
     for number in range(MAX_TOPICS):
         topics.ensure(f"/t{number}", 1.0, stays)
-    with pytest.raises(Refused):
+    with pytest.raises(DriveMessageRefusedError):
         topics.ensure("/one_more", 2.0, stays)
     assert topics.ensure("/t3", 3.0, stays).name == "/t3"
     assert len(list(topics)) == MAX_TOPICS

@@ -8,7 +8,7 @@ from itertools import repeat
 import pytest
 from fake_cloud import eventually
 from robotether_agent.net.happy_eyeballs import HappyEyeballs, after, combined_problem
-from robotether_agent.problems import NoAnswer, ServerBusy, ServerUnreachable
+from robotether_agent.problems import NoAnswerError, ServerBusyError, ServerUnreachableError
 
 
 class Attempts:
@@ -44,7 +44,10 @@ def attempts() -> Attempts:
 
 async def test_a_failure_starts_the_next_at_once(attempts):
     """No pause is waited for after a refusal."""
-    ways = [attempts.that("refused", ServerUnreachable("no")), attempts.that("second", "works")]
+    ways = [
+        attempts.that("refused", ServerUnreachableError("no")),
+        attempts.that("second", "works"),
+    ]
     race = HappyEyeballs(ways, pause=never, drop=attempts.dropped.append)
     assert await asyncio.wait_for(race.winner(), 5) == "second"
 
@@ -61,7 +64,7 @@ async def test_two_that_work_in_the_same_moment(attempts):
 
 async def test_one_that_is_not_eager_goes_on_until_something_refuses(attempts):
     """Silence is tried again without end and with pauses; a refusal ends it."""
-    outcomes = iter([NoAnswer("x"), NoAnswer("x"), ServerUnreachable("no")])
+    outcomes = iter([NoAnswerError("x"), NoAnswerError("x"), ServerUnreachableError("no")])
     pauses: list[int] = []
 
     async def attempt() -> str:
@@ -71,7 +74,7 @@ async def test_one_that_is_not_eager_goes_on_until_something_refuses(attempts):
         pauses.append(1)
 
     race = HappyEyeballs(repeat(attempt), pause=pause, drop=attempts.dropped.append, eager=False)
-    with pytest.raises(ServerUnreachable):
+    with pytest.raises(ServerUnreachableError):
         await asyncio.wait_for(race.winner(), 5)
     assert len(pauses) >= 2
 
@@ -122,8 +125,8 @@ async def test_what_came_together_with_a_cancellation_is_dropped(attempts):
 
 async def test_a_busy_server_ends_the_attempts(attempts):
     """Its other ports are not asked: they lead to the same server."""
-    ways = [attempts.that("busy", ServerBusy("full")), attempts.that("second", "works")]
-    with pytest.raises(ServerBusy, match="full"):
+    ways = [attempts.that("busy", ServerBusyError("full")), attempts.that("second", "works")]
+    with pytest.raises(ServerBusyError, match="full"):
         await HappyEyeballs(ways, pause=after(10), drop=attempts.dropped.append).winner()
     assert attempts.started == ["busy"]
 
@@ -131,10 +134,14 @@ async def test_a_busy_server_ends_the_attempts(attempts):
 @pytest.mark.parametrize(
     ("problems", "kind", "told"),
     [
-        ([], NoAnswer, "nothing answers"),
-        ([NoAnswer("a"), NoAnswer("a"), NoAnswer("b")], NoAnswer, "a; b"),
-        ([NoAnswer("a"), ServerUnreachable("b")], ServerUnreachable, "b"),
-        ([NoAnswer("a"), ServerUnreachable("b"), ServerBusy("c")], ServerBusy, "c"),
+        ([], NoAnswerError, "nothing answers"),
+        ([NoAnswerError("a"), NoAnswerError("a"), NoAnswerError("b")], NoAnswerError, "a; b"),
+        ([NoAnswerError("a"), ServerUnreachableError("b")], ServerUnreachableError, "b"),
+        (
+            [NoAnswerError("a"), ServerUnreachableError("b"), ServerBusyError("c")],
+            ServerBusyError,
+            "c",
+        ),
     ],
 )
 def test_of_several_problems_the_servers_own_word_counts(problems, kind, told):

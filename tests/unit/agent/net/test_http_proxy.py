@@ -8,7 +8,7 @@ import pytest
 from fake_proxy import PASSWORD, SECRET, USER, FakeProxy
 from robotether_agent.net.http_proxy import Proxy, ask_for, proxy_of, refusal, request
 from robotether_agent.net.tcp import Resolver, connect
-from robotether_agent.problems import NoAnswer, ServerUnreachable
+from robotether_agent.problems import NoAnswerError, ServerUnreachableError
 from ssh_ports import SshPort
 
 WITH_LOGIN = "http://robot:s3cret%2F%40%3A@127.0.0.1:{port}"
@@ -50,12 +50,16 @@ def test_the_request(host, authority):
     [
         (b"HTTP/1.1 200 Connection established\r\n\r\n", None, ""),
         (b"HTTP/1.0 200\r\nVia: x\r\n\r\n", None, ""),
-        (b"HTTP/1.1 403 Forbidden\r\n\r\n", ServerUnreachable, "p port 1 answers 403 Forbidden"),
-        (b"HTTP/1.1 407 Who?\r\n\r\n", ServerUnreachable, "USER:PASSWORD"),
-        (b"HTTP/1.1 504 Too late\r\n\r\n", NoAnswer, "504 Too late"),
-        (b"HTTP/1.1 403 \x1b[31m\r\n\r\n", ServerUnreachable, "403"),
-        (b"SSH-2.0-OpenSSH_9.2\r\n\r\n", ServerUnreachable, "not HTTP"),
-        (b"HTTP/1.1 200 " + b"x" * 9000, ServerUnreachable, "not HTTP"),
+        (
+            b"HTTP/1.1 403 Forbidden\r\n\r\n",
+            ServerUnreachableError,
+            "p port 1 answers 403 Forbidden",
+        ),
+        (b"HTTP/1.1 407 Who?\r\n\r\n", ServerUnreachableError, "USER:PASSWORD"),
+        (b"HTTP/1.1 504 Too late\r\n\r\n", NoAnswerError, "504 Too late"),
+        (b"HTTP/1.1 403 \x1b[31m\r\n\r\n", ServerUnreachableError, "403"),
+        (b"SSH-2.0-OpenSSH_9.2\r\n\r\n", ServerUnreachableError, "not HTTP"),
+        (b"HTTP/1.1 200 " + b"x" * 9000, ServerUnreachableError, "not HTTP"),
     ],
 )
 def test_each_answer_is_told(head, kind, told):
@@ -78,7 +82,7 @@ async def through(
     connection = await connect(parsed.host, parsed.port, Resolver(), "the proxy")
     try:
         await ask_for(connection, parsed, "127.0.0.1", port)
-    except (NoAnswer, ServerUnreachable):
+    except (NoAnswerError, ServerUnreachableError):
         connection.close()
         raise
     return connection
@@ -90,14 +94,14 @@ async def through(
 )
 async def test_a_proxy_that_does_not_join(mode, told):
     async with FakeProxy(mode) as proxy:
-        with pytest.raises(ServerUnreachable, match=told) as caught:
+        with pytest.raises(ServerUnreachableError, match=told) as caught:
             await through(proxy, 9)
         assert f"the HTTP proxy 127.0.0.1 port {proxy.port}" in str(caught.value)
 
 
 async def test_a_proxy_that_wants_a_password():
     async with SshPort() as door, FakeProxy("needs_password") as proxy:
-        with pytest.raises(ServerUnreachable, match="USER:PASSWORD"):
+        with pytest.raises(ServerUnreachableError, match="USER:PASSWORD"):
             await through(proxy, door.port)
         (await through(proxy, door.port, WITH_LOGIN)).close()
 
@@ -106,5 +110,5 @@ async def test_a_silent_proxy(monkeypatch):
     """One that says nothing is given up, and taken for no answer."""
     monkeypatch.setattr("robotether_agent.net.http_proxy.TIMEOUT_S", 0.1)
     async with FakeProxy("silent") as proxy:
-        with pytest.raises(NoAnswer, match="does not answer"):
+        with pytest.raises(NoAnswerError, match="does not answer"):
             await through(proxy, 9)

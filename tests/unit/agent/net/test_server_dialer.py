@@ -16,7 +16,7 @@ from robotether_agent.net import server_dialer
 from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.net.tcp import Resolver
-from robotether_agent.problems import NoAnswer, ServerBusy, ServerUnreachable
+from robotether_agent.problems import NoAnswerError, ServerBusyError, ServerUnreachableError
 from ssh_ports import BANNER, SshPort
 
 WAIT_S = 20.0
@@ -112,10 +112,10 @@ async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
 @pytest.mark.parametrize(
     ("mode", "kind", "told"),
     [
-        ("babbles", ServerUnreachable, "no SSH server .*302 Log in"),
-        ("closes", ServerUnreachable, "closes the connection silently"),
-        ("full", ServerBusy, "as many log-ins as it accepts"),
-        ("full_before_10", ServerBusy, "as many log-ins as it accepts"),
+        ("babbles", ServerUnreachableError, "no SSH server .*302 Log in"),
+        ("closes", ServerUnreachableError, "closes the connection silently"),
+        ("full", ServerBusyError, "as many log-ins as it accepts"),
+        ("full_before_10", ServerBusyError, "as many log-ins as it accepts"),
     ],
 )
 async def test_what_is_no_ssh_server_or_takes_nobody(mode, kind, told):
@@ -126,13 +126,13 @@ async def test_what_is_no_ssh_server_or_takes_nobody(mode, kind, told):
 
 async def test_a_refusal_is_told_at_once():
     """A server that is up and refuses is left to the caller's back-off."""
-    with pytest.raises(ServerUnreachable, match="refuses"):
+    with pytest.raises(ServerUnreachableError, match="refuses"):
         await asyncio.wait_for(ServerDialer().find([at(free_port()), at(free_port())]), 5)
 
 
 async def test_silence_is_told_after_a_while(silent_port, monkeypatch):
     monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.3)
-    with pytest.raises(NoAnswer):
+    with pytest.raises(NoAnswerError):
         await asyncio.wait_for(ServerDialer().find([at(silent_port)]), 5)
 
 
@@ -166,7 +166,7 @@ async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypa
         )
         await asyncio.wait({finding}, timeout=1.5)
         assert (busy.connections, other.connections) == (1, 0)
-        with pytest.raises(NoAnswer):
+        with pytest.raises(NoAnswerError):
             await finding
         # One more each, to a server that may have lost the first.
         assert busy.connections + other.connections <= 3
@@ -207,7 +207,7 @@ async def test_a_cell_that_takes_nobody_is_left_alone_while_the_next_is_waited_f
 ):
     """It has said so once; its word is what the caller learns in the end."""
     async with SshPort(mode) as busy:
-        with pytest.raises(ServerUnreachable):
+        with pytest.raises(ServerUnreachableError):
             await asyncio.wait_for(ServerDialer().find(cells(busy.port, silent_port)), WAIT_S)
         assert busy.connections == 1
 
@@ -261,7 +261,7 @@ async def test_a_busy_server_that_ends_its_connection_is_not_waited_for(monkeypa
     monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
     monkeypatch.setattr(server_dialer, "BANNER_TIMEOUT_S", 0.3)
     async with SshPort("silent") as door:
-        with pytest.raises(NoAnswer, match="it accepts the connection but stays silent"):
+        with pytest.raises(NoAnswerError, match="it accepts the connection but stays silent"):
             await asyncio.wait_for(ServerDialer().find([at(door.port)]), 5)
 
 
@@ -280,7 +280,7 @@ async def test_a_connection_in_hand_that_ended_is_not_used():
     dialer = ServerDialer()
     async with SshPort() as door:
         target = await dialer.find([at(door.port)])
-    with pytest.raises(ServerUnreachable):
+    with pytest.raises(ServerUnreachableError):
         await dialer.open(target)
 
 

@@ -22,7 +22,7 @@ from robotether_agent.net.tcp import (
     prepare,
     prepare_for_video,
 )
-from robotether_agent.problems import NoAnswer, ServerUnreachable
+from robotether_agent.problems import NoAnswerError, ServerUnreachableError
 from ssh_ports import SshPort
 
 FOUR = [(socket.AF_INET, (f"192.0.2.{number}", 22)) for number in (1, 2)]
@@ -167,7 +167,7 @@ async def test_an_address_that_refuses_is_passed_over():
 async def test_all_addresses_refuse():
     """A refusal is an answer: the name and each address are told, and the reason once."""
     told = r"cannot reach it: Connection refused \(127.0.0.1, 127.0.0.2\); see that the server runs"
-    with pytest.raises(ServerUnreachable, match=told):
+    with pytest.raises(ServerUnreachableError, match=told):
         await connect("h", free_port(), at("127.0.0.1", "127.0.0.2"), "it")
 
 
@@ -177,13 +177,13 @@ async def test_an_unknown_name_is_no_answer():
     def unknown(*_: object):
         raise socket.gaierror(-2, "Name or service not known")
 
-    with pytest.raises(NoAnswer, match=r"cannot reach it: .*not known"):
+    with pytest.raises(NoAnswerError, match=r"cannot reach it: .*not known"):
         await connect("h", 22, Resolver(unknown), "it")
 
 
 async def test_no_route_to_the_address():
     """What the kernel knows not to work is no answer either."""
-    with pytest.raises(NoAnswer, match=r"240\.0\.0\.1|255\.255"):
+    with pytest.raises(NoAnswerError, match=r"240\.0\.0\.1|255\.255"):
         await connect("h", 22, at("255.255.255.255"), "it")
 
 

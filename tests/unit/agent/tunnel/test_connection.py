@@ -24,7 +24,7 @@ from robotether_agent.enrolment.keys import KeyPair, ensure_key, pin_host_keys
 from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.health import Health
 from robotether_agent.net.server_dialer import SshAddress
-from robotether_agent.problems import AgentProblem
+from robotether_agent.problems import AgentError
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import MAX_RUN_DIR_LENGTH
 from robotether_agent.tunnel.connection import Report, Role, run_connection
@@ -101,7 +101,7 @@ async def robot(place) -> AsyncIterator[Robot]:
     yield made
     for connection in made.started:
         connection.cancel()
-        with suppress(asyncio.CancelledError, AgentProblem):
+        with suppress(asyncio.CancelledError, AgentError):
             await connection
     assert not made.files.control.exists()
 
@@ -166,9 +166,9 @@ async def is_up(up: Up, count: int = 1) -> None:
     await eventually(lambda: len(up.configs) >= count, lambda: f"up {count} times: {up}")
 
 
-async def problem_of(connection: asyncio.Future[Any]) -> AgentProblem:
+async def problem_of(connection: asyncio.Future[Any]) -> AgentError:
     """Return what ends the connection."""
-    with pytest.raises(AgentProblem) as caught:
+    with pytest.raises(AgentError) as caught:
         await asyncio.wait_for(connection, 10)
     return caught.value
 

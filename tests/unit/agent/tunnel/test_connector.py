@@ -17,11 +17,11 @@ from robotether_agent.enrolment.keys import KeyPair, ensure_key
 from robotether_agent.fields import ListedCell
 from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
 from robotether_agent.problems import (
-    LinkLost,
+    LinkLostError,
     Retry,
-    ServerSilent,
-    ServerUnreachable,
-    SessionEnded,
+    ServerSilentError,
+    ServerUnreachableError,
+    SessionEndedError,
 )
 from robotether_agent.settings import Settings
 from robotether_agent.tunnel.connection import Role
@@ -57,11 +57,11 @@ def test_the_settings_come_before_the_joins_answer(host, cells, settings, expect
 @pytest.mark.parametrize(
     ("problem", "again"),
     [
-        (ServerSilent("not reached", retry=Retry.AT_ONCE), (B, NEXT_CELL_AFTER_S)),
-        (ServerSilent("reached, and its relay says nothing"), (A, 0.0)),
-        (SessionEnded("the relay has ended", code="relay_lost"), (A, 0.0)),
-        (SessionEnded("a newer session took over", code="superseded"), (B, 0.0)),
-        (LinkLost("reset"), (B, 0.0)),
+        (ServerSilentError("not reached", retry=Retry.AT_ONCE), (B, NEXT_CELL_AFTER_S)),
+        (ServerSilentError("reached, and its relay says nothing"), (A, 0.0)),
+        (SessionEndedError("the relay has ended", code="relay_lost"), (A, 0.0)),
+        (SessionEndedError("a newer session took over", code="superseded"), (B, 0.0)),
+        (LinkLostError("reset"), (B, 0.0)),
     ],
 )
 async def test_a_cell_that_just_fell_silent_gets_no_more_time(problem, again, monkeypatch):
@@ -102,7 +102,7 @@ async def test_after_a_cell_that_hangs_the_others_come_first(took_s, tried, monk
     async def run(target: SshAddress, *_: object) -> NoReturn:
         targets_tried.append(f"{target.host.removesuffix('.example')} {target.port}")
         now[0] += took_s
-        raise ServerUnreachable("timed out")
+        raise ServerUnreachableError("timed out")
 
     monkeypatch.setattr(ServerDialer, "find", find)
     monkeypatch.setattr("robotether_agent.tunnel.connector.run_connection", run)
@@ -111,7 +111,7 @@ async def test_after_a_cell_that_hangs_the_others_come_first(took_s, tried, monk
     connector = Connector(values, Enroller(values))
     enrolment = Enrolment(values.server, "sim1", MAC, SshAccess("tunnel", None, A.ports, (A, B)))
     role = Role(kind="session", forward=lambda _: None, on_up=lambda *_: None)
-    with pytest.raises(ServerUnreachable):
+    with pytest.raises(ServerUnreachableError):
         await connector.connect(enrolment, KeyPair(Path("/none"), ""), role)
     assert targets_tried == tried
 

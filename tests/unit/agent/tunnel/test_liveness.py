@@ -12,7 +12,7 @@ from fake_cloud import eventually
 from robotether_agent.fields import ListedCell
 from robotether_agent.net import netlink
 from robotether_agent.net.server_dialer import SETTLED_AFTER_S, SshAddress
-from robotether_agent.problems import NetworkChanged, NoAnswer, Retry, ServerSilent
+from robotether_agent.problems import NetworkChangedError, NoAnswerError, Retry, ServerSilentError
 from robotether_agent.tunnel import liveness
 from robotether_agent.tunnel.liveness import (
     Path,
@@ -81,17 +81,17 @@ def test_a_connection_that_has_ended():
         (Signs(Path.SAME, 0.4, is_stuck=False), None, False),
         (Signs(Path.SAME, 9.0, is_stuck=False), None, False),
         (Signs(Path.SAME, 1.1, is_stuck=True), None, False),
-        (Signs(Path.SAME, 1.3, is_stuck=True), ServerSilent, False),
-        (Signs(Path.SAME, 0.7, is_stuck=True, is_distrusted=True), ServerSilent, False),
+        (Signs(Path.SAME, 1.3, is_stuck=True), ServerSilentError, False),
+        (Signs(Path.SAME, 0.7, is_stuck=True, is_distrusted=True), ServerSilentError, False),
         (Signs(Path.SAME, 0.7, is_stuck=False, is_distrusted=True), None, False),
-        (Signs(Path.SAME, 4.5, is_stuck=True), ServerSilent, True),
+        (Signs(Path.SAME, 4.5, is_stuck=True), ServerSilentError, True),
         (Signs(Path.SAME, 2.6, is_stuck=True, idle_delay_s=1.5), None, False),
-        (Signs(Path.SAME, 2.8, is_stuck=True, idle_delay_s=1.5), ServerSilent, False),
+        (Signs(Path.SAME, 2.8, is_stuck=True, idle_delay_s=1.5), ServerSilentError, False),
         (Signs(Path.SAME, 2.0, is_stuck=True, is_distrusted=True, idle_delay_s=1.5), None, False),
-        (Signs(Path.SAME, 4.5, is_stuck=True, idle_delay_s=1.5), ServerSilent, True),
-        (Signs(Path.MOVED, 0.1, is_stuck=False), NetworkChanged, False),
-        (Signs(Path.MOVED, 4.5, is_stuck=True), ServerSilent, True),
-        (Signs(Path.GONE, 0.1, is_stuck=False), NetworkChanged, True),
+        (Signs(Path.SAME, 4.5, is_stuck=True, idle_delay_s=1.5), ServerSilentError, True),
+        (Signs(Path.MOVED, 0.1, is_stuck=False), NetworkChangedError, False),
+        (Signs(Path.MOVED, 4.5, is_stuck=True), ServerSilentError, True),
+        (Signs(Path.GONE, 0.1, is_stuck=False), NetworkChangedError, True),
     ],
 )
 def test_what_the_signs_mean(signs, problem, certain):
@@ -135,7 +135,7 @@ class FakeDialer:
             if not self.fails:
                 await self.answers.wait()
             if self.fails:
-                raise NoAnswer("nobody is there")
+                raise NoAnswerError("nobody is there")
             return targets[-1]
         finally:
             self.ended += 1
@@ -198,7 +198,7 @@ async def test_silence_ends_it_when_the_server_answers_elsewhere(watched):
     await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
     assert not task.done()
     dialer.answers.set()
-    with pytest.raises(ServerSilent, match=r"silent for 2\.0 s"):
+    with pytest.raises(ServerSilentError, match=r"silent for 2\.0 s"):
         await asyncio.wait_for(task, 5)
 
 
@@ -239,7 +239,7 @@ async def test_without_any_answer_it_ends_after_some_seconds(watched):
     session.silent_s = 2.0
     await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
     session.silent_s = liveness.HOPELESS_AFTER_S
-    with pytest.raises(ServerSilent):
+    with pytest.raises(ServerSilentError):
         await asyncio.wait_for(task, 5)
 
 
@@ -271,7 +271,7 @@ async def test_a_new_network_takes_over_when_the_server_answers_there(watched, m
     _, dialer, task = watched
     monkeypatch.setattr(liveness, "path_of", lambda _: Path.MOVED)
     dialer.answers.set()
-    with pytest.raises(NetworkChanged, match="another network"):
+    with pytest.raises(NetworkChangedError, match="another network"):
         await asyncio.wait_for(task, 5)
     assert OTHER not in dialer.targets
 
@@ -280,7 +280,7 @@ async def test_an_address_that_is_gone_ends_it_at_once(watched, monkeypatch):
     """Nothing can come back to it, so nobody is asked."""
     _, dialer, task = watched
     monkeypatch.setattr(liveness, "path_of", lambda _: Path.GONE)
-    with pytest.raises(NetworkChanged, match="another address"):
+    with pytest.raises(NetworkChangedError, match="another address"):
         await asyncio.wait_for(task, 5)
     assert dialer.asked == 0
 
@@ -296,7 +296,7 @@ async def test_a_change_of_the_network_is_looked_at_at_once(network, monkeypatch
         watching = asyncio.ensure_future(watch(Session(), Tunnel(connection), target))
         assert not (await asyncio.wait({watching}, timeout=0.1))[0]
         network._event.set()
-        with pytest.raises(NetworkChanged):
+        with pytest.raises(NetworkChangedError):
             await asyncio.wait_for(watching, 5)
 
 
@@ -321,5 +321,5 @@ async def test_after_standing_still_less_silence_is_enough(watched, monkeypatch)
     assert dialer.asked == 0
     monkeypatch.setattr(PauseClock, "since_last_s", lambda _: 30.0)
     dialer.answers.set()
-    with pytest.raises(ServerSilent):
+    with pytest.raises(ServerSilentError):
         await asyncio.wait_for(task, 5)

@@ -14,7 +14,12 @@ from fake_cloud import eventually
 from robotether_agent import clock
 from robotether_agent.clock import robot_time
 from robotether_agent.fields import FieldError, ListedCell
-from robotether_agent.problems import ProtocolBroken, Retry, ServerSilent, SessionEnded
+from robotether_agent.problems import (
+    ProtocolBrokenError,
+    Retry,
+    ServerSilentError,
+    SessionEndedError,
+)
 from robotether_agent.tunnel.session import (
     BYE_ADVICE,
     SLOW_BYES,
@@ -195,7 +200,7 @@ async def test_silence_ends_it(ends):
     """A server that is silent for timeout_s is given up."""
     session, peer = ends
     peer.send(CONFIG)
-    with pytest.raises(ServerSilent, match=r"silent for 0\.4 s") as silence:
+    with pytest.raises(ServerSilentError, match=r"silent for 0\.4 s") as silence:
         await asyncio.wait_for(session.run(), 5)
     assert silence.value.retry is Retry.SOON
 
@@ -207,7 +212,7 @@ async def test_a_robot_that_slept_does_not_blame_its_server(ends):
     peer.send(CONFIG)
     await session.new_config(None)
     time.sleep(1.0)  # noqa: ASYNC251 (nothing of this process is to run)
-    with pytest.raises(ServerSilent) as silence:
+    with pytest.raises(ServerSilentError) as silence:
         await asyncio.wait_for(running, 5)
     assert silence.value.retry is Retry.AT_ONCE
 
@@ -255,7 +260,7 @@ async def test_a_server_that_takes_nothing_ends_it(ends):
         for _ in range(1000):
             session.send({"type": "health", "detail": "x" * 10_000})
 
-    with pytest.raises(ServerSilent, match="no longer reads"):
+    with pytest.raises(ServerSilentError, match="no longer reads"):
         flood()
 
 
@@ -280,7 +285,7 @@ async def test_broken_lines_end_it(ends, line, why):
     """A line that is no message of the protocol ends the session and names the field."""
     session, peer = ends
     peer.send_raw(line)
-    with pytest.raises(ProtocolBroken, match=why):
+    with pytest.raises(ProtocolBrokenError, match=why):
         await asyncio.wait_for(session.run(), 5)
 
 
@@ -298,7 +303,7 @@ async def test_bye_keeps_code_and_detail(ends, code, retry, advice):
     """A goodbye is told in the server's words; some are no use to try again at once."""
     session, peer = ends
     peer.send({"type": "bye", "code": code, "detail": "the\nreason"})
-    with pytest.raises(SessionEnded, match="the reason") as error:
+    with pytest.raises(SessionEndedError, match="the reason") as error:
         await asyncio.wait_for(session.run(), 5)
     assert error.value.code == code
     assert error.value.retry is retry
@@ -316,7 +321,7 @@ async def test_a_shell_and_a_new_key_are_requests_of_a_configuration(ends):
     wished = await asyncio.wait_for(session.new_config(plain), 5)
     assert (wished.shell_port, wished.rotate_key) == (24000, True)
     peer.send({**CONFIG, "shell_port": 70000})
-    with pytest.raises(ProtocolBroken, match="shell_port"):
+    with pytest.raises(ProtocolBrokenError, match="shell_port"):
         await asyncio.wait_for(serving, 5)
 
 
@@ -330,7 +335,7 @@ async def test_what_the_server_found_is_kept(ends):
     await eventually(lambda: session.checked.ros == "ok", lambda: f"{session.checked}")
     assert session.checked == Checked("ok", "down", "unknown")
     peer.send({"type": "checked", "ros": "splendid", "video": "down", "shell": "unknown"})
-    with pytest.raises(ProtocolBroken, match="ros must be ok, down or unknown"):
+    with pytest.raises(ProtocolBrokenError, match="ros must be ok, down or unknown"):
         await asyncio.wait_for(serving, 5)
 
 
@@ -353,7 +358,7 @@ async def test_the_list_of_cells_is_read_before_the_bye_that_follows(ends, lists
     peer.send({**CONFIG, "cells": []})
     peer.send({**CONFIG, "cells": [{"host": "b.example", "ports": [2222]}]})
     peer.send({"type": "bye", "code": code, "detail": "connect to the next"})
-    with pytest.raises(SessionEnded) as caught:
+    with pytest.raises(SessionEndedError) as caught:
         await asyncio.wait_for(session.run(), 5)
     assert caught.value.retry is Retry.AT_ONCE
     assert lists == [(ListedCell("b.example", (2222,)),)]

@@ -17,7 +17,7 @@ from openssh_server import descendants, wait_until
 from robotether_agent.enrolment.join import parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
-from robotether_agent.problems import LinkLost, ServerUnreachable, SshMissing
+from robotether_agent.problems import LinkLostError, ServerUnreachableError, SshMissingError
 from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.tunnel import Tunnel
 
@@ -126,7 +126,7 @@ async def test_no_descriptor_stays_open(dialer, place, monkeypatch):
     await tunnel.close()
     with monkeypatch.context() as without_ssh:
         without_ssh.setenv("PATH", str(place))
-        with pytest.raises(SshMissing, match="openssh-client"):
+        with pytest.raises(SshMissingError, match="openssh-client"):
             await Tunnel.open(target, files, "session")
     await eventually(lambda: _descriptors() <= before, lambda: f"{_descriptors()} of {before}")
 
@@ -139,14 +139,14 @@ async def test_a_client_that_cannot_start_ends_nothing_else(dialer, monkeypatch)
         raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
 
     monkeypatch.setattr(asyncio, "create_subprocess_exec", fail)
-    with pytest.raises(LinkLost, match="Cannot allocate memory"):
+    with pytest.raises(LinkLostError, match="Cannot allocate memory"):
         await Tunnel.open(target, files, "media")
 
 
 async def test_a_server_that_refuses(place):
     """A port without a server is told before any client starts."""
     files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
-    with pytest.raises(ServerUnreachable, match=r"cannot reach SSH at 127\.0\.0\.1 port"):
+    with pytest.raises(ServerUnreachableError, match=r"cannot reach SSH at 127\.0\.0\.1 port"):
         await Tunnel.open(SshAddress("127.0.0.1", free_port(), "tunnel"), files, "session")
 
 

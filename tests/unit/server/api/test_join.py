@@ -16,7 +16,7 @@ from robotether_server.api.operations import plain
 from robotether_server.db import Database, audit, cells, fleet, robots
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.robots import RefusedJoin, Report
-from robotether_server.problems import StoreUnavailable
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.services import pending
 from robotether_server.services.joining import PresentedKey
 from robotether_server.settings import JoinSettings
@@ -173,7 +173,7 @@ def test_joins_at_once_leave_threads_to_others(
 def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
     """Not before sshd has its keys."""
     settings = JoinSettings("approve", 3, "robots.example", (2222, 443), tmp_path, False)
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         ssh_of(settings)
     (tmp_path / "ssh_host_ed25519_key.pub").write_text("ssh-ed25519 AAAA root@sshd\n")
     assert plain(ssh_of(settings)) == {
@@ -234,7 +234,7 @@ def test_public_keys_are_read_without_their_comments(tmp_path: Path) -> None:
 def test_no_key_yet_is_said_so(tmp_path: Path, name: str) -> None:
     """A robot must not be told to trust nothing."""
     (tmp_path / name).write_text("")
-    with pytest.raises(StoreUnavailable, match="host keys"):
+    with pytest.raises(StoreUnavailableError, match="host keys"):
         read_host_keys(tmp_path)
 
 

@@ -26,7 +26,7 @@ from robotether_server.cli.fleet import (
     WorkerPool,
     captured,
 )
-from robotether_server.cli.fleet_ssh import FleetProblem, SshConnections
+from robotether_server.cli.fleet_ssh import FleetError, SshConnections
 from shell_hosts import ShellNetwork
 
 Do = Callable[..., tuple[int, str, str]]
@@ -319,7 +319,7 @@ def pid_written(path: Path) -> int:
 def test_time_out_ends_the_command_on_the_robot(do: Do, tmp_path: Path) -> None:
     """With what it had started."""
     path = tmp_path / "pid"
-    with pytest.raises(FleetProblem, match=r"timed out after 0\.5 s"):
+    with pytest.raises(FleetError, match=r"timed out after 0\.5 s"):
         do(f"sleep 60 & echo $! > {path}; wait", timeout_s=0.5)
     pid = pid_written(path)
     wait_until(lambda: not is_alive(pid), lambda: "the command has ended")
@@ -338,7 +338,7 @@ def test_time_out_is_named_though_its_thread_still_runs(
 
     monkeypatch.setattr(fleet.Runner, "kill", slow_kill)
     try:
-        with pytest.raises(FleetProblem, match=r"timed out after 0\.5 s"):
+        with pytest.raises(FleetError, match=r"timed out after 0\.5 s"):
             do("sleep 60", timeout_s=0.5)
     finally:
         released.set()
@@ -347,7 +347,7 @@ def test_time_out_is_named_though_its_thread_still_runs(
 def test_lost_link_is_no_exit_status(do: Do, network: ShellNetwork, tmp_path: Path) -> None:
     """And no success."""
     stop = f"kill -9 $(ps -o ppid= -p $PPID) & sleep 20 & echo > {tmp_path}/pid; wait"
-    with pytest.raises(FleetProblem, match="the connection broke"):
+    with pytest.raises(FleetError, match="the connection broke"):
         do(stop)
 
 

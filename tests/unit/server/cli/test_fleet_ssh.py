@@ -14,7 +14,7 @@ import pytest
 from openssh_server import wait_until
 from robotether_server.cli import fleet_ssh
 from robotether_server.cli.fleet_ssh import (
-    FleetProblem,
+    FleetError,
     HostKeyCheck,
     Identities,
     KnownKey,
@@ -68,8 +68,8 @@ def target_of(network: ShellNetwork, name: str = "sim1") -> Target:
     return fleet_ssh.resolve(name, network.config)
 
 
-def refused(network: ShellNetwork, connections: SshConnections) -> FleetProblem:
-    with pytest.raises(FleetProblem) as caught:
+def refused(network: ShellNetwork, connections: SshConnections) -> FleetError:
+    with pytest.raises(FleetError) as caught:
         connections.open(target_of(network))
     assert "\n" not in caught.value.detail
     return caught.value
@@ -304,14 +304,14 @@ def test_known_key_passes(target: Target, key: paramiko.PKey) -> None:
     write(target, line(key))
     check(target, key)
     write(target, line(key, "[127.0.0.1]:24000"))
-    with pytest.raises(FleetProblem, match=UNKNOWN):
+    with pytest.raises(FleetError, match=UNKNOWN):
         check(target, key)
 
 
 def test_unknown_key_is_refused_with_its_fingerprint(target: Target, key: paramiko.PKey) -> None:
     """And nothing is noted."""
     with pytest.raises(
-        FleetProblem, match=r"sim1: its host key SHA256:\S+ .* robotether-sim1.*--accept-new"
+        FleetError, match=r"sim1: its host key SHA256:\S+ .* robotether-sim1.*--accept-new"
     ):
         check(target, key)
     assert not target.known_hosts[0].exists()
@@ -321,7 +321,7 @@ def test_unknown_key_is_refused_with_its_fingerprint(target: Target, key: parami
 def test_revoked_key_is_never_taken(target: Target, key: paramiko.PKey, accept_new: bool) -> None:
     """Even where it is known as well."""
     write(target, line(key), f"@revoked {line(key, '*')}")
-    with pytest.raises(FleetProblem, match="revoked"):
+    with pytest.raises(FleetError, match="revoked"):
         check(target, key, accept_new=accept_new)
 
 
@@ -337,7 +337,7 @@ def test_host_shall_show_the_key_that_is_known(target: Target, tmp_path: Path) -
 
 def test_new_key_needs_a_file(target: Target, key: paramiko.PKey) -> None:
     """A key that cannot be noted is not trusted."""
-    with pytest.raises(FleetProblem, match="no UserKnownHostsFile"):
+    with pytest.raises(FleetError, match="no UserKnownHostsFile"):
         check(replace(target, known_hosts=()), key, accept_new=True)
 
 
@@ -375,21 +375,21 @@ def test_several_jump_hosts_stand_in_line(config: Path) -> None:
 def test_proxy_command_is_refused(config: Path) -> None:
     """A sentence says what to write instead."""
     config.write_text("Host sim1\n    ProxyCommand nc %h %p\n")
-    with pytest.raises(FleetProblem, match=r"sim1: its entry has a ProxyCommand.*ProxyJump"):
+    with pytest.raises(FleetError, match=r"sim1: its entry has a ProxyCommand.*ProxyJump"):
         fleet_ssh.resolve("sim1", config)
 
 
 def test_mistake_in_the_file_is_told_in_the_words_of_ssh(config: Path) -> None:
     """With its line."""
     config.write_text("Host sim1\n    Prot 22\n")
-    with pytest.raises(FleetProblem, match=r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"):
+    with pytest.raises(FleetError, match=r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"):
         fleet_ssh.resolve("sim1", config)
 
 
 def test_no_ssh_here(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A sentence says what to install."""
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(FleetProblem, match="install OpenSSH's client"):
+    with pytest.raises(FleetError, match="install OpenSSH's client"):
         fleet_ssh.resolve("sim1", config)
 
 
@@ -435,13 +435,13 @@ def test_file_that_cannot_be_used_is_told(
     tmp_path: Path, key: paramiko.PKey, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that the person may not read, say, which ssh-keygen then tells, or a folder in its place."""
-    with pytest.raises(FleetProblem, match="cannot save the key of sim1"):
+    with pytest.raises(FleetError, match="cannot save the key of sim1"):
         fleet_ssh.add_known(tmp_path, "sim1", known_key(key))
     program = tmp_path / "ssh-keygen"
     program.write_text("#!/bin/sh\necho 'Permission denied' >&2; exit 255\n")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(FleetProblem, match=r"known host keys in .*: Permission denied"):
+    with pytest.raises(FleetError, match=r"known host keys in .*: Permission denied"):
         fleet_ssh.find_known([tmp_path], "sim1")
 
 
@@ -468,9 +468,7 @@ def test_patterns_choose_robots_once(listed: Path, patterns: list[str], names: l
 
 def test_pattern_without_a_robot_is_a_mistake(listed: Path) -> None:
     """Even beside another that has some; the sentence lists what there is."""
-    with pytest.raises(
-        FleetProblem, match=r"for bank: .* has sim1, sim2; .* robotether ssh-config"
-    ):
+    with pytest.raises(FleetError, match=r"for bank: .* has sim1, sim2; .* robotether ssh-config"):
         fleet_ssh.choose(listed, ["sim1", "bank"])
 
 
@@ -490,11 +488,11 @@ def test_file_that_includes_itself_is_refused(tmp_path: Path) -> None:
     """As OpenSSH does, and not for ever."""
     path = tmp_path / "config"
     path.write_text(f"Include {path}\n")
-    with pytest.raises(FleetProblem, match="over 16 deep"):
+    with pytest.raises(FleetError, match="over 16 deep"):
         fleet_ssh.robots_in(path)
 
 
 def test_missing_file_is_told_with_the_way_to_get_it(tmp_path: Path) -> None:
     """In one sentence."""
-    with pytest.raises(FleetProblem, match=r"cannot read .*missing.* robotether ssh-config"):
+    with pytest.raises(FleetError, match=r"cannot read .*missing.* robotether ssh-config"):
         fleet_ssh.choose(tmp_path / "missing", ["*"])

@@ -12,7 +12,7 @@ from robotether_server.cli import tokens
 from robotether_server.db import Database, credentials, join_tokens
 from robotether_server.db.join_tokens import Place
 from robotether_server.install_line import Certificate, SiteCertificates
-from robotether_server.problems import SiteCertificateUnavailable
+from robotether_server.problems import SiteCertificateUnavailableError
 
 CI = ("--user", "ann", "--name", "ci")
 
@@ -140,7 +140,9 @@ def test_no_token_stays_behind_when_there_is_no_line(
     """Nobody would know its text."""
 
     def fail(*_: object) -> str:
-        raise SiteCertificateUnavailable("cannot determine this site's certificate: nginx is away")
+        raise SiteCertificateUnavailableError(
+            "cannot determine this site's certificate: nginx is away"
+        )
 
     monkeypatch.setattr(tokens, "enrolment_lines", fail)
     assert "nginx is away" in run("robot", "invite").err

@@ -12,7 +12,7 @@ from robotether_server import __version__
 from robotether_server.db import Database, cells, fleet, robots
 from robotether_server.db.cells import Cell, sort_for, sort_for_join
 from robotether_server.db.fleet import SessionEntry
-from robotether_server.problems import RecordExists
+from robotether_server.problems import RecordExistsError
 from robotether_server.settings import CellSettings
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
@@ -74,7 +74,7 @@ def test_of_two_relays_with_one_name_the_older_is_refused(relay_database, admin_
     older, newer = cell_settings("a", "old.example"), cell_settings("a", "new.example")
     heartbeat(relay_database, older)
     heartbeat(relay_database, newer, started_at=NOON + MINUTE)
-    with pytest.raises(RecordExists, match="another relay has this name"):
+    with pytest.raises(RecordExistsError, match="another relay has this name"):
         heartbeat(relay_database, older)
     assert read(relay_database)[0].host == "new.example"
     age(admin_database, 6)

@@ -18,7 +18,7 @@ from robotether_server.db.control import (
     StoredControl,
 )
 from robotether_server.db.fleet import FormerSessions
-from robotether_server.problems import RecordRefused
+from robotether_server.problems import RecordRefusedError
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 HOUR = dt.timedelta(hours=1)
@@ -139,7 +139,7 @@ def test_a_lease_of_somebody_who_is_gone_keeps_its_number(relay_database, sim1):
 
 def test_a_removed_robot_gets_no_number(relay_database, ann):
     """The database refuses a lease of a robot without a row."""
-    with pytest.raises(RecordRefused):
+    with pytest.raises(RecordRefusedError):
         fence(relay_database, 999, ann)
 
 

@@ -18,11 +18,11 @@ from robotether_server.db import Database
 from robotether_server.db import database as module
 from robotether_server.db.database import translate
 from robotether_server.problems import (
-    RecordExists,
-    RecordRefused,
+    RecordExistsError,
+    RecordRefusedError,
     SettingsError,
-    StoreProblem,
-    StoreUnavailable,
+    StoreError,
+    StoreUnavailableError,
 )
 from robotether_server.settings import DatabaseSettings
 from stopwatch import Stopwatch
@@ -41,7 +41,7 @@ def test_database_that_is_not_reached_is_soon_given_up_by_who_can_do_without(
             filler.setblocking(False)
             filler.connect_ex(full.getsockname())
         nobody = DatabaseSettings(*full.getsockname(), "robotether", "web", "x")
-        with Stopwatch() as stopwatch, pytest.raises(StoreUnavailable):
+        with Stopwatch() as stopwatch, pytest.raises(StoreUnavailableError):
             stack.enter_context(Database(nobody).transaction(briefly=True))
     assert stopwatch.s < module.CONNECT_TIMEOUT_S - 1
 
@@ -75,16 +75,16 @@ def test_moments_are_aware_and_in_utc(database: Database) -> None:
 @pytest.mark.parametrize(
     ("name", "role", "problem", "why"),
     [
-        ("ann", "user", RecordExists, "it exists already"),
-        ("Ann", "user", RecordRefused, "name has a value that is not allowed"),
-        ("bob\n", "user", RecordRefused, "name has a value that is not allowed"),
-        ("x" * 64, "user", RecordRefused, "name is too long"),
-        (None, "user", RecordRefused, "name is missing"),
-        ("bob", "king", RecordRefused, "role has a value that is not allowed"),
+        ("ann", "user", RecordExistsError, "it exists already"),
+        ("Ann", "user", RecordRefusedError, "name has a value that is not allowed"),
+        ("bob\n", "user", RecordRefusedError, "name has a value that is not allowed"),
+        ("x" * 64, "user", RecordRefusedError, "name is too long"),
+        (None, "user", RecordRefusedError, "name is missing"),
+        ("bob", "king", RecordRefusedError, "role has a value that is not allowed"),
     ],
 )
 def test_refused_rows_are_problems(
-    database: Database, name: str | None, role: str, problem: type[StoreProblem], why: str
+    database: Database, name: str | None, role: str, problem: type[StoreError], why: str
 ) -> None:
     """Twice the same, a check, too long, missing, no such choice; in our own words."""
     with database.transaction() as tx:
@@ -114,7 +114,7 @@ def test_unique_key_is_named(database: Database) -> None:
     """Callers can tell which of a table's keys it was."""
     with database.transaction() as tx:
         tx.insert(ADD_USER, ("ann", "user"))
-        with pytest.raises(RecordExists) as exists:
+        with pytest.raises(RecordExistsError) as exists:
             tx.insert(ADD_USER, ("ann", "user"))
     assert exists.value.key == "name"
 
@@ -128,7 +128,7 @@ def test_mistake_in_a_statement_is_no_problem(database: Database) -> None:
 def test_server_that_is_away_is_unavailable() -> None:
     """Nothing listens there; the sentence for visitors names no host."""
     database = Database(DatabaseSettings("127.0.0.1", 1, "robotether", "web", "x"))
-    with pytest.raises(StoreUnavailable) as unavailable, database.transaction():
+    with pytest.raises(StoreUnavailableError) as unavailable, database.transaction():
         pass
     assert "127.0.0.1" not in unavailable.value.detail
 
@@ -137,7 +137,7 @@ def test_wrong_password_is_unavailable_and_not_shown(mariadb: MariaDb) -> None:
     """A secret that is out of step is the server's trouble, and stays unseen."""
     port = mariadb.settings("web").port
     database = Database(DatabaseSettings("127.0.0.1", port, "robotether", "web", "not-the-one"))
-    with pytest.raises(StoreUnavailable) as unavailable, database.transaction():
+    with pytest.raises(StoreUnavailableError) as unavailable, database.transaction():
         pass
     assert "not-the-one" not in f"{unavailable.value.detail} {unavailable.value.__cause__}"
 
@@ -148,7 +148,7 @@ def test_connection_that_is_cut_is_unavailable(database: Database, mariadb: Mari
         row = tx.row("SELECT CONNECTION_ID() AS id")
         assert row is not None
         mariadb.as_root(f"KILL {row['id']}")
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(StoreUnavailableError):
             tx.rows("SELECT 1")
         raise LookupError
 
@@ -218,7 +218,7 @@ def test_connection_is_not_kept_for_long(
 def test_kept_connections_go_when_another_gets_no_answer(mariadb: MariaDb) -> None:
     """They lead to the same database, and who uses one next waits as long."""
     keeping = Database(mariadb.settings("web"), keep=1)
-    with pytest.raises(StoreUnavailable), keeping.transaction() as cut:  # noqa: PT012 - the second is kept meanwhile
+    with pytest.raises(StoreUnavailableError), keeping.transaction() as cut:  # noqa: PT012 - the second is kept meanwhile
         connection_id(keeping)
         assert len(keeping._kept) == 1
         row = cut.row("SELECT CONNECTION_ID() AS id")
@@ -231,7 +231,7 @@ def test_kept_connections_go_when_another_gets_no_answer(mariadb: MariaDb) -> No
 @pytest.mark.parametrize("number", [1040, 1205, 1213, 1226, 1290, 2003, 2006, 2013])
 def test_busy_server_is_unavailable(number: int) -> None:
     """Too many connections, lock waits, deadlocks, a standby and lost connections may go better later."""
-    assert isinstance(translate(pymysql.OperationalError(number, "x")), StoreUnavailable)
+    assert isinstance(translate(pymysql.OperationalError(number, "x")), StoreUnavailableError)
 
 
 def cipher(settings: DatabaseSettings) -> str:
@@ -251,7 +251,7 @@ def test_authority_makes_the_connection_an_encrypted_one(mariadb: MariaDb) -> No
 def test_certificate_of_another_authority_is_refused(mariadb: MariaDb, tmp_path: Path) -> None:
     now = dt.datetime.now(dt.UTC)
     other = make_certificate(tmp_path, now - dt.timedelta(days=1), now + dt.timedelta(days=1))
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         cipher(mariadb.settings("web", other))
 
 
@@ -260,7 +260,7 @@ def test_certificate_of_another_host_is_refused(mariadb: MariaDb) -> None:
     address = mariadb.container.attrs["NetworkSettings"]["IPAddress"]
     elsewhere = replace(mariadb.settings("web"), host=address, port=3306)
     assert cipher(elsewhere) == ""
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         cipher(replace(elsewhere, ca_file=mariadb.certificate))
 
 
@@ -283,7 +283,7 @@ def test_server_without_tls_gets_no_log_in(mariadb: MariaDb) -> None:
         settings = replace(
             mariadb.settings("web", mariadb.certificate), port=listener.getsockname()[1]
         )
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(StoreUnavailableError):
             cipher(settings)
         thread.join(timeout=10)
     assert received == [b""]

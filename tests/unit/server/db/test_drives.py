@@ -10,7 +10,7 @@ from granted import give
 from relay_server import cell_settings
 from robotether_server.db import Database, cells, drives, robots, users
 from robotether_server.db.drives import DriveSearch
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordMissingError
 
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 
@@ -148,7 +148,7 @@ def test_one_drive_is_for_who_may_see_it(database: Database, admin_database: Dat
         assert drives.get(tx, ann, own).fence == 1
         assert drives.get(tx, users.get(tx, "root"), other).user == "ben"
         for number in (other, other + 1, 0):
-            with pytest.raises(RecordMissing, match=f"cannot show drive {number}"):
+            with pytest.raises(RecordMissingError, match=f"cannot show drive {number}"):
                 drives.get(tx, ann, number)
 
 

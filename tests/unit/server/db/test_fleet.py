@@ -15,7 +15,7 @@ from robotether_server.db.fleet import (
     RelayUser,
     SessionEntry,
 )
-from robotether_server.problems import RecordRefused
+from robotether_server.problems import RecordRefusedError
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.robot_settings import DEFAULTS
 
@@ -253,7 +253,7 @@ def test_an_audit_line_is_written_whole(database, relay_database, sim1):
 
 def test_a_session_of_a_robot_that_is_gone_is_refused(relay_database, sim1):
     """The problem is one that trying again does not help."""
-    with pytest.raises(RecordRefused), relay_database.transaction() as tx:
+    with pytest.raises(RecordRefusedError), relay_database.transaction() as tx:
         fleet.write(tx, [SessionEntry(999_999, NOON, "")])
 
 

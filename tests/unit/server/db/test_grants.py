@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from robotether_server.db import Database, grants, robots, users
 from robotether_server.db.grants import Group, Site
-from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.problems import RecordExistsError, RecordMissingError
 from robotether_server.schemas import Level
 
 
@@ -44,7 +44,7 @@ def test_group_has_members_by_name(database: Database) -> None:
         users.remove(tx, ids["zoe"])
         assert grants.get_group(tx, "crew") == Group(crew, "crew", ())
         grants.remove_group(tx, crew)
-        with pytest.raises(RecordMissing, match="cannot find group crew"):
+        with pytest.raises(RecordMissingError, match="cannot find group crew"):
             grants.get_group(tx, "crew")
 
 
@@ -53,11 +53,11 @@ def test_name_is_had_once_and_must_exist(database: Database) -> None:
     with database.transaction() as tx:
         grants.add_group(tx, "crew")
         grants.add_site(tx, "lab")
-        with pytest.raises(RecordExists, match="cannot add site lab: the name is taken"):
+        with pytest.raises(RecordExistsError, match="cannot add site lab: the name is taken"):
             grants.add_site(tx, "lab")
-        with pytest.raises(RecordMissing, match="cannot find site yard"):
+        with pytest.raises(RecordMissingError, match="cannot find site yard"):
             grants.get_site(tx, "yard")
-        with pytest.raises(RecordExists, match="cannot add group crew: the name is taken"):
+        with pytest.raises(RecordExistsError, match="cannot add group crew: the name is taken"):
             grants.add_group(tx, "crew")
 
 

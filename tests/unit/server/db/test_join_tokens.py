@@ -7,7 +7,7 @@ import datetime as dt
 import pytest
 from allotment import at_once
 from robotether_server.db import Database, Transaction, join_tokens
-from robotether_server.problems import RecordExists, RecordMissing
+from robotether_server.problems import RecordExistsError, RecordMissingError
 
 NOW = dt.datetime.now(dt.UTC)
 LATER = NOW + dt.timedelta(hours=1)
@@ -25,7 +25,7 @@ def test_token_is_found_by_its_text_alone(database: Database) -> None:
         assert join_tokens.find(tx, text + "x") is None
         assert join_tokens.get(tx, token.id) == token
         assert text not in repr(tx.rows("SELECT * FROM join_tokens"))
-        with pytest.raises(RecordExists, match="join token lab"):
+        with pytest.raises(RecordExistsError, match="join token lab"):
             join_tokens.create(tx, "lab", 1, LATER, "root")
 
 
@@ -43,7 +43,7 @@ def test_each_key_uses_a_token_once(database: Database) -> None:
         join_tokens.delete(tx, token.id)
         assert join_tokens.list_all(tx) == []
         assert not join_tokens.use(tx, token.id, "SHA256:d")
-        with pytest.raises(RecordMissing, match="join token"):
+        with pytest.raises(RecordMissingError, match="join token"):
             join_tokens.get(tx, token.id)
 
 

@@ -15,7 +15,7 @@ from robotether_server.db import Database, Transaction, audit, grants, robots, u
 from robotether_server.db import migrate as migrations
 from robotether_server.db.audit import Source
 from robotether_server.db.migrate import migrate
-from robotether_server.problems import MigrationFailed, StoreUnavailable
+from robotether_server.problems import MigrationFailedError, StoreUnavailableError
 from robotether_server.settings import DatabaseSettings, MigrateSettings
 
 
@@ -121,7 +121,7 @@ def test_rows_of_an_older_release_are_kept(
 def test_broken_migration_is_named(mariadb: MariaDb, tmp_path: Path) -> None:
     """The failure says which file, and what the database said."""
     (tmp_path / "9999_broken.sql").write_text("CREATE TABEL x (y INT);\n")
-    with pytest.raises(MigrationFailed, match=r"9999_broken.*TABEL"):
+    with pytest.raises(MigrationFailedError, match=r"9999_broken.*TABEL"):
         migrate(settings(mariadb, tmp_path))
 
 
@@ -132,7 +132,7 @@ def test_every_statement_of_a_file_counts(
     file = tmp_path / "9999_several.sql"
     routine = "CREATE OR REPLACE PROCEDURE nine() BEGIN SET @a = 8; SELECT @a + 1 AS nine; END;\n"
     file.write_text(f"-- 100%; of it\n{routine}CALL nine();\nDROP PROCEDURE ten;\n")
-    with pytest.raises(MigrationFailed, match=r"9999_several.*ten does not exist"):
+    with pytest.raises(MigrationFailedError, match=r"9999_several.*ten does not exist"):
         migrate(settings(mariadb, tmp_path))
     file.write_text(f"{routine}CALL nine();\nDROP PROCEDURE nine;\n")
     assert migrate(settings(mariadb, tmp_path)) == ["9999_several"]
@@ -180,14 +180,14 @@ def test_database_that_yoyo_migrated_is_taken_over(
 @pytest.mark.usefixtures("admin_database")
 def test_empty_folder_is_refused(mariadb: MariaDb, tmp_path: Path) -> None:
     """A wrong MIGRATIONS_DIR does not pass as a database that is up to date."""
-    with pytest.raises(MigrationFailed, match="MIGRATIONS_DIR"):
+    with pytest.raises(MigrationFailedError, match="MIGRATIONS_DIR"):
         migrate(settings(mariadb, tmp_path))
 
 
 def test_server_that_is_away_is_said_so(sql_dir: Path) -> None:
     """Nothing listens: a problem, and no traceback of a library."""
     nowhere = DatabaseSettings("127.0.0.1", 1, "robotether", "migrate", "x")
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         migrate(MigrateSettings(nowhere, sql_dir, 20000, 20001, 24000, 24000))
 
 

@@ -15,11 +15,11 @@ from robotether_server.db import Database, Transaction, robots, seen_robots, use
 from robotether_server.db.robots import Report, RobotRow
 from robotether_server.identity import PublicKey
 from robotether_server.problems import (
-    FieldInvalid,
-    RecordExists,
-    RecordMissing,
-    RecordRefused,
-    StoreUnavailable,
+    FieldInvalidError,
+    RecordExistsError,
+    RecordMissingError,
+    RecordRefusedError,
+    StoreUnavailableError,
 )
 
 MAC = "00:1b:44:11:3a:b7"
@@ -54,7 +54,7 @@ def test_mac_is_written_in_one_spelling(database: Database, spelling: str) -> No
 @pytest.mark.parametrize("text", ["", "00:1b:44:11:3a", "00:1b:44:11:3a:bg", "001b:4411:3ab7"])
 def test_no_mac_is_refused_with_a_sentence(database: Database, text: str) -> None:
     """The database says which robot, which text and how to write it."""
-    with database.transaction() as tx, pytest.raises(RecordRefused, match="write it as 00:1b"):
+    with database.transaction() as tx, pytest.raises(RecordRefusedError, match="write it as 00:1b"):
         robots.add(tx, text, "a")
 
 
@@ -74,7 +74,7 @@ def test_python_and_sql_agree_about_macs(database: Database, text: str) -> None:
     """The twin in Python accepts and makes exactly what the trigger does."""
     try:
         expected = identity.normalise_mac(text)
-    except FieldInvalid:
+    except FieldInvalidError:
         expected = None
     if len(text.rstrip()) > MAX_IN_SQL_LENGTH:
         expected = None
@@ -84,7 +84,7 @@ def test_python_and_sql_agree_about_macs(database: Database, text: str) -> None:
             tx.change("DELETE FROM robots")
             robots.add(tx, text, "a")
             written = robots.get(tx, "a").mac
-    except RecordRefused:
+    except RecordRefusedError:
         pass
     assert written == expected
 
@@ -96,9 +96,9 @@ def test_name_that_cannot_stand_in_a_url_is_refused(database: Database, name: st
     """A robot's name is a DNS label, on insert and on update."""
     with database.transaction() as tx:
         robots.add(tx, MAC, "good")
-        with pytest.raises(RecordRefused):
+        with pytest.raises(RecordRefusedError):
             robots.add(tx, mac(1), name)
-        with pytest.raises(RecordRefused):
+        with pytest.raises(RecordRefusedError):
             tx.change("UPDATE robots SET name = %s", (name,))
 
 
@@ -146,7 +146,7 @@ def test_ports_that_cannot_be_are_refused(database: Database, ros: object, video
     """Another robot's port of either kind, half a pair, twice the same, a privileged one."""
     with database.transaction() as tx:
         robots.add(tx, mac(1), "a")
-        with pytest.raises((RecordRefused, RecordExists)):
+        with pytest.raises((RecordRefusedError, RecordExistsError)):
             add_with_ports(tx, 2, "b", ros, video)
 
 
@@ -166,9 +166,9 @@ def test_taken_mac_and_taken_name_are_told_apart(database: Database) -> None:
     """The sentence names what another robot has."""
     with database.transaction() as tx:
         robots.add(tx, MAC, "a")
-        with pytest.raises(RecordExists, match=f"another robot has the MAC {MAC}"):
+        with pytest.raises(RecordExistsError, match=f"another robot has the MAC {MAC}"):
             robots.add(tx, MAC, "b")
-        with pytest.raises(RecordExists, match="another robot has the name a"):
+        with pytest.raises(RecordExistsError, match="another robot has the name a"):
             robots.add(tx, mac(1), "a")
 
 
@@ -177,9 +177,11 @@ def test_mac_of_no_single_robot_is_refused(database: Database, text: str) -> Non
     """Zero, broadcast and multicast, on insert and on update."""
     with database.transaction() as tx:
         robots.add(tx, mac(1), "good")
-        with pytest.raises(RecordRefused, match=r"cannot add robot a: .* is no MAC of one robot"):
+        with pytest.raises(
+            RecordRefusedError, match=r"cannot add robot a: .* is no MAC of one robot"
+        ):
             robots.add(tx, text, "a")
-        with pytest.raises(RecordRefused, match="cannot change robot good: "):
+        with pytest.raises(RecordRefusedError, match="cannot change robot good: "):
             robots.set_mac(tx, robots.get(tx, "good").id, text)
 
 
@@ -198,7 +200,7 @@ def test_key_and_report_are_kept_together(database: Database) -> None:
         )
         assert robot.joined_at is not None
         second = robots.add(tx, mac(1), "b")
-        with pytest.raises(RecordExists):
+        with pytest.raises(RecordExistsError):
             robots.set_key(tx, second, KEY, REPORT)
         robots.forget_key(tx, robot_id)
         robots.set_key(tx, second, KEY, REPORT)
@@ -249,11 +251,11 @@ def test_taken_name_mac_and_ports_are_told_apart_on_change(database: Database) -
     """The sentence names what another robot has."""
     with database.transaction() as tx:
         first, _ = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
-        with pytest.raises(RecordExists, match="cannot use the name b: another robot has it"):
+        with pytest.raises(RecordExistsError, match="cannot use the name b: another robot has it"):
             robots.rename(tx, first, "b")
-        with pytest.raises(RecordExists, match=f"cannot use the MAC {mac(2)}: another robot"):
+        with pytest.raises(RecordExistsError, match=f"cannot use the MAC {mac(2)}: another robot"):
             robots.set_mac(tx, first, mac(2))
-        with pytest.raises((RecordExists, RecordRefused), match="20002"):
+        with pytest.raises((RecordExistsError, RecordRefusedError), match="20002"):
             robots.set_ports(tx, first, 20002, 20003)
 
 
@@ -323,14 +325,14 @@ def test_refused_update_says_change(database: Database, change: str, why: str) -
     with database.transaction() as tx:
         robots.add(tx, MAC, "a")
         robots.add(tx, mac(1), "b")
-        with pytest.raises(RecordRefused, match=r"^cannot change robot a: ") as refused:
+        with pytest.raises(RecordRefusedError, match=r"^cannot change robot a: ") as refused:
             tx.change(f"UPDATE robots SET {change} WHERE name = 'a'")
     assert why in refused.value.detail
 
 
 def test_unknown_robot_is_said_so(database: Database) -> None:
     """The sentence names it and says where to look."""
-    with database.transaction() as tx, pytest.raises(RecordMissing, match="no such robot"):
+    with database.transaction() as tx, pytest.raises(RecordMissingError, match="no such robot"):
         robots.get(tx, "ghost")
 
 
@@ -350,7 +352,7 @@ def test_claim_waits_under_its_robots_present_name(database: Database, robot: Ro
         (claim,) = robots.list_claims(tx)
         assert robots.find_claim(tx, OTHER_KEY.fingerprint) == claim
         assert robots.find_claim(tx, KEY.fingerprint) is None
-        with pytest.raises(RecordExists):
+        with pytest.raises(RecordExistsError):
             robots.add_claim(tx, robot, OTHER_KEY, REPORT)
     assert (claim.robot, claim.robot_id, claim.mac) == ("turtle1", robot.id, MAC)
     assert (claim.key, claim.report, claim.is_rejected) == (OTHER_KEY, REPORT, False)
@@ -376,7 +378,7 @@ def test_rejected_claim_waits_no_more(database: Database, robot: RobotRow) -> No
     with database.transaction() as tx:
         robots.add_claim(tx, robot, OTHER_KEY, REPORT)
         (claim,) = robots.list_claims(tx)
-        with pytest.raises(RecordMissing):
+        with pytest.raises(RecordMissingError):
             robots.get_rejected_key(tx, claim.id)
         robots.reject_claim(tx, claim.id, "sim1", "root")
         assert robots.list_claims(tx) == []
@@ -425,5 +427,5 @@ def test_who_waits_too_long_is_told_to_try_again(
     monkeypatch.setattr(robots, "LOCK_WAIT_S", 0)
     with database.transaction() as first, database.transaction() as second:
         robots.lock_enrolment(first)
-        with pytest.raises(StoreUnavailable, match="try again"):
+        with pytest.raises(StoreUnavailableError, match="try again"):
             robots.lock_enrolment(second)

@@ -15,7 +15,7 @@ from robotether_server.db.robots import Report, RobotRow
 from robotether_server.db.seen_robots import FREE, ControlState, DrivenBy, Stopped
 from robotether_server.identity import PublicKey
 from robotether_server.problems import (
-    RecordMissing,
+    RecordMissingError,
 )
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
@@ -137,7 +137,7 @@ def test_address_and_version_are_the_newest_sessions(
         )
     with database.transaction() as tx:
         after = seen_robots.get_seen(tx, "a")
-        with pytest.raises(RecordMissing):
+        with pytest.raises(RecordMissingError):
             seen_robots.get_seen(tx, "ghost")
     assert (before.address, before.agent_version) == ("192.0.2.1", "0.1.0")
     assert (after.address, after.agent_version) == ("::1", "0.3")

@@ -7,7 +7,7 @@ import datetime as dt
 import pytest
 from robotether_server.db import Database, credentials, users
 from robotether_server.identity import PublicKey
-from robotether_server.problems import RecordExists, RecordMissing, RecordRefused
+from robotether_server.problems import RecordExistsError, RecordMissingError, RecordRefusedError
 
 
 def test_user_is_found_by_name(database: Database) -> None:
@@ -25,11 +25,11 @@ def test_taken_unknown_and_wrong_names_are_said_so(database: Database) -> None:
     """Each sentence names the user."""
     with database.transaction() as tx:
         users.add(tx, "ann", "x", "user")
-        with pytest.raises(RecordExists, match="cannot add user ann"):
+        with pytest.raises(RecordExistsError, match="cannot add user ann"):
             users.add(tx, "ann", "x", "user")
-        with pytest.raises(RecordMissing, match="cannot find user bob"):
+        with pytest.raises(RecordMissingError, match="cannot find user bob"):
             users.get(tx, "bob")
-        with pytest.raises(RecordRefused):
+        with pytest.raises(RecordRefusedError):
             users.add(tx, "<script>", "x", "user")
 
 
@@ -62,13 +62,13 @@ def test_keys_belong_to_one_user(database: Database) -> None:
         )
         added = users.add_ssh_key(tx, ann, "desk", KEY)
         assert (added.name, added.public_key, added.fingerprint) == ("desk", KEY.line, "SHA256:a")
-        with pytest.raises(RecordExists, match="has this very key"):
+        with pytest.raises(RecordExistsError, match="has this very key"):
             users.add_ssh_key(tx, ann, "other", KEY)
-        with pytest.raises(RecordExists, match="has a key of that name"):
+        with pytest.raises(RecordExistsError, match="has a key of that name"):
             users.add_ssh_key(tx, ann, "desk", OTHER_KEY)
         bobs = users.add_ssh_key(tx, bob, "desk", KEY)
         assert users.list_ssh_keys(tx, ann) == [added]
-        with pytest.raises(RecordMissing, match="user ann has none of that number"):
+        with pytest.raises(RecordMissingError, match="user ann has none of that number"):
             users.get_ssh_key(tx, ann, bobs.id)
         users.delete_ssh_key(tx, added.id)
         assert (users.list_ssh_keys(tx, ann), users.list_ssh_keys(tx, bob)) == ([], [bobs])

@@ -10,7 +10,7 @@ from robotether_server.db import Database, cells, control, fleet, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.control import DriveEntry, NewLease
 from robotether_server.db.fleet import SessionEntry
-from robotether_server.problems import NotPossible, RecordMissing, StoreUnavailable
+from robotether_server.problems import NotPossibleError, RecordMissingError, StoreUnavailableError
 from robotether_server.services import cells as cell_service
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
@@ -51,12 +51,12 @@ def test_last_cell_in_service_is_not_drained(database: Database, admin_database:
     """Its robots would have nowhere to go."""
     with database.transaction() as tx:
         cell_service.drain(tx, ADMIN, "a")
-    with database.transaction() as tx, pytest.raises(NotPossible, match="nowhere to go"):
+    with database.transaction() as tx, pytest.raises(NotPossibleError, match="nowhere to go"):
         cell_service.drain(tx, ADMIN, "b")
     with database.transaction() as tx:
         cell_service.resume(tx, ADMIN, "a")
     kill(admin_database, "a")
-    with database.transaction() as tx, pytest.raises(NotPossible, match="nowhere to go"):
+    with database.transaction() as tx, pytest.raises(NotPossibleError, match="nowhere to go"):
         cell_service.drain(tx, ADMIN, "b")
 
 
@@ -65,13 +65,13 @@ def test_of_two_drains_at_once_the_second_waits(database: Database) -> None:
     with database.transaction() as tx, database.transaction() as other:
         cell_service.drain(tx, ADMIN, "a")
         other.change("SET innodb_lock_wait_timeout = 0")
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(StoreUnavailableError):
             cell_service.drain(other, ADMIN, "b")
 
 
 def test_cell_that_is_alive_is_not_removed(database: Database) -> None:
     """Its relay would only write its row again."""
-    with database.transaction() as tx, pytest.raises(NotPossible, match="alive"):
+    with database.transaction() as tx, pytest.raises(NotPossibleError, match="alive"):
         cell_service.remove(tx, ADMIN, "a")
 
 
@@ -101,5 +101,5 @@ def test_removed_cell_leaves_nothing_open(
 @pytest.mark.parametrize("service", [cell_service.drain, cell_service.resume, cell_service.remove])
 def test_unknown_cell_is_said_so(database: Database, service) -> None:
     """A name that was mistyped changes nothing."""
-    with database.transaction() as tx, pytest.raises(RecordMissing, match="no such cell"):
+    with database.transaction() as tx, pytest.raises(RecordMissingError, match="no such cell"):
         service(tx, ADMIN, "c")

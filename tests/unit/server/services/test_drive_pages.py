@@ -7,7 +7,7 @@ from joins import Site
 from robotether_server.buttons import parse_one
 from robotether_server.db import Database, audit, robots
 from robotether_server.db.audit import Source
-from robotether_server.problems import FieldInvalid, NotPossible
+from robotether_server.problems import FieldInvalidError, NotPossibleError
 from robotether_server.services import drive_pages
 from robotether_server.services import robots as robot_service
 
@@ -25,7 +25,10 @@ def test_a_button_needs_its_right_and_allow_gives_it(site: Site, database: Datab
     assert site
     with database.transaction() as tx:
         robot_service.set_settings(tx, MAY, "sim1", {"policy": {"drive": {"call": ["/dock"]}}})
-    with pytest.raises(FieldInvalid, match=r"policy\.drive\.call"), database.transaction() as tx:
+    with (
+        pytest.raises(FieldInvalidError, match=r"policy\.drive\.call"),
+        database.transaction() as tx,
+    ):
         drive_pages.set_buttons(tx, MAY, "sim1", [WAVE])
     for _ in range(2):
         with database.transaction() as tx:
@@ -65,14 +68,14 @@ def test_a_place_is_that_of_a_name() -> None:
     buttons = [parse_one({**WAVE, "name": name}) for name in ("a", "b")]
     assert drive_pages.placed(buttons, 2, "b") == 1
     for place, name in ((1, "b"), (0, "b"), (3, "b"), (-1, "a")):
-        with pytest.raises(NotPossible, match="have changed meanwhile"):
+        with pytest.raises(NotPossibleError, match="have changed meanwhile"):
             drive_pages.placed(buttons, place, name)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", "1", "{} x", '{"a": 1, "a": 2}', "[" * 5000, "\x00"])
 def test_what_is_no_json_object_is_refused(text: str) -> None:
     """With where it goes wrong."""
-    with pytest.raises(FieldInvalid, match="cannot read what the button sends"):
+    with pytest.raises(FieldInvalidError, match="cannot read what the button sends"):
         drive_pages.read(text)
 
 

@@ -6,7 +6,7 @@ import pytest
 from joins import Site
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import Grant, list_all
-from robotether_server.problems import FieldInvalid, RecordMissing
+from robotether_server.problems import FieldInvalidError, RecordMissingError
 from robotether_server.services import grants
 from robotether_server.services.grants import Grantee, Scope
 
@@ -23,7 +23,7 @@ def test_grant_is_given_changed_and_taken(site: Site) -> None:
         assert given == Grant(given.id, "manage", user="ann", robot="sim1")
         assert grants.revoke_from(tx, ADMIN, ANN, SIM1) == given
         assert list_all(tx) == []
-        with pytest.raises(RecordMissing, match="user ann has no grant for robot sim1"):
+        with pytest.raises(RecordMissingError, match="user ann has no grant for robot sim1"):
             grants.revoke_from(tx, ADMIN, ANN, SIM1)
     assert (len(site.events("grant_given")), len(site.events("grant_taken"))) == (2, 1)
 
@@ -31,7 +31,7 @@ def test_grant_is_given_changed_and_taken(site: Site) -> None:
 @pytest.mark.parametrize(("user", "robot"), [("ghost", "sim1"), ("ann", "ghost")])
 def test_unknown_user_or_robot_is_said_so(site: Site, user: str, robot: str) -> None:
     """The sentence names which."""
-    with site.database.transaction() as tx, pytest.raises(RecordMissing, match="ghost"):
+    with site.database.transaction() as tx, pytest.raises(RecordMissingError, match="ghost"):
         grants.give(tx, ADMIN, Grantee("user", user), Scope("robot", robot), "drive")
 
 
@@ -42,7 +42,9 @@ def test_each_change_of_a_group_is_in_the_log_once(site: Site) -> None:
         for _ in range(2):
             assert grants.add_member(tx, ADMIN, "crew", "ann").members == ("ann",)
         assert grants.remove_member(tx, ADMIN, "crew", "ann").members == ()
-        with pytest.raises(RecordMissing, match="user ann from group crew: the user is no member"):
+        with pytest.raises(
+            RecordMissingError, match="user ann from group crew: the user is no member"
+        ):
             grants.remove_member(tx, ADMIN, "crew", "ann")
         grants.add_member(tx, ADMIN, "crew", "ann")
         assert grants.remove_group(tx, ADMIN, "crew").members == ("ann",)
@@ -61,7 +63,10 @@ def test_each_change_of_a_group_is_in_the_log_once(site: Site) -> None:
 @pytest.mark.parametrize("name", ["", "A", "a b", ".a", "x" * 64])
 def test_name_of_a_group_must_fit_a_path(site: Site, name: str) -> None:
     """The sentence says how."""
-    with site.database.transaction() as tx, pytest.raises(FieldInvalid, match="cannot use name"):
+    with (
+        site.database.transaction() as tx,
+        pytest.raises(FieldInvalidError, match="cannot use name"),
+    ):
         grants.add_group(tx, ADMIN, name)
 
 
@@ -79,9 +84,9 @@ def test_each_change_of_a_site_is_in_the_log_once(site: Site) -> None:
 def test_site_that_is_not_there_or_has_no_name_is_refused(site: Site) -> None:
     """The sentence says what."""
     with site.database.transaction() as tx:
-        with pytest.raises(RecordMissing, match="cannot find site ghost"):
+        with pytest.raises(RecordMissingError, match="cannot find site ghost"):
             grants.place_robot(tx, ADMIN, "sim1", "ghost")
-        with pytest.raises(RecordMissing, match="cannot find robot ghost"):
+        with pytest.raises(RecordMissingError, match="cannot find robot ghost"):
             grants.place_robot(tx, ADMIN, "ghost", None)
-        with pytest.raises(FieldInvalid, match="cannot use name"):
+        with pytest.raises(FieldInvalidError, match="cannot use name"):
             grants.add_site(tx, ADMIN, "The Lab")

@@ -15,18 +15,18 @@ from robotether_server.db.audit import Source
 from robotether_server.db.join_tokens import Place
 from robotether_server.db.robots import Report
 from robotether_server.problems import (
-    FieldInvalid,
-    GrantMissing,
-    KeyInUse,
-    KeyRejected,
-    MacElsewhere,
-    RecordMissing,
-    RobotDisabled,
-    TokenExpired,
-    TokenInvalid,
-    TokenRequired,
-    TokenUsedUp,
-    TooManyPending,
+    FieldInvalidError,
+    GrantMissingError,
+    KeyInUseError,
+    KeyRejectedError,
+    MacElsewhereError,
+    RecordMissingError,
+    RobotDisabledError,
+    TokenExpiredError,
+    TokenInvalidError,
+    TokenRequiredError,
+    TokenUsedUpError,
+    TooManyPendingError,
 )
 from robotether_server.services import grants, tokens
 from robotether_server.services import robots as robot_service
@@ -99,10 +99,10 @@ def test_claim_moves_up_when_the_row_has_no_key_any_more(site: Site) -> None:
 def test_key_does_not_get_another_mac(site: Site) -> None:
     """A cloned disk is told to make its own key, and leaves no row, be the key a robot's or a claim."""
     site.ask()
-    with pytest.raises(KeyInUse):
+    with pytest.raises(KeyInUseError):
         site.ask(OTHER_MAC)
     site.ask(key=OTHER_KEY)
-    with pytest.raises(KeyInUse):
+    with pytest.raises(KeyInUseError):
         site.ask(OTHER_MAC, OTHER_KEY)
     assert site.names() == ["robot-006101"]
 
@@ -112,9 +112,9 @@ def test_disabled_robot_is_told_how_to_come_back(site: Site) -> None:
     site.announce()
     site.ask()
     site.set_state("sim1", "disabled")
-    with pytest.raises(RobotDisabled, match="robotether robot enable sim1"):
+    with pytest.raises(RobotDisabledError, match="robotether robot enable sim1"):
         site.ask()
-    with pytest.raises(RobotDisabled) as refused:
+    with pytest.raises(RobotDisabledError) as refused:
         site.ask(key=OTHER_KEY)
     assert "sim1" not in refused.value.detail
     assert site.claimed() == []
@@ -129,7 +129,7 @@ def test_only_so_many_may_wait(site: Site) -> None:
     site.ask(key=OTHER_KEY)
     for mac in (MAC, OTHER_MAC):
         with pytest.raises(
-            TooManyPending, match=r"2 already wait for approval.*robotether robot add"
+            TooManyPendingError, match=r"2 already wait for approval.*robotether robot add"
         ):
             site.ask(mac, key(3))
     assert site.ask() == first
@@ -141,14 +141,16 @@ def test_one_network_leaves_ten_waiting(site: Site) -> None:
     site = dataclasses.replace(site, limit=50)
     for number in range(MAX_UNKNOWN_PER_NETWORK):
         site.unknown_robot(number, f"2001:db8::{number + 1:x}")
-    with pytest.raises(TooManyPending, match="10 from 2001:db8::/64 already wait for approval"):
+    with pytest.raises(
+        TooManyPendingError, match="10 from 2001:db8::/64 already wait for approval"
+    ):
         site.unknown_robot(90, "2001:db8::99")
     assert site.unknown_robot(0, "2001:db8::99").code == "approval_pending"
     assert site.unknown_robot(91, "2001:db8:0:1::1").code == "approval_pending"
     here = Report("turtle", "0.1.0", "2001:db8::99")
     site.announce()
     assert site.ask(report=here).code == "approval_pending"
-    with pytest.raises(TooManyPending):
+    with pytest.raises(TooManyPendingError):
         site.ask(key=key(92), report=here)
     token = site.admins_token()
     assert site.ask(OTHER_MAC, OTHER_KEY, report=here, token=token).code == "active"
@@ -199,7 +201,7 @@ def test_rejected_key_is_told_so(site: Site, policy: str) -> None:
     reject(site, "robot-006101", "SHA256:a")
     site = dataclasses.replace(site, policy=policy)
     for given in (None, token):
-        with pytest.raises(KeyRejected, match="make a new key"):
+        with pytest.raises(KeyRejectedError, match="make a new key"):
             site.ask(token=given)
     assert site.ask(key=OTHER_KEY, token=token).code == "active"
 
@@ -237,7 +239,7 @@ def test_token_only_lets_nobody_wait(site: Site) -> None:
     site = dataclasses.replace(site, policy="token-only")
     assert site.ask(OTHER_MAC, key(9)).code == "active"
     for mac in (MAC, OTHER_MAC, "00:1b:44:00:61:03"):
-        with pytest.raises(TokenRequired, match="robotether robot invite"):
+        with pytest.raises(TokenRequiredError, match="robotether robot invite"):
             site.ask(mac)
     assert site.ask(token=site.join_token(1)).code == "active"
 
@@ -273,11 +275,11 @@ def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
         assert site.ask(token=token).code == "active"
     assert site.used() == 1
     assert site.ask(key=key(5), token=token).code == "mac_in_use"
-    with pytest.raises(KeyInUse):
+    with pytest.raises(KeyInUseError):
         site.ask("00:1b:44:00:61:09", token=token)
     assert site.used() == 1
     assert site.ask(OTHER_MAC, OTHER_KEY, token=token).code == "active"
-    with pytest.raises(TokenUsedUp, match="was good for 2 robots"):
+    with pytest.raises(TokenUsedUpError, match="was good for 2 robots"):
         site.ask("00:1b:44:00:61:09", key(6), token=token)
     assert len(site.names()) == 2
     assert site.ask(token=token).code == "active"
@@ -318,7 +320,7 @@ def test_token_outlives_its_place(site: Site) -> None:
     """A robot is then at no site, and nobody's."""
     ends_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
     with site.database.transaction() as tx:
-        with pytest.raises(RecordMissing, match="site lab"):
+        with pytest.raises(RecordMissingError, match="site lab"):
             tokens.create_join_token(tx, ADMIN, "lab", 1, ends_at, place=Place("lab"))
         grants.add_site(tx, ADMIN, "lab")
         token = tokens.create_join_token(tx, ADMIN, "lab", 1, ends_at, place=Place("lab"))
@@ -334,22 +336,22 @@ def test_token_does_not_undo_what_an_admin_did(site: Site) -> None:
         robot_service.remove(tx, ADMIN, "robot-006101")
     assert site.ask(token=token).code == "approval_pending"
     assert site.used() == 1
-    with pytest.raises(TokenUsedUp, match="an admin has undone that"):
+    with pytest.raises(TokenUsedUpError, match="an admin has undone that"):
         dataclasses.replace(site, policy="token-only").ask(token=token)
 
 
 def test_wrong_tokens_are_told_apart(site: Site) -> None:
     """And no row is left."""
     over = site.join_token(1, -0.1)
-    with pytest.raises(TokenExpired, match="it expired at"):
+    with pytest.raises(TokenExpiredError, match="it expired at"):
         site.ask(token=over)
     for wrong in ("rj_nobodys", "rt_nobodys", "nobodys"):
-        with pytest.raises(TokenInvalid):
+        with pytest.raises(TokenInvalidError):
             site.ask(token=wrong)
     with site.database.transaction() as tx:
         users.add(tx, "ann", "x", "user")
         of_a_user = credentials.create_token(tx, users.get(tx, "ann"), "a", None)
-    with pytest.raises(GrantMissing, match="must be an admin's"):
+    with pytest.raises(GrantMissingError, match="must be an admin's"):
         site.ask(token=of_a_user)
     assert site.names() == []
 
@@ -377,7 +379,7 @@ def test_local_macs_are_for_announced_robots(site: Site) -> None:
     """Unless they are allowed; a token does not make one unique."""
     local = "02:42:ac:11:00:02"
     for token in (None, site.admins_token()):
-        with pytest.raises(FieldInvalid, match="locally administered"):
+        with pytest.raises(FieldInvalidError, match="locally administered"):
             site.ask(local, token=token)
     assert dataclasses.replace(site, local=True).ask(local).code == "approval_pending"
     site.announce(mac="02:42:ac:11:00:03")
@@ -394,7 +396,7 @@ def test_robot_that_lost_its_mac_stays_itself(site: Site, admin_database: Databa
     assert [event.robot for event in site.events("mac_changed")] == ["sim1"]
     with admin_database.transaction() as tx:
         tx.change("INSERT INTO robot_sessions (robot_id, address) SELECT id, '::1' FROM robots")
-    with pytest.raises(MacElsewhere, match="copy of that robot's disk"):
+    with pytest.raises(MacElsewhereError, match="copy of that robot's disk"):
         site.ask(mac_present=False)
     assert site.ask().code == "active"
 
@@ -441,7 +443,7 @@ def test_signature_over_something_else_is_refused(
     rotating_site: Site, old: RobotSigner, wrong: dict[str, str]
 ) -> None:
     """Another MAC or another key."""
-    with pytest.raises(FieldInvalid, match="cannot use previous_key"):
+    with pytest.raises(FieldInvalidError, match="cannot use previous_key"):
         rotating_site.ask(previous=signed(old, **wrong))
     assert rotating_site.robot("sim1").key == old.key
 
@@ -450,7 +452,7 @@ def test_unknown_robots_signature_changes_nothing(rotating_site: Site, old: Robo
     """Under the old key's name it is refused; under its own the new key only waits."""
     stranger = RobotSigner()
     forged = PreviousKey(old.key.fingerprint, signed(stranger).signature)
-    with pytest.raises(FieldInvalid):
+    with pytest.raises(FieldInvalidError):
         rotating_site.ask(previous=forged)
     assert rotating_site.ask(previous=signed(stranger)).code == "mac_in_use"
     assert rotating_site.robot("sim1").key == old.key
@@ -459,7 +461,7 @@ def test_unknown_robots_signature_changes_nothing(rotating_site: Site, old: Robo
 def test_only_active_robots_change_their_key(rotating_site: Site, old: RobotSigner) -> None:
     """A disabled one is told so; one that waits goes on waiting with the key that it showed."""
     rotating_site.set_state("sim1", "disabled")
-    with pytest.raises(RobotDisabled):
+    with pytest.raises(RobotDisabledError):
         rotating_site.ask(previous=signed(old))
     rotating_site.set_state("sim1", "pending")
     assert rotating_site.ask(previous=signed(old)).code == "mac_in_use"
@@ -487,11 +489,11 @@ def test_key_of_another_robot_or_a_rejected_one_is_refused(
     """The old key's signature does not make up for that."""
     name = rotating_site.ask(OTHER_MAC).robot
     rotating_site.set_state(name, "active")
-    with pytest.raises(KeyInUse):
+    with pytest.raises(KeyInUseError):
         rotating_site.ask(previous=signed(old))
     with rotating_site.database.transaction() as tx:
         other = robots.get(tx, name)
         robots.add_rejected_key(tx, other, "root")
         robots.remove(tx, other.id)
-    with pytest.raises(KeyRejected):
+    with pytest.raises(KeyRejectedError):
         rotating_site.ask(previous=signed(old))

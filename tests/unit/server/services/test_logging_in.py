@@ -10,7 +10,7 @@ import pytest
 from robotether_server import passwords
 from robotether_server.db import Database, Transaction, audit, credentials, users
 from robotether_server.db.audit import Source
-from robotether_server.problems import LoginFailed, Throttled
+from robotether_server.problems import LoginFailedError, ThrottledError
 from robotether_server.services.logging_in import (
     PER_NETWORK,
     PER_USER,
@@ -53,7 +53,7 @@ def test_disabled_user_looks_like_a_wrong_password(database: Database) -> None:
         users.add(tx, "gone", HASH, "user")
         users.set_disabled(tx, users.get(tx, "gone").id, disabled=True)
     for name, password in (("ann", "wrong"), ("nobody", PASSWORD), ("gone", PASSWORD)):
-        with pytest.raises(LoginFailed) as failed:
+        with pytest.raises(LoginFailedError) as failed:
             log_in(database, Source(name, "192.0.2.1"), password, HOUR)
         sentences.add(failed.value.detail)
     assert len(sentences) == 1
@@ -75,7 +75,7 @@ def test_what_an_admin_changes_during_the_check_counts(
         return True
 
     monkeypatch.setattr(passwords, "matches", matches)
-    with pytest.raises(LoginFailed):
+    with pytest.raises(LoginFailedError):
         log_in(database, ANN, PASSWORD, HOUR)
     with database.transaction() as tx:
         assert tx.row("SELECT 1 FROM logins") is None
@@ -84,10 +84,10 @@ def test_what_an_admin_changes_during_the_check_counts(
 def test_throttled_try_costs_no_hash(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     """An attacker cannot keep the processor busy."""
     for _ in range(5):
-        with pytest.raises(LoginFailed):
+        with pytest.raises(LoginFailedError):
             log_in(database, ANN, "wrong", HOUR)
     monkeypatch.setattr(passwords, "matches", None)
-    with pytest.raises(Throttled):
+    with pytest.raises(ThrottledError):
         log_in(database, ANN, PASSWORD, HOUR)
 
 
@@ -114,7 +114,7 @@ def test_guess_counts_once_when_its_outcome_has_just_come_into_the_log(database:
         if failures(database) == PER_USER_AND_NETWORK - 1:
             outcomes.append(is_heard(database, "ann", "192.0.2.1"))
 
-    with pytest.raises(LoginFailed):
+    with pytest.raises(LoginFailedError):
         log_in(AfterCommits(database, come_after_the_failure), ANN, "wrong", HOUR)
     assert outcomes == [True]
 
@@ -125,9 +125,9 @@ def test_confirming_makes_no_login(database: Database) -> None:
     with database.transaction() as tx:
         assert tx.row("SELECT 1 FROM logins") is None
     for _ in range(5):
-        with pytest.raises(LoginFailed, match="current password"):
+        with pytest.raises(LoginFailedError, match="current password"):
             confirm(database, ANN, "wrong")
-    with pytest.raises(Throttled):
+    with pytest.raises(ThrottledError):
         log_in(database, ANN, PASSWORD, HOUR)
 
 
@@ -146,9 +146,9 @@ def failures(database: Database) -> int:
 def is_heard(database: Database, name: str, address: str) -> bool:
     try:
         log_in(database, Source(name, address), PASSWORD, HOUR)
-    except Throttled:
+    except ThrottledError:
         return False
-    except LoginFailed:
+    except LoginFailedError:
         return True
     return True
 

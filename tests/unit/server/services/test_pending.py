@@ -6,7 +6,7 @@ import pytest
 from joins import MAC, OTHER_KEY, OTHER_MAC, Site, age
 from robotether_server.db.audit import Source
 from robotether_server.identity import PublicKey
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordMissingError
 from robotether_server.services import pending
 from robotether_server.services import robots as robot_service
 
@@ -52,7 +52,7 @@ def test_forgiven_key_may_ask_again(site: Site) -> None:
         assert (rejected.robot, rejected.mac, rejected.rejected_by) == (name, OTHER_MAC, "root")
         assert pending.forgive(tx, ADMIN, rejected.id) == rejected
         assert pending.rejected(tx) == []
-        with pytest.raises(RecordMissing):
+        with pytest.raises(RecordMissingError):
             pending.forgive(tx, ADMIN, rejected.id)
     assert site.ask(OTHER_MAC, OTHER_KEY).code == "approval_pending"
     (event,) = site.events("key_forgiven")

@@ -13,17 +13,17 @@ from robotether_server.db import Database, audit, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import RobotRow
 from robotether_server.problems import (
-    FieldInvalid,
-    KeyInUse,
-    KeyRejected,
-    MacInUse,
-    NotPossible,
-    Problem,
-    RecordExists,
-    RecordRefused,
-    RobotDisabled,
-    StoreUnavailable,
-    TokenUsedUp,
+    FieldInvalidError,
+    KeyInUseError,
+    KeyRejectedError,
+    MacInUseError,
+    NotPossibleError,
+    RecordExistsError,
+    RecordRefusedError,
+    RobotDisabledError,
+    RobotetherError,
+    StoreUnavailableError,
+    TokenUsedUpError,
 )
 from robotether_server.services import joining
 from robotether_server.services import robots as robot_service
@@ -52,10 +52,10 @@ def details(site: Site, kind: str) -> dict[str, object]:
 def test_added_robot_waits_for_its_key(site: Site) -> None:
     """A local MAC only when the admin says so."""
     assert do(site, robot_service.add, "001b.4400.6102", "turtle").mac == OTHER_MAC
-    with pytest.raises(FieldInvalid, match="--allow-local-mac"):
+    with pytest.raises(FieldInvalidError, match="--allow-local-mac"):
         do(site, robot_service.add, "02:00:00:00:00:01", "local")
     assert do(site, robot_service.add, "02:00:00:00:00:01", "local", allow_local_mac=True).id
-    with pytest.raises(RecordExists):
+    with pytest.raises(RecordExistsError):
         do(site, robot_service.add, "00:1b:44:00:61:03", "turtle")
     assert logged(site) == [
         ("robot_added", "turtle", "192.0.2.9"),
@@ -85,10 +85,10 @@ def test_unknown_robot_does_not_keep_its_mac_from_another_robot(site: Site) -> N
 def test_approved_is_the_key_that_was_compared(site: Site) -> None:
     """Whatever else waits there; approving it again changes nothing."""
     site.announce("turtle", OTHER_MAC)
-    with pytest.raises(NotPossible, match="it has not joined yet"):
+    with pytest.raises(NotPossibleError, match="it has not joined yet"):
         do(site, robot_service.approve, "turtle", "SHA256:b")
     site.ask(OTHER_MAC, OTHER_KEY)
-    with pytest.raises(NotPossible, match="its key is SHA256:b, not SHA256:c"):
+    with pytest.raises(NotPossibleError, match="its key is SHA256:b, not SHA256:c"):
         do(site, robot_service.approve, "turtle", "SHA256:c")
     for _ in range(2):
         robot = do(site, robot_service.approve, "turtle", "SHA256:b")
@@ -113,10 +113,10 @@ def test_claim_of_another_robot_is_not_approved_here(site: Site) -> None:
     site.ask(key=OTHER_KEY)
     site.announce("turtle", OTHER_MAC)
     for action in (robot_service.approve, robot_service.reject):
-        with pytest.raises(NotPossible):
+        with pytest.raises(NotPossibleError):
             do(site, action, "turtle", "SHA256:b")  # type: ignore[arg-type] # reject returns nothing
     do(site, robot_service.disable, "sim1")
-    with pytest.raises(NotPossible, match="robotether robot enable sim1"):
+    with pytest.raises(NotPossibleError, match="robotether robot enable sim1"):
         do(site, robot_service.approve, "sim1", "SHA256:b")
 
 
@@ -146,9 +146,9 @@ def test_rejected_claim_leaves_the_robot_as_it_is(site: Site) -> None:
     with site.database.transaction() as tx:
         robot_service.reject(tx, ADMIN, "sim1", "SHA256:b")
         assert [claim.key for claim in robots.list_rejected_keys(tx)] == [OTHER_KEY]
-        with pytest.raises(NotPossible, match="robotether robot rekey sim1"):
+        with pytest.raises(NotPossibleError, match="robotether robot rekey sim1"):
             robot_service.reject(tx, ADMIN, "sim1", "SHA256:a")
-        with pytest.raises(NotPossible, match="does not wait"):
+        with pytest.raises(NotPossibleError, match="does not wait"):
             robot_service.reject(tx, ADMIN, "sim1", "SHA256:c")
     assert (site.robot("sim1").state, site.robot("sim1").key) == ("active", KEY)
 
@@ -158,7 +158,7 @@ def test_disabled_robot_comes_back_as_it_was(site: Site) -> None:
     for _ in range(2):
         assert do(site, robot_service.disable, "sim1").state == "disabled"
     assert do(site, robot_service.enable, "sim1").state == "active"
-    with pytest.raises(NotPossible, match="it is active, not disabled"):
+    with pytest.raises(NotPossibleError, match="it is active, not disabled"):
         do(site, robot_service.enable, "sim1")
     assert [kind for kind, _, _ in logged(site)] == ["robot_disabled", "robot_enabled"]
 
@@ -212,7 +212,7 @@ def test_settings_are_changed_from_what_they_are(site: Site) -> None:
         lambda present: present | {"guard": {"deadman_ms": 400}},
     )
     assert changed.settings == {"shell_user": "pi", "guard": {"deadman_ms": 400}}
-    with pytest.raises(FieldInvalid, match=r"cannot use guard\.deadman_ms: "):
+    with pytest.raises(FieldInvalidError, match=r"cannot use guard\.deadman_ms: "):
         do(site, robot_service.change_settings, "sim1", lambda _: {"guard": {"deadman_ms": 1}})
     assert site.robot("sim1").settings == changed.settings
     assert [one.details for one in site.events("robot_settings_set")] == [
@@ -224,14 +224,14 @@ def test_settings_are_changed_from_what_they_are(site: Site) -> None:
 def test_wrong_changes_are_refused(site: Site) -> None:
     """What the database refuses comes with its sentence."""
     site.announce("other", OTHER_MAC)
-    with pytest.raises(FieldInvalid, match="locally administered"):
+    with pytest.raises(FieldInvalidError, match="locally administered"):
         do(site, robot_service.set_mac, "sim1", "02:00:00:00:00:01")
     for action, args, problem in (
-        (robot_service.rename, ("other",), RecordExists),
-        (robot_service.rename, ("No",), RecordRefused),
-        (robot_service.set_mac, (OTHER_MAC,), RecordExists),
-        (robot_service.move_ports, (80, 81), RecordRefused),
-        (robot_service.move_ports, (30000, None), RecordRefused),
+        (robot_service.rename, ("other",), RecordExistsError),
+        (robot_service.rename, ("No",), RecordRefusedError),
+        (robot_service.set_mac, (OTHER_MAC,), RecordExistsError),
+        (robot_service.move_ports, (80, 81), RecordRefusedError),
+        (robot_service.move_ports, (30000, None), RecordRefusedError),
     ):
         with pytest.raises(problem, match="cannot"):
             do(site, action, "sim1", *args)
@@ -243,7 +243,7 @@ def test_rekeyed_robot_has_no_key(site: Site) -> None:
     robot = do(site, robot_service.rekey, "sim1")
     assert (robot.state, robot.key) == ("pending", None)
     assert details(site, "robot_rekeyed") == {"was": "active", "fingerprint": "SHA256:a"}
-    with pytest.raises(NotPossible, match="only an active robot"):
+    with pytest.raises(NotPossibleError, match="only an active robot"):
         do(site, robot_service.rotate_key, "sim1")
 
 
@@ -300,7 +300,7 @@ def test_used_up_token_makes_no_robot(site: Site, signer: RobotSigner) -> None:
     register(site, signer, token=token)
     with site.database.transaction() as tx:
         robot_service.remove(tx, ADMIN, "turtle")
-    with pytest.raises(TokenUsedUp, match="an admin has undone that"):
+    with pytest.raises(TokenUsedUpError, match="an admin has undone that"):
         register(site, signer, token=token)
     assert site.names() == ["sim1"]
 
@@ -324,15 +324,15 @@ def test_unknown_robot_keeps_neither_mac_nor_key_nor_name(site: Site, signer: Ro
 
 def test_what_belongs_to_another_is_told_apart(site: Site, signer: RobotSigner) -> None:
     """Each refusal says what to do, and changes nothing."""
-    with pytest.raises(MacInUse, match="robotether robot rekey sim1"):
+    with pytest.raises(MacInUseError, match="robotether robot rekey sim1"):
         register(site, signer, "sim1", MAC)
     site.announce("turtle", NEW_MAC)
-    with pytest.raises(RecordExists, match="belongs to robot turtle"):
+    with pytest.raises(RecordExistsError, match="belongs to robot turtle"):
         register(site, signer, "other", NEW_MAC)
-    with pytest.raises(RecordExists, match="another robot has the name sim1"):
+    with pytest.raises(RecordExistsError, match="another robot has the name sim1"):
         register(site, signer, "sim1", OTHER_MAC)
     register(site, signer)
-    with pytest.raises(KeyInUse):
+    with pytest.raises(KeyInUseError):
         register(site, signer, "third", OTHER_MAC)
     assert site.robot("sim1").key == KEY
     assert site.names() == ["sim1", "turtle"]
@@ -342,22 +342,22 @@ def test_disabled_robot_and_rejected_key_stay_out(site: Site, signer: RobotSigne
     """A playbook does not undo what an admin decided."""
     register(site, signer)
     site.set_state("turtle", "disabled")
-    with pytest.raises(RobotDisabled):
+    with pytest.raises(RobotDisabledError):
         register(site, signer)
     with site.database.transaction() as tx:
         robots.add_rejected_key(tx, robots.get(tx, "turtle"), "root")
         robot_service.remove(tx, ADMIN, "turtle")
-    with pytest.raises(KeyRejected, match="sudo robotether-agent forget"):
+    with pytest.raises(KeyRejectedError, match="sudo robotether-agent forget"):
         register(site, signer)
 
 
 def test_what_is_no_name_mac_or_key_is_refused(site: Site, signer: RobotSigner) -> None:
     """A locally administered MAC too, unless it is allowed or announced."""
-    with pytest.raises(RecordRefused, match="a name has a-z"):
+    with pytest.raises(RecordRefusedError, match="a name has a-z"):
         register(site, signer, "No Name")
-    with pytest.raises(FieldInvalid, match="cannot use mac"):
+    with pytest.raises(FieldInvalidError, match="cannot use mac"):
         register(site, signer, mac="ff:ff:ff:ff:ff:ff")
-    with pytest.raises(FieldInvalid, match="locally administered"):
+    with pytest.raises(FieldInvalidError, match="locally administered"):
         register(site, signer, mac="02:00:00:00:00:01")
     assert register(site, signer, mac="02:00:00:00:00:01", local=True)[1]
 
@@ -369,23 +369,25 @@ def ask_again(ask: Callable[[int], Answer], number: int, tries: int = 10) -> Ans
     """
     try:
         return ask(number)
-    except StoreUnavailable as problem:
+    except StoreUnavailableError as problem:
         if problem.__cause__ is not None or tries == 1:
             raise
     return ask_again(ask, number, tries - 1)
 
 
-def all_at_once(count: int, ask: Callable[[int], Answer]) -> tuple[list[Answer], list[Problem]]:
+def all_at_once(
+    count: int, ask: Callable[[int], Answer]
+) -> tuple[list[Answer], list[RobotetherError]]:
     """Let that many robots ask, each in a thread."""
     answers: list[Answer] = []
-    problems: list[Problem] = []
+    problems: list[RobotetherError] = []
     together = threading.Barrier(count)
 
     def run(number: int) -> None:
         together.wait(20)
         try:
             answers.append(ask_again(ask, number))
-        except Problem as problem:
+        except RobotetherError as problem:
             problems.append(problem)
 
     threads = [threading.Thread(target=run, args=(number,)) for number in range(count)]
@@ -413,12 +415,12 @@ def test_one_key_at_many_macs_at_once_gets_one(database: Database) -> None:
     """Whoever is first; the last use of a token lets one in as well."""
     site = Site(database)
     answers, problems = all_at_once(5, lambda n: site.ask(f"00:1b:44:00:72:0{n}"))
-    assert (len(answers), {type(problem) for problem in problems}) == (1, {KeyInUse})
+    assert (len(answers), {type(problem) for problem in problems}) == (1, {KeyInUseError})
     token = site.join_token(1)
     answers, problems = all_at_once(
         5, lambda n: site.ask(f"00:1b:44:00:73:0{n}", key(n), token=token)
     )
-    assert (len(answers), {type(problem) for problem in problems}) == (1, {TokenUsedUp})
+    assert (len(answers), {type(problem) for problem in problems}) == (1, {TokenUsedUpError})
 
 
 def test_admin_who_approves_while_others_join_is_heard(database: Database) -> None:
@@ -456,5 +458,5 @@ def test_playbooks_at_once_make_a_robot_each(database: Database) -> None:
         return Answer(made.name, "active")
 
     answers, problems = all_at_once(4, run)
-    assert (len(answers), {type(problem) for problem in problems}) == (3, {TokenUsedUp})
+    assert (len(answers), {type(problem) for problem in problems}) == (3, {TokenUsedUpError})
     assert len(site.names()) == 3

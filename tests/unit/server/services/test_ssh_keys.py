@@ -11,7 +11,12 @@ from joins import OTHER_MAC, Site
 from robot_signer import RobotSigner
 from robotether_server.db import robots, users
 from robotether_server.db.audit import Source
-from robotether_server.problems import FieldInvalid, NotPossible, RecordExists, RecordMissing
+from robotether_server.problems import (
+    FieldInvalidError,
+    NotPossibleError,
+    RecordExistsError,
+    RecordMissingError,
+)
 from robotether_server.services import ssh_keys
 from robotether_server.services.ssh_keys import ShellEntry
 
@@ -39,7 +44,7 @@ def test_key_is_named_by_its_comment_unless_a_name_is_given(
             key = ssh_keys.add(tx, ANN, ann, name, line)
             assert (key.name, key.public_key) == (expected, bare)
             assert users.list_ssh_keys(tx, ann) == [key]
-            with pytest.raises(RecordExists):
+            with pytest.raises(RecordExistsError):
                 ssh_keys.add(tx, ANN, ann, "again", line)
             assert ssh_keys.delete(tx, ANN, ann, key.id) == key
     assert (len(site.events("ssh_key_added")), len(site.events("ssh_key_deleted"))) == (3, 3)
@@ -50,7 +55,7 @@ def test_other_peoples_keys_are_out_of_reach(site: Site, signer: RobotSigner) ->
     with site.database.transaction() as tx:
         ann, root = users.get(tx, "ann"), users.get(tx, "root")
         key = ssh_keys.add(tx, ANN, ann, "desk", signer.line)
-        with pytest.raises(RecordMissing):
+        with pytest.raises(RecordMissingError):
             ssh_keys.delete(tx, Source("root"), root, key.id)
 
 
@@ -59,9 +64,9 @@ def test_what_is_no_key_is_refused(site: Site, signer: RobotSigner) -> None:
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         for line in ("", "rubbish", f'command="sh" {signer.line}', f"{signer.line}\n{signer.line}"):
-            with pytest.raises(FieldInvalid, match="cannot use public_key"):
+            with pytest.raises(FieldInvalidError, match="cannot use public_key"):
                 ssh_keys.add(tx, ANN, ann, "desk", line)
-        with pytest.raises(FieldInvalid, match="cannot use name"):
+        with pytest.raises(FieldInvalidError, match="cannot use name"):
             ssh_keys.add(tx, ANN, ann, "de\tsk", signer.line)
 
 
@@ -70,7 +75,7 @@ def test_a_user_has_so_many_keys_at_most(
 ) -> None:
     """Each is a line that sshd is told at a log-in."""
     monkeypatch.setattr(ssh_keys, "MAX_KEYS", 0)
-    with site.database.transaction() as tx, pytest.raises(NotPossible, match="delete one"):
+    with site.database.transaction() as tx, pytest.raises(NotPossibleError, match="delete one"):
         ssh_keys.add(tx, ANN, users.get(tx, "ann"), "desk", signer.line)
 
 

@@ -10,11 +10,11 @@ from joins import Site
 from robotether_server.db import credentials, join_tokens, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
-    FieldInvalid,
-    GrantMissing,
-    NotPossible,
-    RecordExists,
-    RecordMissing,
+    FieldInvalidError,
+    GrantMissingError,
+    NotPossibleError,
+    RecordExistsError,
+    RecordMissingError,
 )
 from robotether_server.services import ssh_keys, tokens
 
@@ -35,7 +35,7 @@ def test_token_works_until_it_is_deleted(site: Site) -> None:
         assert [one.user for one in credentials.list_tokens(tx)] == ["ann", "root"]
         assert tokens.delete(tx, ANN, token.id).name == "ci"
         assert credentials.find_token_user(tx, text) is None
-        with pytest.raises(RecordMissing, match=f"cannot find token {token.id}"):
+        with pytest.raises(RecordMissingError, match=f"cannot find token {token.id}"):
             tokens.delete(tx, ANN, token.id)
     assert len(site.events("token_deleted")) == 1
     assert text not in repr(site.events("token_created"))
@@ -48,7 +48,7 @@ def test_what_a_token_made_goes_with_it(site: Site) -> None:
         program = Source(
             "ann", api_token=credentials.digest(tokens.create(tx, ANN, ann, "ci", None))
         )
-        with pytest.raises(GrantMissing, match="an API token makes no other"):
+        with pytest.raises(GrantMissingError, match="an API token makes no other"):
             tokens.create(tx, program, ann, "next", None)
         for source, name in ((ANN, "by hand"), (program, "by program")):
             tokens.create_join_token(tx, source, name, 1, hours(1))
@@ -66,9 +66,9 @@ def test_wrong_or_taken_name_is_refused(site: Site) -> None:
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         tokens.create(tx, ANN, ann, "ci", None)
-        with pytest.raises(RecordExists, match="user ann has one of that name"):
+        with pytest.raises(RecordExistsError, match="user ann has one of that name"):
             tokens.create(tx, ANN, ann, "ci", None)
-        with pytest.raises(FieldInvalid):
+        with pytest.raises(FieldInvalidError):
             tokens.create(tx, ANN, ann, "c\ni", None)
 
 
@@ -78,7 +78,7 @@ def test_nobody_fills_the_table(site: Site, monkeypatch: pytest.MonkeyPatch) -> 
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         tokens.create(tx, ANN, ann, "first", None)
-        with pytest.raises(NotPossible, match="user ann has 1"):
+        with pytest.raises(NotPossibleError, match="user ann has 1"):
             tokens.create(tx, ANN, ann, "second", None)
         tokens.create(tx, ANN, users.get(tx, "root"), "first", None)
 
@@ -97,7 +97,7 @@ def test_token_is_made_listed_and_deleted(site: Site) -> None:
         (token,) = join_tokens.list_all(tx)
         assert (token.name, token.uses, token.created_by) == ("lab", 10000, "root")
         assert tokens.delete_join_token(tx, ADMIN, token.id) == token
-        with pytest.raises(RecordMissing):
+        with pytest.raises(RecordMissingError):
             tokens.delete_join_token(tx, ADMIN, token.id)
     events = site.events("join_token_created") + site.events("join_token_deleted")
     assert len(events) == 2
@@ -120,5 +120,5 @@ def test_token_is_made_listed_and_deleted(site: Site) -> None:
 )
 def test_wrong_token_is_not_made(site: Site, name: str, uses: int, end: float) -> None:
     """A name that fits a table, 1 to 10000 uses, an end within a year."""
-    with site.database.transaction() as tx, pytest.raises(FieldInvalid):
+    with site.database.transaction() as tx, pytest.raises(FieldInvalidError):
         tokens.create_join_token(tx, ADMIN, name, uses, hours(end))

@@ -12,12 +12,12 @@ from robotether_server import passwords
 from robotether_server.db import Database, Transaction, credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
-    FieldInvalid,
-    LastAdmin,
-    Problem,
-    RecordExists,
-    RecordMissing,
-    TokenInvalid,
+    FieldInvalidError,
+    LastAdminError,
+    RecordExistsError,
+    RecordMissingError,
+    RobotetherError,
+    TokenInvalidError,
 )
 from robotether_server.services import tokens
 from robotether_server.services import users as user_service
@@ -31,9 +31,9 @@ def test_user_is_added_with_a_password(site: Site) -> None:
     with site.database.transaction() as tx:
         bob = user_service.add(tx, ADMIN, "bob", PASSWORD, "user")
         assert passwords.matches(PASSWORD, bob.password_hash)
-        with pytest.raises(FieldInvalid):
+        with pytest.raises(FieldInvalidError):
             user_service.add(tx, ADMIN, "eve", "short", "user")
-        with pytest.raises(RecordExists):
+        with pytest.raises(RecordExistsError):
             user_service.add(tx, ADMIN, "bob", PASSWORD, "admin")
     assert [event.actor for event in site.events("user_added")] == ["root"]
 
@@ -90,7 +90,7 @@ def test_role_and_state_change_once(site: Site) -> None:
         for _ in range(2):
             assert not user_service.set_disabled(tx, ADMIN, "ann", disabled=False).disabled
         assert user_service.remove(tx, ADMIN, "ann").name == "ann"
-        with pytest.raises(RecordMissing):
+        with pytest.raises(RecordMissingError):
             user_service.remove(tx, ADMIN, "ann")
     for kind in ("user_role_set", "user_disabled", "user_enabled", "user_removed"):
         assert len(site.events(kind)) == 1, kind
@@ -109,7 +109,7 @@ def test_last_admin_stays(site: Site, action: Callable[[Transaction], object]) -
     with site.database.transaction() as tx:
         user_service.set_role(tx, ADMIN, "ann", "admin")
         user_service.set_disabled(tx, ADMIN, "ann", disabled=True)
-        with pytest.raises(LastAdmin, match="make another user an admin first"):
+        with pytest.raises(LastAdminError, match="make another user an admin first"):
             action(tx)
         user_service.set_disabled(tx, ADMIN, "ann", disabled=False)
         action(tx)
@@ -120,14 +120,14 @@ def test_two_admins_who_remove_each_other_are_not_both_heard(site: Site) -> None
     with site.database.transaction() as tx:
         user_service.set_role(tx, ADMIN, "ann", "admin")
     together = threading.Barrier(2)
-    problems: list[Problem] = []
+    problems: list[RobotetherError] = []
 
     def remove(name: str) -> None:
         try:
             with site.database.transaction() as tx:
                 together.wait(20)
                 user_service.remove(tx, ADMIN, name)
-        except Problem as problem:
+        except RobotetherError as problem:
             problems.append(problem)
 
     threads = [threading.Thread(target=remove, args=(name,)) for name in ("ann", "root")]
@@ -156,7 +156,7 @@ def test_an_admin_who_is_one_no_more_takes_the_join_tokens_along(site: Site, end
             user_service.set_disabled(tx, ADMIN, "ann", disabled=True)
         else:
             user_service.remove(tx, ADMIN, "ann")
-    with pytest.raises(TokenInvalid):
+    with pytest.raises(TokenInvalidError):
         site.ask(OTHER_MAC, OTHER_KEY, token=texts[0])
     assert site.ask(OTHER_MAC, OTHER_KEY, token=texts[1]).code == "active"
     assert len(site.events("join_token_deleted")) == 1

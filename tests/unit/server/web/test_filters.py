@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from flask import Flask
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.web import filters
 
 NAMES = ("robot", "since", "until")
@@ -38,7 +38,7 @@ def test_moments_are_taken_as_they_are() -> None:
 @pytest.mark.parametrize("text", ["x", "2026-02-30", "9999-12-31"])
 def test_what_is_no_day_is_refused(text: str) -> None:
     """The last day that a computer knows has none after it."""
-    with pytest.raises(FieldInvalid, match="cannot use To"):
+    with pytest.raises(FieldInvalidError, match="cannot use To"):
         filters.until(asked(f"until={text}"))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 from flask import Flask
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.web import forms
 
 app = Flask("test")
@@ -27,7 +27,7 @@ def test_text_is_stripped() -> None:
 @pytest.mark.parametrize("value", [None, "", "  "])
 def test_an_empty_field_is_named(value: str | None) -> None:
     """Or nothing, where it may be empty."""
-    with pytest.raises(FieldInvalid, match="fill in Name") as refused:
+    with pytest.raises(FieldInvalidError, match="fill in Name") as refused:
         given(value, lambda: forms.text("x", "Name", 63))
     assert refused.value.field == "x"
     assert given(value, lambda: forms.optional_text("x", "Name", 63)) is None
@@ -37,7 +37,7 @@ def test_an_empty_field_is_named(value: str | None) -> None:
 @pytest.mark.parametrize("value", ["a\nb", "x" * 64, "a\u202eb"])
 def test_text_that_no_column_holds_is_refused(value: str) -> None:
     """Too long, or with characters that show nothing."""
-    with pytest.raises(FieldInvalid, match="cannot use Name"):
+    with pytest.raises(FieldInvalidError, match="cannot use Name"):
         given(value, lambda: forms.text("x", "Name", 63))
 
 
@@ -50,14 +50,14 @@ def test_numbers_within_bounds() -> None:
 @pytest.mark.parametrize("value", ["0", "91", "-1", "1_0", "1.5", "\u0661", "1e1", "x", "9" * 5000])
 def test_what_is_no_number_is_refused(value: str) -> None:
     """Python would take some of these."""
-    with pytest.raises(FieldInvalid, match="Port: it must be a whole number from 1 to 90"):
+    with pytest.raises(FieldInvalidError, match="Port: it must be a whole number from 1 to 90"):
         given(value, lambda: forms.number("x", "Port", 1, 90))
 
 
 def test_a_choice_is_one_of_the_list() -> None:
     """And nothing else."""
     assert given("user", lambda: forms.choice("x", "Role", ("admin", "user"))) == "user"
-    with pytest.raises(FieldInvalid, match="choose one of admin, user"):
+    with pytest.raises(FieldInvalidError, match="choose one of admin, user"):
         given("root", lambda: forms.choice("x", "Role", ("admin", "user")))
 
 
@@ -120,4 +120,4 @@ def test_a_whole_number_has_no_comma() -> None:
 )
 def test_sentence_at_a_field_asks_for_what_is_missing(detail: str, sentence: str) -> None:
     """Its label names it."""
-    assert FieldInvalid(detail, "x").at_field == sentence
+    assert FieldInvalidError(detail, "x").at_field == sentence

@@ -15,7 +15,7 @@ from aiohttp import web
 
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import Credential
-from robotether_server.problems import HttpProblem, StoreUnavailable
+from robotether_server.problems import HttpError, StoreUnavailableError
 from robotether_server.relay.auth.access import HandlerContext, Permit, request_of
 from robotether_server.relay.channels.rosbridge.bridge import (
     Bridge,
@@ -84,7 +84,7 @@ class RosbridgeHandler:
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Join an operator's WebSocket to the robot until one of them ends."""
         if not web.WebSocketResponse().can_prepare(request):
-            raise HttpProblem(426, "cannot open rosbridge: connect with a WebSocket")
+            raise HttpError(426, "cannot open rosbridge: connect with a WebSocket")
         asked = request_of(request.headers, request.cookies, request.query)
         permit = self._context.access.for_rosbridge(asked, request.match_info["name"])
         observes = permit.use == "observe"
@@ -194,7 +194,7 @@ class OperatorSession:
         name = self.connection.robot.name
         try:
             holds = await self.context.credentials.holds(self.credential)
-        except StoreUnavailable as problem:
+        except StoreUnavailableError as problem:
             raise ConnectionClosedError(close_reasons.lease_unavailable(name)) from problem
         if not holds:
             raise ConnectionClosedError(close_reasons.rights_ended(name))

@@ -15,7 +15,7 @@ from typing import Any
 from aiohttp import WSMsgType, web
 from robotether_common.frames import MAX_CREDITS, MAX_TEXT_BYTES, StreamRequest
 
-from robotether_server.problems import HttpProblem
+from robotether_server.problems import HttpError
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.channels.video.feeds import Feed
 from robotether_server.relay.channels.video.frame_protocol import (
@@ -54,7 +54,7 @@ class FramesHandler:
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Show one camera to one viewer until one of them ends."""
         if not web.WebSocketResponse().can_prepare(request):
-            raise HttpProblem(426, "cannot open frames: connect with a WebSocket")
+            raise HttpError(426, "cannot open frames: connect with a WebSocket")
         topic = topic_of(request)
         asked = request_of(request.headers, request.cookies, request.query)
         permit = await self._context.access.for_frames(asked, request.match_info["name"])

@@ -22,11 +22,11 @@ from yarl import URL
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import (
-    HttpProblem,
-    NoFrames,
-    RobotOffline,
-    TooManyConnections,
-    VideoDown,
+    HttpError,
+    NoFramesError,
+    RobotOfflineError,
+    TooManyConnectionsError,
+    VideoDownError,
 )
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.channels.video.headers import (
@@ -66,7 +66,7 @@ class VideoHandler:
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Answer one request until either side ends."""
         if request.method not in {"GET", "HEAD"}:
-            raise HttpProblem(405, f"cannot {request.method} video: it can only be read")
+            raise HttpError(405, f"cannot {request.method} video: it can only be read")
         check_destination(request.headers)
         asked = request_of(request.headers, request.cookies, request.query)
         permit = await self._context.access.for_video(asked, request.match_info["name"])
@@ -80,7 +80,7 @@ class VideoHandler:
         embeddable = asked.ticket is not None
         connection = connection_of(permit, request.query.get("topic", ""), cut)
         if (why := self._context.connections.no_room(connection)) is not None:
-            raise TooManyConnections(f"cannot show video of robot {permit.robot.name}: {why}")
+            raise TooManyConnectionsError(f"cannot show video of robot {permit.robot.name}: {why}")
         with counted(self._context, permit, connection):
             return await self._answer(request, permit, embeddable=embeddable)
 
@@ -97,7 +97,7 @@ class VideoHandler:
     def _presence(self, robot: RelayRobot) -> Presence:
         presence = self._context.registry.presence(robot.id)
         if not presence.online:
-            raise RobotOffline(
+            raise RobotOfflineError(
                 close_reasons.offline_sentence(robot.name, presence.since, utc_now())
             )
         return presence
@@ -134,7 +134,7 @@ class VideoHandler:
         try:
             if answer.status not in ANSWERS:
                 why = f"its web_video_server answers with status {answer.status}"
-                raise VideoDown(f"cannot show video of robot {robot.name}: {why}")
+                raise VideoDownError(f"cannot show video of robot {robot.name}: {why}")
             yield answer
         finally:
             # Not `release`, which would first read a stream that has no end.
@@ -179,13 +179,15 @@ def _names(part: str, wanted: str) -> bool:
     return any(name == wanted for name, _ in parse_qsl(part, keep_blank_values=True))
 
 
-def _no_answer(robot: RelayRobot, presence: Presence, topic: str, error: Exception) -> VideoDown:
+def _no_answer(
+    robot: RelayRobot, presence: Presence, topic: str, error: Exception
+) -> VideoDownError:
     """Return why nothing was answered: where a topic has no frame, web_video_server closes or keeps the connection."""
     cannot = f"cannot show video of robot {robot.name}"
     is_down = presence.video == "down" or isinstance(error, ClientConnectorError)
     if topic and not is_down:
-        return NoFrames(f"{cannot}: {no_frames(topic)}")
-    return VideoDown(f"{cannot}: its web_video_server does not answer")
+        return NoFramesError(f"{cannot}: {no_frames(topic)}")
+    return VideoDownError(f"{cannot}: its web_video_server does not answer")
 
 
 async def _stream(

@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping
 
 from multidict import CIMultiDict
 
-from robotether_server.problems import DestinationRefused
+from robotether_server.problems import DestinationRefusedError
 
 REQUEST_HEADERS = (
     "Accept",
@@ -60,10 +60,10 @@ UNKNOWN_TYPE = {"Content-Type": "application/octet-stream", "Content-Disposition
 
 
 def check_destination(headers: Mapping[str, str]) -> None:
-    """Raise DestinationRefused when a browser would run or apply the answer."""
+    """Raise DestinationRefusedError when a browser would run or apply the answer."""
     destination = headers.get("Sec-Fetch-Dest", "empty")
     if destination not in DESTINATIONS:
-        raise DestinationRefused(
+        raise DestinationRefusedError(
             f"cannot show video as {destination[:32]!r}: what a robot sends never becomes part of a page"
         )
 
@@ -83,12 +83,12 @@ def headers_for_viewer(
 ) -> CIMultiDict[str]:
     """Keep what describes the body; nothing that could act on our site.
 
-    Raises DestinationRefused for the robot's own multipart answer where a document is shown.
+    Raises DestinationRefusedError for the robot's own multipart answer where a document is shown.
     """
     kept = _passing(headers, RESPONSE_HEADERS)
     is_multipart = kept.get("Content-Type", "").strip().lower().startswith(MULTIPART)
     if is_multipart and destination in OF_DOCUMENTS:
-        raise DestinationRefused(
+        raise DestinationRefusedError(
             f"cannot show this stream as {destination!r}: show it as an image of a page"
         )
     if not PASSING_TYPE.fullmatch(kept.get("Content-Type", "")):

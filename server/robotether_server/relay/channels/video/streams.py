@@ -14,7 +14,13 @@ import time
 from aiohttp import web
 from robotether_common.frames import QOS_NAME, StreamRequest
 
-from robotether_server.problems import FieldInvalid, NoFrames, Problem, RobotOffline, VideoDown
+from robotether_server.problems import (
+    FieldInvalidError,
+    NoFramesError,
+    RobotetherError,
+    RobotOfflineError,
+    VideoDownError,
+)
 from robotether_server.relay.auth.access import Permit
 from robotether_server.relay.channels.video.feeds import Feed
 from robotether_server.relay.channels.video.frame_protocol import (
@@ -108,7 +114,7 @@ class Streams:
         except TimeoutError as exc:
             detail = "" if feed.status is None else feed.status["detail"]
             why = detail or f"its camera sent no frame in {FIRST_FRAME_WITHIN_S:g} s"
-            raise NoFrames(f"cannot show video of robot {robot}: {why}") from exc
+            raise NoFramesError(f"cannot show video of robot {robot}: {why}") from exc
         if frame is None and viewer.close_reason != close_reasons.frames_unknown(robot):
             raise _problem_of(robot, viewer.close_reason)
         return frame
@@ -177,12 +183,12 @@ def stream_request_of(request: web.Request) -> StreamRequest:
         )
         return parse_stream_request(asked)
     except (ValueError, BrokenFramesError) as exc:
-        raise FieldInvalid(
+        raise FieldInvalidError(
             "cannot show a stream: quality is 1 to 100, width and height go together, in pixels up to 4096"
         ) from exc
 
 
-def _problem_of(robot: str, close_reason: CloseReason | None) -> Problem:
+def _problem_of(robot: str, close_reason: CloseReason | None) -> RobotetherError:
     reason = "it ended" if close_reason is None else close_reason.reason
     away = close_reason is not None and close_reason.name in {"robot_offline", "link_lost"}
-    return (RobotOffline if away else VideoDown)(f"cannot show video: {reason}")
+    return (RobotOfflineError if away else VideoDownError)(f"cannot show video: {reason}")

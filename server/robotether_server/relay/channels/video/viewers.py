@@ -12,7 +12,7 @@ from functools import partial
 
 from aiohttp import web
 
-from robotether_server.problems import FieldInvalid
+from robotether_server.problems import FieldInvalidError
 from robotether_server.relay.auth.access import HandlerContext, Permit
 from robotether_server.relay.channels.video.feeds import Feed, Feeds
 from robotether_server.relay.channels.video.frame_protocol import Frame
@@ -83,10 +83,10 @@ class Cursor:
 
 
 def topic_of(request: web.Request) -> str:
-    """Return which camera is asked for; FieldInvalid when none is."""
+    """Return which camera is asked for; FieldInvalidError when none is."""
     topic: str = request.query.get("topic", "")
     if not 0 < len(topic) <= MAX_TOPIC or not topic.isprintable():
-        raise FieldInvalid(
+        raise FieldInvalidError(
             f"cannot open a camera: name it with topic=, in at most {MAX_TOPIC} characters"
         )
     return topic

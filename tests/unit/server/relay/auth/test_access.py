@@ -10,15 +10,15 @@ import pytest
 from relay_server import MemoryDatabase, utc
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
-    GrantMissing,
-    LoginMissing,
-    OriginRefused,
-    RobotUnknown,
-    StoreUnavailable,
-    TicketExpired,
-    TicketForeign,
-    TicketUsed,
-    TokenInvalid,
+    GrantMissingError,
+    LoginMissingError,
+    OriginRefusedError,
+    RobotUnknownError,
+    StoreUnavailableError,
+    TicketExpiredError,
+    TicketForeignError,
+    TicketUsedError,
+    TokenInvalidError,
 )
 from robotether_server.relay.auth.access import Access, Permit, Request, UsedTickets, request_of
 from robotether_server.relay.auth.credentials import Credentials, credential_of
@@ -90,7 +90,7 @@ def test_only_this_site_and_listed_origins_pass(origin, host, passes):
     if passes:
         access.check_origin(request)
     else:
-        with pytest.raises(OriginRefused):
+        with pytest.raises(OriginRefusedError):
             access.check_origin(request)
 
 
@@ -130,22 +130,22 @@ async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(open
         return permit if isinstance(permit, Permit) else await permit
 
     assert (await open_by(remembered=False)).credential == login
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await open_by(remembered=True)
     assert await credentials.holds(login)
     assert (await open_by(remembered=True)).credential == login
     database.credentials.clear()
     await credentials.recheck()
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await open_by(remembered=True)
 
 
 @pytest.mark.parametrize(
     ("name", "mode", "problem"),
     [
-        ("sim1", "drive", GrantMissing),
-        ("sim2", "observe", TicketForeign),
-        ("sim3", "observe", RobotUnknown),
+        ("sim1", "drive", GrantMissingError),
+        ("sim2", "observe", TicketForeignError),
+        ("sim3", "observe", RobotUnknownError),
     ],
 )
 async def test_a_ticket_from_webs_memory_opens_its_robot_within_the_grant(name, mode, problem):
@@ -156,7 +156,7 @@ async def test_a_ticket_from_webs_memory_opens_its_robot_within_the_grant(name, 
     login = credential_of("login", database.add_credential("login", RelayUser(3, "ann")))
     assert await credentials.holds(login)
     by = "login", login.digest.hex()
-    asked_for = "sim1" if problem is TicketForeign else name
+    asked_for = "sim1" if problem is TicketForeignError else name
     ticket = Ticket(new_id(), 3, "ann", None, asked_for, mode, *by, remembered=True)
     request = Request("h", None, TicketSigner("key", 30).sign(ticket), None, None)
     with pytest.raises(problem):
@@ -203,9 +203,9 @@ async def test_only_what_can_be_a_credential_is_looked_up(length, is_asked_for):
     """What is empty or too long costs neither a digest nor the database's time."""
     database = MemoryDatabase()
     access, text = access_of(database), "x" * length
-    with pytest.raises(LoginMissing):
+    with pytest.raises(LoginMissingError):
         await access.asker(Request("robots.example", None, None, text, authorization=None))
-    with pytest.raises(TokenInvalid):
+    with pytest.raises(TokenInvalidError):
         await access.asker(Request("robots.example", None, None, None, f"Bearer {text}"))
     assert database.lookups == 2 * is_asked_for
 
@@ -215,7 +215,7 @@ async def test_a_login_that_is_not_there_or_not_meant_is_not_looked_up(origin):
     """The browser adds a login to the request of another site's page without being asked."""
     database = MemoryDatabase()
     login = database.add_credential("login", RelayUser(3, "ann")) if origin else None
-    with pytest.raises(LoginMissing):
+    with pytest.raises(LoginMissingError):
         await access_of(database).asker(
             Request("robots.example", origin, None, login, authorization=None)
         )
@@ -246,14 +246,14 @@ def test_a_ticket_is_used_once():
     used = UsedTickets(START)
     used.use("a", later(0))
     used.use("b", later(90))
-    with pytest.raises(TicketUsed):
+    with pytest.raises(TicketUsedError):
         used.use("a", later(0))
 
 
 def test_tickets_of_before_the_start_are_refused():
     """A former relay may have seen them."""
     used = UsedTickets(later(0.7))
-    with pytest.raises(TicketExpired):
+    with pytest.raises(TicketExpiredError):
         used.refuse_too_old(later(-1), later(0.8))
     used.refuse_too_old(later(0), later(0.8))
 
@@ -261,10 +261,10 @@ def test_tickets_of_before_the_start_are_refused():
 def test_a_clock_that_is_set_back_makes_no_new_ticket_too_old():
     """As after the start of a machine whose clock was ahead; what was issued before that is refused as before."""
     used = UsedTickets(later(7200))
-    with pytest.raises(TicketExpired):
+    with pytest.raises(TicketExpiredError):
         used.refuse_too_old(later(-1), later(0.3))
     used.refuse_too_old(later(5), later(6))
-    with pytest.raises(TicketExpired):
+    with pytest.raises(TicketExpiredError):
         used.refuse_too_old(later(-1), later(6))
 
 
@@ -296,7 +296,7 @@ async def test_tickets_of_before_the_robot_came_are_refused(
     if is_good:
         access.for_rosbridge(request, "sim1")
         return
-    with pytest.raises(TicketExpired, match="connected elsewhere"):
+    with pytest.raises(TicketExpiredError, match="connected elsewhere"):
         access.for_rosbridge(request, "sim1")
 
 
@@ -305,8 +305,8 @@ def test_a_full_memory_forgets_no_ticket_that_could_be_used_again():
     used = UsedTickets(START, capacity=2)
     for second, ticket_id in enumerate(["a", "b", "c"]):
         used.use(ticket_id, later(second))
-    with pytest.raises(TicketExpired):
+    with pytest.raises(TicketExpiredError):
         used.refuse_too_old(later(0), later(3))
     used.refuse_too_old(later(1), later(3))
-    with pytest.raises(TicketUsed):
+    with pytest.raises(TicketUsedError):
         used.use("b", later(1))

@@ -8,7 +8,7 @@ from collections.abc import Collection
 import pytest
 from relay_server import MemoryDatabase
 from robotether_server.db.fleet import Credential, RelayUser
-from robotether_server.problems import StoreUnavailable, Throttled
+from robotether_server.problems import StoreUnavailableError, ThrottledError
 from robotether_server.relay.auth import credentials as module
 from robotether_server.relay.auth.credentials import Credentials, credential_of
 
@@ -88,7 +88,7 @@ async def test_an_address_has_few_places_and_takes_nobody_elses(monkeypatch):
     credentials = Credentials(database)
     asking = [asyncio.create_task(credentials.user_of(one, "x")) for one in unknown(3)]
     await asyncio.sleep(0)
-    with pytest.raises(Throttled) as refused:
+    with pytest.raises(ThrottledError) as refused:
         await credentials.user_of(credential_of("token", "one more"), "x")
     assert refused.value.retry_after_s == 1
     asking += [
@@ -115,7 +115,7 @@ async def test_all_addresses_together_have_a_bound(monkeypatch):
         for number, one in enumerate(unknown(3))
     ]
     await asyncio.sleep(0)
-    with pytest.raises(Throttled):
+    with pytest.raises(ThrottledError):
         await credentials.user_of(credential_of("token", "one more"), "z")
     database.answers.set()
     await asyncio.gather(*asking)
@@ -135,7 +135,7 @@ async def test_an_outage_is_told_and_not_kept(credentials, memory_database):
     """While the database is away nobody is called unknown."""
     login = credential_of("login", memory_database.add_credential("login", ANN))
     memory_database.down = True
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.user_of(login)
     memory_database.down = False
     assert await credentials.user_of(login) == ANN
@@ -181,7 +181,7 @@ async def test_what_is_new_while_the_database_is_away_is_asked_for_later(
     ended: list[str] = []
     with credentials.held(credential_of("login", "gone"), lambda: ended.append("gone")):
         memory_database.down = True
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(StoreUnavailableError):
             await credentials.check_new()
         assert ended == []
         memory_database.down = False
@@ -199,10 +199,10 @@ async def test_who_drove_lately_may_again_while_the_database_is_away(
     assert await credentials.holds(login)
     memory_database.down = True
     assert await credentials.holds(login)
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.holds(other)
     monkeypatch.setattr(module, "RECENT_S", 0.0)
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.holds(login)
 
 
@@ -216,7 +216,7 @@ async def test_who_is_live_may_drive_while_the_database_is_away(
         memory_database.down = True
         monkeypatch.setattr(module, "RECENT_S", 0.0)
         assert await credentials.holds(login)
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.holds(login)
     monkeypatch.setattr(module, "RECENT_S", 60.0)
     assert await credentials.holds(login)
@@ -233,7 +233,7 @@ async def test_what_ended_before_the_database_went_does_not_come_back(credential
     await credentials.recheck()
     memory_database.down = True
     assert await credentials.holds(stays)
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.holds(login)
 
 
@@ -244,9 +244,9 @@ async def test_what_may_have_ended_when_the_database_went_does_not_count(
     login = credential_of("login", memory_database.add_credential("login", ANN))
     assert await credentials.holds(login)
     memory_database.down = True
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.recheck()
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.holds(login)
 
 
@@ -264,7 +264,7 @@ async def test_what_ended_by_any_answer_does_not_come_back(credentials, memory_d
             else:
                 await credentials.check_new()
         memory_database.down = True
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(StoreUnavailableError):
             await credentials.holds(login)
 
 
@@ -281,7 +281,7 @@ async def test_who_drove_lately_may_stop_a_robot_while_the_database_is_away(
     assert await credentials.user_of(ended) is None
     memory_database.down = True
     assert await credentials.user_of(stays) == ANN
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.holds(ended)
 
 
@@ -299,7 +299,7 @@ async def test_a_ticket_newer_than_the_last_answer_is_believed_while_the_databas
         assert await credentials.holds(login)
         assert await credentials.user_of(login) == ANN
     else:
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(StoreUnavailableError):
             await credentials.holds(login)
 
 
@@ -307,7 +307,7 @@ async def test_no_ticket_is_believed_before_the_first_answer(credentials, memory
     login = credential_of("login", memory_database.add_credential("login", ANN))
     memory_database.down = True
     credentials.note_signed(login, ANN, 0.0)
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.holds(login)
 
 
@@ -322,13 +322,13 @@ async def test_no_ticket_of_before_an_answer_is_believed(credentials, memory_dat
         if asks in {"holds", "user_of"}:
             assert not await getattr(credentials, asks)(ended)
         elif memory_database.down:
-            with pytest.raises(StoreUnavailable):
+            with pytest.raises(StoreUnavailableError):
                 await credentials.recheck()
         else:
             await getattr(credentials, asks)()
     memory_database.down = True
     credentials.note_signed(ended, ANN, 0.0)
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.holds(ended)
 
 
@@ -376,7 +376,7 @@ async def test_a_yes_of_before_a_change_is_not_believed_later():
     memory_database.go_on.set()
     assert await asking
     memory_database.down = True
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.holds(login)
 
 
@@ -393,7 +393,7 @@ async def test_who_may_drive_without_the_database_is_bounded(
     memory_database.down = True
     assert await credentials.holds(logins[0])
     assert await credentials.holds(logins[2])
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.holds(logins[1])
     memory_database.down = False
     monkeypatch.setattr(module, "RECENT_S", 0.0)
@@ -431,7 +431,7 @@ async def test_what_something_live_hangs_on_is_known_without_the_database(
         memory_database.down = True
         monkeypatch.setattr(module, "RECENT_S", 0.0)
         assert await credentials.user_of(login) == ANN
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await credentials.user_of(login)
     monkeypatch.setattr(module, "RECENT_S", 60.0)
     assert await credentials.user_of(login) == ANN

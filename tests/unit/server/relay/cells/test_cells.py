@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from relay_server import MemoryDatabase, cell_settings, running_relay, until
 from robotether_server.db.cells import Cell
-from robotether_server.problems import RecordExists
+from robotether_server.problems import RecordExistsError
 from robotether_server.relay.cells import cells as relay_cells
 from robotether_server.relay.cells.cells import Cells
 
@@ -140,7 +140,7 @@ class Taken(MemoryDatabase):
     """Records in which another relay has this cell's name."""
 
     async def heartbeat(self, *_: object) -> list[Cell]:
-        raise RecordExists("cannot take part as cell a: another relay has this name")
+        raise RecordExistsError("cannot take part as cell a: another relay has this name")
 
 
 async def test_a_name_that_another_relay_has_is_reported_once(caplog):

@@ -14,9 +14,9 @@ from relay_server import until, utc
 from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
 from robotether_server.db.fleet import AuditEntry, RelayUser, Snapshot
 from robotether_server.problems import (
-    RecordMissing,
-    RecordRefused,
-    StoreUnavailable,
+    RecordMissingError,
+    RecordRefusedError,
+    StoreUnavailableError,
 )
 from robotether_server.relay.control import leasing
 from robotether_server.relay.http import close_reasons
@@ -171,9 +171,9 @@ async def test_of_two_claims_the_older_hears_of_the_newer(bare, sim1, memory_dat
 @pytest.mark.parametrize(
     ("problem", "close_reason"),
     [
-        (RecordMissing, close_reasons.rights_ended),
-        (RecordRefused, close_reasons.rights_ended),
-        (StoreUnavailable, close_reasons.lease_unavailable),
+        (RecordMissingError, close_reasons.rights_ended),
+        (RecordRefusedError, close_reasons.rights_ended),
+        (StoreUnavailableError, close_reasons.lease_unavailable),
     ],
 )
 async def test_who_gets_no_number_hears_why(

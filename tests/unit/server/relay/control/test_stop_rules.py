@@ -17,7 +17,7 @@ from fake_robot import WAIT_S
 from relay_server import until, utc
 from robotether_server.db.control import Stop, StopEntry
 from robotether_server.db.fleet import AuditEntry, RelayRobot, Snapshot
-from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
+from robotether_server.problems import GuardSilentError, NotPossibleError, RobotOfflineError
 from robotether_server.relay.control import stops as stops_module
 from robotether_server.relay.control.stops import ShownStop, Stops
 from robotether_server.relay.http import close_reasons
@@ -122,7 +122,7 @@ async def test_an_offline_robot_stays_stopped(world):
     """The problem says since when it is offline."""
     world.registry.remember([(SIM1.id, NOON, None)])
     world.stops.learn(Stop(SIM1.id, NOON, "ben"), is_written=True)
-    with pytest.raises(RobotOffline, match="sim1 has been offline since 2026-01-01 12:00 UTC"):
+    with pytest.raises(RobotOfflineError, match="sim1 has been offline since 2026-01-01 12:00 UTC"):
         await world.stops.release(SIM1, "ann")
     assert world.stops.of(SIM1.id).by == "ben"
     assert world.written == []
@@ -217,7 +217,7 @@ async def test_a_silent_guard_is_sent_the_stop_after_a_release(world, monkeypatc
     world.stops.stop(SIM1, "ben")
     assert not await world.stops.confirmation(SIM1.id)
     assert not world.robot.stops.confirmations
-    with pytest.raises(GuardSilent, match=r"guard did not confirm it in 0\.01 s"):
+    with pytest.raises(GuardSilentError, match=r"guard did not confirm it in 0\.01 s"):
         await world.stops.release(SIM1, "ann")
     assert link.kinds == ["stop", "release", "stop"]
     assert [line["by"] for line in link.sent] == ["ben", "ann", "ben"]
@@ -276,7 +276,7 @@ async def test_what_came_last_is_shown_whenever_it_began(world):
     world.stops.learn(Stop(SIM1.id, NOON, "ann"))
     world.stops.learn(Stop(SIM1.id, NOON - timedelta(hours=1), "ben"))
     assert world.stops.shown(SIM1.id) == ShownStop("ben", "2026-01-01T11:00:00Z")
-    with pytest.raises(NotPossible):
+    with pytest.raises(NotPossibleError):
         await world.stops.release(SIM1, "ann", seen=ShownStop("ann", "2026-01-01T12:00:00Z"))
     await world.stops.release(SIM1, "ann", seen=world.stops.shown(SIM1.id))
     assert world.stops.of(SIM1.id) is None
@@ -302,7 +302,7 @@ async def test_a_stop_of_another_cell_during_a_release_wins(world):
     release = asyncio.create_task(world.stops.release(SIM1, "ann"))
     await until(lambda: "release" in link.kinds, "it is on its way")
     world.stops.learn(Stop(SIM1.id, NOON, "ben"))
-    with pytest.raises(NotPossible, match="ben has stopped it again"):
+    with pytest.raises(NotPossibleError, match="ben has stopped it again"):
         await release
     assert link.kinds == ["stop", "release", "stop"]
 

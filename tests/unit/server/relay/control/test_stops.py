@@ -9,7 +9,7 @@ from fake_robot import FakeRobot
 from relay_clients import audit_lines, closing, misbehaving
 from relay_server import SESSION_KEY, running_relay, until, utc
 from robotether_server.db.control import Stop, StopEntry
-from robotether_server.problems import GuardSilent, NotPossible, RobotOffline
+from robotether_server.problems import GuardSilentError, NotPossibleError, RobotOfflineError
 from robotether_server.relay.control import stops as stops_module
 from robotether_server.relay.control.stops import ShownStop
 from robotether_server.relay.robots.robot import GuardReport
@@ -81,7 +81,7 @@ async def test_a_silent_guard_keeps_the_robot_stopped(relay, sim1, monkeypatch):
     await until(lambda: relay.relay.registry.presence(7).guard == "ready", "the guard is known")
     stops.stop(sim1, "ben")
     assert not await stops.confirmation(sim1.id)
-    with pytest.raises(GuardSilent):
+    with pytest.raises(GuardSilentError):
         await stops.release(sim1, "ann")
     stopped = control(relay, sim1).stopped
     assert (stopped.by, stopped.confirmed) == ("ben", False)
@@ -101,7 +101,7 @@ async def test_a_stop_during_a_release_wins(relay, sim1):
     release = asyncio.create_task(stops.release(sim1, "ann"))
     await until(lambda: "release" in orders(robot), "the release is on its way")
     stops.stop(sim1, "carl")
-    with pytest.raises(NotPossible, match="carl has stopped it again"):
+    with pytest.raises(NotPossibleError, match="carl has stopped it again"):
         await release
     await until(lambda: orders(robot)[-1] == "stop", "the guard hears of it after the release")
     assert stops.of(sim1.id).by == "carl"
@@ -119,7 +119,7 @@ async def test_a_stop_behind_the_answer_to_a_release_wins(relay, sim1):
     answers = next(each["id"] for each in robot.session.orders if each["type"] == "release")
     registry.on_guard_status(registry.session_of(7), GuardReport(state="ready"), answers)
     stops.stop(sim1, "carl")
-    with pytest.raises(NotPossible, match="carl has stopped it again"):
+    with pytest.raises(NotPossibleError, match="carl has stopped it again"):
         await release
     assert stops.of(sim1.id).by == "carl"
     await robot.stop()
@@ -160,7 +160,7 @@ async def test_who_stops_without_end_does_not_fill_the_session(relay, sim1, memo
     await until(lambda: "release" in orders(robot), "the release is on its way")
     for _ in range(1000):
         stops.stop(sim1, "eve")
-    with pytest.raises(NotPossible):
+    with pytest.raises(NotPossibleError):
         await release
     await until(lambda: orders(robot)[-1] == "stop", "the last stop is told")
     assert len(orders(robot)) < 10
@@ -175,7 +175,7 @@ async def test_an_offline_robot_is_stopped_when_it_comes(relay, sim1):
     stops = relay.relay.control.stops
     stops.stop(sim1, "ben")
     assert not await stops.confirmation(sim1.id)
-    with pytest.raises(RobotOffline):
+    with pytest.raises(RobotOfflineError):
         await stops.release(sim1, "ann")
     robot = await misbehaving(relay, sim1, "guarded")
     await until(lambda: stops.confirmed(sim1.id), "its guard has it")
@@ -298,10 +298,12 @@ async def test_a_release_ends_the_stop_that_was_seen_and_no_other(relay, guarded
     stops.stop(sim1, "ann")
     seen = stops.shown(sim1.id)
     stops.stop(sim1, "ben")
-    with pytest.raises(NotPossible, match=r"^ben stopped sim1 at \d\d:\d\d UTC too; check again"):
+    with pytest.raises(
+        NotPossibleError, match=r"^ben stopped sim1 at \d\d:\d\d UTC too; check again"
+    ):
         await stops.release(sim1, "ann", seen=seen)
     newer = stops.shown(sim1.id)
-    with pytest.raises(NotPossible):
+    with pytest.raises(NotPossibleError):
         await stops.release(sim1, "ann", seen=ShownStop(newer.by, "2026-01-01T12:00:00Z"))
     assert stops.of(sim1.id).by == "ben"
     for _ in range(2):

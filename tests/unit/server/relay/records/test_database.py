@@ -20,7 +20,7 @@ from robotether_server.db import Database, Transaction, cells, credentials, gran
 from robotether_server.db.control import NewLease
 from robotether_server.db.fleet import Credential, RelayUser
 from robotether_server.identity import PublicKey
-from robotether_server.problems import StoreUnavailable
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.records import database as module
 from robotether_server.relay.records.database import RelayDatabase
@@ -87,11 +87,11 @@ async def robot_of(relay: RelayServer, mode: Mode = "guard_off") -> AsyncIterato
 
 
 async def test_a_database_that_refuses_is_unavailable():
-    """Nobody on the port: StoreUnavailable at once."""
+    """Nobody on the port: StoreUnavailableError at once."""
     memory_database = RelayDatabase(
         Database(DatabaseSettings("127.0.0.1", 1, "r", "relay", "x")), "main"
     )
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         await memory_database.changes()
     memory_database.close()
 
@@ -101,15 +101,15 @@ async def test_nobody_waits_to_be_known_while_the_database_hangs():
     with create_server(("127.0.0.1", 0)) as silent:
         settings = DatabaseSettings("127.0.0.1", silent.getsockname()[1], "r", "relay", "x")
         relay_database = RelayDatabase(Database(settings), "main", answer_within_s=0.2)
-        with pytest.raises(StoreUnavailable, match=r"no answer in 0\.2 s"):
+        with pytest.raises(StoreUnavailableError, match=r"no answer in 0\.2 s"):
             await relay_database.changes()
-        with pytest.raises(StoreUnavailable, match="it hangs"):
+        with pytest.raises(StoreUnavailableError, match="it hangs"):
             await relay_database.users_of([credential_of("login", "x")])
         relay_database.close()
 
 
 async def test_a_database_that_hangs_is_unavailable_in_time(paused):
-    """No answer: StoreUnavailable after the limit, and the loop was never held up."""
+    """No answer: StoreUnavailableError after the limit, and the loop was never held up."""
     memory_database = RelayDatabase(Database(paused.settings("relay")), "main", answer_within_s=0.3)
     max_s = 0.0
     with Stopwatch() as stopwatch:
@@ -120,7 +120,7 @@ async def test_a_database_that_hangs_is_unavailable_in_time(paused):
             before_s = stopwatch.s
             await asyncio.sleep(0.005)
             max_s = max(max_s, stopwatch.s - before_s)
-        assert all(isinstance(answer, StoreUnavailable) for answer in await asking)
+        assert all(isinstance(answer, StoreUnavailableError) for answer in await asking)
     assert stopwatch.s < 1
     assert max_s < 0.2
     memory_database.close()
@@ -264,7 +264,7 @@ async def test_a_number_that_comes_too_late_is_not_given(
     with admin_database.transaction() as tx:
         tx.row("SELECT fence FROM control_leases FOR UPDATE")
         for why in (r"no answer in 0\.2 s", "it hangs"):
-            with pytest.raises(StoreUnavailable, match=why):
+            with pytest.raises(StoreUnavailableError, match=why):
                 await relay_database.next_fence(lease)
         assert relay_database._open == 1
     await until(lambda: relay_database._open == 0, "the late answer has come")

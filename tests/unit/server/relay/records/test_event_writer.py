@@ -13,7 +13,7 @@ from fake_robot import WAIT_S
 from relay_server import MemoryDatabase, until, utc
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, Stop, StopEntry
 from robotether_server.db.fleet import AuditEntry, Entry, FormerSessions, SessionEntry
-from robotether_server.problems import RecordRefused
+from robotether_server.problems import RecordRefusedError
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.records.journal import MAX_STALE_LINES, Journal, JournalEntry
 
@@ -25,7 +25,7 @@ class Picky(MemoryDatabase):
 
     async def write(self, entries):
         if any(getattr(entry, "robot_id", 0) == 13 for entry in entries):
-            raise RecordRefused("no such robot")
+            raise RecordRefusedError("no such robot")
         return await super().write(entries)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from relay_server import MemoryDatabase, utc
 from robotether_server.db.fleet import RelayUser, Snapshot
-from robotether_server.problems import StoreUnavailable
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.records.fleet import Fleet
 
 
@@ -80,7 +80,7 @@ async def test_without_a_first_answer_there_is_no_snapshot(fleet, memory_databas
     """Asking for rights says that the records are unavailable."""
     memory_database.down = True
     await fleet.poll()
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(StoreUnavailableError):
         fleet.snapshot()
     assert fleet.known().robots == {}
 

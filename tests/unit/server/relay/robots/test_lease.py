@@ -12,12 +12,12 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from relay_server import utc
 from robotether_server.db.fleet import RelayUser
 from robotether_server.problems import (
-    AlreadyAsked,
-    LeaseFree,
-    LeaseNotYours,
-    NobodyAsks,
-    Problem,
-    Throttled,
+    AlreadyAskedError,
+    LeaseFreeError,
+    LeaseNotYoursError,
+    NobodyAsksError,
+    RobotetherError,
+    ThrottledError,
 )
 from robotether_server.relay.robots.lease import HeldError, Instant, Lease
 
@@ -162,7 +162,7 @@ def test_the_control_is_handed_to_the_one_who_is_named():
     lease.ask(BEN, at(0))
     lease.withdraw(BEN)
     lease.ask(CARL, at(1))
-    with pytest.raises(NobodyAsks, match="carl asks for it now"):
+    with pytest.raises(NobodyAsksError, match="carl asks for it now"):
         lease.hand_over(ANN, at(2), "ben")
     assert lease.waiting.user == CARL
     assert lease.hand_over(ANN, at(3), "carl").to == CARL
@@ -172,27 +172,27 @@ def test_wrong_deeds_have_names():
     """Each refusal has its own code."""
     lease = Lease()
     for deed in (lease.ask, lease.take, lease.refuse, lease.hand_over):
-        with pytest.raises(LeaseFree):
+        with pytest.raises(LeaseFreeError):
             deed(BEN, at(0))
     driven_by(ANN, lease)
-    with pytest.raises(LeaseFree):
+    with pytest.raises(LeaseFreeError):
         lease.ask(ANN, at(0))
     for deed in (lease.refuse, lease.hand_over):
-        with pytest.raises(NobodyAsks):
+        with pytest.raises(NobodyAsksError):
             deed(ANN, at(0))
-        with pytest.raises(LeaseNotYours):
+        with pytest.raises(LeaseNotYoursError):
             deed(BEN, at(0))
     assert lease.ask(BEN, at(0))
     assert not lease.ask(BEN, at(1))
-    with pytest.raises(AlreadyAsked):
+    with pytest.raises(AlreadyAskedError):
         lease.ask(CARL, at(1))
-    with pytest.raises(NobodyAsks):
+    with pytest.raises(NobodyAsksError):
         lease.withdraw(CARL)
     lease.withdraw(BEN)
     assert lease.waiting is None
     assert lease.take(ANN, at(2)) is None
     lease.take(CARL, at(2))
-    with pytest.raises(AlreadyAsked):
+    with pytest.raises(AlreadyAskedError):
         lease.ask(BEN, at(3))
 
 
@@ -204,7 +204,7 @@ def test_a_driver_is_not_asked_again_and_again():
         assert lease.ask(BEN, at(second))
         assert not lease.ask(BEN, at(second))
         lease.refuse(ANN, at(second))
-    with pytest.raises(Throttled, match="ask again in 28 s") as throttled:
+    with pytest.raises(ThrottledError, match="ask again in 28 s") as throttled:
         lease.ask(BEN, at(2))
     assert throttled.value.retry_after_s == 28
     assert lease.waiting is None
@@ -212,7 +212,7 @@ def test_a_driver_is_not_asked_again_and_again():
     lease.withdraw(CARL)
     assert lease.ask(BEN, at(30))
     lease.withdraw(BEN)
-    with pytest.raises(Throttled):
+    with pytest.raises(ThrottledError):
         lease.ask(BEN, at(59))
 
 
@@ -318,7 +318,7 @@ class LeaseMachine(RuleBasedStateMachine):
 
     @rule(user=users, deed=st.sampled_from(["ask", "refuse", "hand_over", "take"]))
     def act(self, user, deed):
-        with contextlib.suppress(Problem):
+        with contextlib.suppress(RobotetherError):
             result = getattr(self.lease, deed)(user, self.now)
             if deed in {"hand_over", "take"} and result is not None and result.driver is not None:
                 self.open.discard(result.driver.holder)

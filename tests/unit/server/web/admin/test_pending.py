@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from admin_visitor import fingerprint, join, send
 from robotether_server.db import Database, robots
-from robotether_server.problems import RecordMissing
+from robotether_server.problems import RecordMissingError
 from web_visitor import Browser, audit_kinds
 
 MAC = "02:00:00:00:51:01"
@@ -120,7 +120,7 @@ def test_a_rejected_key_is_refused_until_it_may_ask_again(
     assert "Allow the key to ask again" in admin.ask("GET", asked("reject", "robot-005177", 1)).text
     form = {"fingerprint": fingerprint(1)}
     assert send(admin, "/admin/pending/reject/robot-005177", **form).status_code == 303
-    with pytest.raises(RecordMissing):
+    with pytest.raises(RecordMissingError):
         key_of(database, "robot-005177")
     assert join(program, "02:00:00:00:51:77", 1).json["code"] == "key_rejected"
     page = admin.ask("GET", "/admin/pending").text

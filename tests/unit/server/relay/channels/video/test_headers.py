@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from robotether_server.problems import DestinationRefused
+from robotether_server.problems import DestinationRefusedError
 from robotether_server.relay.channels.video.headers import (
     check_destination,
     headers_for_robot,
@@ -21,7 +21,7 @@ def test_what_shows_a_picture_may_have_it(destination):
 @pytest.mark.parametrize("kind", ["multipart/x-mixed-replace;boundary=b", " Multipart/mixed"])
 def test_a_robots_parts_are_no_documents(destination, kind):
     """Each could be a page with headers of its own."""
-    with pytest.raises(DestinationRefused):
+    with pytest.raises(DestinationRefusedError):
         headers_for_viewer({"Content-Type": kind}, destination=destination)
     assert headers_for_viewer({"Content-Type": "image/jpeg"}, destination=destination)
     assert headers_for_viewer({"Content-Type": kind}, destination="image")
@@ -54,7 +54,7 @@ def test_a_program_says_no_destination():
 )
 def test_what_would_run_or_apply_it_may_not(destination):
     """Whatever is not known to show it only."""
-    with pytest.raises(DestinationRefused):
+    with pytest.raises(DestinationRefusedError):
         check_destination({"Sec-Fetch-Dest": destination})
 
 
