@@ -74,6 +74,12 @@ export function inOrder(robots, { sort = "state", down = false } = {}) {
   return [...robots].sort(comparison(sort, down ? -1 : 1));
 }
 
+// The first of those names that fit, and how many follow them.
+export function inWindow(names, fits, length) {
+  const fitting = names.filter(fits);
+  return { shown: new Set(fitting.slice(0, length)), left: Math.max(fitting.length - length, 0) };
+}
+
 function comparison(sort, way) {
   if (sort === "state") return (a, b) => way * (Number(b.online) - Number(a.online));
   const value = NUMBERS[sort] ?? TEXTS[sort];

@@ -3,17 +3,19 @@
 
 import { Feed } from "../client/feed.js";
 import { offerDrive } from "../fleet/cards.js";
-import { filterOf, inNameOrder, inOrder } from "../fleet/filters.js";
+import { filterOf, inNameOrder, inOrder, inWindow } from "../fleet/filters.js";
 import { CardStop, FleetStops } from "../fleet/fleetStops.js";
 import { Batch, PointerPause, RobotList, throttled } from "../fleet/list.js";
 import { Thumbs } from "../fleet/thumbs.js";
 import { Toolbar } from "../fleet/toolbar.js";
 import { feed as feedTexts } from "../texts/common.js";
+import { fleet as texts } from "../texts/fleet.js";
 import { LoginUse } from "../dom/calls.js";
 import { byTestId, part, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 
 const ARRANGE_EVERY_MS = 1000;
+const WINDOW = 50; // Number of robots that show at first, and that each press adds: more of them slow the page.
 
 const main = /** @type {HTMLElement} */ (document.querySelector("main"));
 const feedState = byTestId(document, "fleet-feed");
@@ -34,6 +36,14 @@ const pause = new PointerPause({ onEnd: () => arrangeLater && arrangeSoon() });
 /** @type {string[] | null} */
 let inOrderOfNames = inNameOrder(robots.keys());
 let arrangeLater = false;
+/** @type {{ shown: Set<string>, left: number }} */
+let listWindow = { shown: new Set(robots.keys()), left: 0 };
+let windowLength = WINDOW;
+const more = part(main, "more");
+more.addEventListener("click", () => {
+  windowLength += WINDOW;
+  arrangeNow();
+});
 for (const listed of [...Object.values(containers), part(main, "stops")]) pause.listen(listed);
 showView();
 
@@ -92,7 +102,7 @@ function update(names) {
   for (const name of names) {
     const robot = robots.get(name);
     if (!robot) continue;
-    shownList().fill(robot, fits(robot));
+    shownList().fill(robot, fits(robot) && (listWindow.left === 0 || listWindow.shown.has(name)));
     stopOf(name).receive(robot);
   }
   if (fleetStops.results.length) fleetStops.receive([...robots.values()]);
@@ -125,10 +135,11 @@ function arrange() {
   const listed = inOrderOfNames.map((name) => /** @type {any} */ (robots.get(name)));
   const fits = filterOf(toolbar.filter);
   const fitting = new Set(listed.filter(fits).map(({ name }) => name));
-  shownList().arrange(
-    inOrder(listed, toolbar.filter).map(({ name }) => name),
-    fitting,
-  );
+  const order = inOrder(listed, toolbar.filter).map(({ name }) => name);
+  listWindow = inWindow(order, (name) => fitting.has(name), windowLength);
+  shownList().arrange(order, listWindow.shown);
+  more.hidden = listWindow.left === 0;
+  setText(more, texts.more(Math.min(WINDOW, listWindow.left), listWindow.left));
   toolbar.offerSites(listed);
   toolbar.count({ online: listed.filter(({ online }) => online).length, all: listed.length, shown: fitting.size });
   part(main, "empty").hidden = listed.length > 0;

@@ -28,6 +28,7 @@ export const fleet = {
   stoppingAll: "Stopping.",
   count: (online, all) => `${online} of ${all} online`,
   shown: (count, listed) => `${count}, ${listed} shown`,
+  more: (next, left) => `Show ${next} more of ${left}`,
   allSites: "All sites",
   noSite: "No site",
 };

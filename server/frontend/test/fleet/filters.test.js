@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { filterOf, fromQuery, inNameOrder, inOrder, isFiltered, sitesOf, toQuery } from "../../src/fleet/filters.js";
+import { filterOf, fromQuery, inNameOrder, inOrder, inWindow, isFiltered, sitesOf, toQuery } from "../../src/fleet/filters.js";
 
 const USUAL = { words: "", site: null, states: [], sort: "state", down: false };
 const FLEET = [
@@ -71,4 +71,10 @@ test("who has no value comes last, whichever way it is sorted", () => {
 
 test("sites are told once, none of them last", () => {
   assert.deepEqual(sitesOf([...FLEET, { site: "lab" }, { site: undefined }]), ["lab", "yard", ""]);
+});
+
+test("the first of a long list show, and how many follow", () => {
+  const fits = (name) => name !== "sim2";
+  assert.deepEqual(inWindow(["sim1", "sim2", "sim3", "sim4"], fits, 2), { shown: new Set(["sim1", "sim3"]), left: 1 });
+  assert.deepEqual(inWindow(["sim1", "sim2"], fits, 2), { shown: new Set(["sim1"]), left: 0 });
 });
