@@ -180,15 +180,15 @@ export class FrameStream {
 
   checkAge() {
     const { ageMs } = this;
-    const picture = ageMs === null ? "none" : ageMs > this.oldMs ? "old" : "live";
-    this.report({ picture, ...this.reason(picture), ...this.details });
+    const age = ageMs === null ? "none" : ageMs > this.oldMs ? "old" : "live";
+    this.report({ picture: age, ...this.reason(age), ...this.details });
   }
 
-  reason(picture) {
+  reason(age) {
     const { state, detail } = this.sender;
-    if (picture === "live") return { why: "", detail: "" };
+    if (age === "live") return { why: "", detail: "" };
     if (state !== "live") return { why: state, detail };
-    return { why: picture === "old" ? "old" : "waiting", detail: "" };
+    return { why: age === "old" ? "old" : "waiting", detail: "" };
   }
 
   report(status) {

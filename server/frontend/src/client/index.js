@@ -137,7 +137,7 @@ export class Robot {
   async release() {
     const stopped = this.control?.stopped;
     await this.ask("release", (api) => {
-      if (!stopped) throw new Error(`cannot release ${this.name}: this page was told of no stop`);
+      if (!stopped) throw new Error(`cannot release ${this.name}: no stop was reported to this page`);
       return api.release(this.name, stopped);
     });
   }
@@ -307,7 +307,7 @@ function imageShower(img) {
 function load(img, url) {
   return new Promise((resolve, reject) => {
     img.onload = resolve;
-    img.onerror = () => reject(new Error("cannot show a picture: it is no JPEG"));
+    img.onerror = () => reject(new Error("cannot show a frame: it is no JPEG"));
     img.src = url;
   });
 }

@@ -76,7 +76,7 @@ export class ControlPanel {
     setText(part(this.root, "driver-whole"), text);
   }
 
-  // What has happened goes from the picture after a while; what lasts, as that the robot is not guarded, stays.
+  // What has happened goes from the video after a while; what lasts, as that the robot is not guarded, stays.
   showNote(note, all) {
     const element = byTestId(this.root, "control-note");
     const lasting = all.filter(Boolean).join(" ");
@@ -188,7 +188,7 @@ function whoDrives({ user, since }, me, driving) {
   return driving ? texts.you : texts.yourOther;
 }
 
-// The banner shows the state, in a word in the header and over the picture where something is wrong, and offers what a
+// The banner shows the state, in a word in the header and over the video where something is wrong, and offers what a
 // person can do about that.
 const bannerTexts = { ...connection, ...states };
 

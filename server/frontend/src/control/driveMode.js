@@ -1,7 +1,7 @@
 // Whether this page drives its robot or watches it, and what a person can do about that. Pure.
 // It must never take the control unless the person asked for it on this page, nor by a mere press of a driving key while
 // somebody drives, in another window of this person's included, and never arm the controls when control comes at a
-// moment that the person does not choose.
+// time that the person does not choose.
 
 import { LocalStore } from "../dom/page.js";
 

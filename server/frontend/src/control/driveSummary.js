@@ -8,7 +8,7 @@ const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence }
 const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 export class Summary {
-  // `root` is the panel over the picture, a <details>; `me` is the user's name.
+  // `root` is the panel over the video, a <details>; `me` is the user's name.
   constructor(root, { robot, me }) {
     this.root = root;
     this.robot = robot;
@@ -34,7 +34,7 @@ export class Summary {
     if (fence !== null) this.driveEnded(fence);
   }
 
-  // Who drives again needs the picture.
+  // Who drives again needs the video.
   use({ live, driving }) {
     const drives = live && driving;
     if (drives && !this.driving) this.root.hidden = true;
@@ -44,7 +44,7 @@ export class Summary {
   async driveEnded(fence) {
     const round = ++this.round;
     this.drive = null;
-    this.root.open = false; // what has just happened is to be seen in the picture
+    this.root.open = false; // what has just happened is to be seen in the video
     this.show(texts.asking, []);
     const drive = await recordOf({ robot: this.robot, fence, fetchDrives, wait });
     if (round !== this.round) return;
@@ -98,7 +98,7 @@ export function driveRows(drive) {
     distance: texts.commanded(metres(drive.distance_m)),
     speed: texts.commanded(`${shortNumber(drive.top_speed_m_s)} m/s`),
     latency: latencyText(drive),
-    pictures: picturesText(drive),
+    pictures: framesText(drive),
     bytes: Number.isFinite(drive.bytes) ? sizeText(drive.bytes) : texts.unknown,
     stops: drive.stops ? String(drive.stops) : texts.nothing,
     refused: refusedText(drive),
@@ -111,7 +111,7 @@ function latencyText({ latency_p50_ms, latency_p95_ms }) {
   return texts.latency(Math.round(latency_p50_ms), Math.round(latency_p95_ms));
 }
 
-function picturesText({ pictures, picture_bytes, viewed_s }) {
+function framesText({ pictures, picture_bytes, viewed_s }) {
   if (!pictures || !viewed_s) return texts.noPictures;
   return texts.pictures(shortNumber(pictures / viewed_s), sizeText(picture_bytes ?? 0));
 }
@@ -122,7 +122,7 @@ function refusedText({ refused = {}, dropped_old }) {
   return words.length ? words.join(", ") : texts.nothing;
 }
 
-// Gets the record of a drive that has just ended. The server writes it a moment later, so it is asked for some times.
+// Gets the record of a drive that has just ended. The server writes it a little later, so it is asked for several times.
 const TRIES_MS = [300, 700, 1000, 2000, 3000, 3000]; // 10 s in all
 
 // `fetchDrives(robot, fence)` gives {ok, body} as of calls.js. Gives the record, "missing" or "failed".

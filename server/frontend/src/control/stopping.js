@@ -41,7 +41,7 @@ export class Stopping {
   }
 
   settle({ ok, status, detail }, round, tries) {
-    if (this.state === "idle") return; // the control object has told meanwhile
+    if (this.state === "idle") return; // the control object has come meanwhile
     this.detail = detail;
     this.state = ok ? "heard" : refusal(status, tries);
     if (ok) this.later(CONFIRM_MS, () => this.expire());

@@ -64,7 +64,7 @@ export function newCard(template, { name }) {
   return card;
 }
 
-// Drive is a wish that the next page of this tab grants. What opens another tab is none.
+// Drive is a request that the next page of this tab grants. What opens another tab is none.
 export function offerDrive(card, name) {
   part(card, "drive")?.addEventListener("click", ({ ctrlKey, metaKey, shiftKey, altKey }) => {
     if (!(ctrlKey || metaKey || shiftKey || altKey)) new ReloadStore(name).save({ armed: true, asked: true });

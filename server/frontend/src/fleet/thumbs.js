@@ -1,11 +1,11 @@
-// A robot's small picture on the fleet page: taken again while it is on the screen, and let go when it is not.
+// A robot's snapshot on the fleet page: taken again while it is on the screen, and let go when it is not.
 
 import { readRefusal, snapshotUrl } from "../client/api.js";
 import { localTime, part, setText } from "../dom/page.js";
 import { because } from "../texts/common.js";
 import { thumb as texts } from "../texts/fleet.js";
 
-const EVERY_MS = 5000; // interval between pictures, each some 10 KB of the robot's uplink
+const EVERY_MS = 5000; // interval between snapshots, each some 10 KB of the robot's uplink
 const AGAIN_MS = 30_000; // interval after a failure
 
 export class Thumbs {
@@ -110,13 +110,13 @@ class Thumb {
   }
 }
 
-// Why a robot is not asked for a picture; empty for one that is. `video` as of the fleet's events.
+// Why a robot is not asked for a snapshot; empty for one that is. `video` as of the fleet's events.
 export function lackOf({ online, video }) {
   if (online !== "true") return "empty";
   return video === "down" ? "video_down" : "";
 }
 
-// Gets single pictures of robots' cameras, few at once: each costs its robot's uplink.
+// Gets snapshots of robots' cameras, few at once: each costs its robot's uplink.
 const MAX_JOBS = 4;
 const TIMEOUT_MS = 10_000;
 const SIZE = { width: 320, height: 240, quality: 50 };

@@ -22,7 +22,7 @@ export class Gamepad {
     this.profile = profile;
   }
 
-  // `sample` is {axes, buttons} at this moment, by the clock of event.timeStamp: positions, and true for what is pressed.
+  // `sample` is {axes, buttons} of now, by the clock of event.timeStamp: positions, and true for what is pressed.
   see(sample, at) {
     if (at - this.seenAt > MAX_POLL_GAP_MS) this.release();
     this.seenAt = at;

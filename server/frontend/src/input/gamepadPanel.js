@@ -6,7 +6,7 @@ import { DEAD_ZONE, Gamepad, GamepadLoop, MAX_POLL_GAP_MS, MOTIONS, fits, madeOf
 import { Learner, stepsOf } from "./gamepadLearn.js";
 
 const INPUT = "gamepad";
-const TROUBLE = ["lost", "stuck"]; // said over the picture, too
+const TROUBLE = ["lost", "stuck"]; // said over the video, too
 const CHOICE = "gamepad"; // the name under which the id of the chosen device is kept
 const storedAs = ({ id }) => `gamepad ${id}`;
 

@@ -18,7 +18,7 @@ export class MapTile {
     this.world = world;
     this.memory = memory;
     this.onMemory = onMemory;
-    this.canvas = part(element, "picture");
+    this.canvas = part(element, "canvas");
     this.canvas.setAttribute("aria-label", texts.label);
     const { zoom } = memory() ?? {};
     this.zoom = Math.max(0, (zoom in ZOOMS ? zoom : USUAL) - (small ? SMALL_STEPS : 0));

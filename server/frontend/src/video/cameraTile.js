@@ -8,10 +8,7 @@ export class CameraTile {
   // `camera` {topic, name}; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `wanted()` the
   // part of `want` that is the same for all cameras; `set` the settings' {width, height}. `oldMs`: from when a frame is grey.
   // `onDown(topic)`: its source gives no frames.
-  constructor(
-    element,
-    { camera, openFrames, wanted, set, oldMs, onPainted, onDown, now, painter = new Painter(part(element, "picture")) },
-  ) {
+  constructor(element, { camera, openFrames, wanted, set, oldMs, onPainted, onDown, now, painter = new Painter(part(element, "canvas")) }) {
     this.element = element;
     this.camera = camera;
     this.openFrames = openFrames;
@@ -29,7 +26,7 @@ export class CameraTile {
     this.turned = 0;
     this.request = "";
     element.dataset.topic = camera.topic;
-    part(element, "picture").setAttribute("aria-label", texts.of(camera.name));
+    part(element, "canvas").setAttribute("aria-label", texts.of(camera.name));
     this.showState();
   }
 

@@ -52,7 +52,7 @@ export class Tiles {
     element.dataset.place = place;
     element.dataset.main = isMain;
     // The main tile has this test id wherever it is.
-    part(element, "picture").dataset.testid = isMain ? "video" : "side-video";
+    part(element, "canvas").dataset.testid = isMain ? "video" : "side-video";
     const button = part(element, "enlarge");
     button.hidden = isMain;
     button.setAttribute("aria-label", texts.enlarge(name));

@@ -36,7 +36,7 @@ export class View {
     this.element = byTestId(root, "view");
     this.choices = new Choices(`sight.${robot}`);
     this.layout = new Layout(this.choices.all.layout);
-    this.known = new Set(); // topics of cameras; one whose node has died is a missing picture, not a robot without a camera
+    this.known = new Set(); // topics of cameras; one whose node has died is a missing frame, not a robot without a camera
     this.questions = [];
     this.unread = new Set(); // topics
     this.mainTimestamp = new MainTimestamp();
@@ -235,7 +235,7 @@ export class View {
     return { ...requestedQuality(this.tools.quality.value, this.page), fps, latency_ms };
   }
 
-  // Beside the stick, where there is room and the map has no place among the pictures.
+  // Beside the stick, where there is room and the map has no place in the video.
   get showsSmallMap() {
     return this.hasMap && this.roomForMap.matches && !document.hidden && !this.refused && !this.layout.shown.includes(MAP);
   }
@@ -264,7 +264,7 @@ export class View {
     this.reportMain();
   }
 
-  // Its place stays while the map is among the pictures, or what stands below would move.
+  // Its place stays while the map is in the video, or what stands below would move.
   placeSmallMap() {
     const { smallMap, showsSmallMap } = this;
     smallMap.element.hidden = !this.hasMap || !this.roomForMap.matches;

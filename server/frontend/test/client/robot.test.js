@@ -220,7 +220,7 @@ test("a wheelbase that would steer wrong is refused", () => {
 test("a release names the stop that was reported to this page", async () => {
   answers["/api/v1/robots/sim%201/release"] = [409, { code: "not_possible", detail: "ben stopped it again" }];
   const robot = await goLive(make(), { mode: "observe" });
-  await assert.rejects(robot.release(), /cannot release sim 1: this page was told of no stop/);
+  await assert.rejects(robot.release(), /cannot release sim 1: no stop was reported to this page/);
   sockets[0].relaySays({ op: "robotether.control", control: { stopped } });
   await assert.rejects(robot.release(), { message: "ben stopped it again", code: "not_possible" });
   assert.deepEqual(asked.at(-1).body, { by: "ann", at: "2026-01-01T12:03:00Z" });

@@ -26,7 +26,7 @@ beforeEach(() => {
   streams = [];
   paintings = [];
   downs = [];
-  parts = { picture: part(), words: part(), facts: part() };
+  parts = { canvas: part(), words: part(), facts: part() };
   element = {
     dataset: { main: "true" },
     clientWidth: 800,
