@@ -9,8 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import aiohttp
+import page_holds
 import pytest
-from pages import drive_live, expect_armed
+from pages import drive_live
 from playwright.sync_api import Page, expect
 from programs import Program, echo, open_echo
 from ros2_robot import NAME as ROBOT
@@ -75,9 +76,12 @@ def test_page_drives_it_and_shows_its_sensors(page: Page, stack: Stack) -> None:
     expect(camera).to_have_attribute("data-frame", "live", timeout=20_000)
     speed = page.get_by_test_id("speed-linear")
     expect(speed).to_contain_text("0.00 m/s")
-    expect_armed(page)
-    page.keyboard.down("w")
-    expect(speed).not_to_contain_text("0.00 m/s")
+    page_holds.hold(
+        page,
+        lambda: page.keyboard.down("w"),
+        lambda: page.keyboard.up("w"),
+        lambda: expect(speed).not_to_contain_text("0.00 m/s"),
+    )
     page.keyboard.up("w")
     expect(speed).to_contain_text("0.00 m/s")
     page.get_by_test_id("view-2").click()

@@ -8,13 +8,14 @@ import signal
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
 import aiohttp
 import pytest
 from fake_cloud import echo, eventually
-from fake_guard import births, fake_guard_command
+from fake_guard import births, fake_guard_command, heard
 from openssh_server import descendants, is_alive
 from robotether_agent.guard.child_process import (
     TICK_S,
@@ -99,6 +100,14 @@ async def test_a_guard_that_reads_nothing_is_killed(start):
         guard.send({"type": "lease", "fence": 1, "held": True, "pad": "x" * 10_000})
         await asyncio.sleep(0)
     assert await serving == "the guard was ended by SIGKILL"
+
+
+async def test_is_asked_to_end_and_waited_for(start, place):
+    """The orderly end says exit, so that the robot is stopped by then."""
+    guard = await start("serves")
+    await eventually(lambda: bool(births(place)), lambda: "it runs")
+    await guard.end()
+    assert heard(place)[-1]["type"] == "exit"
 
 
 async def test_one_that_does_not_end_is_killed(start, place, monkeypatch):
@@ -209,6 +218,15 @@ async def test_a_stop_outlives_the_agent(make_cloud, start_agent):
     await agent.until(lambda status: status.stopped_by == "ben", "still stopped")
     link.send({"type": "release", "id": "77aa", "by": "ann"})
     await agent.until(lambda status: status.stopped_by == "", "released")
+
+
+async def test_only_the_relay_of_this_session_gets_past_the_guard(make_cloud, start_agent):
+    """Whoever else reaches the robot's port has no key, and the bare port leads nowhere else."""
+    cloud = await make_cloud()
+    await start_agent(cloud).until_connected()
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await echo(cloud.ports[0], "x", key="another")
+    assert refused.value.status == HTTPStatus.FORBIDDEN
 
 
 async def test_without_a_guard_the_forward_is_bare(make_cloud, start_agent, caplog):

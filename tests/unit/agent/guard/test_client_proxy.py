@@ -70,6 +70,14 @@ async def test_answers_are_few(guard: GuardHere) -> None:
         assert [(await client.receive())["op"] for _ in range(2)] == ["status", "publish"]
 
 
+async def test_an_observer_drives_nothing(guard: GuardHere, rosbridge: FakeRosbridge) -> None:
+    """A relay that failed to refuse it would find a second door."""
+    async with GuardClient(guard.port, 0) as client:
+        await client.drive(0.5)
+        assert "observes" in (await client.receive())["msg"]
+        assert rosbridge.speeds() == []
+
+
 async def test_pings_go_all_the_way(guard: GuardHere) -> None:
     """So that a client sees whether rosbridge lives, and not whether the guard does."""
     async with GuardClient(guard.port, 0) as client:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
+import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -12,18 +13,21 @@ from typing import Any
 
 import aiohttp
 import pytest
+from fake_pipe import FakePipe
 from fake_rosbridge import FakeRosbridge
 from guard_process import WAIT_S, GuardClient, GuardEnd, GuardHere, GuardProcess
 from robotether_agent.clock import robot_time
+from robotether_agent.guard.agent_messages import GuardReporter
+from robotether_agent.guard.latch import StopFile
+from robotether_agent.guard.process import Guard
+from robotether_agent.guard.rosbridge import new_http
 from sim_client import SETTINGS, until
 from sim_robot.graph import Node, TopicMessage
 from sim_robot.simulator import Simulator
 
-# What a loaded machine may add: this process, the guard's and the robot's wheels wait for a processor in turn. Where
-# something else than the deadman has to stop the robot, the deadman time is longer than that. To the millisecond the
-# deadman is tested with a given clock (test_deadman), and how long it takes in all is in benchmarks/stopping.py.
-SLACK_S = 1.5
 DEADMAN_S = 0.5
+# Where something else than the deadman has to stop the robot: the longest that a guard takes. To the millisecond the
+# deadman is tested with a given clock (test_deadman), and how long it takes in all is in benchmarks/stopping.py.
 LATE_DEADMAN_MS = 2000
 
 
@@ -46,6 +50,12 @@ class Robot:
     def zero_after(self, moment: float) -> float:
         """Seconds from a moment to the first zero after it."""
         return next(at for at, speed in self.told if speed == 0 and at >= moment) - moment
+
+    @property
+    def stopped_before_deadman(self) -> bool:
+        """Whether the first zero came sooner after the last motion than the deadman's."""
+        first = self.speeds.index(0.0)
+        return self.told[first][0] - self.told[first - 1][0] < LATE_DEADMAN_MS / 1000
 
 
 @pytest.fixture
@@ -77,7 +87,7 @@ async def test_a_robot_stops_when_commands_stop(place: Path, robot: Robot) -> No
         async with GuardClient(guard.port, 13) as client:
             last = await drive_on(client)
             await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
-            assert DEADMAN_S - 0.05 <= robot.zero_after(last) <= DEADMAN_S + SLACK_S
+            assert robot.zero_after(last) >= DEADMAN_S - 0.05
             await guard.until(lambda: not guard.state["moving"], "it stands")
             await client.send(op="call_service", service="/rosapi/get_time", id="x")
             assert (await client.receive())["id"] == "x"
@@ -94,11 +104,25 @@ async def test_a_topic_that_drives_no_more_stops(place: Path, robot: Robot) -> N
             await until("it moves", lambda: robot.speeds == [0.5])
             guard.reconfigure(guard={**guard.config["guard"], "drive_topics": ["/base/move"]})
             await guard.heard()
-            begun = await drive_on(client, 0.7)
-            assert 0.0 in robot.speeds, f"it drove on until {begun}: {robot.told}"
+            async with asyncio.timeout(WAIT_S):
+                while 0.0 not in robot.speeds:
+                    await drive_on(client, 0.1)
             assert robot.speeds.count(0.5) == 1
             await guard.heard()
             assert refusals(guard)["shape"] > 0
+
+
+async def test_a_driver_who_changes_the_type_is_stopped(place: Path, robot: Robot) -> None:
+    """A stop is told in the words that the robot took, whatever its driver said last."""
+    async with GuardHere(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await client.drive(0.5)
+            await client.drive(0.0, msg={"header": {}, "twist": {"linear": {"x": 0.0}}})
+            assert "another message type" in (await client.receive())["msg"]
+            guard.tell(type="stop", id="5f", by="ben")
+            await until("it stands", lambda: robot.speeds[-1:] == [0.0])
+            assert robot.stopped_before_deadman
 
 
 LOSSES: dict[str, Callable[[GuardProcess, GuardClient], object]] = {
@@ -120,12 +144,11 @@ async def test_each_loss_stops_the_robot(place: Path, robot: Robot, loss: str) -
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             await drive_on(client)
-            moment = time.monotonic()
             LOSSES[loss](guard, client)
             put_out = loss in ("lease", "newer lease", "stop", "session")
             assert not put_out or await client.closed() == 1001
             await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
-            assert robot.zero_after(moment) <= SLACK_S
+            assert robot.stopped_before_deadman
             if loss in ("end of input", "exit", "SIGTERM"):
                 assert await guard.ended() == 0
                 assert not (place / "motion.json").exists()
@@ -137,18 +160,65 @@ async def test_a_silent_agent_holds_the_robot(place: Path, robot: Robot) -> None
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             await drive_on(client)
-            moment = time.monotonic()
             guard.silence()
             async with asyncio.timeout(WAIT_S):
                 while 0.0 not in robot.speeds:
                     await drive_on(client, 0.1)
-            assert robot.zero_after(moment) <= 1.0 + SLACK_S
+            assert robot.stopped_before_deadman
             await client.drive(0.5)
             assert "agent" in (await client.receive())["msg"]
             guard.tell(type="tick")
             await guard.heard()
             await client.drive(0.7)
             await until("it drives again", lambda: 0.7 in robot.speeds)
+
+
+async def test_a_stop_outlives_the_guard(place: Path, robot: Robot) -> None:
+    """It is on the disk before it is answered, and a release takes it off before that is answered."""
+    async with GuardProcess(place, robot.port) as guard:
+        await guard.grant(13)
+        guard.tell(type="stop", id="5f", by="ben")
+        await guard.until(lambda: guard.state["answers"] == "5f", "it answers")
+        assert json.loads((place / "stop.json").read_text()) == {"by": "ben"}
+        guard.process.kill()
+        await guard.ended()
+    async with GuardProcess(place, robot.port) as guard:
+        assert (guard.state["stopped"], guard.state["by"]) == (True, "ben")
+        await guard.grant(14)
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            async with GuardClient(guard.port, 14):
+                pass
+        assert refused.value.status == 409
+        guard.tell(type="release", id="77", by="ann")
+        await guard.until(lambda: guard.state["answers"] == "77", "it answers")
+        assert not guard.state["stopped"]
+        assert not (place / "stop.json").exists()
+        async with GuardClient(guard.port, 15) as client:
+            await client.drive(0.5)
+            await until("the robot moves", lambda: robot.speeds == [0.5])
+
+
+async def test_a_stop_is_told_when_the_disk_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Until then the robot is stopped, and the server does not count on it."""
+    write, go = StopFile.write, threading.Event()
+    monkeypatch.setattr(StopFile, "write", lambda file, by: go.wait(5) and write(file, by))
+    async with new_http() as http:
+        guard = Guard(http, tmp_path, tmp_path, GuardReporter(pipe := FakePipe()))
+        disk = asyncio.create_task(guard._latch.run())
+        guard._report_state()
+        guard._on_line(b'{"type": "stop", "id": "5f", "by": "ben"}')
+        guard._report_state()
+        assert guard._authorizer.stopped
+        assert [line["stopped"] for line in pipe.lines] == [False]
+        go.set()
+        await until("it is told", lambda: len(pipe.lines) == 2)
+        told = {name: pipe.lines[-1][name] for name in ("stopped", "by", "answers")}
+        assert told == {"stopped": True, "by": "ben", "answers": "5f"}
+        assert StopFile(tmp_path).read() == "ben"
+        disk.cancel()
+        await asyncio.gather(disk, return_exceptions=True)
 
 
 async def test_a_killed_guards_successor_stops_the_robot(place: Path, robot: Robot) -> None:
@@ -158,12 +228,9 @@ async def test_a_killed_guards_successor_stops_the_robot(place: Path, robot: Rob
         async with GuardClient(guard.port, 13) as client:
             await drive_on(client)
             guard.process.kill()
-            killed_at = time.monotonic()
             await guard.ended()
     async with GuardProcess(place, robot.port) as guard:
         await until("zeros came", lambda: 0.0 in robot.speeds)
-        # The start of an interpreter on a machine that tests; measured alone it is 0.4 s.
-        assert robot.zero_after(killed_at) < 5
         await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
         await guard.until(lambda: not (place / "motion.json").exists(), "the mark is gone")
 
@@ -185,6 +252,12 @@ async def test_a_killed_guards_successor_knows_the_newest_lease(place: Path, rob
             assert refused.value.status == 409
         async with GuardClient(guard.port, 15):
             await guard.until(lambda: guard.state["fence"] == 15, "it reports the next one")
+
+
+async def test_the_line_of_a_lease_brings_its_number_to_the_disk(place: Path, robot: Robot) -> None:
+    async with GuardHere(place, robot.port) as guard:
+        await guard.grant(13)
+    assert json.loads((place / "fence.json").read_text()) == {"fence": 13}
 
 
 async def test_commands_are_checked_and_limited(place: Path, robot: Robot) -> None:
@@ -251,6 +324,37 @@ async def test_a_silent_rosbridge_gets_no_commands(place: Path) -> None:
             assert rosbridge.speeds().count(0.5) <= 4
 
 
+async def test_the_publisher_comes_back_and_zeroes_first(place: Path) -> None:
+    """A rosbridge that crashed in motion stops the robot before anybody moves it."""
+    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await client.send(op="advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
+            await drive_on(client)
+        rosbridge.got.clear()
+        await rosbridge.stop()
+        rosbridge.got.clear()
+        rosbridge.discovery_s = 0.3
+        await rosbridge.start()
+        await until("the robot got a zero", lambda: 0.0 in rosbridge.reached())
+        assert [message["op"] for _, message in rosbridge.got][:2] == ["advertise", "publish"]
+        assert set(rosbridge.speeds()) == {0.0}
+
+
+async def test_a_stop_needs_no_new_publisher(place: Path) -> None:
+    """The guard advertises when the driver does, so the zeros are not what ROS 2 loses of a new publisher."""
+    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
+        rosbridge.discovery_s = 0.3
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            await client.send(op="advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
+            await until("advertised", lambda: bool(rosbridge.got))
+            await drive_on(client, 0.5)
+        await until("the robot got ten zeros", lambda: rosbridge.reached()[-10:] == [0.0] * 10)
+        assert [message["op"] for _, message in rosbridge.got].count("advertise") == 1
+        assert rosbridge.got[0][1]["op"] == "advertise"
+
+
 @pytest.mark.parametrize("mode", ["refuses", "drops"])
 async def test_a_rosbridge_that_is_no_use_is_told(place: Path, mode: Any) -> None:
     """502 to the relay when it takes nobody; a connection that it drops is closed."""
@@ -283,6 +387,23 @@ async def test_a_request_without_a_websocket_tells_whether_rosbridge_is_there(pl
             while await status() != 502:
                 assert time.monotonic() < end, "rosbridge is gone, and the guard says it is there"
             await rosbridge.start()
+
+
+async def test_direct_connections_drive_while_nobody_has_the_lease(
+    place: Path, robot: Robot
+) -> None:
+    """They need neither key nor stamps, and lose the robot to a driver of the server."""
+    async with GuardHere(place, robot.port) as guard:
+        guard.reconfigure(direct=True)
+        guard.tell(type="session", up=True)
+        await guard.heard()
+        async with GuardClient(guard.port, None) as client:
+            await client.drive(0.5, robotether=None)
+            await until("the robot moves", lambda: robot.speeds == [0.5])
+            guard.tell(type="lease", fence=1, held=True)
+            await until("the robot stands", lambda: robot.speeds[-1] == 0.0)
+            await client.drive(0.5)
+            assert (await client.receive())["op"] == "status"
 
 
 async def test_broken_lines_of_the_agent_do_no_harm(place: Path, robot: Robot) -> None:

@@ -255,6 +255,13 @@ async def test_a_lease_of_a_lost_session_is_not_held_for_the_next_guard(keep, pl
     assert (session["up"], lease["fence"], lease["held"]) == (False, 13, False)
 
 
+async def test_never_stops_trying(keep, place):
+    """However often a guard dies, there is a next one."""
+    running = keep("dies", "dies", "rubbish", "dies", "serves")
+    await running.ready(5)
+    assert running.supervisor.view.state == "ready"
+
+
 def test_pauses_grow_to_a_bound():
     """The first restart is at once, later ones do not use the processor up."""
     assert [pause_before(restart) for restart in (1, 2, 3, 4)] == [0.0, 0.1, 0.2, 0.4]
