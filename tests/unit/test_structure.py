@@ -166,3 +166,49 @@ def test_no_identifier_has_a_banned_word() -> None:
     }
     assert sorted(found - {one for one, _ in allowed}) == []
     assert sorted(set(ALLOWED) - {key for _, key in allowed}) == []
+
+
+# The first word of a comment above a constant that is a number: it names the quantity.
+QUANTITIES = (
+    "Age Bits Close Default Delay Depth Difference Divisor Duration Error Exit First Flag Gain Interval Length Limit "
+    "Margin Maximum Minimum Number Numbers Part Pause Port Rate Ratio Reason Request Size Time"
+)
+
+
+def numbers_with_comments(path: Path) -> Iterator[tuple[str, str]]:
+    """Name and comment of each constant of a module that is a number and has a comment above it."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for node in tree(path).body:
+        if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
+            continue
+        value, above = node.value, node.lineno - 1
+        is_number = isinstance(value, ast.BinOp) or (
+            isinstance(value, ast.Constant) and isinstance(value.value, int | float)
+        )
+        while lines[above - 1].startswith("# "):
+            above -= 1
+        if is_number and above < node.lineno - 1:
+            yield node.targets[0].id, lines[above].removeprefix("# ")
+
+
+def test_comments_of_constants_name_the_quantity() -> None:
+    """A comment above a number begins with what the number is: a time limit, a maximum, a size."""
+    comments = [(path, *found) for path in PRODUCT for found in numbers_with_comments(path)]
+    assert len(comments) > 100
+    assert [
+        f"{path.relative_to(ROOT)}: {name}: {comment}"
+        for path, name, comment in comments
+        if comment.split()[0].rstrip(",:") not in QUANTITIES.split() and name.isupper()
+    ] == []
+
+
+def test_no_sentence_says_so_long() -> None:
+    """Comments and docstrings name a time or a number instead of "so long" and "so many"."""
+    vague = re.compile(r"\bso (?:long|many|often)\b", re.IGNORECASE)
+    said = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for path in PRODUCT
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if vague.search(line)
+    ]
+    assert said == []

@@ -29,7 +29,7 @@ from robotether_agent.tasks import within
 USER_TIMEOUT_MS = 8000
 # Maximum unsent size in the kernel; more would only make video older.
 MEDIA_UNSENT_BYTES = 16 * 1024
-# Numbers of linux/tcp.h, of which not every Python has the names.
+# Numbers of linux/tcp.h that not every Python names.
 TCP_INFO = 11
 TCP_CONGESTION = 13
 TCP_USER_TIMEOUT = 18

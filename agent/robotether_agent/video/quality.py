@@ -99,7 +99,7 @@ class Steps:
         return now_s - self._good_since_s >= self._up_after_s and self._up(now_s)
 
     def on_rates(self, now_s: float, offered: float, sent: float) -> bool:
-        """So many a second came in and went out; return whether the level changed."""
+        """Judge the rates of offered and sent frames; return whether the level changed."""
         if self._trial is not None:
             return now_s >= self._trial.until_s and self._judge(now_s, sent)
         if offered < FEW_OFFERED or sent >= FEW * offered:

@@ -343,7 +343,7 @@ class Header:
 
 @dataclass(frozen=True)
 class Credit:
-    """So many more frames may be sent; `taken` is the number of the newest that has come."""
+    """A grant of `frames` more frames; `taken` is the number of the newest that has arrived."""
 
     frames: int
     taken: int | None

@@ -55,8 +55,8 @@ FLOOR, MORTAR, FLOOR_DARK, FLOOR_LIGHT = 150, 90, (58, 56, 52), (232, 228, 216)
 NOISES = ((3, 9), (16, 9), (64, 19))  # of the floor: spots a metre, and how strong
 SLABS_M = 4  # a slab is 1 m, and after so much they are the same again
 TEXELS_M = 160  # texels a metre in the nearest part of the floor
-# Parts of the floor: to that distance, with one texel of so many, else what is far would glitter, and looked up for
-# so many pixels together, where a texel is large anyway.
+# Parts of the floor: its distance, the number of texels per sample (else distant ones would glitter), and the number of
+# pixels per look-up, where a texel is large anyway.
 FLOOR_PARTS = ((1.4, 1, 2), (2.6, 2, 1), (6.0, 5, 1), (30.0, 20, 1))
 
 

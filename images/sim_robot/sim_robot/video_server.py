@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 BOUNDARY = "boundarydonotcross"
 SIZE_LIMIT_PX = 2048
 UNSENT_LIMIT_BYTES = 16_384
-# So often the real one ends the streams of topics that do not exist.
+# Interval at which the real one ends the streams of topics that do not exist.
 CLEANUP_S = 0.5
 SENSOR_DATA = "sensor_data"
 _HEADERS = {

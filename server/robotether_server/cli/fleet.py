@@ -1,4 +1,4 @@
-"""robotether fleet run and list: one command on many robots, so many at a time, and its result on each.
+"""robotether fleet run and list: one command on many robots, some at a time, and its result on each.
 
 Started by a person on a machine of their own; needs OpenSSH's client, whose configuration it reads, and no database.
 Robots are the entries that `robotether ssh-config` printed. They are known by their `HostKeyAlias robotether-NAME`, so

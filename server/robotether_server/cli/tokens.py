@@ -43,7 +43,7 @@ def token() -> None:
     type=click.IntRange(1, tokens.MAX_DAYS),
     default=tokens.DEFAULT_DAYS,
     show_default=True,
-    help="Ends after so many days.",
+    help="Number of days after which it ends.",
 )
 def create(user_name: str, name: str, days: int) -> None:
     """Create a token and print it once, as the last word."""

@@ -124,7 +124,7 @@ class Transaction:
             return self._cursor.executemany(sql, values) or 0
 
     def lock(self, name: str, wait_s: int) -> bool:
-        """Take a named lock, which is held until after the commit; False when it was not free for so long."""
+        """Take a named lock, which is held until after the commit; False if it is not free within `wait_s`."""
         self.has_lock = True
         row = self.row("SELECT GET_LOCK(%s, %s) AS held", (name, wait_s))
         return row is not None and row["held"] == 1
@@ -158,7 +158,7 @@ class Database:
     """Where the records are. Safe to share between threads: a transaction has a connection to itself."""
 
     def __init__(self, settings: DatabaseSettings, *, keep: int = 0) -> None:
-        """Keep up to so many connections for the next transactions.
+        """Keep up to `keep` connections for the next transactions.
 
         Raise SettingsError when the authority in `settings` cannot be read.
         """

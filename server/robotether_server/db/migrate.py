@@ -155,7 +155,7 @@ def set_shell_port_range(tx: Transaction, first: int, last: int) -> None:
 
 
 def set_audit_days(tx: Transaction, days: int) -> None:
-    """Keep audit log, drives and sessions for so many days; 0 is for ever."""
+    """Set the number of days for which audit log, drives and sessions are kept; 0 is for ever."""
     tx.change(
         "INSERT INTO retention (id, days) VALUES (1, %s) ON DUPLICATE KEY UPDATE days = VALUES(days)",
         (days,),

@@ -29,7 +29,7 @@ SUFFIX_BYTES = 3
 
 
 def create(tx: Transaction, source: Source, user: User, name: str, days: int | None = None) -> str:
-    """Make a token that ends after so many days, and return its text, which cannot be had again.
+    """Make a token that ends after `days`, and return its text, which cannot be read again.
 
     Raises FieldInvalidError, RecordExistsError, NotPossibleError, or GrantMissingError for a program that
     shows a token itself: one that

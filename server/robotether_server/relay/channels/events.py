@@ -65,7 +65,7 @@ class ChangedRobots:
         self._wake.set()
 
     async def wait(self, timeout_s: float) -> None:
-        """Wait until something is to be sent, at most so long."""
+        """Wait until something is to be sent, at most `timeout_s`."""
         try:
             async with asyncio.timeout(timeout_s):
                 await self._wake.wait()

@@ -272,7 +272,7 @@ class DriveLog:
             self._latency.add(driver_ms + robot_ms)
 
     def refused_by_guard(self, more: Mapping[str, int]) -> None:
-        """The guard refused so many more messages, by kind; it may report that after the drive's end."""
+        """Count further messages that the guard refused, by kind; the report may follow the drive's end."""
         self._refused_by_guard.update(more)
 
     def written(self) -> DriveEntry:
@@ -322,7 +322,7 @@ class LatencyHistogram:
         self._counts: Counter[int] = Counter()
 
     def add(self, ms: float) -> None:
-        """A round trip took so long."""
+        """Count a round trip of `ms`."""
         bounded = min(max(ms, MIN_LATENCY_MS), MAX_LATENCY_MS)
         self._counts[round(math.log(bounded) / LATENCY_STEP)] += 1
 

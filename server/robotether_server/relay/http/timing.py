@@ -33,7 +33,7 @@ class RateLimiter:
         self._filled_at = now
 
     def allow(self, now: float, count: int = 1) -> bool:
-        """Use the allowance so many times; False, and nothing is used, when there is not enough left."""
+        """Use the rate `count` times; False, and nothing is used, if there is not enough left."""
         filled = self._tokens + (now - self._filled_at) * self._per_s
         self._filled_at = now
         self._tokens = min(filled, self._capacity)
@@ -43,7 +43,7 @@ class RateLimiter:
         return True
 
     def free_in_s(self, now: float, count: int = 1) -> float:
-        """How long until it may be used so many times."""
+        """Return the time until it may be used `count` times."""
         left = min(self._tokens + (now - self._filled_at) * self._per_s, self._capacity)
         return max(0.0, (count - left) / self._per_s)
 
@@ -58,7 +58,7 @@ class Excess:
         self._since = now
 
     def add(self, now: float, count: int) -> bool:
-        """Count so many; return whether the rate has been exceeded for long enough."""
+        """Add `count`; return whether the rate has been exceeded for long enough."""
         if not self._reserve.free_in_s(now, self._capacity):
             self._since = now
         in_reserve = self._reserve.allow(now, min(count, self._capacity))

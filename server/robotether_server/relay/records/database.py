@@ -72,7 +72,7 @@ class RelayDatabase:
         return await self._ask(lambda tx: control.next_fence(tx, lease, self._cell), briefly=True)
 
     async def heartbeat(self, cell: CellSettings, robots: int, started_at: datetime) -> list[Cell]:
-        """Write that this cell is alive, with so many robots; return all cells."""
+        """Write that this cell is alive, and its number of robots; return all cells."""
 
         def exchange(tx: Transaction) -> list[Cell]:
             cells.write_heartbeat(tx, cell, robots=robots, started_at=started_at)

@@ -80,7 +80,7 @@ class EventWriter:
             self._idle.set()
 
     async def flush(self, within_s: float) -> None:
-        """Wait until all is written, at most so long."""
+        """Wait until all is written, at most `within_s`."""
         try:
             async with asyncio.timeout(within_s):
                 await self._idle.wait()

@@ -100,7 +100,7 @@ class Journal:
             self._submit(self._append, _line(entry))
 
     def needs_rewrite(self, waiting: int) -> bool:
-        """Return whether `rewrite` is due, when so many entries wait: the file is long, or lacks some of them."""
+        """Return whether `rewrite` is due for `waiting` entries: the file is long, or lacks some of them."""
         if self._submitted > self._done:
             return False
         if self._is_failing:
@@ -116,7 +116,7 @@ class Journal:
         self._submit(self._truncate)
 
     def wait(self, within_s: float) -> None:
-        """Wait until what was added is written, at most so long."""
+        """Wait until the added entries are written, at most `within_s`."""
         with suppress(TimeoutError):
             self._disk.submit(int).result(within_s)
 

@@ -1,7 +1,7 @@
 """Checks every message from a client against the list of operations, and writes it again for the robot.
 
 An operation that is not in `operations`, or a field that its entry does not name, never reaches a robot: rosbridge
-takes `message_intervall` from any message, and would wait so long before everything that it sends. A robot's settings
+takes `message_intervall` from any message, and would delay by that everything that it sends. A robot's settings
 say which names each level may use.
 
 Each connection has a `MessageValidator`; `bridge` asks it for every message and sends what it returns and
@@ -69,7 +69,7 @@ class MessageRefusedError(Exception):
     """The message may not go to the robot.
 
     `answer` is the status message for the client, None when it had enough of them this second; `floods` says that
-    it was refused for its amount so often that the connection should end.
+    it was refused for its amount too often, and the connection should end.
     """
 
     def __init__(self, kind: Kind, why: str, answer: bytes | None, *, floods: bool = False) -> None:
@@ -284,7 +284,7 @@ def _check_plain_values(written: Mapping[str, Any]) -> None:
 
 
 def _cost(data: bytes) -> int:
-    """Say for how many messages a large one counts: reading it holds up everybody else so long."""
+    """Return for how many messages a large one counts, by the time that reading it takes."""
     values = data.count(b",") + data.count(b"{") + data.count(b"[")
     return 1 + len(data) // KB + values // VALUES_AS_ONE
 
@@ -304,7 +304,7 @@ def _unknown(operation: object) -> str:
 class Subscriptions:
     """The topics that one connection has subscribed, counted as rosbridge counts them.
 
-    At most so many; a topic may be subscribed several times, each under an id of its own.
+    At most `max_count`; a topic may be subscribed several times, each under an id of its own.
     """
 
     def __init__(self, max_count: int) -> None:

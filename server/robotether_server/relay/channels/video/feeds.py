@@ -125,7 +125,7 @@ class Feed:
         return self.newest is not None and now_s - self.newest.received_s < FRESH_S
 
     def sent(self, frame: Frame, skipped: int) -> None:
-        """A viewer was sent this frame, and so many before it were not."""
+        """Count a frame that a viewer was sent, and the `skipped` ones before it."""
         self._traffic.frames_out += 1
         self._traffic.bytes_out += len(frame.message)
         self._traffic.skipped += skipped
