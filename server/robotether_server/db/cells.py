@@ -14,6 +14,7 @@ from robotether_server import __version__
 from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.problems import RecordMissingError
 from robotether_server.settings import CellSettings
+from robotether_server.times import utc_now
 
 # Maximum age of a living cell's row; its relay writes it each second.
 ALIVE_S = 5
@@ -29,7 +30,10 @@ class SshAddresses:
 
 @dataclass(frozen=True)
 class Cell:
-    """A machine of the site. `host` None: robots are not sent there. `robots`: how many are online there."""
+    """A machine of the site. `host` None: robots are not sent there. `robots`: how many are online there.
+
+    `clock_ahead_s`: how far its clock is ahead of the database's, in seconds; None: unknown.
+    """
 
     name: str
     host: str | None
@@ -41,6 +45,7 @@ class Cell:
     draining: bool
     is_alive: bool
     region: str | None = None
+    clock_ahead_s: float | None = None
 
     @property
     def is_listed(self) -> bool:
@@ -48,6 +53,7 @@ class Cell:
         return self.host is not None and self.is_alive and not self.draining
 
 
+CLOCK_AHEAD_S = "TIMESTAMPDIFF(MICROSECOND, CURRENT_TIMESTAMP(6), %(now)s) / 1000000"
 IS_ALIVE = f"c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND"
 # Of a row `s` of sessions or leases. What a dead cell left open is over, though nobody could write that.
 IS_OF_LIVE_CELL = (
@@ -63,7 +69,7 @@ IS_PRESENT = (
 )
 SELECT = (
     "SELECT c.name, c.host, c.https_port, c.ssh_ports, c.peer_address, c.version, c.robots, c.draining,"  # noqa: S608 - as above
-    f" c.region, {IS_ALIVE} AS is_alive FROM cells c "
+    f" c.region, c.clock_ahead_s, {IS_ALIVE} AS is_alive FROM cells c "
 )
 
 
@@ -137,10 +143,11 @@ def write_heartbeat(
     }
     changes = ", ".join(f"{column} = %({column})s" for column in values if column != "name")
     known = tx.change(
-        f"UPDATE cells SET {changes}, heartbeat_at = CURRENT_TIMESTAMP(6) WHERE name = %(name)s"  # noqa: S608 - the module's own text
+        f"UPDATE cells SET {changes}, clock_ahead_s = {CLOCK_AHEAD_S}, heartbeat_at = CURRENT_TIMESTAMP(6)"  # noqa: S608 - the module's own text
+        " WHERE name = %(name)s"
         " AND (started_at <= %(started_at)s"
         f" OR heartbeat_at <= CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND)",
-        values,
+        values | {"now": utc_now()},
     )
     if known:
         return

@@ -21,7 +21,8 @@ DENIED = {
 EDIT = "SELECT, INSERT, UPDATE, DELETE"
 # All that a relay writes of its cell, by name: who drains one is an admin.
 CELL = (
-    "heartbeat_at, host, https_port, peer_address, region, robots, ssh_ports, started_at, version"
+    "clock_ahead_s, heartbeat_at, host, https_port, peer_address, region, robots, ssh_ports, "
+    "started_at, version"
 )
 EXPECTED = {
     "web": {

@@ -23,6 +23,8 @@ log = logging.getLogger(__name__)
 POLL_EVERY_S = 1.0
 # Maximum age of the other cells' numbers of robots.
 CURRENT_S = 3.0
+# Difference up to which clocks count as equal: the way to the database takes part of it.
+CLOCKS_AGREE_S = 0.5
 
 
 class Cells:
@@ -64,6 +66,15 @@ class Cells:
         """The other cells that can be reached, alive or not."""
         others = (cell for cell in self._known.values() if cell.name != self.name)
         return [cell for cell in others if cell.peer_address is not None]
+
+    def clocks_ahead_s(self) -> float:
+        """Return how far another cell's clock is ahead of this one's, at most; 0 while that is not worth a wait."""
+        own = self._known.get(self.name)
+        if own is None or own.clock_ahead_s is None:
+            return 0.0
+        ahead = [cell.clock_ahead_s for cell in self._known.values() if cell.clock_ahead_s]
+        ahead_s = max(ahead, default=0.0) - own.clock_ahead_s
+        return ahead_s if ahead_s >= CLOCKS_AGREE_S else 0.0
 
     def addresses(self, robot_id: int, first: str | None = None) -> list[SshAddresses]:
         """Where a robot of this cell connects, the best first: here, unless its region is another; last if this drains.
@@ -141,4 +152,4 @@ class Cells:
 
 
 def _without_counts(known: Mapping[str, Cell]) -> list[Cell]:
-    return [replace(cell, robots=0) for cell in known.values()]
+    return [replace(cell, robots=0, clock_ahead_s=None) for cell in known.values()]

@@ -64,11 +64,14 @@ class Peers:
         return [peer.address for peer in self._connected.values()]
 
     def here_for_s(self, robot_id: int) -> float | None:
-        """Return for how long a robot has been here that may have been at another cell before; None: it was not."""
+        """Return for how long a robot has been here that may have been at another cell before; None: it was not.
+
+        Less than that while a clock is ahead elsewhere: a ticket of there, used there, is older than it says.
+        """
         connected_at = self._registry.presence(robot_id).connected_at
         if connected_at is None or not self._cells.peers():
             return None
-        return time.monotonic() - connected_at
+        return time.monotonic() - connected_at - self._cells.clocks_ahead_s()
 
     def robot_count(self) -> int:
         """How many robots they have."""

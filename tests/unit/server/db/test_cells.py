@@ -52,7 +52,7 @@ def test_a_heartbeat_makes_the_row_and_keeps_it_new(relay_database, database):
     with database.transaction() as tx:
         tx.change("UPDATE cells SET draining = TRUE WHERE name = 'a'")
     heartbeat(relay_database, cell_settings("a", "a.example", "a.example:8444", "eu"), robots=3)
-    assert read(database) == [
+    assert [replace(cell, clock_ahead_s=None) for cell in read(database)] == [
         replace(A, version=__version__, robots=3, draining=True, region="eu"),
         Cell("b", None, 443, (2222, 443), None, __version__, 0, False, True),
     ]
@@ -185,3 +185,15 @@ def test_addresses_have_the_ports_of_their_cell():
     other = replace(B, ssh_ports=(22,))
     found = {one.host: one.ports for one in sort_for(7, [A, other])}
     assert found == {"a.example": (2222, 443), "b.example": (22,)}
+
+
+def test_a_heartbeat_says_how_far_its_clock_is_ahead(
+    relay_database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In seconds, by the database's clock."""
+    ahead = dt.timedelta(seconds=90)
+    monkeypatch.setattr(cells, "utc_now", lambda: dt.datetime.now(dt.UTC) + ahead)
+    with relay_database.transaction() as tx:
+        for _ in range(2):
+            cells.write_heartbeat(tx, cell_settings("a"), robots=0, started_at=NOON)
+        assert cells.get(tx, "a").clock_ahead_s == pytest.approx(90, abs=5)

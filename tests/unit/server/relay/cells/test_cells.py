@@ -187,3 +187,17 @@ async def test_an_old_count_is_no_surplus(cells, memory_database, monkeypatch):
     assert cells.surplus() == (2, "b")
     monkeypatch.setattr(relay_cells, "CURRENT_S", 0.0)
     assert cells.surplus() == (0, "a")
+
+
+@pytest.mark.parametrize(
+    ("own", "other", "ahead_s"),
+    [(0.1, 1.7, 1.6), (1.7, 0.1, 0.0), (0.1, 0.4, 0.0), (None, 1.7, 0.0), (0.1, None, 0.0)],
+)
+async def test_a_clock_that_is_ahead_elsewhere_is_known(
+    cells, memory_database, own, other, ahead_s
+):
+    """The database's clock compares them; a change of it notifies nobody."""
+    memory_database.cells["b"] = replace(OTHER, clock_ahead_s=other)
+    await cells.poll()
+    cells._known = {**cells._known, "a": replace(cells._known["a"], clock_ahead_s=own)}
+    assert cells.clocks_ahead_s() == pytest.approx(ahead_s)
