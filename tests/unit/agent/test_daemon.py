@@ -176,6 +176,18 @@ async def test_unwritable_state_is_told_and_tried_again(make_cloud, start_agent,
     await agent.until_connected()
 
 
+async def test_removed_robot_waits_for_its_approval(make_cloud, start_agent):
+    """A robot whose row was removed finds out why its key is refused, and comes back once approved."""
+    cloud = await make_cloud()
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    cloud.remove_robot()
+    cloud.ssh.drop_connections()
+    await agent.until(lambda status: status.state == "pending", "pending")
+    cloud.approve()
+    await agent.until_connected()
+
+
 async def test_works_on_a_read_only_disk(make_cloud, start_agent):
     """Once enrolled, the agent writes nothing in its state directory."""
     cloud = await make_cloud()
