@@ -19,7 +19,7 @@ from functools import partial
 
 import processes
 from demo import Demo
-from pages import chromium, drive_live, log_in
+from pages import chromium, drive_live, expect_armed, log_in
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 from program_driver import ProgramDriver
 from report import Row, Section, quantiles
@@ -111,6 +111,7 @@ def page_loses(loss: Callable[[Browser, Page, ExitStack], None], demo: Demo, rob
         page = browser.new_context(ignore_https_errors=True).new_page()
         log_in(page, demo)
         drive_live(page, demo, robot)
+        expect_armed(page)
         page.keyboard.down("w")
         judge(*watched(demo, robot, partial(loss, browser, page, undo)), outcome)
         undo.close()
