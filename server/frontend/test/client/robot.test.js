@@ -288,3 +288,30 @@ test("a link on which nothing was asked for stays, as the robot answers each sec
   robot.close();
   mock.restoreAll();
 });
+
+test("video is shown on a canvas or in an <img>, and nowhere else", async () => {
+  globalThis.createImageBitmap = async () => ({ width: 64, height: 48, close() {} });
+  const context = { setTransform() {}, rotate() {}, drawImage() {} };
+  const canvas = { localName: "canvas", width: 0, height: 0, getContext: () => context };
+  const img = {
+    localName: "img",
+    set src(url) {
+      this.url = url;
+      this.onload();
+    },
+  };
+  for (const element of [canvas, img]) {
+    const stream = make().showVideo(element, { topic: "/front" });
+    await settle();
+    sockets.at(-1).open();
+    sockets.at(-1).answerBeat(0);
+    sockets.at(-1).frame({ timestampMs: performance.now() });
+    await settle();
+    assert.ok(stream.ageMs >= 0);
+    stream.stop();
+  }
+  assert.deepEqual([canvas.width, canvas.height], [64, 48]);
+  assert.match(img.url, /^blob:/);
+  assert.match(sockets[0].url, /video\/frames\?topic=\/front&ticket=t1$/);
+  assert.throws(() => make().showVideo({ localName: "p" }), /cannot show video in <p>/);
+});

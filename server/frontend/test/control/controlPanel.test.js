@@ -246,7 +246,9 @@ test("each state has its own title and says what it means", () => {
   const all = Object.keys(texts);
   assert.equal(new Set(all.map((name) => texts[name].title)).size, all.length);
   const facts = { since: "12:03", video: "old", stopped: { by: "ben", at: "12:03" }, mayDrive: true };
-  for (const name of all) assert.notEqual(texts[name].detail(facts), "", name);
+  const watching = { ...facts, since: "", reason: "the robot says why", video: "missing", mayDrive: false, free: true };
+  for (const name of all)
+    for (const known of [facts, { ...facts, driving: true, again: true }, watching]) assert.notEqual(texts[name].detail(known), "", name);
 });
 
 test("silence of server and video together says whether the robot halts, and offers no driving without video", () => {
