@@ -119,14 +119,14 @@ def known(ann: Person) -> Person:
 
 
 def test_fleet_trusts_no_host_that_she_has_not_seen(ann: Person) -> None:
-    """Not even the server; runs before her first login."""
+    """The fleet trusts no unknown host, not even the server; this runs before her first login."""
     done = ann.fleet("true", "--on", NAME)
     assert done.returncode == 1
     assert "--accept-new" in done.stderr
 
 
 def test_ssh_runs_on_the_robot(known: Person, turtle: RobotHost) -> None:
-    """As the account that the robot's setting names."""
+    """The session is of the account that the robot's setting names."""
     said = known.run_well("ssh", "-F", known.config, NAME, "id -un; hostname")
     assert said.split() == [USER, turtle.name]
 
@@ -160,7 +160,7 @@ def test_ansible_pings_it_from_the_inventory(known: Person, site: Site) -> None:
 
 
 def test_fleet_runs_on_it(known: Person) -> None:
-    """With its exit status; sudo too."""
+    """A fleet command runs on the robot, with sudo too, and its exit status comes back."""
     done = known.fleet("id -un", "--on", "*", "--json")
     assert [(one["robot"], one["stdout"]) for one in json.loads(done.stdout)] == [
         (NAME, f"{USER}\n")

@@ -42,7 +42,7 @@ def test_script_is_the_one_of_this_checkout(stack: Stack) -> None:
 
 
 def test_manifest_lists_the_agents_wheel_and_its_dependencies(stack: Stack) -> None:
-    """With the hashes of what is really served."""
+    """The manifest has the hashes of the served files."""
     lines = fetch(stack, "/agent/manifest").decode().splitlines()
     files = {name: fetch(stack, f"/agent/{name}") for _, name in (line.split() for line in lines)}
     assert [f"{hashlib.sha256(data).hexdigest()}  {name}" for name, data in files.items()] == lines

@@ -134,7 +134,7 @@ def test_a_name_that_leads_elsewhere_gets_nothing(network: AcmeNetwork) -> None:
 
 @pytest.mark.parametrize("domain", ["", "Robots.Example", "localhost", "-x.example", "a b.example"])
 def test_a_wrong_domain_stops_the_start(lonely: AcmeNetwork, domain: str) -> None:
-    """With a sentence that names the variable."""
+    """The sentence names the variable."""
     acme = lonely.start_acme(domain)
     try:
         assert acme.wait(timeout=20)["StatusCode"] == 1

@@ -144,7 +144,7 @@ def test_plugin_is_documented(home: Path, folder: str, plugin: str) -> None:
 
 
 def test_every_role_is_documented(home: Path) -> None:
-    """With the variables that its argument_specs.yml has."""
+    """Each role documents the variables of its argument_specs.yml."""
     names = [f"{NAME}.{role}" for role in ROLES]
     printed = ansible("ansible-doc", "--json", "-t", "role", *names, home=home, cwd=home)
     shown = json.loads(printed)

@@ -190,7 +190,7 @@ def test_roles_get_server_and_pin(listed: List, fleet: TlsWeb) -> None:
 
 
 def test_cache_asks_once(listed: List, fleet: TlsWeb, tmp_path: Path) -> None:
-    """Until other questions are asked."""
+    """The cache is used until other questions are asked."""
     cached = {
         "cache": True,
         "cache_plugin": "ansible.builtin.jsonfile",

@@ -67,7 +67,7 @@ def config(*files: str, **settings: str) -> subprocess.CompletedProcess[str]:
     "files", [("database.yaml",), ("cell.yaml",), ("cell.yaml", "certificate.yaml")]
 )
 def test_docker_reads_the_files(files: tuple[str, ...]) -> None:
-    """With settings as compose/.env.example has them."""
+    """Docker reads the files with the settings of compose/.env.example."""
     done = config(*files, CELL="a", PUBLIC_HOST="a.example", SSH_PORT="", TAG="")
     assert done.returncode == 0, done.stderr
     # Docker leaves as it is what it cannot replace, such as a default inside a default.
@@ -156,7 +156,7 @@ def published(service: dict[str, Any]) -> set[tuple[str, str]]:
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
 def test_ports_are_those_of_compose(file: str, name: str) -> None:
-    """And the one for other cells."""
+    """The ports are those of compose and the one for other cells."""
     peers = {("${PEER_PORT:-8444}", "8444")} if name == "nginx" else set()
     assert published(in_swarm(file, name)) == published(in_compose(name)) | peers
 

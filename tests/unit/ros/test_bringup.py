@@ -28,7 +28,7 @@ ROS_1, ROS_2 = ROS / "robotether.launch", PACKAGE / "launch" / "robotether.launc
 
 
 def test_package_is_what_ros_2_takes() -> None:
-    """By the checks of ROS's own build tools."""
+    """ROS's own build tools accept the package."""
     package = parse_package(str(PACKAGE))
     package.validate()
     assert (package.version, package.get_build_type()) == (__version__, "ament_python")
@@ -48,7 +48,7 @@ def test_installs_where_ros_2_launch_looks(tmp_path: Path) -> None:
 
 
 def test_ros_1_starts_these_nodes() -> None:
-    """As roslaunch itself reads the file."""
+    """The file is read by roslaunch itself."""
 
     def nodes(*arguments: str) -> list[str]:
         command = ["roslaunch", "--nodes", str(ROS_1), *arguments]
@@ -122,7 +122,7 @@ def test_serves_this_machine_alone_where_the_agent_looks(file: Path) -> None:
 
 
 def test_compose_file_gives_the_agent_no_more_than_the_network() -> None:
-    """As Docker reads it."""
+    """Docker reads the compose file, which gives the agent only the network."""
     command = ["docker", "compose", "-f", str(ROS / "compose.yaml"), "config", "--format", "json"]
     environ = os.environ | {"SERVER": "robots.example.com"}
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=environ)

@@ -50,7 +50,7 @@ def test_self_signed_certificate_is_pinned_twice() -> None:
 
 
 def test_known_certificate_is_left_to_the_authorities() -> None:
-    """So that it may be renewed."""
+    """A known certificate is left to the authorities, so that it may be renewed."""
     certificates = KnownCertificate("robots.example", 443, is_known=True)
     assert enrolment_lines(certificates, "10.0.0.1", "rj_abc").install == (
         "curl -fsS https://robots.example/join.sh | sudo sh -s -- --server robots.example --token rj_abc"

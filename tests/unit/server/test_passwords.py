@@ -102,7 +102,7 @@ def test_common_password_is_refused(password: str) -> None:
     "password", ["correct horse battery", "tr0ub4dor&3xyz", "passwords I made", "9f3c1e0b7a2d"]
 )
 def test_other_password_is_taken(password: str) -> None:
-    """Also with a common word in it."""
+    """A password may contain a common word."""
     assert passwords.matches(password, passwords.hash_password(password))
 
 

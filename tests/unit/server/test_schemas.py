@@ -178,7 +178,7 @@ def test_object_is_no_list_of_pairs() -> None:
 
 
 def test_secret_is_taken_as_it_was_typed() -> None:
-    """With its spaces; but half a character is none."""
+    """A secret keeps its spaces; half a character is no secret."""
     assert read(password=" a\n") == " a\n"
     for value in (None, 1, "\ud800"):
         assert refused({"name": "x", "password": value}) == "cannot use password: it must be a text"
@@ -227,7 +227,7 @@ def test_other_patterns_are_refused_by_their_path(value):
 
 
 def test_full_name_passes():
-    """As ROS writes it."""
+    """A full name passes as ROS writes it."""
     assert schemas.value("topic", "/a/b_1", RosName) == "/a/b_1"
 
 
@@ -236,6 +236,6 @@ def test_full_name_passes():
     ["a", "/", "/a/", "//a", "/a*", "/ä", "/a\n", " /a", None, "/" + "a" * MAX_NAME_LENGTH],
 )
 def test_other_names_are_refused(value):
-    """Also one with white space around it."""
+    """A name with white space around it is rejected, too."""
     with pytest.raises(FieldInvalidError, match="cannot use topic: it must be a full name such as"):
         schemas.value("topic", value, RosName)

@@ -22,7 +22,7 @@ NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
     ],
 )
 def test_moment_is_taken_with_its_offset(text: str) -> None:
-    """And comes out in UTC."""
+    """A timestamp is read with its offset and returned in UTC."""
     found = times.timestamp("until", text)
     assert (found, found.utcoffset()) == (NOON, dt.timedelta())
 

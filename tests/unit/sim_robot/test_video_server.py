@@ -147,7 +147,7 @@ async def test_escapes_in_a_topic_are_not_undone(http: aiohttp.ClientSession, to
 
 
 async def test_snapshot_of_no_topic_ends_without_an_answer(http: aiohttp.ClientSession) -> None:
-    """As from the real one: the connection ends."""
+    """The connection ends, as with the real server."""
     with pytest.raises(aiohttp.ClientError):
         await http.get("/snapshot?topic=/nope")
 

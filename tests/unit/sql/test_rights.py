@@ -95,7 +95,7 @@ def test_grant_holds_until_its_end(database: Database, ids: dict[str, int]) -> N
 
 
 def test_what_is_removed_takes_its_grants_along(database: Database, ids: dict[str, int]) -> None:
-    """And none comes to mean more than it did."""
+    """Removal takes the grants along, and no other grant gains a meaning."""
     with database.transaction() as tx:
         for pair in (
             Pair(group_id=ids["crew"], all_robots=True),

@@ -190,7 +190,7 @@ def test_a_network_with_many_keys_hides_no_others(
 
 
 def test_one_connection_records_key_after_key(database: Database, keylookup: Database) -> None:
-    """As sshd's look-ups keep theirs."""
+    """One connection records key after key, as sshd's look-ups do."""
     with keylookup.transaction() as tx:
         for number in range(5):
             tx.change("CALL record_refused_key(%s, %s)", (f"SHA256:{number}", ADDRESS))
@@ -209,7 +209,7 @@ def test_many_networks_leave_sixty_lines_an_hour(database: Database, keylookup: 
 def test_refused_keys_are_kept_for_a_month(
     database: Database, admin_database: Database, keylookup: Database
 ) -> None:
-    """Also where all else is kept for ever."""
+    """Refused keys end after a month even if all else is kept for ever."""
     for days in (31, 29):
         refuse(keylookup, f"SHA256:{days}")
         with admin_database.transaction() as tx:

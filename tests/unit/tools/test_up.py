@@ -110,7 +110,7 @@ def test_cell_without_a_database_makes_no_password(checkout: Path) -> None:
 
 
 def test_demo_is_a_profile_beside_others(checkout: Path) -> None:
-    """And it ends when its robots can be driven."""
+    """The command ends when the demo's robots can be driven."""
     (checkout / "env").write_text("COMPOSE_PROFILES=acme\n")
     done = up(checkout, "--demo")
     assert done.returncode == 0, done.stderr

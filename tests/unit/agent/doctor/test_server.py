@@ -33,7 +33,7 @@ def test_both_spellings_of_a_date_are_read(place, end):
 
 
 def test_openssls_own_certificate_is_read():
-    """As a server makes it with the command line."""
+    """The agent reads a certificate as openssl's command line makes it."""
     pem = certificate().read_text().split("-----END CERTIFICATE-----")[0]
     begin, end = validity(ssl.PEM_cert_to_DER_cert(pem + "-----END CERTIFICATE-----\n"))
     assert (end - begin).days == 2

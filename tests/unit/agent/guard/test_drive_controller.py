@@ -103,7 +103,7 @@ async def test_a_stop_zeroes_what_stands(world: World) -> None:
 
 @pytest.mark.parametrize("age_ms", [500.1, 1e9, -AHEAD_MS - 1])
 async def test_old_commands_are_refused(world: World, age_ms: float) -> None:
-    """And those from a future that no clock explains."""
+    """The guard rejects old commands, and commands from a future that no clock explains."""
     await world.drive(0.5, age_ms=age_ms)
     assert world.publisher.sent == []
     assert world.source.kinds == ["old"]

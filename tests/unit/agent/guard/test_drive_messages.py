@@ -76,7 +76,7 @@ def test_many_stars_take_no_long_time() -> None:
 
 @given(st.from_regex(r"(/[a-z_]{1,8}){0,3}/cmd_vel", fullmatch=True))
 def test_every_cmd_vel_drives(name: str) -> None:
-    """In whatever namespace the robot's base listens."""
+    """A robot's base may listen on cmd_vel in any namespace."""
     assert DEFAULT.match(name)
     assert full_name(name) == name
 

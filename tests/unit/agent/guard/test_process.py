@@ -222,7 +222,7 @@ async def test_a_stop_is_told_when_the_disk_has_it(
 
 
 async def test_a_killed_guards_successor_stops_the_robot(place: Path, robot: Robot) -> None:
-    """Even if nobody drives through the new one."""
+    """The next guard stops the robot even if nobody drives through it."""
     async with GuardProcess(place, robot.port) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:

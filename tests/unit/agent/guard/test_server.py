@@ -55,7 +55,7 @@ async def status(port: int, fence: int | None = 0, key: str = KEY) -> int:
 
 
 async def test_only_the_server_gets_in(tmp_path: Path) -> None:
-    """With the key; and drivers with the newest fence."""
+    """A connection needs the key, and a driver the newest fence."""
     async with FakeRosbridge() as rosbridge, running(rosbridge.port, tmp_path) as (port, _, _):
         assert await status(port, None) == 403
         assert await status(port, 0, "another") == 403

@@ -222,7 +222,7 @@ async def test_without_a_connection_everybody_gets_all(caplog: pytest.LogCapture
 async def test_a_kernel_that_tells_nothing_lets_everybody_pass(
     pacer: Pacer, connection: Connection, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Also those who waited already when it became so."""
+    """Senders that already wait pass, too, when the kernel stops reporting."""
     await pacer.acquire(MAX_TURN_BYTES)
     waits = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
     await asyncio.sleep(0)

@@ -346,7 +346,7 @@ async def test_a_stream_of_other_images_than_jpeg_names_them(run):
     ("source", "first"), [("auto", "/r2/front"), ("rosbridge", "/r2/rear/image_raw")]
 )
 async def test_the_first_camera_is_this_robots(source, first):
-    """Of those that its source can show."""
+    """The first camera is one of the robot's own that its source can show."""
     kinds = {"cmd_vel": "geometry_msgs/msg/Twist", "front": "sensor_msgs/msg/Image"}
     kinds["rear/image_raw/compressed"] = "sensor_msgs/msg/CompressedImage"
     topics = {f"/{robot}/{name}": kind for robot in ("r1", "r2") for name, kind in kinds.items()}

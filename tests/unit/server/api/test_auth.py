@@ -28,7 +28,7 @@ def test_token_tells_who_asks(program: Browser, database: Database) -> None:
 
 @pytest.mark.parametrize("header", ["Bearer rt_nobodys", "Bearer", "Basic YTpi", ""])
 def test_token_that_does_not_hold_is_refused(browser: Browser, header: str) -> None:
-    """Even beside a login that would do."""
+    """A token that is not valid is rejected even beside a valid login."""
     browser.log_in("ann")
     answer = browser.ask("GET", "/api/v1/me", headers={"Authorization": header})
     assert (answer.status_code, answer.json["code"]) == (401, "token_invalid")
@@ -100,7 +100,7 @@ def test_a_page_that_nobody_touches_keeps_no_login(
 
 
 def test_login_ends_however_much_it_is_used(browser: Browser, admin_database: Database) -> None:
-    """After LOGIN_TTL_H."""
+    """A login ends after LOGIN_TTL_H."""
     browser.log_in("ann")
     for _ in range(11):
         age(admin_database, 1)

@@ -59,7 +59,7 @@ def test_each_route_is_described_and_each_description_routed(
 
 
 def test_every_name_in_a_path_is_a_parameter(document: Document) -> None:
-    """And no parameter is left from another path."""
+    """No parameter of a path is left over from another path."""
     parameters = document["components"]["parameters"]
     for path, item in document["paths"].items():
         named = [one["$ref"].rpartition("/")[2] for one in item.get("parameters", [])]

@@ -23,7 +23,7 @@ def drives(root: Program, ann: Program, admin_database: Database) -> list[int]:
 def test_managers_see_their_robots_and_admins_all(
     root: Program, ann: Program, drives: list[int]
 ) -> None:
-    """As soon as they have the grant."""
+    """A manager sees a robot as soon as the grant exists."""
     assert [one["id"] for one in root.get("/drives")["drives"]] == drives[::-1]
     root.ask("PUT", "/grants/ann/sim2", {"level": "drive"})
     assert len(ann.get("/drives")["drives"]) == 1
@@ -48,7 +48,7 @@ def test_managers_see_their_robots_and_admins_all(
     ],
 )
 def test_drives_are_chosen(root: Program, query: str, found: int) -> None:
-    """In the list and in both files."""
+    """The filter holds in the list and in both files."""
     assert len(root.get(f"/drives?{query}")["drives"]) == found
     lines = root.ask("GET", f"/drives?{query}&format=jsonl").text.splitlines()
     assert [json.loads(line) for line in lines] == root.get(f"/drives?{query}")["drives"]
@@ -62,7 +62,7 @@ def test_drives_are_chosen(root: Program, query: str, found: int) -> None:
     ["limit=0", "limit=501", "since=soon", "format=pdf", "what=x", "before=0", "user=", "fence=-1"],
 )
 def test_wrong_query_is_refused(ann: Program, query: str) -> None:
-    """With the name of what is wrong."""
+    """The refusal names the wrong parameter."""
     assert ann.refused("GET", f"/drives?{query}") == (422, "field_invalid")
 
 
@@ -78,6 +78,6 @@ def test_one_drive_is_a_file(root: Program, ann: Program, drives: list[int]) -> 
 
 
 def test_file_of_a_user_has_her_own_alone(ann: Program, drives: list[int]) -> None:
-    """As the list does."""
+    """The file of a user has only her own drives, as the list does."""
     lines = ann.ask("GET", "/drives?format=jsonl").text.splitlines()
     assert [json.loads(line)["id"] for line in lines] == drives[:1]

@@ -41,7 +41,7 @@ def test_everything_comes_piece_by_piece(total: int) -> None:
 
 @pytest.mark.parametrize("limit", [1, exports.PIECE, exports.PIECE + 3])
 def test_limit_is_kept(limit: int) -> None:
-    """And nothing is read beyond it."""
+    """Nothing is read beyond the limit."""
     read: list[int] = []
 
     def fetch(before: int | None, wanted: int) -> list[Numbered]:

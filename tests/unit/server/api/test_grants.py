@@ -73,7 +73,7 @@ def test_grant_for_two_or_none_or_with_a_wrong_end_is_refused(root: Program, cha
 
 @pytest.mark.parametrize("name", ["", "Crew", "a b", "-a", "a/b", "x" * 64, "crew\n", None, 5])
 def test_name_that_cannot_stand_in_a_path_is_refused(root: Program, name: object) -> None:
-    """As for users."""
+    """The rule for names is the one for users."""
     answer = root.ask("POST", "/groups", {"name": name})
     assert answer.status_code == (201 if name == "crew\n" else 422)
 

@@ -146,7 +146,7 @@ def test_robot_that_is_in_needs_no_proof(
 
 
 def test_null_is_as_good_as_nothing(program: Browser, robot: RobotSigner) -> None:
-    """For every field that may be missing."""
+    """Null is accepted for every field that may be missing."""
     nothing = dict.fromkeys(("token", "name", "mac_present", "previous_key"))
     answer = program.ask("POST", "/api/v1/join", json=robot.join(MAC) | nothing)
     assert answer.status_code == 202
@@ -171,7 +171,7 @@ def test_joins_at_once_leave_threads_to_others(
 
 
 def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
-    """Not before sshd has its keys."""
+    """The robot learns the tunnel's address only when sshd has its keys."""
     settings = JoinSettings("approve", 3, "robots.example", (2222, 443), tmp_path, False)
     with pytest.raises(StoreUnavailableError):
         ssh_of(settings)

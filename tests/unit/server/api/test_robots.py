@@ -160,7 +160,7 @@ def test_join_token_enrols_and_is_told_no_more_than_a_user(
 def test_registration_is_refused(
     root: Program, name: str, changes: dict[str, Any], refusal: tuple[int, str]
 ) -> None:
-    """With the sentence of who decides it."""
+    """The sentence says who decides about the registration."""
     assert root.refused("PUT", f"/robots/{name}", registration(**changes)) == refusal
 
 
@@ -305,5 +305,5 @@ def test_admins_see_more() -> None:
 
 @pytest.mark.parametrize("query", ["limit=0", "limit=501", "most=1"])
 def test_wrong_query_for_sessions_is_refused(root: Program, query: str) -> None:
-    """With the name of what is wrong."""
+    """The refusal names the wrong parameter."""
     assert root.refused("GET", f"/robots/sim1/sessions?{query}") == (422, "field_invalid")

@@ -41,7 +41,7 @@ def test_wrong_field_is_refused(ann: Program, changes: dict[str, object]) -> Non
 
 
 def test_key_is_added_once(ann: Program) -> None:
-    """By name and by key."""
+    """A key is unique by name and by key."""
     first, second = new_public_key(), new_public_key()
     ann.ask("POST", "/me/ssh-keys", {"name": "laptop", "public_key": first})
     for name, line in (("laptop", second), ("phone", first)):

@@ -171,7 +171,7 @@ def test_join_token_without_its_line_is_not_made(root: Program, database: Databa
 def test_wrong_field_of_a_join_token_is_refused(
     root: Program, site_certificate: None, changes: dict[str, object]
 ) -> None:
-    """Before anything is made."""
+    """A wrong field is rejected before anything is made."""
     assert root.refused("POST", "/join-tokens", JOIN_TOKEN | changes) == (422, "field_invalid")
 
 

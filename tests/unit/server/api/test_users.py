@@ -63,7 +63,7 @@ def test_user_is_changed_in_one_step(root: Program, database: Database) -> None:
 
 @pytest.mark.parametrize("changes", [{}, {"name": "bob"}, {"disabled": "no"}, {"role": None}])
 def test_change_is_refused(root: Program, changes: dict[str, Any]) -> None:
-    """Also one that says nothing."""
+    """A change is rejected, also an empty one."""
     assert root.refused("PATCH", "/users/ann", changes) == (422, "field_invalid")
 
 

@@ -48,7 +48,7 @@ def test_cells_are_listed(run: Run) -> None:
 
 
 def test_drain_waits_until_the_robots_have_left(run: Run, relay_database: Database) -> None:
-    """At most so long; the cell drains on."""
+    """The command waits for a limited time; the cell continues to drain."""
     done = run("cell", "drain", "a", "--wait", "--timeout", "0.1")
     assert (done.status, done.err) == (
         1,
@@ -68,7 +68,7 @@ def test_cell_is_put_back_into_service(run: Run, database: Database) -> None:
 
 
 def test_removal_wants_a_yes(run: Run) -> None:
-    """And a cell that is down."""
+    """Removal needs a yes and a cell that is down."""
     assert "say --yes" in run("cell", "remove", "c").err
     assert run("cell", "remove", "c", "--yes").out == "removed cell c\n"
     assert "it is alive" in run("cell", "remove", "b", "--yes").err

@@ -71,7 +71,7 @@ def test_one_failure_is_the_whole_commands(run_fleet: Run, network: ShellNetwork
 
 
 def test_run_prints_json(run_fleet: Run, network: ShellNetwork) -> None:
-    """And nothing else; the outputs are part of it."""
+    """The command prints only JSON, which includes the outputs."""
     arguments = ("echo hi; exit 4", "--on", "sim1", "--json", "--ssh-config", network.config)
     done = run_fleet("run", *arguments)
     assert (done.status, done.err) == (1, "")
@@ -317,7 +317,7 @@ def pid_written(path: Path) -> int:
 
 
 def test_time_out_ends_the_command_on_the_robot(do: Do, tmp_path: Path) -> None:
-    """With what it had started."""
+    """The time limit ends the command with all that it had started."""
     path = tmp_path / "pid"
     with pytest.raises(FleetError, match=r"timed out after 0\.5 s"):
         do(f"sleep 60 & echo $! > {path}; wait", timeout_s=0.5)
@@ -345,7 +345,7 @@ def test_time_out_is_named_though_its_thread_still_runs(
 
 
 def test_lost_link_is_no_exit_status(do: Do, network: ShellNetwork, tmp_path: Path) -> None:
-    """And no success."""
+    """A lost link is neither an exit status nor a success."""
     stop = f"kill -9 $(ps -o ppid= -p $PPID) & sleep 20 & echo > {tmp_path}/pid; wait"
     with pytest.raises(FleetError, match="the connection broke"):
         do(stop)
@@ -422,7 +422,7 @@ def test_line_without_an_end_is_cut() -> None:
 
 
 def test_kept_output_has_a_bound() -> None:
-    """And says that it was cut."""
+    """Output that was cut says so."""
     captured = Captured()
     captured.write("x" * MAX_CAPTURED_LENGTH)
     assert not captured.cut

@@ -78,7 +78,7 @@ def refused(network: ShellNetwork, connections: SshConnections) -> FleetError:
 def test_robots_share_one_login_at_the_jump_host(
     network: ShellNetwork, connections: SshConnections
 ) -> None:
-    """Even when they come at once."""
+    """Robots share one login even if they come at once."""
     targets = [target_of(network, name) for name in ("sim1", "sim2") * 3]
     with ThreadPoolExecutor(6) as pool:
         opened = list(pool.map(connections.open, targets))
@@ -253,7 +253,7 @@ def test_agents_keys_come_in_the_order_of_the_configuration(target: Target, tmp_
 
 @pytest.mark.usefixtures("agent")
 def test_key_in_agent_and_file_is_offered_once(target: Target, tmp_path: Path) -> None:
-    """By its public half."""
+    """A key is recognised by its public half."""
     line = make_key(tmp_path / "key")
     private = (tmp_path / "key").read_text()
     add_to_agent(tmp_path / "key")
@@ -309,7 +309,7 @@ def test_known_key_passes(target: Target, key: paramiko.PKey) -> None:
 
 
 def test_unknown_key_is_refused_with_its_fingerprint(target: Target, key: paramiko.PKey) -> None:
-    """And nothing is noted."""
+    """An unknown key is rejected with its fingerprint and not stored."""
     with pytest.raises(
         FleetError, match=r"sim1: its host key SHA256:\S+ .* robotether-sim1.*--accept-new"
     ):
@@ -319,7 +319,7 @@ def test_unknown_key_is_refused_with_its_fingerprint(target: Target, key: parami
 
 @pytest.mark.parametrize("accept_new", [False, True])
 def test_revoked_key_is_never_taken(target: Target, key: paramiko.PKey, accept_new: bool) -> None:
-    """Even where it is known as well."""
+    """A revoked key is rejected even where it is known as well."""
     write(target, line(key), f"@revoked {line(key, '*')}")
     with pytest.raises(FleetError, match="revoked"):
         check(target, key, accept_new=accept_new)
@@ -380,7 +380,7 @@ def test_proxy_command_is_refused(config: Path) -> None:
 
 
 def test_mistake_in_the_file_is_told_in_the_words_of_ssh(config: Path) -> None:
-    """With its line."""
+    """The message has ssh's words and the line."""
     config.write_text("Host sim1\n    Prot 22\n")
     with pytest.raises(FleetError, match=r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"):
         fleet_ssh.resolve("sim1", config)
@@ -462,7 +462,7 @@ def test_only_what_the_server_printed_is_a_robot(listed: Path) -> None:
     [(["*"], ["sim1", "sim2"]), (["sim2", "sim[12]"], ["sim1", "sim2"]), (["*2"], ["sim2"])],
 )
 def test_patterns_choose_robots_once(listed: Path, patterns: list[str], names: list[str]) -> None:
-    """In the order of their names."""
+    """Robots are listed in the order of their names."""
     assert fleet_ssh.choose(listed, patterns) == names
 
 
@@ -493,6 +493,6 @@ def test_file_that_includes_itself_is_refused(tmp_path: Path) -> None:
 
 
 def test_missing_file_is_told_with_the_way_to_get_it(tmp_path: Path) -> None:
-    """In one sentence."""
+    """One sentence says how to get the missing file."""
     with pytest.raises(FleetError, match=r"cannot read .*missing.* robotether ssh-config"):
         fleet_ssh.choose(tmp_path / "missing", ["*"])

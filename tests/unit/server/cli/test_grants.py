@@ -31,7 +31,7 @@ def test_grant_is_given_and_taken(run: Run, database: Database) -> None:
 
 
 def test_grants_are_listed(run: Run) -> None:
-    """For people and for programs."""
+    """Grants are listed for people and for programs."""
     run("grant", "ann", "sim1", "manage")
     line = run("grant", "list").out.splitlines()[1]
     assert line.split() == ["user", "ann", "robot", "sim1", "manage", "-"]

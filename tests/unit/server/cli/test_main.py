@@ -150,7 +150,7 @@ def test_web_starts_while_the_database_is_away(
 
 
 def test_help_lists_the_commands(run: Run) -> None:
-    """Without any setting."""
+    """The help needs no setting."""
     done = run("--help")
     assert done.status == 0
     listed = {line.split()[0] for line in done.out.splitlines() if line.startswith("  ")}

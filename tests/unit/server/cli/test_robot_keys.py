@@ -62,7 +62,7 @@ def test_robot_without_a_key_cannot_be_approved(run: Run) -> None:
 
 
 def test_second_approval_changes_nothing(run: Run, database: Database) -> None:
-    """And leaves no second event."""
+    """A second approval leaves no second event."""
     run(*ADD)
     show_key(database)
     for _ in range(2):
@@ -145,7 +145,7 @@ def test_approve_waits_for_the_key(run: Run, database: Database) -> None:
 
 
 def test_approved_claim_replaces_the_key(run: Run, database: Database) -> None:
-    """After a question that says so."""
+    """The command asks before the claim replaces the key."""
     run(*ADD)
     activate(database)
     claim(database)
@@ -212,7 +212,7 @@ def test_rekey_forgets_the_key(run: Run, database: Database, before: State, afte
 
 
 def test_new_key_is_asked_for(run: Run, database: Database) -> None:
-    """Of a robot that is active; of no other."""
+    """Only an active robot is asked for a new key."""
     run(*ADD)
     assert "only an active robot" in run("robot", "rotate-key", "sim1").err
     activate(database)

@@ -14,7 +14,7 @@ ROBOT = RobotRow(7, "00:1b:44:11:3a:b7", "sim1", "pending", 20000, 20001, None, 
 
 
 def test_robot_that_has_not_joined_says_so() -> None:
-    """In each field that a join would fill."""
+    """Each field that a join would fill says so."""
     fields = dict(robot_texts.identity(ROBOT))
     assert fields["host name"] == fields["address"] == fields["joined"] == "not joined yet"
     assert fields["key"] == "none yet"

@@ -169,7 +169,7 @@ def test_robot_moves_to_other_ports(run: Run, database: Database) -> None:
 
 @pytest.mark.usefixtures("_sim1")
 def test_shell_has_a_port_while_it_is_on(run: Run, database: Database) -> None:
-    """And none afterwards."""
+    """A shell has a port only while it is on."""
     port = 24000
     done = run("robot", "shell", "sim1", "on")
     assert done.out == f"the shell of robot sim1 is on, at port {port} of the server\n"

@@ -46,7 +46,7 @@ def test_token_is_the_last_word_of_the_last_line(run: Run, database: Database) -
 
 
 def test_token_may_end(run: Run, database: Database) -> None:
-    """After so many days."""
+    """A token ends after the given number of days."""
     run("user", "add", "ann")
     run("token", "create", *CI, "--days", "7")
     with database.transaction() as tx:
@@ -126,7 +126,7 @@ def test_invite_warns_of_an_address_that_no_robot_reaches(run: Run) -> None:
 
 
 def test_invite_without_a_host_says_what_to_set(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Or to say."""
+    """Without a host the command says what to set or to pass."""
     monkeypatch.delenv("PUBLIC_HOST")
     done = run("robot", "invite")
     assert (done.status, done.err.count("\n")) == (1, 1)

@@ -60,7 +60,7 @@ def test_user_is_told_what_a_name_may_be(run: Run) -> None:
 
 
 def test_new_password_replaces_the_old(run: Run, database: Database) -> None:
-    """And leaves an audit event."""
+    """A new password leaves an audit event."""
     run("user", "add", "ann")
     run("user", "password", "ann", "--password-stdin", stdin="another long password")
     with database.transaction() as tx:
@@ -69,7 +69,7 @@ def test_new_password_replaces_the_old(run: Run, database: Database) -> None:
 
 
 def test_disabled_user_is_listed_as_such(run: Run) -> None:
-    """And can be enabled again."""
+    """A disabled user is listed as such and can be enabled again."""
     run("user", "add", "ann")
     assert run("user", "disable", "ann").out == "disabled user ann\n"
     assert run("user", "list").out.splitlines()[1].split() == ["ann", "user", "disabled"]
@@ -91,7 +91,7 @@ def test_role_changes(run: Run, database: Database) -> None:
 
 
 def test_logins_end_everywhere(run: Run, database: Database) -> None:
-    """On every device at once."""
+    """Logins end on every device at once."""
     run("user", "add", "ann")
     with database.transaction() as tx:
         ann = users.get(tx, "ann")
@@ -113,7 +113,7 @@ def test_removed_user_is_gone(run: Run, database: Database) -> None:
 
 
 def test_users_are_listed_for_programs(run: Run) -> None:
-    """Without what their passwords are kept as."""
+    """The list has no password hashes."""
     run("user", "add", "ann")
     [one] = json.loads(run("user", "list", "--json").out)
     assert one == {"name": "ann", "role": "user", "disabled": False}

@@ -59,7 +59,7 @@ def test_a_heartbeat_makes_the_row_and_keeps_it_new(relay_database, database):
 
 
 def test_a_cell_is_alive_for_5_seconds(relay_database, admin_database):
-    """By the database's clock."""
+    """The database's clock decides."""
     heartbeat(relay_database, cell_settings("a"))
     age(admin_database, 4)
     assert read(relay_database)[0].is_alive
@@ -103,7 +103,7 @@ def test_a_cell_that_goes_moves_its_own_robots_alone():
 
 @pytest.mark.parametrize("change", [{"is_alive": False}, {"host": None}])
 def test_a_cell_that_takes_no_robots_is_not_listed(change):
-    """Not even as the first."""
+    """A cell that takes no robots is not listed, not even as the first."""
     out = replace(A, **change)
     assert hosts(7, [out, B], "a") == ["b.example"]
     assert [one.host for one in sort_for_join(7, [out, replace(B, robots=9)])] == ["b.example"]

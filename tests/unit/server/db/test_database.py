@@ -104,7 +104,7 @@ def test_refused_rows_are_problems(
     ],
 )  # fmt: skip
 def test_the_databases_words_are_for_nobody(number: int, message: str, why: str) -> None:
-    """Only the column's name is taken from them."""
+    """Only the column's name is taken from the database's message."""
     problem = translate(pymysql.MySQLError(number, message))
     assert problem is not None
     assert problem.detail == f"cannot save the record: {why}"
@@ -291,7 +291,7 @@ def test_server_without_tls_gets_no_log_in(mariadb: MariaDb) -> None:
 
 @pytest.mark.parametrize("text", ["", "no certificate", None])
 def test_authority_that_cannot_be_read_stops_the_start(tmp_path: Path, text: str | None) -> None:
-    """With the variable's name."""
+    """The sentence names the variable."""
     file = tmp_path / "ca.pem"
     if text is not None:
         file.write_text(text)

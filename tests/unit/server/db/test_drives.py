@@ -113,7 +113,7 @@ def test_drives_are_found(
 
 
 def test_list_goes_on_before_a_drive(database: Database, admin_database: Database) -> None:
-    """And a drive has all that the relay wrote."""
+    """The list continues before a drive, and a drive has all that the relay wrote."""
     first, second = (add_drive(admin_database, "a", "ben", fence=fence) for fence in (1, 2))
     with database.transaction() as tx:
         root = users.get(tx, "root")

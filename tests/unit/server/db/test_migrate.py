@@ -332,7 +332,7 @@ def test_old_history_goes_and_what_goes_on_stays(admin_database: Database) -> No
 
 
 def test_zero_days_are_for_ever(admin_database: Database) -> None:
-    """And the last number that was set holds."""
+    """Zero days keep records for ever, and the last number that was set counts."""
     with admin_database.transaction() as tx:
         fill(tx)
         migrations.set_audit_days(tx, 365)

@@ -235,7 +235,7 @@ def previous(tx: Transaction) -> object:
 
 
 def test_row_remembers_that_it_had_a_key(database: Database) -> None:
-    """Also when somebody wrote the key by SQL."""
+    """The row remembers its key even if it was written by SQL."""
     with database.transaction() as tx:
         first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
         robots.set_key(tx, first, KEY, REPORT)
@@ -400,7 +400,7 @@ def test_only_old_claims_are_removed(database: Database, robot: RobotRow) -> Non
 
 
 def test_second_one_waits_for_the_firsts_commit(database: Database) -> None:
-    """And sees what the first one wrote."""
+    """The second one waits for the first one's commit and sees what it wrote."""
     seen: list[int] = []
 
     def count() -> None:

@@ -232,14 +232,14 @@ def test_counting_begins_with_the_first_report():
 
 
 def test_a_guard_that_began_anew_is_counted_from_nothing():
-    """Also when only one of its counts shows it."""
+    """A reset is noticed even if only one of the counts shows it."""
     robot = Robot(7)
     new_refusals(robot, [("old", 5), ("held", 1)])
     assert new_refusals(robot, [("old", 0), ("held", 3)]) == {"held": 3}
 
 
 def test_a_guard_that_tells_no_counts_changes_nothing():
-    """As one from before they were told."""
+    """An older guard that reports no counts changes nothing."""
     robot = Robot(7)
     new_refusals(robot, [("old", 5)])
     assert new_refusals(robot, []) == {}

@@ -74,7 +74,7 @@ def test_a_place_is_that_of_a_name() -> None:
 
 @pytest.mark.parametrize("text", ["{", "[]", "1", "{} x", '{"a": 1, "a": 2}', "[" * 5000, "\x00"])
 def test_what_is_no_json_object_is_refused(text: str) -> None:
-    """With where it goes wrong."""
+    """The refusal says where the JSON goes wrong."""
     with pytest.raises(FieldInvalidError, match="cannot read what the button sends"):
         drive_pages.read(text)
 

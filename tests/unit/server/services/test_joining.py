@@ -341,7 +341,7 @@ def test_token_does_not_undo_what_an_admin_did(site: Site) -> None:
 
 
 def test_wrong_tokens_are_told_apart(site: Site) -> None:
-    """And no row is left."""
+    """A wrong token leaves no row."""
     over = site.join_token(1, -0.1)
     with pytest.raises(TokenExpiredError, match="it expired at"):
         site.ask(token=over)

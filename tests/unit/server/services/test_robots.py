@@ -109,7 +109,7 @@ def test_approved_claim_replaces_the_key(site: Site) -> None:
 
 
 def test_claim_of_another_robot_is_not_approved_here(site: Site) -> None:
-    """Nor that of a disabled one."""
+    """A claim of another robot, or of a disabled one, is not approved here."""
     site.ask(key=OTHER_KEY)
     site.announce("turtle", OTHER_MAC)
     for action in (robot_service.approve, robot_service.reject):

@@ -26,7 +26,7 @@ def test_large_request_is_refused(program: Browser) -> None:
 
 
 def test_form_cookie_is_kept_from_scripts_and_other_sites(app: Flask) -> None:
-    """As the login's cookie is."""
+    """The form's cookie is protected as the login's is."""
     cookie = Browser(app.test_client()).ask("GET", "/login").headers["Set-Cookie"]
     assert cookie.startswith("__Host-robotether_forms=")
     assert {"Secure", "HttpOnly", "SameSite=Lax", "Path=/"} <= set(cookie.split("; "))
@@ -53,7 +53,7 @@ def test_application_is_made_of_the_environment(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_wrong_environment_stops_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the sentence of the settings."""
+    """The start ends with the sentence of the settings."""
     for name in [*ENVIRON, *(f"{name}_FILE" for name in ENVIRON)]:
         monkeypatch.delenv(name, raising=False)
     assert "DB_USER" not in os.environ
@@ -174,7 +174,7 @@ def test_a_page_of_another_site_may_not(lab: Browser, database: Database, origin
 
 
 def test_nobody_may_unless_a_site_is_named(program: Browser) -> None:
-    """By default this site alone."""
+    """By default only this site is allowed."""
     answer = program.ask("OPTIONS", "/api/v1/tickets", **asks("POST"))
     assert answer.status_code == 403
 
@@ -183,7 +183,7 @@ def test_nobody_may_unless_a_site_is_named(program: Browser) -> None:
     "path", ["/", "/login", "/api/v1/me", "/api/v1/users", "/api/v1/robots/sim1"]
 )
 def test_nothing_else_is_for_other_sites(lab: Browser, path: str) -> None:
-    """Not even for those that may ask for tickets."""
+    """Other answers are not shared, even with sites that may ask for tickets."""
     for method, options in (("GET", {"headers": {"Origin": LAB}}), ("OPTIONS", asks("GET"))):
         assert "Access-Control-Allow-Origin" not in lab.ask(method, path, **options).headers
 

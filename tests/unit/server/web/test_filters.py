@@ -28,7 +28,7 @@ def test_days_are_whole() -> None:
 
 
 def test_moments_are_taken_as_they_are() -> None:
-    """And nothing asks for nothing."""
+    """Timestamps are taken unchanged, and an empty query asks for nothing."""
     noon = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
     found = asked("until=2026-01-31T12:00:00Z")
     assert (filters.since(found), filters.until(found)) == (None, noon)
@@ -43,7 +43,7 @@ def test_what_is_no_day_is_refused(text: str) -> None:
 
 
 def test_link_asks_for_the_same() -> None:
-    """And for more; without anything it has no query."""
+    """A link keeps and adds to the query; an empty query stays empty."""
     assert filters.link("/x", asked("robot=a%26b"), before=5) == "/x?robot=a%26b&before=5"
     assert filters.link("/x", asked("")) == "/x"
 

@@ -55,7 +55,7 @@ def test_what_is_no_number_is_refused(value: str) -> None:
 
 
 def test_a_choice_is_one_of_the_list() -> None:
-    """And nothing else."""
+    """A choice outside the list is rejected."""
     assert given("user", lambda: forms.choice("x", "Role", ("admin", "user"))) == "user"
     with pytest.raises(FieldInvalidError, match="choose one of admin, user"):
         given("root", lambda: forms.choice("x", "Role", ("admin", "user")))

@@ -91,7 +91,7 @@ def test_sizes_have_the_unit_that_makes_them_short(count: int, words: str) -> No
     [(-1, "0 s"), (7.6, "8 s"), (59.6, "1 min 0 s"), (95, "1 min 35 s"), (7500, "2 h 5 min")],
 )
 def test_durations_have_two_units_at_most(seconds: float, words: str) -> None:
-    """To the second below an hour."""
+    """Durations below an hour have seconds."""
     assert duration_words(seconds) == words
 
 

@@ -106,7 +106,7 @@ async def test_an_address_has_few_places_and_takes_nobody_elses(monkeypatch):
 
 
 async def test_all_addresses_together_have_a_bound(monkeypatch):
-    """Or a stranger with many would fill the memory."""
+    """A stranger with many addresses cannot fill the memory."""
     monkeypatch.setattr(module, "MAX_WAITING", 3)
     database = BusyDatabase()
     credentials = Credentials(database)
@@ -335,7 +335,7 @@ async def test_no_ticket_of_before_an_answer_is_believed(credentials, memory_dat
 async def test_who_a_ticket_made_known_is_asked_for_when_the_database_is_back(
     credentials, memory_database
 ):
-    """As all who drove lately."""
+    """The relay asks for credentials of tickets as for those of recent drivers."""
     stays = credential_of("login", memory_database.add_credential("login", ANN))
     ended = credential_of("login", "the login of somebody who has logged out")
     await credentials.check_new()

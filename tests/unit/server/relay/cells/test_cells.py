@@ -76,7 +76,7 @@ async def test_a_robot_that_is_sent_elsewhere_comes_back_if_it_cannot_get_there(
 
 
 async def test_robots_of_another_region_go_there_next(memory_database):
-    """While a cell of it is alive."""
+    """Robots of another region connect there next while a cell of it is alive."""
     memory_database.cells["b"] = replace(OTHER, region="us")
     settings = cell_settings("a", "a.example", region="eu")
     cells = Cells(settings, memory_database, lambda: 2, region_of={7: "eu", 8: "us"}.get)
@@ -153,7 +153,7 @@ async def test_a_name_that_another_relay_has_is_reported_once(caplog):
 
 
 async def test_a_relay_polls_by_itself(memory_database):
-    """From its start on."""
+    """A relay polls from its start on."""
     async with running_relay(memory_database, cell=cell_settings("a", "a.example")) as relay:
         assert relay.relay.cells.addresses(7)[0].host == "a.example"
         memory_database.cells["b"] = replace(OTHER, is_alive=False)

@@ -185,7 +185,7 @@ async def test_a_robot_that_could_go_nowhere_stays(memory_database, change):
 
 
 async def test_a_cell_that_is_put_back_keeps_the_rest(memory_database):
-    """And its robots hear of it again."""
+    """A resumed cell keeps the rest, and its robots get it in their lists again."""
     memory_database.cells["a"] = DRAINED
     async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
         session = await session_of(relay, 8)

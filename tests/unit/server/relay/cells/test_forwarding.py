@@ -55,7 +55,7 @@ async def test_nginx_is_sent_to_the_robots_cell(
 
 
 async def test_nginx_learns_which_cells_it_forwards_to(at_b, cell_a, cell_b, http):
-    """On the port that nobody reaches from outside."""
+    """The relay answers nginx on the port that nobody reaches from outside."""
     async with http.get(f"{cell_a.server.inside_url}/cells") as answer:
         assert await answer.text() == f"{HOST}:{cell_b.listener.port}\n"
 

@@ -116,7 +116,7 @@ async def test_robots_of_a_cell_that_is_gone_are_offline(site, cell_a, cell_b, s
 async def test_a_robot_that_was_stopped_offline_is_stopped_wherever_it_connects(
     site, cell_a, cell_b, sim1
 ):
-    """Also with the database away."""
+    """The stop holds even while the database is away."""
     cell_a.database.down = cell_b.database.down = True
     cell_a.relay.control.stops.stop(sim1, "ben", reason="smoke")
     await until(lambda: cell_b.relay.control.stops.of(sim1.id), "b knows of it")

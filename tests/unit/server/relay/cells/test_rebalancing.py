@@ -130,7 +130,7 @@ async def test_a_robot_goes_though_the_clock_was_set_back(memory_database):
 
 
 async def test_a_draining_cell_sends_all_by_its_own_rules(memory_database):
-    """And takes nobody back."""
+    """A draining cell releases all its robots and accepts none."""
     memory_database.cells["a"] = replace(EMPTY, name="a", draining=True)
     async with running_relay(memory_database, timing(), CELL) as relay:
         session = await session_of(relay, 8)

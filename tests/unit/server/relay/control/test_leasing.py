@@ -129,7 +129,7 @@ async def test_a_robot_without_a_guard_keeps_nobody_waiting(relay, robot, sim1, 
 async def test_what_the_guard_refuses_stands_in_the_drives_record(
     relay, guarded, sim1, http, memory_database
 ):
-    """Also what it tells when the drive is over."""
+    """Refusals that the guard reports after the drive's end count, too."""
 
     def refused() -> dict[str, int]:
         drives = [entry for entry in memory_database.written if isinstance(entry, DriveEntry)]

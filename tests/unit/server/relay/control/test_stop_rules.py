@@ -139,7 +139,7 @@ async def test_a_stop_at_the_robot_is_written_as_the_robots(world):
 
 
 async def test_a_robot_that_connects_is_greeted_with_its_stop(world):
-    """And with nothing when it is not stopped."""
+    """A robot gets its stop when it connects, and nothing if it is not stopped."""
     world.stops.learn(Stop(SIM1.id, NOON, "ben"))
     [line] = world.stops.greeting(SIM1.id)
     assert json.loads(line) == {"type": "stop", "id": ANY, "by": "ben"}
@@ -182,7 +182,7 @@ async def test_a_stop_that_no_guard_confirmed_is_sent_again(world, monkeypatch, 
 
 
 async def test_all_who_wait_hear_of_the_confirmation(world):
-    """And nothing is left of their waiting."""
+    """The confirmation reaches all who wait, and nothing of their waiting is left."""
     link = world.online()
     world.stops.stop(SIM1, "ben")
     waiting = [asyncio.create_task(world.stops.confirmation(SIM1.id)) for _ in range(2)]

@@ -369,7 +369,7 @@ def test_refusals_messages_and_stops_are_in_the_entry(log, refused):
 
 
 def test_what_the_guard_refused_stands_apart_from_the_policys(log, refused):
-    """Also what it tells after the end."""
+    """Refusals that the guard reports after the drive's end count, too."""
     refused["shape"] += 1
     log.refused_by_guard({"shape": 2})
     assert log.written().refused == {"shape": 1, "guard_shape": 2}

@@ -37,12 +37,12 @@ async def _file_descriptor_after_reset() -> int:
 
 
 def test_a_connection_that_failed_leaves_no_file_descriptor_to_close_again():
-    """By then it may be another connection's."""
+    """By then the descriptor may be another connection's."""
     assert uvloop.run(_file_descriptor_after_reset(), loop_factory=EventLoop) == -1
 
 
 def test_uvloop_still_needs_it():
-    """Else the class can go."""
+    """If uvloop no longer needs it, the class can go."""
     assert uvloop.run(_file_descriptor_after_reset()) != -1
 
 

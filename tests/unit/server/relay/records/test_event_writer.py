@@ -229,7 +229,7 @@ async def test_the_next_relay_writes_what_a_killed_one_left(path, memory_databas
 
 
 async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_database):
-    """Also when the next relay is killed before."""
+    """The lines stay even if the next relay is killed before it has written them."""
     _killed_with(path, memory_database, START)
     for _ in range(2):
         event_writer = EventWriter(memory_database, journal=_Settled(path))

@@ -51,7 +51,7 @@ def test_each_kind_is_read_as_it_was_written(path):
 
 
 def test_without_a_file_nothing_is_left(path):
-    """As at the first start."""
+    """Without a file the state is that of a first start."""
     assert Journal(path).read() == []
 
 
@@ -89,7 +89,7 @@ def test_a_line_is_in_the_file_at_once(path):
 
 
 def test_a_drive_and_a_robots_stops_are_read_once(path):
-    """With their newest state."""
+    """The newest state of a drive and of a robot's stops is read."""
     stop = Stop(7, NOON, "ben")
     older, newer = StopEntry(7, stop), StopEntry(7, None, (stop.id,))
     keep(path, ended_drive(), older, StopEntry(8, stop), ended_drive(distance_m=2.5), newer)
@@ -151,7 +151,7 @@ def test_what_a_former_relay_left_is_cleared(path):
 
 
 def test_a_long_file_is_written_anew(path):
-    """With what waits alone."""
+    """The new file has only the waiting entries."""
     journal = Journal(path)
     drive = ended_drive()
     while not journal.needs_rewrite(1):
@@ -189,7 +189,7 @@ def test_a_full_disk_is_said_once_and_tried_again(path, caplog, monkeypatch):
 
 
 def test_a_folder_that_is_missing_costs_the_journal_alone(tmp_path, caplog):
-    """As where a site has no volume for it."""
+    """A site without a volume for the journal works without it."""
     journal = Journal(tmp_path / "missing" / "journal.jsonl")
     assert journal.read() == []
     journal.add(START)

@@ -239,7 +239,7 @@ def test_what_is_kept_for_a_manager_is_not_taken_again():
 
 
 def test_who_waits_is_next_when_the_driver_leaves():
-    """Also when the driver's next connection got no number."""
+    """The waiting user is next even if the driver's next connection got no number."""
     lease = Lease()
     holder = driven_by(ANN, lease)
     lease.ask(BEN, at(0))

@@ -37,7 +37,7 @@ async def test_a_guard_that_refuses_the_driver_is_told_within_a_second(relay, si
 
 
 async def test_a_robot_whose_disk_is_full_says_so(relay, sim1, http):
-    """At once: it does not help to try again."""
+    """The robot says at once that retrying does not help."""
     robot = await misbehaving(relay, sim1, "disk_full")
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         code, reason = await closing(socket)

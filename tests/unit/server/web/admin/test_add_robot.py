@@ -162,7 +162,7 @@ def test_a_token_is_revoked_after_a_question(admin: Browser, database: Database)
 
 
 def test_an_approved_robot_is_led_to(admin: Browser, program: Browser) -> None:
-    """By the page that approval leads back to."""
+    """The page leads to the robot that approval leads back to."""
     join(program, "02:00:00:00:51:01", 1)
     form = {"robot": "sim1", "fingerprint": fingerprint(1), "name": "sim1"}
     onward = str(send(admin, "/admin/pending", **form).location)
@@ -194,7 +194,7 @@ def test_a_robot_is_announced(admin: Browser, database: Database) -> None:
 def test_a_wrong_form_comes_back_filled_in(
     admin: Browser, name: str, mac: str, sentence: str
 ) -> None:
-    """With the sentence that says what is wrong."""
+    """The sentence says what is wrong."""
     answer = send(admin, "/admin/add-robot", name=name, mac=mac)
     assert answer.status_code >= 400
     assert sentence in answer.text

@@ -99,7 +99,7 @@ def test_forms_offer_who_needs_a_grant_and_what_there_is(database: Database) -> 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_a_grant_is_given_and_changed(admin: Browser, database: Database, page: str) -> None:
-    """And the page that the form stands on follows."""
+    """The page with the form follows."""
     for level in ("observe", "manage"):
         answer = send(admin, f"{page}/grants", **(FORM | {"level": level}))
         assert (answer.status_code, answer.location) == (303, PAGES[page])
@@ -184,7 +184,7 @@ def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin: Browser, database: Dat
 def test_a_wrong_grant_comes_back_with_the_page(
     admin: Browser, database: Database, page: str
 ) -> None:
-    """And the sentence; nothing is given."""
+    """The page has the sentence, and no grant is given."""
     before = all_grants(database)
     for wrong in (
         {"holder": "user:ghost"},

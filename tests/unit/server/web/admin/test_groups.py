@@ -38,7 +38,7 @@ def test_group_is_added_filled_and_removed(admin: Browser, database: Database) -
 
 
 def test_mistakes_come_back_with_the_page(admin: Browser) -> None:
-    """And the sentence."""
+    """The page comes back with the sentence."""
     send(admin, "/admin/groups", name="crew")
     for path, form in (
         ("/admin/groups", {"name": "crew"}),

@@ -68,7 +68,7 @@ def test_an_approved_key_is_the_robots(
 def test_an_unknown_robot_is_approved_under_another_name(
     admin: Browser, program: Browser, database: Database
 ) -> None:
-    """In one step."""
+    """The robot is approved and renamed in one step."""
     join(program, "02:00:00:00:51:77", 1)
     assert approve(admin, "robot-005177", 1, "lift") == 303
     assert key_of(database, "lift") == ("active", fingerprint(1))

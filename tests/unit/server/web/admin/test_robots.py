@@ -87,7 +87,7 @@ def test_list_shows_what_the_search_finds(admin: Browser) -> None:
 
 
 def test_an_empty_fleet_says_what_to_do_first(admin: Browser, database: Database) -> None:
-    """With one link to it."""
+    """An empty fleet has one link to the first step."""
     with database.transaction() as tx:
         for name in ("sim1", "sim2"):
             robots.remove(tx, robots.get(tx, name).id)
@@ -153,7 +153,7 @@ def test_each_tab_is_a_page_of_its_own(admin: Browser, path: str, tab: str, has:
 def test_history_has_the_last_of_everything(
     admin: Browser, program: Browser, admin_database: Database
 ) -> None:
-    """And leads to all of it."""
+    """The history has the newest entries and leads to all of them."""
     join(program, MAC, 1)
     path = "/admin/robots/sim1/history"
     insert_sessions(admin_database, 10)
@@ -205,7 +205,7 @@ def test_page_warns_of_a_rosbridge_that_its_network_reaches(
 
 
 def test_page_says_why_the_robot_is_offline(admin: Browser, admin_database: Database) -> None:
-    """And nothing of it while it is online."""
+    """The page says nothing of it while the robot is online."""
     pages = []
     for change in (
         "UPDATE robots SET state = 'active' WHERE name = 'sim1'",
@@ -296,13 +296,13 @@ def test_a_removed_robot_is_gone(admin: Browser, database: Database) -> None:
 
 @pytest.mark.parametrize("action", ["enable", "rotate-key"])
 def test_what_the_state_does_not_allow_is_said(admin: Browser, action: str) -> None:
-    """On the page that asked."""
+    """The page that asked says so."""
     answer = send(admin, f"/admin/robots/sim1/{action}")
     assert (answer.status_code, "it is pending" in answer.text) == (409, True)
 
 
 def test_a_renamed_robot_has_another_page(admin: Browser, database: Database) -> None:
-    """And everything else stays."""
+    """The robot gets another page, and everything else stays."""
     before = get(database, "sim1")
     answer = send(admin, "/admin/robots/sim1/rename", new_name="lift")
     assert (answer.status_code, answer.location) == (303, "/admin/robots/lift")
@@ -310,7 +310,7 @@ def test_a_renamed_robot_has_another_page(admin: Browser, database: Database) ->
 
 
 def test_a_robot_gets_another_mac(admin: Browser, database: Database) -> None:
-    """In any spelling; the form has the present one."""
+    """The MAC may have any spelling; the form shows the present one."""
     assert f'value="{MAC}"' in admin.ask("GET", "/admin/robots/sim1/mac").text
     assert send(admin, "/admin/robots/sim1/mac", mac="001b44113ab7").status_code == 303
     assert get(database, "sim1").mac == "00:1b:44:11:3a:b7"
@@ -363,7 +363,7 @@ def test_region_is_set_and_cleared(admin: Browser, database: Database) -> None:
     ],
 )
 def test_what_is_wrong_comes_back(admin: Browser, path: str, form: dict[str, str]) -> None:
-    """With the form and the sentence."""
+    """The page comes back with the form and the sentence."""
     answer = send(admin, f"/admin/robots/sim1/{path}", **form)
     assert (answer.status_code, "form-problem" in answer.text) == (422, True)
 

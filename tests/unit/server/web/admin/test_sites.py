@@ -17,7 +17,7 @@ def site_of(database: Database, robot: str) -> str | None:
 
 
 def test_site_is_added_filled_and_removed(admin: Browser, database: Database) -> None:
-    """From its own page and from the robot's."""
+    """A site is added from its own page and from the robot's."""
     assert "There is no site yet" in admin.ask("GET", "/admin/robots/sim1").text
     assert send(admin, "/admin/sites", name="lab").location == "/admin/sites/lab"
     assert send(admin, "/admin/sites/lab/robots", robot="sim1").location == "/admin/sites/lab"
@@ -70,7 +70,7 @@ def test_robot_is_taken_out_after_a_question(admin: Browser, database: Database)
 
 
 def test_mistakes_come_back_with_the_page(admin: Browser) -> None:
-    """And the sentence."""
+    """The page comes back with the sentence."""
     send(admin, "/admin/sites", name="lab")
     for path, form in (
         ("/admin/sites", {"name": "lab"}),

@@ -22,5 +22,5 @@ def test_an_admin_deletes_a_users_token(
 
 
 def test_an_empty_list_says_where_tokens_are_made(admin: Browser) -> None:
-    """In the profile."""
+    """An empty list leads to the profile."""
     assert "Nobody has an API token" in admin.ask("GET", "/admin/tokens").text

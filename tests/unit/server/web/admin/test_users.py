@@ -66,7 +66,7 @@ def is_in(visitor: Browser) -> bool:
 
 
 def test_role_is_changed(admin: Browser, database: Database) -> None:
-    """And is in force at once."""
+    """A changed role is in force at once."""
     assert send(admin, "/admin/users/ann/role", role="admin").status_code == 303
     with database.transaction() as tx:
         assert users.get(tx, "ann").is_admin
@@ -78,7 +78,7 @@ def test_role_is_changed(admin: Browser, database: Database) -> None:
 def test_a_user_is_thrown_out(
     admin: Browser, ann: Browser, database: Database, action: str, kind: str
 ) -> None:
-    """With the next request."""
+    """The next request of the user is rejected."""
     assert is_in(ann)
     assert send(admin, f"/admin/users/ann/{action}").status_code == 303
     assert not is_in(ann)
@@ -86,7 +86,7 @@ def test_a_user_is_thrown_out(
 
 
 def test_an_enabled_user_logs_in_again(admin: Browser, ann: Browser) -> None:
-    """With the password of before."""
+    """The password stays the same."""
     send(admin, "/admin/users/ann/disable")
     send(admin, "/admin/users/ann/enable")
     assert ann.log_in("ann").status_code == 303
@@ -103,7 +103,7 @@ def test_a_new_password_is_made_and_shown(admin: Browser, ann: Browser) -> None:
 
 
 def test_a_typed_password_is_set(admin: Browser, ann: Browser) -> None:
-    """And not shown."""
+    """A typed password is set and not shown."""
     answer = send(admin, "/admin/users/ann/password", password="chosen by an admin")
     assert (answer.status_code, answer.location) == (303, "/admin/users/ann")
     assert ann.log_in("ann", "chosen by an admin").status_code == 303

@@ -60,7 +60,7 @@ def test_nothing_else_is_sent(program: Browser, path: str) -> None:
 def test_a_server_without_the_site_says_so(
     program: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As one that runs from a checkout."""
+    """A server that runs from a checkout says that it has no site of documents."""
     monkeypatch.setattr(documents, "SITE", tmp_path / "none")
     answer = program.ask("GET", "/docs/")
     assert answer.status_code == 404

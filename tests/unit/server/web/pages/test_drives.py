@@ -17,7 +17,7 @@ from web_visitor import Browser
 def test_admin_sees_all_and_user_her_own(
     admin: Browser, ann: Browser, admin_database: Database
 ) -> None:
-    """With what was commanded and refused."""
+    """The list has commands and refusals."""
     add_drive(admin_database, "sim2", "zoe")
     page = admin.ask("GET", "/drives").text
     for text in (
@@ -79,7 +79,7 @@ def test_filters_offer_what_the_viewer_knows(admin: Browser, ann: Browser) -> No
 
 
 def test_menu_leads_everybody_to_it(ann: Browser) -> None:
-    """And says so while the page is shown."""
+    """The menu leads everybody to the page and marks it while it is shown."""
     link = '<a href="/drives"{} data-testid="menu-drives">'
     assert link.format("") in ann.ask("GET", "/").text
     assert link.format(' aria-current="page"') in ann.ask("GET", "/drives").text
@@ -107,7 +107,7 @@ def test_drives_are_found(
 
 
 def test_wrong_day_comes_back_with_the_form(admin: Browser) -> None:
-    """And the sentence."""
+    """The form comes back with the sentence."""
     answer = admin.ask("GET", "/drives?since=soon")
     assert (answer.status_code, "form-problem" in answer.text) == (422, True)
     assert 'value="soon"' in answer.text
@@ -115,7 +115,7 @@ def test_wrong_day_comes_back_with_the_form(admin: Browser) -> None:
 
 
 def test_older_drives_follow(admin: Browser, admin_database: Database) -> None:
-    """And a file has all of them."""
+    """Older drives follow, and a file has all of them."""
     for fence in range(PER_PAGE + 1):
         add_drive(admin_database, "sim1", "ann", fence=fence, messages=fence)
     page = admin.ask("GET", "/drives").text
@@ -127,7 +127,7 @@ def test_older_drives_follow(admin: Browser, admin_database: Database) -> None:
 
 
 def test_file_of_a_user_has_her_own_alone(ann: Browser, admin_database: Database) -> None:
-    """As the page does."""
+    """The file of a user has only her own drives, as the page does."""
     add_drive(admin_database, "sim2", "zoe")
     add_drive(admin_database, "sim1", "ann")
     text = ann.ask("GET", "/drives/download?format=csv").text
@@ -135,7 +135,7 @@ def test_file_of_a_user_has_her_own_alone(ann: Browser, admin_database: Database
 
 
 def test_nobody_is_sent_to_log_in(browser: Browser) -> None:
-    """And back here afterwards."""
+    """The log-in leads back to the page afterwards."""
     for path in ("/drives", "/drives/download?format=csv"):
         answer = browser.ask("GET", path)
         assert answer.status_code == 302

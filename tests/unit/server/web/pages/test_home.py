@@ -126,7 +126,7 @@ def test_form_without_its_token_is_refused(browser: Browser, database: Database)
 
 
 def test_login_and_logout_leave_audit_events(browser: Browser, database: Database) -> None:
-    """And the cookie of before does not work afterwards."""
+    """A used cookie does not work after logout."""
     browser.log_in("ann")
     cookie = browser.client.get_cookie("__Host-robotether_login", "robots.example")
     assert cookie is not None
@@ -167,7 +167,7 @@ def test_client_cannot_choose_its_address(browser: Browser, database: Database) 
 
 
 def test_fleet_page_shows_what_the_user_may_see(browser: Browser) -> None:
-    """And no other robot's name."""
+    """The page shows no name of a robot that the user may not see."""
     browser.log_in("ann")
     page = browser.ask("GET", "/").text
     assert "sim1" in page

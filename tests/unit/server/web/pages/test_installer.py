@@ -78,7 +78,7 @@ def test_caches_ask_again(program: Browser, folder: Path, path: str) -> None:
 
 @pytest.mark.parametrize("name", ["secret", "join.sh", "ghost", "..%2fsecret", "%2e%2e/manifest"])
 def test_nothing_else_is_served(program: Browser, folder: Path, name: str) -> None:
-    """Only what the manifest lists."""
+    """Only files of the manifest are served."""
     assert program.ask("GET", f"/agent/{name}").status_code == 404
 
 

@@ -23,7 +23,7 @@ def test_everybody_has_a_profile(browser: Browser) -> None:
 def test_ssh_configuration_of_the_robots_that_one_manages(
     browser: Browser, database: Database
 ) -> None:
-    """With the host that the page was asked at."""
+    """The configuration has the host at which the page was opened."""
     with database.transaction() as tx:
         robot = robots.get(tx, "sim1")
         robots.set_state(tx, robot.id, "active")
@@ -96,7 +96,7 @@ def test_a_browser_that_was_left_open_is_no_way_to_guess(ann: Browser) -> None:
 
 
 def test_log_out_everywhere_ends_this_login_too(ann: Browser) -> None:
-    """And the log-in page says that it is done."""
+    """The log-in page confirms it."""
     assert "this one too" in ann.ask("GET", "/profile/log-out").text
     assert send(ann, "/profile/log-out").location == "/login"
     assert "You are logged out everywhere." in ann.ask("GET", "/login").text
@@ -122,7 +122,7 @@ def test_a_key_is_added_and_deleted(ann: Browser) -> None:
 
 
 def test_a_key_without_a_name_gets_its_comment(ann: Browser) -> None:
-    """As people paste it."""
+    """A key may be pasted with its comment."""
     send(ann, "/profile/ssh-keys", name="", public_key=public_key(1))
     assert "Delete SSH key robot" in ann.ask("GET", "/profile").text
 

@@ -117,7 +117,7 @@ def test_old_address_leads_to_the_new_one(admin: Browser, ann: Browser) -> None:
 
 
 def test_drive_page_leads_managers_to_it(browser: Browser, manager: Browser) -> None:
-    """And nobody else."""
+    """The drive page leads managers to it, and nobody else."""
     link = f'href="{SETTINGS}"'
     assert link in manager.ask("GET", "/robots/sim1").text
     browser.log_in("ann")
@@ -331,7 +331,7 @@ def test_wrong_camera_is_said_at_its_row(manager: Browser, database: Database) -
 
 
 def test_there_is_room_for_as_many_cameras_as_may_be(manager: Browser) -> None:
-    """And for no more."""
+    """The form has room for the maximum number of cameras and no more."""
     topics = [f"/camera_{number}" for number in range(MAX_CAMERAS)]
     form = filled(manager, CAMERAS) | {"topic": topics, "name": ["x"] * len(topics)}
     assert send(manager, CAMERAS, **form | {"turned_deg": ["0"] * len(topics)}).status_code == 303
@@ -358,7 +358,7 @@ def test_field_that_is_missing_means_nothing(admin: Browser, database: Database,
 
 
 def test_defaults_come_back_after_a_question(admin: Browser, database: Database) -> None:
-    """Of safety and permissions; the rest stays."""
+    """Safety and permissions get their defaults; other settings stay."""
     send(admin, "/admin/robots/sim1/shell-user", shell_user="pi")
     for path in FORMS:
         send(admin, path, **filled(admin, path) | CHANGES[path])

@@ -150,7 +150,7 @@ def test_each_id_of_a_topic_counts_once():
 
 
 def test_one_is_given_up_by_its_id():
-    """Only that one makes room."""
+    """Only the connection with that id makes room."""
     mine = Subscriptions(2)
     mine.add("/a", 1)
     mine.add("/a", 2)
@@ -161,7 +161,7 @@ def test_one_is_given_up_by_its_id():
 
 
 def test_without_an_id_all_of_the_topic_go():
-    """As rosbridge does it."""
+    """Without an id all subscriptions of the topic end, as in rosbridge."""
     mine = Subscriptions(3)
     for subscription in (("/a", 1), ("/a", None), ("/b", 1)):
         mine.add(*subscription)

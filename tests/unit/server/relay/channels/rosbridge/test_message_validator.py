@@ -31,7 +31,7 @@ RIGHTS_OF = {
 
 
 def test_each_operation_needs_its_right():
-    """And there is no other operation."""
+    """Each operation needs its right, and there is no other operation."""
     rights = {name: right for right, names in RIGHTS_OF.items() for name in names.split()}
     assert {name: entry.right for name, entry in OPERATIONS.items()} == rights
 

@@ -196,7 +196,7 @@ def test_nothing_nested_or_unclear_passes(value):
     ],
 )
 def test_each_type_passes_as_it_is(check, passes, refused):
-    """And nothing of another type does."""
+    """Each type passes unchanged, and no other type does."""
     assert [check(value) for value in passes] == passes
     for value in refused:
         with pytest.raises(FieldRefusedError):

@@ -49,7 +49,7 @@ async def test_requests_that_come_together_are_sent_once(camera, watch, monkeypa
 
 
 async def test_the_topic_arrives_as_it_was_asked_for(camera, watch):
-    """Also with characters that mean something in a URL."""
+    """The topic may have characters that mean something in a URL."""
     topic = "/a b?c=d&e#f/é"
     await watch(topic=topic)
     await camera.wait_for("credit")

@@ -182,7 +182,7 @@ async def test_few_feeds_linger(sim1, monkeypatch):
 
 
 async def test_the_end_of_a_link_reaches_the_viewers(sim1):
-    """And the next viewer gets a new feed."""
+    """The viewers' connections end, and the next viewer gets a new feed."""
     close_reason = close_reasons.video_down("sim1", "the test says so")
 
     async def ends() -> CloseReason:

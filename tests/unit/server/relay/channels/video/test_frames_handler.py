@@ -190,7 +190,7 @@ async def test_no_more_than_two_credits_are_open(camera, watch):
 
 
 async def test_the_status_comes_at_once_and_at_each_change(camera, watch):
-    """Also to who comes later."""
+    """Viewers that come later also get the status."""
     viewer = await watch()
     await camera.wait_for("want")
     await camera.send_status(state="waiting", source="mjpeg", quality=70, fps=0)
@@ -280,7 +280,7 @@ async def test_what_nobody_knows_is_skipped(camera, watch):
 
 
 async def test_a_ticket_opens_one_connection(camera, relay, sim1, http):
-    """As for rosbridge it is used up."""
+    """A ticket is used up, as for rosbridge."""
     url = frames_url(relay, sim1, f"topic=/a&ticket={relay.ticket(sim1)}")
     async with http.ws_connect(url):
         with pytest.raises(aiohttp.WSServerHandshakeError) as refused:

@@ -128,7 +128,7 @@ def test_every_answer_is_shut_in():
 
 
 def test_the_robot_gets_no_upgrade_and_no_credential():
-    """Only what helps it to answer."""
+    """The robot gets only headers that help it to answer."""
     sent = {
         "Upgrade": "websocket",
         "Connection": "Upgrade",

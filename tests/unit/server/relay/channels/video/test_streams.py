@@ -136,7 +136,7 @@ async def test_a_page_that_is_allowed_may_read_it(*, relay, sim1, http, on_air):
 
 
 async def test_head_tells_what_get_would(*, relay, sim1, http, login, on_air):
-    """Without a frame."""
+    """HEAD answers as GET would without a frame."""
     async with http.head(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
         assert answer.status == 200
         assert answer.content_type == "multipart/x-mixed-replace"

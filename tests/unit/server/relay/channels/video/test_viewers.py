@@ -77,7 +77,7 @@ async def test_an_old_frame_is_given_back(feed):
 
 
 async def test_who_comes_before_a_frame_skips_what_it_did_not_take(feed):
-    """Also before its first."""
+    """A viewer skips frames before its first one, too."""
     feed.show(7, received_s=10.0)
     cursor = Cursor(feed, 10.5)
     feed.show(8)
