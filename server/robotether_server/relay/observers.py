@@ -18,7 +18,7 @@ from robotether_server.relay.drives.drive_path import DriveLog
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import Change, Robot
+from robotether_server.relay.robots.robot import Change, RecordedDrive, Robot
 from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
@@ -152,7 +152,7 @@ class RelayObserver:
         return robot.name if robot is not None else str(robot_id)
 
 
-def _accepts_refusals(drive: DriveLog) -> bool:
+def _accepts_refusals(drive: RecordedDrive) -> bool:
     """Return whether what a guard reports now may belong to the drive."""
     return drive.ended_s is None or time.monotonic() - drive.ended_s <= GUARD_REPORTS_WITHIN_S
 

@@ -7,14 +7,16 @@ robot keeps it in a field of its own.
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING, Literal, Protocol, get_args
+from typing import Literal, Protocol, get_args
 
 from robotether_common.session import Battery, ByeCode, GuardState, Kind, ServiceState
 
 from robotether_server.db.cells import SshAddresses
+from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import SessionEntry
 from robotether_server.relay.http.timing import RobotClock
 from robotether_server.relay.robots.connection import Connection
@@ -22,11 +24,6 @@ from robotether_server.relay.robots.demand import Demand
 from robotether_server.relay.robots.lease import Lease
 from robotether_server.relay.robots.robot_stops import RobotStops
 from robotether_server.relay.robots.viewer_stats import ViewerStats
-
-if TYPE_CHECKING:
-    # Of folders above this one; a robot holds them and never looks into them.
-    from robotether_server.relay.channels.video.feeds import Feed
-    from robotether_server.relay.drives.drive_path import DriveLog
 
 # What the agent does in front of rosbridge; unknown until it has said so.
 GuardMode = Literal["on", "off", "unknown"]
@@ -151,6 +148,28 @@ MEDIA_KEPT_S = 300.0
 USE_KEPT_S = 10.0
 
 
+class OpenFeed(Protocol):
+    """One camera that is watched, as a robot holds it; `channels/video/feeds` makes it."""
+
+    @property
+    def topic(self) -> str:
+        """The camera's topic."""
+
+
+class RecordedDrive(Protocol):
+    """One drive with its record, as a robot holds it; `drives/drive_path` makes it."""
+
+    @property
+    def ended_s(self) -> float | None:
+        """When it ended, by the monotonic clock; None: it goes on."""
+
+    def refused_by_guard(self, counts: Counter[str]) -> None:
+        """The guard refused messages of this drive."""
+
+    def written(self) -> DriveEntry:
+        """Return the record as it is now."""
+
+
 class Robot:
     """One robot. `always_needed`: its ports are published, and anybody may connect to them at any time."""
 
@@ -170,11 +189,11 @@ class Robot:
         # Viewers' need for the media connection, which costs a log-in, memory and heartbeats at both ends.
         self.media_demand = Demand(self._on_media_demand, kept_s=MEDIA_KEPT_S, always=always_needed)
         # By the camera's topic.
-        self.feeds: dict[str, Feed] = {}
+        self.feeds: dict[str, OpenFeed] = {}
         self.viewer_stats = ViewerStats()
         # The records of its session, and of its newest drive: a guard reports later what it refused.
         self.session_entry: SessionEntry | None = None
-        self.newest_drive: DriveLog | None = None
+        self.newest_drive: RecordedDrive | None = None
         # Counts of the guard's last report; None: it has not reported.
         self.guard_refusals: dict[str, int] | None = None
         # Of the loop's clock.

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
-from typing import Protocol
+from typing import Protocol, cast
 
 from robotether_common.codecs import CODECS
 from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest
@@ -215,7 +215,7 @@ class Feeds:
     @contextmanager
     def followed(self, robot: RelayRobot, topic: str, viewer: Viewer) -> Iterator[Feed]:
         """Follow a camera inside the block; the last one's end closes the feed."""
-        feed = self._registry.robot(robot.id).feeds.get(topic) or self._opened(robot, topic)
+        feed = self._of(robot.id).get(topic) or self._opened(robot, topic)
         feed.join(viewer)
         try:
             yield feed
@@ -231,7 +231,7 @@ class Feeds:
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot; with its link end its feeds."""
         if change.what == "disconnected":
-            for feed in list(self._registry.robot(change.robot_id).feeds.values()):
+            for feed in list(self._of(change.robot_id).values()):
                 feed.end(close_reasons.link_lost(feed.robot.name))
                 self._close(feed)
 
@@ -241,12 +241,16 @@ class Feeds:
             self._close(feed)
         await asyncio.gather(*self._all, return_exceptions=True)
 
+    def _of(self, robot_id: int) -> dict[str, Feed]:
+        # Nobody else makes a feed.
+        return cast(dict[str, Feed], self._registry.robot(robot_id).feeds)
+
     def _all_feeds(self) -> list[Feed]:
-        return [feed for robot in self._registry.robots() for feed in robot.feeds.values()]
+        return [feed for robot in self._registry.robots() for feed in self._of(robot.id).values()]
 
     def _opened(self, robot: RelayRobot, topic: str) -> Feed:
         feed = Feed(robot, topic, self.traffic)
-        self._registry.robot(robot.id).feeds[topic] = feed
+        self._of(robot.id)[topic] = feed
         task = self._tasks[feed] = self._start(feed)
         self._all.add(task)
         task.add_done_callback(lambda done: self._done(feed, done))
@@ -268,7 +272,7 @@ class Feeds:
         feed.end(close_reason)
 
     def _let_linger(self, feed: Feed) -> None:
-        feeds = self._registry.robot(feed.robot.id).feeds.values()
+        feeds = self._of(feed.robot.id).values()
         lingering = [each for each in feeds if not each.watched]
         if len(lingering) > MAX_LINGERING:
             self._close(feed)
@@ -286,7 +290,7 @@ class Feeds:
 
     def _forget(self, feed: Feed) -> asyncio.Task[CloseReason] | None:
         """Let the next viewer open a new one."""
-        feeds = self._registry.robot(feed.robot.id).feeds
+        feeds = self._of(feed.robot.id)
         if feeds.get(feed.topic) is feed:
             del feeds[feed.topic]
         return self._tasks.pop(feed, None)
