@@ -44,6 +44,12 @@ function dayText(time, now) {
 // The same in UTC, as lists have it on hover. Empty for no time.
 export const utcTimestamp = (iso) => (iso ? `${new Date(iso).toISOString().slice(0, 19).replace("T", " ")} UTC` : "");
 
+// Whether the text has each of the typed words, in any order.
+export function hasWords(text, typed) {
+  const words = typed.toLowerCase().split(/\s+/);
+  return words.every((word) => text.toLowerCase().includes(word));
+}
+
 // A number as people read one: with the digits that count.
 export function shortNumber(value) {
   if (!Number.isFinite(value)) return "-";
@@ -60,7 +66,7 @@ const UNITS = [
 ];
 
 export function sizeText(bytes) {
-  const [unit, size] = UNITS.find(([, least]) => bytes >= least) ?? ["bytes", 1];
+  const [unit, size] = UNITS.find(([, least]) => bytes >= least) ?? ["B", 1];
   return `${size === 1 ? bytes : (bytes / size).toPrecision(bytes >= 100 * size ? 3 : 2)} ${unit}`;
 }
 

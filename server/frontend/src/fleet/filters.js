@@ -1,5 +1,6 @@
 // Which robots the fleet page shows, and in which order: kept in the page's address, so that it can be passed on. Pure.
 
+import { hasWords } from "../dom/page.js";
 import { attention } from "./cards.js";
 
 const collator = new Intl.Collator("en", { numeric: true });
@@ -54,17 +55,11 @@ export const isFiltered = ({ words, site, states }) => Boolean(words.trim() || s
 
 // The function that says whether a robot fits all that is asked for.
 export function filterOf({ words, site, states }) {
-  const wanted = words.toLowerCase().split(/\s+/).filter(Boolean);
   return (robot) =>
-    (site === null || (robot.site ?? "") === site) &&
-    states.every((state) => IN_STATE[state](robot)) &&
-    (wanted.length === 0 || hasAll(robot, wanted));
+    (site === null || (robot.site ?? "") === site) && states.every((state) => IN_STATE[state](robot)) && hasWords(textOf(robot), words);
 }
 
-function hasAll({ name, site, control }, wanted) {
-  const text = `${name} ${site ?? ""} ${control?.driver?.user ?? ""}`.toLowerCase();
-  return wanted.every((word) => text.includes(word));
-}
+const textOf = ({ name, site, control }) => `${name} ${site ?? ""} ${control?.driver?.user ?? ""}`;
 
 // Names as a person counts: sim2 before sim10.
 export const inNameOrder = (names) => [...names].sort(collator.compare);
@@ -74,9 +69,11 @@ export function inOrder(robots, { sort = "state", down = false } = {}) {
   return [...robots].sort(comparison(sort, down ? -1 : 1));
 }
 
-// The first of those names that fit, and how many follow them.
-export function inWindow(names, fits, length) {
-  const fitting = names.filter(fits);
+export const WINDOW = 50; // Number of rows that a long list shows at first, and that each press adds.
+
+// The first of those rows that fit, and how many follow them.
+export function inWindow(rows, fits, length) {
+  const fitting = rows.filter(fits);
   return { shown: new Set(fitting.slice(0, length)), left: Math.max(fitting.length - length, 0) };
 }
 

@@ -1,8 +1,10 @@
 // What pages of lists and forms need of a script: buttons that copy, times and days of the reader's own zone, and Drive.
 
 import { offerDrive } from "../fleet/cards.js";
-import { foldFilters, localTimestamp, make, setText } from "../dom/page.js";
+import { inWindow, WINDOW } from "../fleet/filters.js";
+import { foldFilters, hasWords, localTimestamp, make, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
+import { fleet as texts } from "../texts/fleet.js";
 
 const SHOWN_MS = 2000;
 const DAY_LENGTH = 10;
@@ -80,20 +82,50 @@ export function offerSearch(select, field) {
   const options = [...select.options].map((option) => ({ option, parent: option.parentElement }));
   if (options.length <= MANY_OPTIONS) return false;
   field.addEventListener("input", () => {
-    const words = field.value.toLowerCase().split(/\s+/);
     for (const { option } of options) option.remove();
     for (const { option, parent } of options) {
-      const text = option.textContent.toLowerCase();
-      if (option.selected || words.every((word) => text.includes(word))) parent.append(option);
+      if (option.selected || hasWords(option.textContent, field.value)) parent.append(option);
     }
   });
   return true;
 }
 
-function searchField(select) {
-  const label = `Search ${select.labels[0]?.textContent ?? ""}`.trim();
-  const field = make("input", { type: "search", "aria-label": label, placeholder: "Search", autocapitalize: "none", spellcheck: "false" });
+function searchField(what) {
+  const label = `Search ${what}`.trim();
+  return make("input", { type: "search", "aria-label": label, placeholder: "Search", autocapitalize: "none", spellcheck: "false" });
+}
+
+function wireSearch(select) {
+  const field = searchField(select.labels[0]?.textContent ?? "");
   if (offerSearch(select, field)) select.before(field);
+}
+
+// A long list shows WINDOW of the rows that have the typed words, and a press shows more. A row with a wrong field always shows.
+export function offerWindow(rows, field, more) {
+  if (rows.length <= WINDOW) return false;
+  let length = WINDOW;
+  const show = () => {
+    const { shown, left } = inWindow(rows, (row) => hasWords(row.textContent, field.value), length);
+    for (const row of rows) row.hidden = !shown.has(row) && !row.querySelector(".wrong, [aria-invalid]");
+    more.hidden = left === 0;
+    setText(more, texts.more(Math.min(WINDOW, left), left));
+  };
+  field.addEventListener("input", show);
+  more.addEventListener("click", () => {
+    length += WINDOW;
+    show();
+  });
+  show();
+  return true;
+}
+
+function wireList(table) {
+  const field = searchField("this list");
+  const more = make("button", { type: "button" });
+  if (!offerWindow([...table.tBodies[0].rows], field, more)) return;
+  const list = table.closest(".listing") ?? table;
+  list.before(make("div", { class: "field" }, field));
+  list.after(make("p", { class: "actions" }, more));
 }
 
 // Drive on the pages of one robot.
@@ -108,7 +140,8 @@ if (typeof document !== "undefined") {
   setInterval(() => showLocalTimes(document), RENEW_MS);
   wireDrive(document);
   wireTickAll(document);
-  for (const select of document.querySelectorAll("select")) searchField(select);
+  for (const select of document.querySelectorAll("select")) wireSearch(select);
+  for (const table of document.querySelectorAll("table.list")) wireList(table);
   for (const form of document.querySelectorAll("form.filter")) {
     wireDays(form);
     foldFilters(form, location.search !== "");

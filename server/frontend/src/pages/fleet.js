@@ -3,7 +3,7 @@
 
 import { Feed } from "../client/feed.js";
 import { offerDrive } from "../fleet/cards.js";
-import { filterOf, inNameOrder, inOrder, inWindow } from "../fleet/filters.js";
+import { filterOf, inNameOrder, inOrder, inWindow, WINDOW } from "../fleet/filters.js";
 import { CardStop, FleetStops } from "../fleet/fleetStops.js";
 import { Batch, PointerPause, RobotList, throttled } from "../fleet/list.js";
 import { Thumbs } from "../fleet/thumbs.js";
@@ -15,7 +15,6 @@ import { byTestId, part, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 
 const ARRANGE_EVERY_MS = 1000;
-const WINDOW = 50; // Number of robots that show at first, and that each press adds: more of them slow the page.
 
 const main = /** @type {HTMLElement} */ (document.querySelector("main"));
 const feedState = byTestId(document, "fleet-feed");

@@ -65,5 +65,5 @@ test("numbers are short and still tell small from none", () => {
 });
 
 test("sizes are written in the unit that people know", () => {
-  assert.deepEqual([12, 1500, 250_000, 1_230_000].map(sizeText), ["12 bytes", "1.5 KB", "250 KB", "1.2 MB"]);
+  assert.deepEqual([12, 1500, 250_000, 1_230_000].map(sizeText), ["12 B", "1.5 KB", "250 KB", "1.2 MB"]);
 });

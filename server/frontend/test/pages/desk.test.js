@@ -1,7 +1,16 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
-import { dayOf, offerSearch, startOrEnd, wireTickAll, showLocalTimes, wireCopyButtons, wireDays } from "../../src/pages/desk.js";
+import {
+  dayOf,
+  offerSearch,
+  offerWindow,
+  startOrEnd,
+  wireTickAll,
+  showLocalTimes,
+  wireCopyButtons,
+  wireDays,
+} from "../../src/pages/desk.js";
 
 function pageWith(text) {
   const button = {
@@ -141,4 +150,19 @@ test("a choice among many leaves what has the typed words, and what is chosen", 
     assert.equal(select.shown.length, count);
   }
   assert.equal(offerSearch(choiceOf(["a", "b"]), field), false);
+});
+
+test("a long list shows 50 of the rows with the typed words, more by a press, and always one with a wrong field", () => {
+  const rows = Array.from({ length: 120 }, (_, at) => ({ textContent: `user${at} drive`, querySelector: () => (at === 119 ? {} : null) }));
+  const field = { value: "", addEventListener: (_, listener) => (field.type = listener) };
+  const more = { addEventListener: (_, listener) => (more.press = listener) };
+  const shown = () => rows.filter(({ hidden }) => !hidden).length;
+  assert.equal(offerWindow(rows, field, more), true);
+  assert.deepEqual([shown(), rows[50].hidden, more.hidden, more.textContent], [51, true, false, "Show 50 more of 70"]);
+  more.press();
+  assert.deepEqual([shown(), more.textContent], [101, "Show 20 more of 20"]);
+  field.value = "DRIVE user11";
+  field.type();
+  assert.deepEqual([shown(), more.hidden], [11, true]);
+  assert.equal(offerWindow(rows.slice(0, 50), field, more), false);
 });
