@@ -289,14 +289,14 @@ import sys
 
 from robotether_agent.enrolment.identity import find_interface
 from robotether_agent.fields import MacError, normalise_mac
-from robotether_agent.problems import InterfaceMissing
+from robotether_agent.problems import InterfaceMissingError
 
 mac, interface, allow_local = sys.argv[1], sys.argv[2] or None, sys.argv[3] == "true"
 try:
     print(normalise_mac(mac, allow_local=allow_local) if mac else find_interface(interface, allow_local=allow_local).mac)
 except MacError as error:
     sys.exit(f"cannot name this robot by its MAC address: {error}")
-except InterfaceMissing as problem:
+except InterfaceMissingError as problem:
     sys.exit(problem.message)
 PYTHON
   ) || fail "$why. Choose with --interface IF or --mac MAC; for a locally administered address that is unique, add --allow-local-mac"

@@ -104,7 +104,7 @@ def new_password() -> str:
 
 
 def hash_password(password: str) -> str:
-    """Return the text for users.password_hash; raise FieldInvalidError when it is too short or long, or Throttled."""
+    """Return the text for users.password_hash; raise FieldInvalidError or ThrottledError."""
     if not MIN_LENGTH <= len(password) <= MAX_LENGTH:
         raise FieldInvalidError(
             f"cannot use this password: use at least {MIN_LENGTH} characters"
@@ -144,7 +144,7 @@ def _is_of_words(letters: str) -> bool:
 
 
 def matches(password: str, password_hash: str | None) -> bool:
-    """Return whether the password is right; None for an unknown user, which takes as long. Raises Throttled."""
+    """Return whether the password is right; None for an unknown user, which takes as long. Raises ThrottledError."""
     try:
         with _in_turn():
             _hasher.verify(password_hash or _NOBODY, password[:MAX_LENGTH])

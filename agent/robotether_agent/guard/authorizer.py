@@ -89,7 +89,7 @@ class Authorizer:
         return self._authorize_driver(_fence(headers.get(FENCE_HEADER, "")))
 
     def check(self, authorization: Authorization, fence: object, now: float) -> None:
-        """Raise Refused unless a drive message with this `fence` may move the robot now."""
+        """Raise DriveMessageRefusedError unless a drive message with this `fence` may move the robot now."""
         if self.stopped:
             raise DriveMessageRefusedError(
                 "stopped", "the robot is stopped; a driver must release it"

@@ -145,7 +145,7 @@ class Topics:
         return self._topics[name]
 
     def ensure(self, name: str, now: float, is_removable: Callable[[Topic], bool]) -> Topic:
-        """Return the topic of this name; one that `is_removable` makes room for it, or it is Refused."""
+        """Return the topic of this name; one that `is_removable` makes room for it, else it is refused."""
         if name not in self._topics and name not in self.named:
             self._make_room(is_removable)
         topic = self.add(name)

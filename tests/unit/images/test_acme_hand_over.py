@@ -31,8 +31,9 @@ def test_full_disk_leaves_nginx_the_old_certificate(tmp_path: Path) -> None:
     (out / "pair-1").mkdir(parents=True)
     (out / "pair-1" / "cert.pem").write_text("the old one")
     (out / "current").symlink_to("pair-1")
-    # The wait for the next try ends the program.
-    programs = {"lego": "#!/bin/sh\n", "cp": FULL_DISK, "sleep": "#!/bin/sh\nkill $PPID\n"}
+    # The wait for the next try ends the program; that of 5 s is between two signs of life.
+    sleep = '#!/bin/sh\n[ "$1" = 5 ] || kill $PPID\n'
+    programs = {"lego": "#!/bin/sh\n", "cp": FULL_DISK, "sleep": sleep}
     (tmp_path / "bin").mkdir()
     for name, text in programs.items():
         (tmp_path / "bin" / name).write_text(text)
@@ -42,6 +43,7 @@ def test_full_disk_leaves_nginx_the_old_certificate(tmp_path: Path) -> None:
         ENTRYPOINT.read_text()
         .replace("=/var/lib/acme\n", f"={state}\n")
         .replace("=/etc/nginx/acme\n", f"={out}\n")
+        .replace("=/tmp/alive\n", f"={tmp_path / 'alive'}\n")
     )
     environ = {
         **os.environ,

@@ -59,7 +59,7 @@ class SharedQuestions:
         self._asking: asyncio.Task[None] | None = None
 
     async def user_of(self, credential: Credential, address: str) -> RelayUser | None:
-        """Return who the credential belongs to; raise Throttled or StoreUnavailableError."""
+        """Return who the credential belongs to; raise ThrottledError or StoreUnavailableError."""
         if (answer := self._waiting.get(credential)) is None:
             answer = self._wait_for(credential, address)
         # Several may wait for it, and one of them may leave.
