@@ -85,13 +85,16 @@ def timing() -> Timing:
     return FAST
 
 
-@pytest_asyncio.fixture
-async def relay(
-    memory_database: MemoryDatabase, monkeypatch: pytest.MonkeyPatch, timing: Timing
-) -> AsyncIterator[RelayServer]:
-    """Run a relay; a robot may answer late, as all do while the machine stands still."""
+@pytest.fixture(autouse=True)
+def robots_may_answer_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A relay waits for a robot as long as a busy machine may take."""
     monkeypatch.setattr(robot_dialer, "MIN_CONNECT_TIMEOUT_S", FAST.timeout_s)
     monkeypatch.setattr(port_checks, "CONNECT_WITHIN_S", FAST.timeout_s)
+
+
+@pytest_asyncio.fixture
+async def relay(memory_database: MemoryDatabase, timing: Timing) -> AsyncIterator[RelayServer]:
+    """Run a relay."""
     async with running_relay(memory_database, timing) as server:
         yield server
 
