@@ -181,6 +181,17 @@ def test_files_of_an_addition_are_there(what: str) -> None:
     assert named
 
 
+def test_files_that_decide_are_there() -> None:
+    """Each file that architecture.md names beside a decision is there."""
+    text = (ROOT / "docs" / "explanation" / "architecture.md").read_text()
+    table = text.split("## Where it is decided", 1)[1].split("\n## ", 1)[0].split("|---|---|", 1)[1]
+    server = ROOT / "server" / "robotether_server"
+    named = re.findall(r"`([\w/.-]+/[\w/.-]+|offline\.py)`", table)
+    roots = {name: ROOT if name.startswith(("agent/", "server/")) else server for name in named}
+    assert [name for name, root in roots.items() if not (root / name).is_file()] == []
+    assert named
+
+
 def test_each_path_of_the_relay_has_its_place_in_nginx() -> None:
     """Nginx leads what the relay's code routes to the relay, and the description of the API names it."""
     sources = ("control/control_api.py", "channels/kinds.py")
