@@ -25,8 +25,7 @@ from robotether_server.web.confirmation import ConfirmedAction, Words
 
 blueprint = Blueprint("selected_robots", __name__, url_prefix="/selected-robots")
 
-HIDDEN = (("robots", "{robots}"), ("site", "{site}"), ("holder", "{holder}"))
-HIDDEN_OF_GRANT = (*HIDDEN, ("level", "{level}"), ("hours", "{hours}"))
+ROBOTS = ("robots", "{robots}")
 
 
 def _names() -> list[str]:
@@ -93,7 +92,7 @@ confirmation.register(
         button="Disable",
         done="Disabled: {names}.",
         do=_disable,
-        hidden=HIDDEN,
+        hidden=(ROBOTS,),
     ),
     ConfirmedAction(
         path="/site",
@@ -107,7 +106,7 @@ confirmation.register(
         button="Put there",
         done="Now {where}: {names}.",
         do=_place,
-        hidden=HIDDEN,
+        hidden=(ROBOTS, ("site", "{site}")),
     ),
     ConfirmedAction(
         path="/grant",
@@ -120,7 +119,7 @@ confirmation.register(
         button="Give",
         done="{who} may {level}{end}: {names}.",
         do=_give,
-        hidden=HIDDEN_OF_GRANT,
+        hidden=(ROBOTS, ("holder", "{holder}"), ("level", "{level}"), ("hours", "{hours}")),
         is_harmless=True,
     ),
 )
