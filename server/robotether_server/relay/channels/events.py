@@ -14,7 +14,7 @@ from typing import Protocol
 
 import msgspec
 from aiohttp import web
-from msgspec.structs import asdict, replace
+from msgspec.structs import asdict
 
 from robotether_server.contract.robots import LiveState, RemovedRobot, RobotObject
 from robotether_server.db.fleet import RelayRobot, Snapshot
@@ -173,13 +173,13 @@ class FleetEvents:
     def describe(self, robot: RelayRobot) -> RobotObject:
         """Build the robot object of the contract."""
         live = self._elsewhere(robot.id) or self.describe_here(robot.id)
-        live = replace(live, agent_version=live.agent_version or robot.agent_version)
+        version = live.agent_version or robot.agent_version
         return RobotObject(
             name=robot.name,
             state=robot.state,
             site=robot.site,
-            offline_reason=_offline_reason(robot, live),
-            **asdict(live),
+            offline_reason=_offline_reason(robot, live, version),
+            **asdict(live) | {"agent_version": version},
         )
 
     def describe_here(self, robot_id: int) -> LiveState:
@@ -208,7 +208,7 @@ class FleetEvents:
             self.changed(robot_id)
 
 
-def _offline_reason(robot: RelayRobot, live: LiveState) -> str | None:
+def _offline_reason(robot: RelayRobot, live: LiveState, version: str | None) -> str | None:
     if live.online:
         return None
     return offline_reason(
@@ -216,7 +216,7 @@ def _offline_reason(robot: RelayRobot, live: LiveState) -> str | None:
         live.end_code,
         ever_online=live.since is not None,
         other_key=robot.other_key,
-        agent_version=live.agent_version,
+        agent_version=version,
     )
 
 

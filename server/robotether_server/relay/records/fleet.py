@@ -51,8 +51,8 @@ class Fleet:
         self._database = database
         self._credentials = credentials
         self._listeners: list[Callable[[Snapshot], None]] = []
-        self._on_last_seen: list[Callable[[list[LastSeen]], None]] = []
-        self._on_stored_control: list[Callable[[StoredControl], None]] = []
+        self._restore_last_seen: Callable[[list[LastSeen]], None] = _ignore
+        self._restore_control: Callable[[StoredControl], None] = _ignore
         self._poll_every_s = poll_every_s
         self._snapshot: Snapshot | None = None
         self._changes: Changes | None = None
@@ -70,8 +70,8 @@ class Fleet:
         control: Callable[[StoredControl], None],
     ) -> None:
         """Hand these what outlived the relay before this one, before anybody is served."""
-        self._on_last_seen.append(last_seen)
-        self._on_stored_control.append(control)
+        self._restore_last_seen = last_seen
+        self._restore_control = control
 
     def snapshot(self) -> Snapshot:
         """The last snapshot; StoreUnavailableError as long as there has never been one."""
@@ -128,13 +128,9 @@ class Fleet:
         self._changes = now
 
     async def _restore(self) -> None:
-        last_seen = await self._database.last_seen()
-        for restore_last_seen in self._on_last_seen:
-            restore_last_seen(last_seen)
+        self._restore_last_seen(await self._database.last_seen())
         # A robot that is stopped stays so, and numbers go on.
-        control = await self._database.stored_control()
-        for restore_control in self._on_stored_control:
-            restore_control(control)
+        self._restore_control(await self._database.stored_control())
 
     def _set_store_up(self, up: bool, why: str = "") -> None:
         if up and not self.store_up:
@@ -142,3 +138,7 @@ class Fleet:
         elif not up and self.store_up:
             log.warning("%s; robots and rights stay as they were last read", why)
         self.store_up = up
+
+
+def _ignore(_stored: object) -> None:
+    """Take nothing over."""

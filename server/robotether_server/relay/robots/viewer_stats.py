@@ -7,7 +7,6 @@ runs. No network; the clock is handed in.
 from __future__ import annotations
 
 import time
-from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -33,39 +32,45 @@ class ViewerCounts:
 NOTHING = ViewerCounts()
 
 
+@dataclass
+class _Viewer:
+    frames: int = 0
+    bytes: int = 0
+    viewed_s: float = 0.0
+    # Number of videos that are open, and since when there is one.
+    open: int = 0
+    open_since: float = 0.0
+
+
 class ViewerStats:
     """The counts of one robot, by user."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._frames: Counter[int] = Counter()
-        self._bytes: Counter[int] = Counter()
-        self._viewed_s: defaultdict[int, float] = defaultdict(float)
-        # How many videos a user has open, and since when there is one.
-        self._open: Counter[int] = Counter()
-        self._open_since: dict[int, float] = {}
+        self._viewers: dict[int, _Viewer] = {}
 
     def count(self, user_id: int, size: int) -> None:
         """A frame of `size` bytes went to this user."""
-        self._frames[user_id] += 1
-        self._bytes[user_id] += size
+        viewer = self._viewers.setdefault(user_id, _Viewer())
+        viewer.frames += 1
+        viewer.bytes += size
 
     @contextmanager
     def viewing(self, user_id: int) -> Iterator[None]:
         """Count the time inside the block as watched; blocks at the same time count once."""
-        if not self._open[user_id]:
-            self._open_since[user_id] = self._clock()
-        self._open[user_id] += 1
+        viewer = self._viewers.setdefault(user_id, _Viewer())
+        if not viewer.open:
+            viewer.open_since = self._clock()
+        viewer.open += 1
         try:
             yield
         finally:
-            self._open[user_id] -= 1
-            if not self._open[user_id]:
-                del self._open[user_id]
-                self._viewed_s[user_id] += self._clock() - self._open_since.pop(user_id)
+            viewer.open -= 1
+            if not viewer.open:
+                viewer.viewed_s += self._clock() - viewer.open_since
 
     def of(self, user_id: int) -> ViewerCounts:
         """Return what this user got of the robot since the relay's start."""
-        now = self._clock()
-        viewed_s = self._viewed_s[user_id] + now - self._open_since.get(user_id, now)
-        return ViewerCounts(self._frames[user_id], self._bytes[user_id], viewed_s)
+        viewer = self._viewers.get(user_id, _Viewer())
+        open_s = self._clock() - viewer.open_since if viewer.open else 0.0
+        return ViewerCounts(viewer.frames, viewer.bytes, viewer.viewed_s + open_s)
