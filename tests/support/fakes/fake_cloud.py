@@ -19,6 +19,7 @@ import atexit
 import hashlib
 import json
 import shutil
+import socket
 import ssl
 import subprocess
 import tempfile
@@ -351,14 +352,23 @@ def is_signed(key: str, namespace: str, message: str, signature: str) -> bool:
 
 
 async def echo(port: int, text: str, *, key: str = GUARD_KEY) -> str:
-    """Send `text` through the server's `port` to the robot's WebSocket, and return what comes back."""
+    """Send `text` through the server's `port` to the robot's WebSocket, and return what comes back.
+
+    A session is up before its guard is ready, and the port leads nowhere until then.
+    """
+    await eventually(lambda: _is_open(port), lambda: f"port {port} leads to the robot")
     headers = {"Robotether-Key": key, "Robotether-Mode": "observe"}
     async with (
         aiohttp.ClientSession(headers=headers) as http,
-        http.ws_connect(f"ws://127.0.0.1:{port}/", timeout=aiohttp.ClientWSTimeout(5, 5)) as socket,
+        http.ws_connect(f"ws://127.0.0.1:{port}/", timeout=aiohttp.ClientWSTimeout(5, 5)) as robot,
     ):
-        await socket.send_json({"op": "call_service", "service": "/echo", "id": text})
-        return str((await socket.receive_json(timeout=5))["id"])
+        await robot.send_json({"op": "call_service", "service": "/echo", "id": text})
+        return str((await robot.receive_json(timeout=5))["id"])
+
+
+def _is_open(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 async def eventually(
