@@ -267,7 +267,7 @@ async def test_its_video_is_seen(program: Program) -> None:
     async with aiohttp.ClientSession(headers=program.headers) as http:
         async with http.ws_connect(f"{base}/frames?topic={quote(TOPIC)}", ssl=tls) as socket:
             viewer = FramesViewer(socket)
-            await viewer.want()
+            await viewer.ask()
             for _ in range(5):
                 await viewer.credit()
                 assert (await viewer.frame()).jpeg[:2] == b"\xff\xd8"
@@ -295,7 +295,7 @@ async def test_ticket_opens_one_connection_at_all_cells(program: Program, second
     """The robot's cell burns it, whichever was asked."""
     ticket = await asyncio.to_thread(program.ticket, "sim1", "observe")
     async with program.connect("sim1", ticket=ticket) as socket:
-        await socket.send_json({"op": "robotether.beat", "t_ms": 1.0})
+        await socket.send_json({"op": "robotether.clock_sync", "t_ms": 1.0})
     for cell in (program.stack, second):
         with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
             async with Program(cell, "").connect("sim1", ticket=ticket):

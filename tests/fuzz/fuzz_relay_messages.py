@@ -42,7 +42,7 @@ SEEDS = (
     {"op": "publish", "topic": "a", "msg": {"data": "ü", "n": [1, 2.5, -3e7, None, True]}},
     {"op": "subscribe", "id": "s", "topic": "/a", "type": "x/Y", "qos": {"depth": 1}, "throttle_rate": 9},
     {"op": "call_service", "service": "/rosapi/topics", "args": [], "timeout": 2},
-    {"op": "robotether.beat", "t_ms": 81.2},
+    {"op": "robotether.clock_sync", "t_ms": 81.2},
 )  # fmt: skip
 WORDS = sorted({*OPERATIONS, *(name for entry in OPERATIONS.values() for name in entry.fields)})
 PAYLOADS = {"msg", "args", "values"}

@@ -157,7 +157,7 @@ class Receiver:
         if isinstance(request, ClockSync):
             # Read now: it may wait behind a frame, which does not make the clock another one.
             self._queue_text(
-                {"op": "beat", "t_ms": request.t_ms, "sender_ms": self._clock() * 1000}
+                {"op": "clock_sync", "t_ms": request.t_ms, "sender_ms": self._clock() * 1000}
             )
         elif isinstance(request, Credit):
             self._on_credit(request)
@@ -401,7 +401,7 @@ def _or(message: JsonObject, name: str, default: Any, get: Getter, *, of: tuple[
 
 
 READERS: dict[str, Callable[[JsonObject], Request]] = {
-    "want": _stream_request,
+    "stream_request": _stream_request,
     "credit": _credit,
-    "beat": _clock_sync,
+    "clock_sync": _clock_sync,
 }

@@ -235,7 +235,7 @@ class Observer(Person):
     async def _video(self, robot: str) -> None:
         path = "video/frames?topic=/camera/image_raw"
         async with await self.connect(robot, "observe", path) as socket:
-            await socket.send_json({"op": "want"})
+            await socket.send_json({"op": "stream_request"})
             await socket.send_json({"op": "credit", "frames": 2, "taken": None})
             async for message in socket:
                 if message.type is aiohttp.WSMsgType.BINARY:

@@ -108,11 +108,11 @@ def _read_bridges(traffic: Traffic) -> Iterator[CounterMetricFamily]:
 
 def _read_feeds(traffic: FeedTraffic) -> Iterator[CounterMetricFamily]:
     frames = {"relay": traffic.frames_in, "client": traffic.frames_out}
-    yield _family("pictures", "Frames received and sent", "to", frames)
+    yield _family("frames", "Frames received and sent", "to", frames)
     sizes = {"relay": traffic.bytes_in, "client": traffic.bytes_out}
-    yield _family("picture_bytes", "Bytes of video frames", "to", sizes)
+    yield _family("frame_bytes", "Bytes of video frames", "to", sizes)
     meaning = "Frames skipped because a newer one was there"
-    yield CounterMetricFamily("robotether_relay_pictures_skipped", meaning, traffic.skipped)
+    yield CounterMetricFamily("robotether_relay_frames_skipped", meaning, traffic.skipped)
 
 
 def _read_backups(folder: Path) -> Iterator[GaugeMetricFamily]:

@@ -289,7 +289,7 @@ class FakeCloud:
             return
         link.send(self._config(self.ports))
         self._misbehave(link)
-        beat = asyncio.ensure_future(self._beat(link))
+        pings = asyncio.ensure_future(self._send_pings(link))
         try:
             while line := await reader.readline():
                 message = json.loads(line)
@@ -299,7 +299,7 @@ class FakeCloud:
                 elif message["type"] == "check":
                     link.send({"type": "checked", **self.checked})
         finally:
-            beat.cancel()
+            pings.cancel()
 
     def _misbehave(self, link: Link) -> None:
         if self.mode == "sends_rubbish":
@@ -318,7 +318,7 @@ class FakeCloud:
         if self.mode == "changes_ports" and message["seq"] == 1:
             link.send(self._config(self.other_ports))
 
-    async def _beat(self, link: Link) -> None:
+    async def _send_pings(self, link: Link) -> None:
         seq = 0
         while self.mode != "silent":
             seq += 1

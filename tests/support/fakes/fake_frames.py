@@ -4,7 +4,7 @@
 Its misbehaviours have names:
 
     behaves        keeps the rules
-    no_clock_sync  answers no beat
+    no_clock_sync  answers no clock sync
     no_service     answers 404, as web_video_server does
     any_page       answers each path with 200, as a server of plain MJPEG may
     full           answers 503, as an agent with too many cameras open does
@@ -108,8 +108,8 @@ class FakeFrames:
     async def _handle(self, socket: web.WebSocketResponse, message: dict[str, Any]) -> None:
         self.texts.append(message)
         self._changed.set()
-        if message["op"] == "beat" and self.mode != "no_clock_sync":
-            answer = {"op": "beat", "t_ms": message["t_ms"], "sender_ms": self.clock_ms()}
+        if message["op"] == "clock_sync" and self.mode != "no_clock_sync":
+            answer = {"op": "clock_sync", "t_ms": message["t_ms"], "sender_ms": self.clock_ms()}
             await socket.send_str(json.dumps(answer))
         elif message["op"] == "credit":
             self.credits[socket] += message["frames"]

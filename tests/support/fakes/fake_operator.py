@@ -3,7 +3,7 @@
     silent_cut    its network is gone: nothing comes from it, and nothing tells so
     late_sender   stamps its commands with a moment that is long over
     floods        sends as many commands as it can
-    frozen_page   its tab sleeps: pings are answered, and no beat and no command comes
+    frozen_page   its tab sleeps: pings are answered, and no clock sync and no command comes
 
 Unit tests of the relay start it, beside robots of `fake_robot`.
 """
@@ -22,7 +22,7 @@ WAIT_S = 30.0
 
 
 class FakeOperator:
-    """One WebSocket that sends beats and stamped commands, as the drive page does."""
+    """One WebSocket that sends clock syncs and stamped commands, as the drive page does."""
 
     def __init__(self, http: aiohttp.ClientSession, url: str) -> None:
         self._http = http
@@ -64,8 +64,8 @@ class FakeOperator:
         await self._socket.send_str(json.dumps(message))
 
     async def clock_sync(self) -> None:
-        """Send a beat."""
-        await self.send(op="robotether.beat", t_ms=self.clock_ms())
+        """Send a clock sync."""
+        await self.send(op="robotether.clock_sync", t_ms=self.clock_ms())
 
     async def drive(self, speed: float, *, age_ms: float = 0.0, topic: str = "/cmd_vel") -> None:
         """Send a command of an input event that was so long ago."""
@@ -121,7 +121,7 @@ class FakeOperator:
                 return
 
     def _handle(self, message: dict[str, Any]) -> None:
-        if message["op"] == "robotether.beat":
+        if message["op"] == "robotether.clock_sync":
             self._ahead_ms.append(message["relay_ms"] - self.clock_ms())
         if message["op"] == "robotether.control":
             self.controls.append(message["control"])

@@ -36,12 +36,12 @@ class FramesViewer:
         self.texts: deque[dict[str, Any]] = deque()
         self.taken: int | None = None
 
-    async def want(self, **members: object) -> None:
-        """Say what is wanted."""
-        await self.socket.send_json({"op": "want", **members})
+    async def ask(self, **members: object) -> None:
+        """Send a stream request."""
+        await self.socket.send_json({"op": "stream_request", **members})
 
     async def credit(self, frames: int = 1, **members: object) -> None:
-        """Ask for so many pictures more, with the newest that has come."""
+        """Ask for that many frames more, with the newest that has come."""
         await self.socket.send_json(
             {"op": "credit", "frames": frames, "taken": self.taken} | members
         )

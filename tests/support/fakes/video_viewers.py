@@ -49,7 +49,7 @@ async def view_frames(
 ) -> None:
     """Take pictures by credit until the connection ends or the task is cancelled; `how` goes to ws_connect."""
     async with http.ws_connect(url, compress=0, max_msg_size=0, **how) as socket:
-        await socket.send_json({"op": "want", **(stream_request or {})})
+        await socket.send_json({"op": "stream_request", **(stream_request or {})})
         await socket.send_json({"op": "credit", "frames": CREDITS})
         async for message in socket:
             if message.type is aiohttp.WSMsgType.BINARY:

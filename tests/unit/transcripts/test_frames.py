@@ -38,12 +38,12 @@ UPGRADE = {
 BROKEN = [
     "no json",
     '{"op":7}',
-    '{"op":"want","fps":"1"}',
-    '{"op":"want","quality_min":60,"quality_max":50}',
-    '{"op":"want","width":640}',
-    '{"op":"want","width":5000,"height":1}',
+    '{"op":"stream_request","fps":"1"}',
+    '{"op":"stream_request","quality_min":60,"quality_max":50}',
+    '{"op":"stream_request","width":640}',
+    '{"op":"stream_request","width":5000,"height":1}',
     '{"op":"credit","frames":-1}',
-    '{"op":"beat"}',
+    '{"op":"clock_sync"}',
     "x" * 5000,
 ]
 
@@ -155,7 +155,7 @@ async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> No
         async def add(what: str) -> None:
             header, data = await viewer.message()
             # How long it is depends on the clock's digits.
-            shown = header[:1] if b'"beat"' in data else header
+            shown = header[:1] if b'"clock_sync"' in data else header
             transcript.add(f"relay, {what}, WebSocket header:", shown.hex(" "))
             if header[0] == 0x81:
                 transcript.add("  text:", json.loads(data))
@@ -163,12 +163,12 @@ async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> No
                 transcript.add("  header but for its moment:", data[:8].hex(" "), header_of(data))
                 transcript.add("  picture:", {"size": len(data) - HEADER.size, "sum": digest(data)})
 
-        viewer.send(op="want", fps=5, quality_max=60)
+        viewer.send(op="stream_request", fps=5, quality_max=60)
         await camera.wait_for("credit")
         transcript.add("robot is asked for the camera:", json.dumps(camera.topics[0]))
         await camera.send_status(state="waiting", source="mjpeg", quality=70, fps=0, x=1)
         await add("a status")
-        viewer.send(op="beat", t_ms=81.25)
+        viewer.send(op="clock_sync", t_ms=81.25)
         await add("a clock sync")
         for number, (size, quality) in enumerate(
             ((100, 0), (110, 70), (65_519, 70), (65_520, 100)), 1
@@ -178,13 +178,13 @@ async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> No
             await add(f"a picture of {size} bytes")
             if number == 1:
                 first_credits = list(camera.of("credit"))
-        viewer.send(op="want", width=640, height=480)
-        await camera.wait_for("want", width=640)
+        viewer.send(op="stream_request", width=640, height=480)
+        await camera.wait_for("stream_request", width=640)
         await camera.wait_for("credit", taken=1)
     # Clock syncs are sent by the clock; a credit when the fastest viewer has taken a picture.
-    transcript.add("relay to robot:", camera.of("beat")[0] | {"t_ms": "<clock>"})
+    transcript.add("relay to robot:", camera.of("clock_sync")[0] | {"t_ms": "<clock>"})
     taken = next(text for text in camera.of("credit") if text["taken"] == 1)
-    for text in [*camera.of("want"), *first_credits, taken]:
+    for text in [*camera.of("stream_request"), *first_credits, taken]:
         transcript.add("relay to robot:", text)
     assert transcript == recorded
 
@@ -204,7 +204,7 @@ async def test_how_viewers_connections_end(
     ) -> None:
         async with http.ws_connect(world.url()) as socket:
             if wants:
-                await socket.send_json({"op": "want"})
+                await socket.send_json({"op": "stream_request"})
             done = act(socket)
             if done is not None:
                 await done
@@ -229,7 +229,7 @@ async def test_how_viewers_connections_end(
     connections.caps = usual
 
     async def without_right(_: object) -> None:
-        await camera.wait_for("want")
+        await camera.wait_for("stream_request")
         world.database.grants.clear()
 
     await end("rights ended", without_right)
@@ -293,11 +293,11 @@ async def test_agent_and_relay(service: Service, recorded: SnapshotAssertion) ->
     transcript = Transcript(("sender_ms", "moment_ms", "fps", "number"))
     transcript.name(service.camera.port, "camera's port")
     # One quality and a long time: no step down, however slow this machine is.
-    want = {"op": "want", "quality_min": 40, "quality_max": 40, "latency_ms": 5000}
+    want = {"op": "stream_request", "quality_min": 40, "quality_max": 40, "latency_ms": 5000}
     want |= {"width": 320, "height": 240}
     async with await service.connect("/a") as socket:
         await socket.send_json({"op": "dance"})
-        await socket.send_json({"op": "beat", "t_ms": 81.25})
+        await socket.send_json({"op": "clock_sync", "t_ms": 81.25})
         transcript.add("agent:", await service.text(socket))
         await socket.send_json(want)
         transcript.add("agent, before a picture:", await service.text(socket))

@@ -192,7 +192,7 @@ REFUSED = [
     '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":1e999}},"id":"v"}',
     '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":1}},"robotether":{"t_ms":-1e9}}',
     '{"op":"publish","topic":"/cmd_vel","robotether":{"t_ms":1e15}}',
-    '{"op":"robotether.beat","t_ms":"1"}',
+    '{"op":"robotether.clock_sync","t_ms":"1"}',
 ]
 LIMITED = {
     "the second subscription": ['{"op":"subscribe","topic":"/a","id":1}', '{"op":"subscribe","topic":"/b"}'],
@@ -254,9 +254,9 @@ async def test_relay_and_robot(world: World, recorded: SnapshotAssertion) -> Non
                 for stamp in ({}, {"robotether": {"t_ms": 0}}):
                     message = {"op": "publish", "topic": "/cmd_vel", "id": "p", **stamp}
                     if stamp:
-                        await socket.send_json({"op": "robotether.beat", "t_ms": 0})
-                        beat = await socket.receive_json(timeout=WAIT_S)
-                        message["robotether"] = {"t_ms": beat["relay_ms"]}
+                        await socket.send_json({"op": "robotether.clock_sync", "t_ms": 0})
+                        sync = await socket.receive_json(timeout=WAIT_S)
+                        message["robotether"] = {"t_ms": sync["relay_ms"]}
                     await socket.send_json({**message, "msg": {"linear": {"x": 1, "y": 0.5}}})
                     expected = 2 if stamp else 1
                     await until(lambda r=robot, n=expected: len(r.received) == n, "it came", WAIT_S)
@@ -293,8 +293,8 @@ async def test_own_operations(world: World, recorded: SnapshotAssertion) -> None
                         break
             transcript.add(f"{state}:", message)
 
-        await bob.send_str('{"op":"robotether.beat","t_ms":81.25,"key":"k1","x":1}')
-        transcript.add("beat:", await bob.receive_json(timeout=WAIT_S))
+        await bob.send_str('{"op":"robotether.clock_sync","t_ms":81.25,"key":"k1","x":1}')
+        transcript.add("clock sync:", await bob.receive_json(timeout=WAIT_S))
         await add("nobody drives", lambda c: not c["driver"])
         await stack.enter_async_context(world.connect())
         await add("ann drives", lambda c: c["driver"])

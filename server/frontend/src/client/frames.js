@@ -30,23 +30,23 @@ const BROWSER = {
 
 export class FrameStream {
   // `url()` gives (a promise of) the address of the frames for each attempt, ticket included where it needs one, and may
-  // throw what has a `status`, as TicketRefused has. `want` as in docs/reference/media.md; what is missing has its default there.
+  // throw what has a `status`, as TicketRefused has. `request` as in docs/reference/media.md; what is missing has its default there.
   // `onFrame({jpeg, number, at})`: `at` on the clock of `now()`, never later than it was; a promise that it gives is
-  // waited for before the next frame is asked for. `onStatus({picture, why, detail, quality, width, height, fps, source,
-  // bytes})` at each change: `picture` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down
+  // waited for before the next frame is asked for. `onStatus({frame, why, detail, quality, width, height, fps, source,
+  // bytes})` at each change: `frame` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down
   // (the camera's source, with `detail`), old, cut, unreachable, login_missing, refused (`detail`: the server's reason) or of BY_CODE.
   /**
    * @param {{
    *   url: () => string | Promise<string>,
-   *   want?: object,
+   *   request?: object,
    *   onFrame: (frame: {jpeg: Uint8Array, number: number, at: number}) => void | Promise<void>,
    *   onStatus?: (status: any) => void,
    *   oldMs?: number,
    * } & Partial<typeof BROWSER>} options
    */
-  constructor({ url, want = {}, onFrame, onStatus = () => {}, oldMs = OLD_MS, ...browser }) {
+  constructor({ url, request = {}, onFrame, onStatus = () => {}, oldMs = OLD_MS, ...browser }) {
     this.url = url;
-    this.wanted = want;
+    this.request = request;
     this.onFrame = onFrame;
     this.onStatus = onStatus;
     this.oldMs = oldMs;
@@ -79,9 +79,9 @@ export class FrameStream {
     this.forget("paused");
   }
 
-  want(changes) {
-    this.wanted = { ...this.wanted, ...changes };
-    this.link?.want(this.wanted);
+  ask(changes) {
+    this.request = { ...this.request, ...changes };
+    this.link?.ask(this.request);
   }
 
   // Called when an attempt may work now.
@@ -112,7 +112,7 @@ export class FrameStream {
 
   open(url, current) {
     const handlers = {
-      want: this.wanted,
+      request: this.request,
       onFrame: current((frame) => this.receiveFrame(frame)),
       onStatus: current((status) => this.receiveStatus(status)),
       onEnd: current((how) => this.lose(how)),
@@ -181,7 +181,7 @@ export class FrameStream {
   checkAge() {
     const { ageMs } = this;
     const age = ageMs === null ? "none" : ageMs > this.oldMs ? "old" : "live";
-    this.report({ picture: age, ...this.reason(age), ...this.details });
+    this.report({ frame: age, ...this.reason(age), ...this.details });
   }
 
   reason(age) {
@@ -203,14 +203,14 @@ export class FrameStream {
 // It must never have more frames under way than the page can show, or what it shows would be late.
 const CREDITS = 2; // number of frames on their way: one is shown while the next comes
 const SYNC_MS = 500;
-const SILENCE_MS = 4000; // time limit for silence of the sender, which answers every beat
+const SILENCE_MS = 4000; // time limit for silence of the sender, which answers every clock sync
 
 class FramesLink {
-  // `want` as in docs/reference/media.md. `onFrame({jpeg, number, at, quality, byCamera, bytes})` may give a promise: the next
+  // `request` as in docs/reference/media.md. `onFrame({jpeg, number, at, quality, byCamera, bytes})` may give a promise: the next
   // frame is asked for when it has settled. `onStatus` gets the sender's own, `onEnd({code, reason, opened})` comes once.
-  constructor(socket, { want, onFrame, onStatus, onEnd, now, wall }) {
+  constructor(socket, { request, onFrame, onStatus, onEnd, now, wall }) {
     this.socket = socket;
-    this.wanted = want;
+    this.request = request;
     this.onFrame = onFrame;
     this.onStatus = onStatus;
     this.onEnd = onEnd;
@@ -231,14 +231,14 @@ class FramesLink {
   open() {
     this.opened = true;
     this.receivedAt = this.now();
-    this.send({ op: "want", ...this.wanted });
+    this.send({ op: "stream_request", ...this.request });
     this.sendSync(); // before the first credit, so that the first frame's timestamp is known
     this.credit(CREDITS);
   }
 
-  want(want) {
-    this.wanted = want;
-    this.send({ op: "want", ...want });
+  ask(request) {
+    this.request = request;
+    this.send({ op: "stream_request", ...request });
   }
 
   tick() {
@@ -247,7 +247,7 @@ class FramesLink {
   }
 
   sendSync() {
-    this.send({ op: "beat", t_ms: this.now() });
+    this.send({ op: "clock_sync", t_ms: this.now() });
   }
 
   credit(frames) {
@@ -268,7 +268,7 @@ class FramesLink {
 
   receiveText(text) {
     const message = parse(text);
-    if (message?.op === "beat") this.senderClock.receive(message);
+    if (message?.op === "clock_sync") this.senderClock.receive(message);
     if (message?.op === "status") this.onStatus(message);
   }
 
@@ -330,7 +330,7 @@ export function readFrame(data) {
   };
 }
 
-// Says when a frame was taken, by this page's clock (docs/reference/media.md, "Timestamps"). A beat is on its way for a while
+// Says when a frame was taken, by this page's clock (docs/reference/media.md, "Timestamps"). A sync is on its way for a while
 // before the sender reads its clock, so each difference is at least the true one, and the least comes nearest: a
 // timestamp is never later than the truth. Pure.
 const MAX_AGE_MS = 30_000;
@@ -344,7 +344,7 @@ export class SenderClock {
     this.samples = [];
   }
 
-  // The answer to a beat that was asked at `t_ms` of `now()`.
+  // The answer to a sync that was asked at `t_ms` of `now()`.
   receive({ t_ms, sender_ms }) {
     if (!Number.isFinite(t_ms) || !Number.isFinite(sender_ms)) return;
     const at = this.now();

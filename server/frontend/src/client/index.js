@@ -178,15 +178,15 @@ export class Robot {
     return values;
   }
 
-  // Shows a camera in an <img> or <canvas>, always the newest frame. `want` as in docs/reference/media.md. Gives the stream:
-  // stop(), want(changes), ageMs of the newest frame.
+  // Shows a camera in an <img> or <canvas>, always the newest frame. `request` as in docs/reference/media.md. Gives the stream:
+  // stop(), ask(changes), ageMs of the newest frame.
   showVideo(
     element,
-    /** @type {{topic?: string, onStatus?: (status: object) => void}} */ { topic = USUAL_CAMERA, onStatus, ...want } = {},
+    /** @type {{topic?: string, onStatus?: (status: object) => void}} */ { topic = USUAL_CAMERA, onStatus, ...request } = {},
   ) {
     const stream = new FrameStream({
       url: async () => framesUrl(this.server, this.name, topic, await this.viewTicket()),
-      want,
+      request,
       onFrame: showOn(element),
       onStatus,
     });

@@ -103,7 +103,7 @@ export class Session {
 
   receive(operation) {
     if (!this.clockSync.isRelays(operation)) return;
-    if (operation.op === "robotether.beat") this.clockSync.receive(operation);
+    if (operation.op === "robotether.clock_sync") this.clockSync.receive(operation);
     if (operation.op === "robotether.control") this.controlState.fromLink(operation.control);
   }
 
@@ -155,7 +155,7 @@ export class ControlState {
   }
 }
 
-// This page's clock against the relay's, by beats over the rosbridge connection (docs/reference/protocols.md, "Age").
+// This page's clock against the relay's, by clock syncs over the rosbridge connection (docs/reference/protocols.md, "Age").
 // An answer is on its way for a while, so each difference is at most the true one, and the greatest comes
 // nearest: a timestamp in the relay's time is never later than the truth. Pure but for its timer.
 const SYNC_MS = 250;
@@ -196,17 +196,17 @@ export class ClockSync {
     this.heardAt = this.now();
   }
 
-  // How long the relay has said nothing, which answers each beat; of no use while there is no link.
+  // How long the relay has said nothing, which answers each clock sync; of no use while there is no link.
   get silenceMs() {
     return this.now() - this.heardAt;
   }
 
   sendSync() {
-    this.send({ op: "robotether.beat", t_ms: this.now(), key: this.key });
+    this.send({ op: "robotether.clock_sync", t_ms: this.now(), key: this.key });
   }
 
   // Whether the relay said it. A robot can say the same, as the relay passes its messages on unread; but no robot
-  // sees the key, which goes to the relay in the beats and comes back with all that it says itself.
+  // sees the key, which goes to the relay in the clock syncs and comes back with all that it says itself.
   isRelays({ key }) {
     return this.key !== undefined && key === this.key;
   }

@@ -5,14 +5,14 @@ import { part, setText } from "../dom/page.js";
 import { frame as texts } from "../texts/video.js";
 
 export class CameraTile {
-  // `camera` {topic, name}; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of client/frames.js; `wanted()` the
-  // part of `want` that is the same for all cameras; `set` the settings' {width, height}. `oldMs`: from when a frame is grey.
+  // `camera` {topic, name}; `openFrames(topic, {request, onFrame, onStatus})` gives a stream as of client/frames.js; `common()` the
+  // part of `request` that is the same for all cameras; `set` the settings' {width, height}. `oldMs`: from when a frame is grey.
   // `onDown(topic)`: its source gives no frames.
-  constructor(element, { camera, openFrames, wanted, set, oldMs, onPainted, onDown, now, painter = new Painter(part(element, "canvas")) }) {
+  constructor(element, { camera, openFrames, common, set, oldMs, onPainted, onDown, now, painter = new Painter(part(element, "canvas")) }) {
     this.element = element;
     this.camera = camera;
     this.openFrames = openFrames;
-    this.wanted = wanted;
+    this.common = common;
     this.set = set;
     this.oldMs = oldMs;
     this.onPainted = onPainted;
@@ -32,10 +32,10 @@ export class CameraTile {
 
   start() {
     if (this.stream) return;
-    const want = this.want();
-    this.request = JSON.stringify(want);
+    const request = this.streamRequest();
+    this.asked = JSON.stringify(request);
     this.stream = this.openFrames(this.camera.topic, {
-      want,
+      request,
       onFrame: (frame) => this.paint(frame),
       onStatus: (status) => this.receiveStatus(status),
     });
@@ -71,8 +71,8 @@ export class CameraTile {
     this.ask();
   }
 
-  want() {
-    return { ...this.wanted(), ...requestedSize({ full: this.full, set: this.set, box: this.box(), turned: this.turned }) };
+  streamRequest() {
+    return { ...this.common(), ...requestedSize({ full: this.full, set: this.set, box: this.box(), turned: this.turned }) };
   }
 
   box() {
@@ -83,11 +83,11 @@ export class CameraTile {
 
   // Asks for what is wanted now, if that is something else.
   ask() {
-    const want = this.want();
-    const request = JSON.stringify(want);
-    if (request === this.request) return;
-    this.request = request;
-    this.stream?.want(want);
+    const request = this.streamRequest();
+    const text = JSON.stringify(request);
+    if (text === this.asked) return;
+    this.asked = text;
+    this.stream?.ask(request);
   }
 
   // Only what is seen counts: the timestamp is kept when the frame is on the page.
@@ -178,7 +178,7 @@ export class FrameRate {
   }
 }
 
-// What is wanted of a camera (docs/reference/media.md, `want`), by the person's choice, the robot's settings and the room on
+// What is wanted of a camera (docs/reference/media.md, `stream_request`), by the person's choice, the robot's settings and the room on
 // the page. Pure.
 // Automatic, or one of the steps that the paper drove with, and one below.
 const QUALITIES = ["auto", "90", "70", "50", "30"];

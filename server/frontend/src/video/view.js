@@ -64,7 +64,7 @@ export class View {
   tileOptions(openFrames, oldMs) {
     return {
       openFrames,
-      wanted: () => this.wantedOfAll(),
+      common: () => this.commonRequest(),
       set: { width: this.page.width ?? null, height: this.page.height ?? null },
       oldMs,
       world: this.world,
@@ -230,7 +230,7 @@ export class View {
     this.settling = setTimeout(() => this.tiles.each((tile) => tile.ask()), SETTLE_MS);
   }
 
-  wantedOfAll() {
+  commonRequest() {
     const { fps = 15, latency_ms = 300 } = this.page;
     return { ...requestedQuality(this.tools.quality.value, this.page), fps, latency_ms };
   }

@@ -280,7 +280,7 @@ test("operations of our own go out on an open link, also before the robot has an
   open();
   assert.equal(connection.send({ op: "robotether.stop" }), true);
   assert.deepEqual(links[0].told, [{ op: "robotether.stop" }]);
-  senders[0]({ op: "robotether.beat" });
+  senders[0]({ op: "robotether.clock_sync" });
   assert.equal(links[0].told.length, 2);
   end(4505);
   assert.equal(senders[1], null);
@@ -289,6 +289,6 @@ test("operations of our own go out on an open link, also before the robot has an
 
 test("what the relay says is no sign of life of the robot", async () => {
   await live();
-  await seconds(7, () => newest().onOwn({ op: "robotether.beat" }));
+  await seconds(7, () => newest().onOwn({ op: "robotether.clock_sync" }));
   assert.deepEqual([own.length, states.at(-1)], [7, "link_lost"]);
 });

@@ -48,10 +48,10 @@ export class FakeWebSocket {
     this.onmessage({ data: JSON.stringify(message) });
   }
 
-  // Answers the newest beat, `aheadMs` being how far the sender's clock is ahead of the page's.
+  // Answers the newest clock sync, `aheadMs` being how far the sender's clock is ahead of the page's.
   answerBeat(aheadMs) {
-    const { t_ms } = this.said("beat").at(-1);
-    this.tell({ op: "beat", t_ms, sender_ms: t_ms + aheadMs });
+    const { t_ms } = this.said("clock_sync").at(-1);
+    this.tell({ op: "clock_sync", t_ms, sender_ms: t_ms + aheadMs });
   }
 
   frame(options) {

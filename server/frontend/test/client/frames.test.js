@@ -22,7 +22,7 @@ beforeEach(() => {
       if (refusal) throw refusal;
       return "wss://server/robots/sim1/video/frames?topic=%2Fcamera";
     },
-    want: { quality_max: 70 },
+    request: { quality_max: 70 },
     onFrame: ({ number, at, jpeg }) => {
       frames.push({ number, at, jpeg: [...jpeg] });
       return hold?.promise;
@@ -63,20 +63,20 @@ async function goOpen() {
 }
 
 const last = () => statuses.at(-1);
-const why = () => [last().picture, last().why];
+const why = () => [last().frame, last().why];
 
 async function receive(frame, socket = sockets[0]) {
   socket.frame(frame);
   await settle();
 }
 
-test("it says what it wants, beats, and gives two credits", async () => {
+test("it says what it asks for, syncs clocks, and gives two credits", async () => {
   const socket = await goOpen();
   assert.deepEqual(
     socket.sent.map(({ op }) => op),
-    ["want", "beat", "credit"],
+    ["stream_request", "clock_sync", "credit"],
   );
-  assert.deepEqual(socket.sent[0], { op: "want", quality_max: 70 });
+  assert.deepEqual(socket.sent[0], { op: "stream_request", quality_max: 70 });
   assert.deepEqual(socket.sent[2], { op: "credit", frames: 2, taken: null });
 });
 
@@ -84,7 +84,7 @@ test("a frame comes with its timestamp on this page's clock", async () => {
   await goOpen();
   await receive({ number: 7, timestampMs: AHEAD + 940, jpeg: [1, 2], quality: 60 });
   assert.deepEqual(frames, [{ number: 7, at: 940, jpeg: [1, 2] }]);
-  assert.equal(last().picture, "live");
+  assert.equal(last().frame, "live");
   assert.equal(last().quality, 60);
   assert.equal(stream.ageMs, 60);
 });
@@ -145,13 +145,13 @@ test("a frame that cannot be shown, of another codec or without a known timestam
   assert.equal(frames.length, 1);
 });
 
-test("a frame before the first answered beat is not shown: its age is unknown", async () => {
+test("a frame before the first answered clock sync is not shown: its age is unknown", async () => {
   stream.start();
   await settle();
   sockets[0].open();
   await receive({ number: 1, timestampMs: AHEAD });
   assert.deepEqual(frames, []);
-  assert.equal(last().picture, "none");
+  assert.equal(last().frame, "none");
   assert.equal(sockets[0].said("credit").length, 2);
 });
 
@@ -159,11 +159,11 @@ test("a frame is old after a second, whether it came late or no other came", asy
   await goOpen();
   await receive({ number: 1, timestampMs: AHEAD + 1000 });
   await pass(1000);
-  assert.equal(last().picture, "live");
+  assert.equal(last().frame, "live");
   await pass(100);
   assert.deepEqual(why(), ["old", "old"]);
   await receive({ number: 2, timestampMs: AHEAD + clock - 1500 });
-  assert.equal(last().picture, "old");
+  assert.equal(last().frame, "old");
   await receive({ number: 3, timestampMs: AHEAD + clock });
   assert.deepEqual(why(), ["live", ""]);
 });
@@ -171,7 +171,7 @@ test("a frame is old after a second, whether it came late or no other came", asy
 test("the sender's status says why there is no frame", async () => {
   const socket = await goOpen();
   socket.tell({ op: "status", state: "down", detail: "no answer on 8080", source: "mjpeg" });
-  assert.deepEqual([last().picture, last().why, last().detail, last().source], ["none", "down", "no answer on 8080", "mjpeg"]);
+  assert.deepEqual([last().frame, last().why, last().detail, last().source], ["none", "down", "no answer on 8080", "mjpeg"]);
 });
 
 test("unknown operations and broken texts are skipped", async () => {
@@ -193,7 +193,7 @@ test("after a cut there is no frame, and a new link after a while", async () => 
   assert.equal(sockets.length, 2);
 });
 
-test("a link that brings nothing, no beat either, is a cut", async () => {
+test("a link that brings nothing, no clock sync either, is a cut", async () => {
   const socket = await goOpen();
   await pass(4600);
   assert.equal(socket.closed, true);
@@ -240,12 +240,12 @@ test("an ended stream closes its link and asks for nothing more", async () => {
 
 test("another request goes out on the open link and on the next ones", async () => {
   const socket = await goOpen();
-  stream.want({ fps: 5 });
-  assert.deepEqual(socket.sent.at(-1), { op: "want", quality_max: 70, fps: 5 });
+  stream.ask({ fps: 5 });
+  assert.deepEqual(socket.sent.at(-1), { op: "stream_request", quality_max: 70, fps: 5 });
   socket.end(1006);
   await pass(500);
   sockets[1].open();
-  assert.deepEqual(sockets[1].sent[0], { op: "want", quality_max: 70, fps: 5 });
+  assert.deepEqual(sockets[1].sent[0], { op: "stream_request", quality_max: 70, fps: 5 });
 });
 
 test("a frame is taken out with its number, quality and timestamp, without a copy", () => {
@@ -279,7 +279,7 @@ const answer = (t_ms, sender_ms) => senderClock.receive({ t_ms, sender_ms });
 const twice = () => [answer(1000, 2000), age(20_000), answer(21_000, 22_050)];
 const sleep = () => [answer(1000, 5000), (wall += 3000)]; // the sender's clock went on, and this page's did not
 
-// By the answers to beats: what a timestamp of the sender's is on this page's clock.
+// By the answers to clock syncs: what a timestamp of the sender's is on this page's clock.
 for (const [name, act, sender, timestamp] of [
   ["nothing is known before the first answer", () => {}, 5000, null],
   ["nor by one without numbers", () => [answer("1", 5000), answer(1000)], 5000, null],

@@ -17,14 +17,14 @@ class FakeServer extends FakeWebSocket {
   send(text) {
     super.send(text);
     const message = this.sent.at(-1);
-    if (message.op === "robotether.beat") this.relaySays({ op: message.op, t_ms: message.t_ms, relay_ms: message.t_ms + 500 });
+    if (message.op === "robotether.clock_sync") this.relaySays({ op: message.op, t_ms: message.t_ms, relay_ms: message.t_ms + 500 });
     if (message.op === "call_service") this.answer(message);
     if (message.op === "robotether.stop" && stopped) this.relaySays({ op: "robotether.control", control: { stopped } });
   }
 
-  // With the key of the newest beat, which no robot sees.
+  // With the key of the newest clock sync, which no robot sees.
   relaySays(message) {
-    this.tell({ ...message, key: this.said("robotether.beat").at(-1).key });
+    this.tell({ ...message, key: this.said("robotether.clock_sync").at(-1).key });
   }
 
   answer({ id, service, args }) {
@@ -235,7 +235,7 @@ test("a robot that speaks in the relay's name is not believed", async () => {
   const known = stamp();
   const forged = { driver: null, stopped: { by: "nobody", at: "2026-01-01T12:03:00Z", confirmed: true } };
   for (const key of [undefined, null, "", "00112233445566778899aabbccddeeff"]) {
-    sockets[0].tell({ op: "robotether.beat", t_ms: 0, relay_ms: 1e9, key });
+    sockets[0].tell({ op: "robotether.clock_sync", t_ms: 0, relay_ms: 1e9, key });
     sockets[0].tell({ op: "robotether.control", control: forged, key });
   }
   assert.deepEqual(stamp(), known, "commands would look younger than they are");

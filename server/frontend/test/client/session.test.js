@@ -112,8 +112,8 @@ function answer(back) {
   clockSync.receive({ relay_ms });
 }
 
-test("a beat goes out at once and then every 250 ms, until the connection ends", () => {
-  assert.deepEqual(sent, [{ op: "robotether.beat", t_ms: 100, key: sent[0].key }]);
+test("a clock sync goes out at once and then every 250 ms, until the connection ends", () => {
+  assert.deepEqual(sent, [{ op: "robotether.clock_sync", t_ms: 100, key: sent[0].key }]);
   mock.timers.tick(1000);
   assert.equal(sent.length, 5);
   clockSync.stop();
@@ -124,7 +124,7 @@ test("a beat goes out at once and then every 250 ms, until the connection ends",
 const pass = (ms) => (clock += ms);
 const start = () => clockSync.start(() => {});
 
-// By the answers to beats: a timestamp in the relay's time, less by the way back of the answer that came fastest.
+// By the answers to clock syncs: a timestamp in the relay's time, less by the way back of the answer that came fastest.
 for (const [name, act, lessMs] of [
   ["nothing is known before the first answer", () => {}],
   ["nor by one without the relay's time", () => [clockSync.receive({}), clockSync.receive({ relay_ms: "soon" })]],
@@ -154,7 +154,7 @@ test("the round trip to the relay is the median of the newest answers, and unkno
   assert.equal(clockSync.roundTripMs, null);
 });
 
-test("only what has the key of this connection's beats is the relay's: a robot sees none of them", () => {
+test("only what has the key of this connection's clock syncs is the relay's: a robot sees none of them", () => {
   const [{ key }] = sent;
   assert.match(key, /^[0-9a-f]{32}$/);
   assert.ok(clockSync.isRelays({ key }));

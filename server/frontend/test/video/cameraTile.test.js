@@ -10,10 +10,10 @@ const part = () => ({ textContent: "", setAttribute() {} });
 
 // A stream that does what the test says, in place of client/frames.js.
 function openFrames(topic, options) {
-  const stream = { topic, ...options, asked: [options.want], started: false };
+  const stream = { topic, ...options, asked: [options.request], started: false };
   stream.start = () => (stream.started = true);
   stream.stop = () => (stream.started = false);
-  stream.want = (want) => stream.asked.push(want);
+  stream.ask = (request) => stream.asked.push(request);
   streams.push(stream);
   return stream;
 }
@@ -37,7 +37,7 @@ beforeEach(() => {
   tile = new CameraTile(element, {
     camera: { topic: "/front", name: "front" },
     openFrames,
-    wanted: () => ({ fps: 15 }),
+    common: () => ({ fps: 15 }),
     set: { width: null, height: null },
     oldMs: 1000,
     onPainted: () => {},
@@ -71,7 +71,7 @@ test("a frame that cannot be decoded is none", async () => {
 
 test("an old frame stays with words, and with its age where the page has none for it", async () => {
   await paint(900);
-  streams[0].onStatus({ picture: "none", why: "link_lost", detail: "" });
+  streams[0].onStatus({ frame: "none", why: "link_lost", detail: "" });
   clock = 13_900;
   tile.showState();
   assert.equal(element.dataset.frame, "old");
@@ -124,12 +124,12 @@ test("after a sleep of the machine the frame is not trusted, and the next one is
 });
 
 test("before the first frame the reason is written in words", async () => {
-  streams[0].onStatus({ picture: "none", why: "down", detail: "no such topic" });
+  streams[0].onStatus({ frame: "none", why: "down", detail: "no such topic" });
   assert.equal(parts.words.textContent, "No such topic.");
-  streams[0].onStatus({ picture: "none", why: "down", detail: "web_video_server at http://h:1 does not answer" });
+  streams[0].onStatus({ frame: "none", why: "down", detail: "web_video_server at http://h:1 does not answer" });
   assert.equal(parts.words.textContent, "web_video_server at http://h:1 does not answer.");
   assert.deepEqual(downs, ["/front", "/front"]);
-  streams[0].onStatus({ picture: "none", why: "a word of a newer client", detail: "" });
+  streams[0].onStatus({ frame: "none", why: "a word of a newer client", detail: "" });
   assert.equal(parts.words.textContent, "The camera sends no video.");
 });
 

@@ -101,7 +101,7 @@ class World:
         url = f"http://127.0.0.1:{port or self.port}/robotether/frames"
         socket = await self.http.ws_connect(url, params={"topic": topic}, max_msg_size=0)
         self.receivers.append(FakeReceiver(socket, gives_credit=gives_credit))
-        await self.receivers[-1].say("want", **stream_request)
+        await self.receivers[-1].say("stream_request", **stream_request)
         if gives_credit:
             await self.receivers[-1].say("credit", frames=2)
         return self.receivers[-1]
@@ -173,7 +173,7 @@ async def test_no_receiver_no_source(world):
     """One without a `stream_request` opens nothing, and the last one to leave closes the source."""
     url = f"http://127.0.0.1:{world.port}/robotether/frames"
     async with world.http.ws_connect(url, params={"topic": TOPIC}) as silent:
-        await silent.send_json({"op": "beat", "t_ms": 1})
+        await silent.send_json({"op": "clock_sync", "t_ms": 1})
         await silent.receive_json(timeout=WITHIN_S)
         assert world.camera.asked == []
     both = [await world.receive(), await world.receive()]
@@ -189,9 +189,11 @@ async def test_no_receiver_no_source(world):
 async def test_a_beat_is_answered_with_the_robots_clock(world):
     receiver = await world.receive()
     before = robot_time() * 1000
-    await receiver.say("beat", t_ms=81.25)
-    await eventually(lambda: any(text["op"] == "beat" for text in receiver.texts), receiver.told)
-    answer = next(text for text in receiver.texts if text["op"] == "beat")
+    await receiver.say("clock_sync", t_ms=81.25)
+    await eventually(
+        lambda: any(text["op"] == "clock_sync" for text in receiver.texts), receiver.told
+    )
+    answer = next(text for text in receiver.texts if text["op"] == "clock_sync")
     assert answer["t_ms"] == 81.25
     assert before <= answer["sender_ms"] <= robot_time() * 1000
 
@@ -232,7 +234,7 @@ async def test_a_slow_receiver_gets_another_quality_without_a_gap(world):
 async def test_another_want_counts_from_now_on(world):
     receiver = await world.receive(quality_max=70)
     await receiver.some(3)
-    await receiver.say("want", quality_max=40, width=320, height=240)
+    await receiver.say("stream_request", quality_max=40, width=320, height=240)
     await eventually(lambda: receiver.pictures[-1][0].quality == 40, receiver.told)
     assert world.camera.asked[-1]["quality"] == "40"
     assert (world.camera.asked[-1]["width"], world.camera.asked[-1]["height"]) == ("320", "240")
@@ -240,7 +242,7 @@ async def test_another_want_counts_from_now_on(world):
 
 async def test_what_breaks_the_protocol_ends_the_receiver(world):
     good, bad = await world.receive(), await world.receive()
-    await bad.say("want", fps=0)
+    await bad.say("stream_request", fps=0)
     await eventually(lambda: bad.closed == 1002, bad.told)
     await good.some(len(good.pictures) + 3)
 

@@ -158,7 +158,7 @@ async def world() -> AsyncIterator[World]:
 
 async def test_the_newest_goes_out_when_credit_comes(world):
     """What came before it is skipped, and the number tells."""
-    world.socket.ask("want")
+    world.socket.ask("stream_request")
     await world.until_open()
     for number in (1, 2, 3):
         world.give(number)
@@ -170,21 +170,21 @@ async def test_the_newest_goes_out_when_credit_comes(world):
 async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):
     """Nothing is chosen before the link takes it, and requests are still heard."""
     world.socket.stuck = True
-    world.socket.ask("want")
+    world.socket.ask("stream_request")
     world.socket.ask("credit", frames=2)
     await world.until_open()
     world.give(1)
     await world.got(1)
     for number in (2, 3):
         world.give(number)
-    world.socket.ask("beat", t_ms=1.0)
-    await eventually(lambda: len(world.receiver._texts) > 0, lambda: "the beat waits")
+    world.socket.ask("clock_sync", t_ms=1.0)
+    await eventually(lambda: len(world.receiver._texts) > 0, lambda: "the clock sync waits")
     assert len(world.socket.pictures) == 1
 
 
 async def test_the_size_goes_down_when_the_quality_is_at_its_least(world):
     """By parts of the camera's own size, which its frame tells; both sides even."""
-    world.socket.ask("want", quality_min=50, quality_max=50, latency_ms=100)
+    world.socket.ask("stream_request", quality_min=50, quality_max=50, latency_ms=100)
     world.socket.ask("credit")
     assert await world.until_open() == SourceRequest("/camera", 50, None, None, 15.0)
     for number in range(1, 4):
@@ -201,7 +201,7 @@ async def test_a_camera_that_takes_no_requests_is_asked_for_none():
     """Its quality is unknown, and it is not opened anew for a step."""
     world = World(steps_quality=False)
     try:
-        world.socket.ask("want", latency_ms=50)
+        world.socket.ask("stream_request", latency_ms=50)
         world.socket.ask("credit")
         assert await world.until_open() == SourceRequest("/camera", 0, None, None, 15.0)
         for number in range(1, 8):
@@ -217,7 +217,7 @@ async def test_a_camera_that_takes_no_requests_is_asked_for_none():
 
 async def test_fewer_frames_than_the_camera_gives_bring_the_quality_down(world):
     """Though each comes in time: what goes out is compared with what there is once a second."""
-    world.socket.ask("want")
+    world.socket.ask("stream_request")
     world.socket.ask("credit")
     begun = await world.until_open()
     for second in range(1, 9):
@@ -235,7 +235,7 @@ async def test_fewer_frames_than_the_camera_gives_bring_the_quality_down(world):
 async def test_the_status_comes_at_changes_and_seldom(world, monkeypatch):
     """At once with the first `stream_request`, and then when something is another."""
     monkeypatch.setattr(receiver_module, "CHECK_EVERY_S", 0.01)
-    world.socket.ask("want")
+    world.socket.ask("stream_request")
     await eventually(lambda: len(world.socket.texts) == 1, lambda: str(world.socket.texts))
     assert world.socket.texts[0]["state"] == "waiting"
     await world.until_open()
@@ -249,7 +249,7 @@ async def test_the_status_comes_at_changes_and_seldom(world, monkeypatch):
 
 
 async def test_a_status_that_stays_is_not_told_again(world):
-    world.socket.ask("want")
+    world.socket.ask("stream_request")
     await eventually(lambda: len(world.socket.texts) == 1, lambda: str(world.socket.texts))
     world.now_s += 1
     world.receiver._check()
@@ -258,13 +258,13 @@ async def test_a_status_that_stays_is_not_told_again(world):
 
 def test_each_request_with_its_defaults():
     """Nothing but `op` has to be there; what is not known is skipped."""
-    assert parse('{"op": "want"}') == StreamRequest(20, 80, 15, 300, None, None)
+    assert parse('{"op": "stream_request"}') == StreamRequest(20, 80, 15, 300, None, None)
     assert parse(
-        '{"op": "want", "fps": 0.5, "width": 320, "height": 240, "new": 1}'
+        '{"op": "stream_request", "fps": 0.5, "width": 320, "height": 240, "new": 1}'
     ) == StreamRequest(fps=0.5, width=320, height=240)
     assert parse('{"op": "credit"}') == Credit(1, None)
     assert parse('{"op": "credit", "frames": 99, "taken": 41}') == Credit(2, 41)
-    assert parse('{"op": "beat", "t_ms": 81.2}') == ClockSync(81.2)
+    assert parse('{"op": "clock_sync", "t_ms": 81.2}') == ClockSync(81.2)
     assert parse('{"op": "of a newer side"}') is None
 
 
@@ -274,14 +274,14 @@ def test_each_request_with_its_defaults():
         ("[]", "JSON object"),
         ("{", "not JSON"),
         ("{}", "op"),
-        ('{"op": "beat"}', "t_ms"),
-        ('{"op": "beat", "t_ms": NaN}', "t_ms"),
-        ('{"op": "want", "quality_min": 0}', "quality_min"),
-        ('{"op": "want", "quality_min": 81}', "quality_min"),
-        ('{"op": "want", "fps": 61}', "fps"),
-        ('{"op": "want", "latency_ms": "fast"}', "latency_ms"),
-        ('{"op": "want", "width": 640}', "width and height"),
-        ('{"op": "want", "width": 4097, "height": 1}', "width"),
+        ('{"op": "clock_sync"}', "t_ms"),
+        ('{"op": "clock_sync", "t_ms": NaN}', "t_ms"),
+        ('{"op": "stream_request", "quality_min": 0}', "quality_min"),
+        ('{"op": "stream_request", "quality_min": 81}', "quality_min"),
+        ('{"op": "stream_request", "fps": 61}', "fps"),
+        ('{"op": "stream_request", "latency_ms": "fast"}', "latency_ms"),
+        ('{"op": "stream_request", "width": 640}', "width and height"),
+        ('{"op": "stream_request", "width": 4097, "height": 1}', "width"),
         ('{"op": "credit", "taken": -1}', "taken"),
         ('{"op": "credit", "frames": true}', "frames"),
     ],

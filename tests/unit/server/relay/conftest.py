@@ -137,7 +137,7 @@ async def watch(
         url = f"{relay.url}/robots/{sim1.name}/video/frames?{query}"
         viewer = FramesViewer(await http.ws_connect(url, autoping=wanted.pop("autoping", True)))
         opened.append(viewer)
-        await viewer.want(**wanted)
+        await viewer.ask(**wanted)
         return viewer
 
     yield open_viewer

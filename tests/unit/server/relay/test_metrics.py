@@ -83,11 +83,11 @@ def test_frames_are_read_when_somebody_asks(metrics):
     traffic.frames_in, traffic.frames_out, traffic.skipped = 3, 7, 2
     traffic.bytes_in, traffic.bytes_out = 300, 700
     shown = lines(metrics)
-    assert 'robotether_relay_pictures_total{to="relay"} 3.0' in shown
-    assert 'robotether_relay_pictures_total{to="client"} 7.0' in shown
-    assert 'robotether_relay_picture_bytes_total{to="relay"} 300.0' in shown
-    assert 'robotether_relay_picture_bytes_total{to="client"} 700.0' in shown
-    assert "robotether_relay_pictures_skipped_total 2.0" in shown
+    assert 'robotether_relay_frames_total{to="relay"} 3.0' in shown
+    assert 'robotether_relay_frames_total{to="client"} 7.0' in shown
+    assert 'robotether_relay_frame_bytes_total{to="relay"} 300.0' in shown
+    assert 'robotether_relay_frame_bytes_total{to="client"} 700.0' in shown
+    assert "robotether_relay_frames_skipped_total 2.0" in shown
 
 
 def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(metrics, tmp_path):

@@ -396,7 +396,9 @@ OPERATIONS: Mapping[str, Operation] = {
     "action_status": Operation("answer for", _ACTION, "serve", "action"),
     "status": Operation("send a status", _STATUS),
     "set_level": Operation("set the level", _STATUS),
-    "robotether.beat": Operation("answer the beat", {"t_ms": timestamp, "key": text}, own=True),
+    "robotether.clock_sync": Operation(
+        "answer the clock sync", {"t_ms": timestamp, "key": text}, own=True
+    ),
     "robotether.stop": Operation("stop the robot", {}, own=True),
 }
 

@@ -149,7 +149,7 @@ class FeedLink:
 
     def _on_text(self, data: bytes, now_s: float) -> None:
         message = parse_text(data)
-        if message["op"] == "beat":
+        if message["op"] == "clock_sync":
             self._clock.on_answer(now_s, *parse_clock_sync_answer(message))
         elif message["op"] == "status":
             self._feed.on_status(parse_status(message))

@@ -202,7 +202,7 @@ def parse_status(message: Mapping[str, Any]) -> dict[str, object]:
 
 def stream_request_text(request: StreamRequest) -> bytes:
     """Write a stream request."""
-    return _written({"op": "want", **asdict(request)})
+    return _written({"op": "stream_request", **asdict(request)})
 
 
 def credit_text(frames: int, taken: int | None) -> bytes:
@@ -212,7 +212,7 @@ def credit_text(frames: int, taken: int | None) -> bytes:
 
 def clock_sync_text(t_ms: float) -> bytes:
     """Write a question for the other side's clock."""
-    return _written({"op": "beat", "t_ms": t_ms})
+    return _written({"op": "clock_sync", "t_ms": t_ms})
 
 
 def text_message(message: Mapping[str, object]) -> bytes:

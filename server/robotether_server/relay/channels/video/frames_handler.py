@@ -150,9 +150,9 @@ class FramesSession(OperatorConnection):
         operation = message["op"]
         if operation == "credit":
             self._on_credit(*parse_credit(message))
-        elif operation == "beat":
+        elif operation == "clock_sync":
             self._clock_sync_ms = parse_clock_sync(message)
-        elif operation == "want":
+        elif operation == "stream_request":
             self.stream_request = parse_stream_request(message)
             self._feed.due.set()
 
@@ -191,7 +191,7 @@ class FramesSession(OperatorConnection):
         if self._clock_sync_ms is not None:
             t_ms, self._clock_sync_ms = self._clock_sync_ms, None
             sender_ms = round(time.monotonic() * 1000, 3)
-            return text_message({"op": "beat", "t_ms": t_ms, "sender_ms": sender_ms})
+            return text_message({"op": "clock_sync", "t_ms": t_ms, "sender_ms": sender_ms})
         if self._feed.status is not None and self._feed.status is not self._sent_status:
             self._sent_status = self._feed.status
             return text_message(self._sent_status)

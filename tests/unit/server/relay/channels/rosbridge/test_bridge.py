@@ -431,8 +431,8 @@ async def test_a_clock_sync_is_answered_with_the_relays_clock(relay, guarded, si
     """The page's own time comes back beside it; the robot sees nothing of it."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         before_ms = time.monotonic() * 1000
-        await ann.send(op="robotether.beat", t_ms=81.25)
-        answer = await ann.until("robotether.beat")
+        await ann.send(op="robotether.clock_sync", t_ms=81.25)
+        answer = await ann.until("robotether.clock_sync")
         assert answer["t_ms"] == 81.25
         # Rounded to microseconds.
         assert before_ms - 0.001 <= answer["relay_ms"] <= time.monotonic() * 1000 + 0.001
@@ -446,8 +446,8 @@ async def test_relay_shows_the_key_of_the_clock_syncs(relay, guarded, sim1, http
     """In all that it says itself, so that a client tells it from a robot that says the same."""
     async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
         for key in ("of the first", "of the second"):
-            await bob.send(op="robotether.beat", t_ms=1, key=key)
-            answer = await bob.until("robotether.beat")
+            await bob.send(op="robotether.clock_sync", t_ms=1, key=key)
+            answer = await bob.until("robotether.clock_sync")
             assert answer["key"] == key
         relay.relay.control.stops.stop(sim1, "carl")
         while (told := await bob.until("robotether.control"))["control"]["stopped"] is None:
@@ -469,7 +469,7 @@ async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, htt
 async def test_who_repeats_a_stop_is_answered_too(relay, guarded, sim1, http):
     """A program that has no other word of it would stop the robot again and again."""
     async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
-        await bob.send(op="robotether.beat", t_ms=1)
+        await bob.send(op="robotether.clock_sync", t_ms=1)
         await bob.send(op="robotether.stop")
         stopped = None
         while not stopped or not stopped["confirmed"]:

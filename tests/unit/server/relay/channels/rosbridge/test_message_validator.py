@@ -26,7 +26,7 @@ RIGHTS_OF = {
     "call": "call_service send_action_goal cancel_action_goal",
     "serve": "advertise_service unadvertise_service service_response advertise_action unadvertise_action "
     "action_feedback action_result action_status",
-    None: "status set_level robotether.beat robotether.stop",
+    None: "status set_level robotether.clock_sync robotether.stop",
 }
 
 
@@ -216,20 +216,23 @@ def test_a_look_up_takes_plain_values():
 
 
 def test_our_own_operations_go_no_further():
-    """A beat's moment and a stop are for the relay."""
-    clock_sync = check({"op": "robotether.beat", "t_ms": 81, "x": 1}, validator())
+    """A clock sync's time and a stop are for the relay."""
+    clock_sync = check({"op": "robotether.clock_sync", "t_ms": 81, "x": 1}, validator())
     assert (clock_sync.data, clock_sync.operation, clock_sync.drive) == (
         b"",
-        "robotether.beat",
+        "robotether.clock_sync",
         None,
     )
-    assert clock_sync.own == {"op": "robotether.beat", "t_ms": 81.0}
-    keyed = check({"op": "robotether.beat", "t_ms": 81, "key": "k"}, validator())
-    assert keyed.own == {"op": "robotether.beat", "t_ms": 81.0, "key": "k"}
+    assert clock_sync.own == {"op": "robotether.clock_sync", "t_ms": 81.0}
+    keyed = check({"op": "robotether.clock_sync", "t_ms": 81, "key": "k"}, validator())
+    assert keyed.own == {"op": "robotether.clock_sync", "t_ms": 81.0, "key": "k"}
     for key in (1, ["k"], "k" * 1025, "\ud800"):
-        assert refused({"op": "robotether.beat", "key": key}, validator())[0] in {"shape", "json"}
+        assert refused({"op": "robotether.clock_sync", "key": key}, validator())[0] in {
+            "shape",
+            "json",
+        }
     for t_ms in ("81", True, 1e300, [1]):
-        assert refused({"op": "robotether.beat", "t_ms": t_ms}, validator())[0] == "shape"
+        assert refused({"op": "robotether.clock_sync", "t_ms": t_ms}, validator())[0] == "shape"
     assert refused({"op": "robotether.control"}, validator("manage"))[0] == "operation"
 
 

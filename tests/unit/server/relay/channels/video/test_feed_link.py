@@ -15,23 +15,23 @@ async def test_the_robot_is_asked_for_its_clock_before_the_first_credit(camera, 
     """A frame whose moment nobody can tell would be of no use."""
     await watch()
     await camera.wait_for("credit")
-    assert [text["op"] for text in camera.texts] == ["beat", "want", "credit"]
+    assert [text["op"] for text in camera.texts] == ["clock_sync", "stream_request", "credit"]
 
 
 async def test_the_robot_is_asked_for_its_clock_again_and_again(camera, watch, monkeypatch):
     """Clocks drift, and a link that is quicker later is known later."""
     monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.CLOCK_SYNC_EVERY_S", 0.05)
     await watch()
-    await until(lambda: len(camera.of("beat")) > 3, "it is asked")
+    await until(lambda: len(camera.of("clock_sync")) > 3, "it is asked")
 
 
 async def test_without_viewers_no_frame_is_requested(camera, relay, sim1, http):
     """As long as nobody has said what to see, the robot's cameras stay off."""
     url = f"{relay.url}/robots/sim1/video/frames?topic=/a&ticket={relay.ticket(sim1)}"
     async with http.ws_connect(url) as socket:
-        await camera.wait_for("beat")
-        assert camera.of("want") == camera.of("credit") == []
-        await socket.send_json({"op": "want"})
+        await camera.wait_for("clock_sync")
+        assert camera.of("stream_request") == camera.of("credit") == []
+        await socket.send_json({"op": "stream_request"})
         await camera.wait_for("credit", frames=2)
 
 
@@ -39,13 +39,13 @@ async def test_requests_that_come_together_are_sent_once(camera, watch, monkeypa
     """A slider that is dragged does not make the robot's camera start for each step."""
     monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.REQUEST_EVERY_S", 0.4)
     viewer = await watch()
-    await camera.wait_for("want")
+    await camera.wait_for("stream_request")
     for quality in range(30, 80):
-        await viewer.want(quality_max=quality)
-        await viewer.socket.send_json({"op": "beat", "t_ms": quality})
-        await viewer.text("beat", t_ms=quality)
-    await camera.wait_for("want", quality_max=79)
-    assert len(camera.of("want")) <= 10
+        await viewer.ask(quality_max=quality)
+        await viewer.socket.send_json({"op": "clock_sync", "t_ms": quality})
+        await viewer.text("clock_sync", t_ms=quality)
+    await camera.wait_for("stream_request", quality_max=79)
+    assert len(camera.of("stream_request")) <= 10
 
 
 async def test_the_topic_arrives_as_it_was_asked_for(camera, watch):

@@ -100,7 +100,7 @@ def test_what_is_no_text_of_the_protocol_is_refused(data):
 
 def test_each_member_of_a_request_has_a_default():
     """An empty request is the default, and a member that nobody knows is skipped."""
-    assert parse_stream_request({"op": "want", "codecs": ["vp9"]}) == StreamRequest()
+    assert parse_stream_request({"op": "stream_request", "codecs": ["vp9"]}) == StreamRequest()
     assert parse_stream_request({"fps": 5, "width": 640, "height": 480}) == StreamRequest(
         fps=5, width=640, height=480
     )
@@ -210,10 +210,10 @@ def test_a_status_keeps_what_viewers_know():
 
 def test_a_text_is_framed_whole():
     """What is written reads back."""
-    frame = text_message({"op": "beat", "t_ms": 1.5})
+    frame = text_message({"op": "clock_sync", "t_ms": 1.5})
     assert frame[0] == 0x81
     assert frame[1] == len(frame) - 2
-    assert json.loads(frame[2:]) == {"op": "beat", "t_ms": 1.5}
+    assert json.loads(frame[2:]) == {"op": "clock_sync", "t_ms": 1.5}
 
 
 @given(
@@ -235,7 +235,7 @@ def test_a_frames_timestamp_is_never_later_than_it_was(ahead_ms, travels, age_ms
 
 
 def test_the_best_clock_sync_of_the_last_half_minute_counts():
-    """A beat that was quick keeps the moment true, and is forgotten after 30 s: clocks drift."""
+    """A quick clock sync keeps the timestamp true, and is forgotten after 30 s: clocks drift."""
     clock = SenderClock()
     assert clock.ours(0.0, 5.0) is None
     clock.on_answer(1.0, 1000, 1000 + 2)

@@ -30,9 +30,9 @@ async def test_a_credit_brings_one_frame(camera, watch):
     seen = await viewer.frame()
     assert (seen.codec, seen.flags, seen.quality, seen.jpeg) == (1, 1, 70, JPEG)
     await camera.show(JPEG + b"2")
-    await viewer.socket.send_json({"op": "beat", "t_ms": 1.5})
+    await viewer.socket.send_json({"op": "clock_sync", "t_ms": 1.5})
     # The answer comes although a frame waits, and the frame does not.
-    assert (await viewer.text("beat"))["t_ms"] == 1.5
+    assert (await viewer.text("clock_sync"))["t_ms"] == 1.5
     await viewer.credit()
     assert (await viewer.frame()).jpeg == JPEG + b"2"
 
@@ -46,8 +46,8 @@ async def test_timestamps_are_told_in_the_relays_clock(camera, watch):
     await camera.show(JPEG, age_ms=40)
     seen = await viewer.frame()
     assert before_ms - 40 - 200 <= seen.timestamp_ms <= time.monotonic() * 1000 - 40
-    await viewer.socket.send_json({"op": "beat", "t_ms": 0})
-    answer = await viewer.text("beat")
+    await viewer.socket.send_json({"op": "clock_sync", "t_ms": 0})
+    answer = await viewer.text("clock_sync")
     assert before_ms <= answer["sender_ms"] <= time.monotonic() * 1000
 
 
@@ -89,17 +89,27 @@ async def test_one_stream_leaves_the_robot(camera, watch, relay):
 async def test_the_robot_hears_what_all_want_together(camera, watch):
     """The best of each comes to the robot, and less when who wanted it has gone."""
     first = await watch(quality_max=50, fps=5, width=320, height=240)
-    await camera.wait_for("want", quality_max=50, fps=5, width=320, height=240, latency_ms=300)
+    await camera.wait_for(
+        "stream_request", quality_max=50, fps=5, width=320, height=240, latency_ms=300
+    )
     second = await watch(
         quality_max=70, quality_min=30, fps=10, latency_ms=150, width=640, height=480
     )
     await camera.wait_for(
-        "want", quality_min=20, quality_max=70, fps=10, latency_ms=150, width=640, height=480
+        "stream_request",
+        quality_min=20,
+        quality_max=70,
+        fps=10,
+        latency_ms=150,
+        width=640,
+        height=480,
     )
     await second.socket.close()
-    await until(lambda: camera.of("want")[-1]["quality_max"] == 50, "the robot hears of it")
-    await first.want(fps=1)
-    await camera.wait_for("want", fps=1, quality_max=80, width=None)
+    await until(
+        lambda: camera.of("stream_request")[-1]["quality_max"] == 50, "the robot hears of it"
+    )
+    await first.ask(fps=1)
+    await camera.wait_for("stream_request", fps=1, quality_max=80, width=None)
 
 
 async def test_the_last_viewer_ends_the_feed(camera, watch, relay):
@@ -155,7 +165,7 @@ async def test_nothing_is_asked_of_the_robot_while_nobody_takes(camera, watch):
     await camera.wait_for("credit", frames=2)
     first, second = await camera.show(JPEG), await camera.show(JPEG)
     await camera.show(JPEG)
-    await camera.wait_for("beat")
+    await camera.wait_for("clock_sync")
     await viewer.credit()
     assert (await viewer.frame()).sequence == second > first
     assert len(camera.of("credit")) == 1
@@ -192,7 +202,7 @@ async def test_no_more_than_two_credits_are_open(camera, watch):
 async def test_the_status_comes_at_once_and_at_each_change(camera, watch):
     """Viewers that come later also get the status."""
     viewer = await watch()
-    await camera.wait_for("want")
+    await camera.wait_for("stream_request")
     await camera.send_status(state="waiting", source="mjpeg", quality=70, fps=0)
     status = await viewer.text("status")
     assert (status["state"], status["source"], status["quality"]) == ("waiting", "mjpeg", 70)
@@ -248,7 +258,7 @@ async def test_a_flood_of_texts_ends_it(camera, watch):
     for turn in range(1000):
         if viewer.socket.closed:
             break
-        await viewer.socket.send_json({"op": "beat", "t_ms": turn})
+        await viewer.socket.send_json({"op": "clock_sync", "t_ms": turn})
     code, reason = await closing(viewer.socket)
     assert (code, "messages a second" in reason) == (1002, True)
 
@@ -292,7 +302,7 @@ async def test_a_login_opens_a_connection(camera, relay, sim1, http, login):
     """A page of this site needs no ticket; a page of another is refused."""
     url = frames_url(relay, sim1, "topic=/a")
     async with http.ws_connect(url, headers=login) as socket:
-        await socket.send_json({"op": "beat", "t_ms": 5})
+        await socket.send_json({"op": "clock_sync", "t_ms": 5})
         assert (await socket.receive_json())["t_ms"] == 5
     with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
         await http.ws_connect(url, headers=login | {"Origin": "https://evil.example"})
@@ -307,7 +317,7 @@ async def test_a_login_is_no_word_of_another_sites_page(camera, relay, sim1, htt
     assert refused.value.status == 401
     url = frames_url(relay, sim1, f"topic=/a&ticket={relay.ticket(sim1)}")
     async with http.ws_connect(url, headers=login | lab) as socket:
-        await socket.send_json({"op": "beat", "t_ms": 5})
+        await socket.send_json({"op": "clock_sync", "t_ms": 5})
         assert (await socket.receive_json())["t_ms"] == 5
 
 

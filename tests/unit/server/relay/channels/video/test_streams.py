@@ -91,7 +91,7 @@ async def test_a_quality_is_the_best_that_is_wanted(*, relay, sim1, http, login,
     url = video_url(relay, sim1, "stream?topic=/a&quality=15&width=320&height=240")
     async with http.get(url, headers=login) as answer:
         assert answer.status == 200
-    await on_air.wait_for("want", quality_min=15, quality_max=15, width=320, height=240)
+    await on_air.wait_for("stream_request", quality_min=15, quality_max=15, width=320, height=240)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ async def test_a_camera_without_a_frame_is_no_frames(
     monkeypatch.setattr("robotether_server.relay.channels.video.streams.FIRST_FRAME_WITHIN_S", 0.5)
     url = video_url(relay, sim1, "stream?topic=/a")
     asking = asyncio.create_task(http.get(url, headers=login))
-    await camera.wait_for("want")
+    await camera.wait_for("stream_request")
     await camera.send_status(state="down", detail="nobody publishes /a")
     async with await asking as answer:
         problem = await answer.json()
