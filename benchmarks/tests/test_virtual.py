@@ -84,14 +84,14 @@ class Played:
 
     def told(self, who: str) -> list[dict[str, Any]]:
         """The lines in their order, without what varies; heartbeats, which come at their times, once and last."""
-        told, beats = [], {}
+        told, heartbeats = [], {}
         for line in self.lines(who):
             same = line | {name: type(line[name]) for name in VARIES if name in line}
             if line["type"] in ("ping", "pong"):
-                beats[line["type"]] = same
+                heartbeats[line["type"]] = same
             else:
                 told.append(same)
-        return [*told, *(beats[name] for name in sorted(beats))]
+        return [*told, *(heartbeats[name] for name in sorted(heartbeats))]
 
 
 @asynccontextmanager

@@ -49,7 +49,7 @@ export class FakeWebSocket {
   }
 
   // Answers the newest clock sync, `aheadMs` being how far the sender's clock is ahead of the page's.
-  answerBeat(aheadMs) {
+  answerClockSync(aheadMs) {
     const { t_ms } = this.said("clock_sync").at(-1);
     this.tell({ op: "clock_sync", t_ms, sender_ms: t_ms + aheadMs });
   }

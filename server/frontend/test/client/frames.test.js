@@ -58,7 +58,7 @@ async function goOpen() {
   stream.start();
   await settle();
   sockets[0].open();
-  sockets[0].answerBeat(AHEAD);
+  sockets[0].answerClockSync(AHEAD);
   return sockets[0];
 }
 

@@ -304,7 +304,7 @@ test("video is shown on a canvas or in an <img>, and nowhere else", async () => 
     const stream = make().showVideo(element, { topic: "/front" });
     await settle();
     sockets.at(-1).open();
-    sockets.at(-1).answerBeat(0);
+    sockets.at(-1).answerClockSync(0);
     sockets.at(-1).frame({ timestampMs: performance.now() });
     await settle();
     assert.ok(stream.ageMs >= 0);

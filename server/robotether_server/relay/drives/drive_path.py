@@ -138,7 +138,7 @@ class DrivePath:
         timestamp = self._timestamps.of(command.stamp_ms, now)
         if timestamp is None:
             return self._refuse(
-                command, "its timestamp lies ahead, by the clock that the clock syncs show", now
+                command, "its timestamp lies ahead, by the clock of robotether.clock_sync", now
             )
         if self._is_too_old(command, timestamp, now):
             age_ms, limit_ms = (now - timestamp) * 1000, self._lease.max_age_s * 1000

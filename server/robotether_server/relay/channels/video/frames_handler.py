@@ -158,7 +158,7 @@ class FramesSession(OperatorConnection):
 
     def _on_credit(self, frames: int, taken: int | None) -> None:
         if self.stream_request is None:
-            raise BrokenFramesError("want comes before credit")
+            raise BrokenFramesError("stream_request comes before credit")
         self._credits = min(self._credits + frames, MAX_CREDITS)
         if taken is None and self._under_way:
             # A client that does not say which.
