@@ -1,4 +1,4 @@
-"""The paper's five experiments, a machine's limits, and cells that break: each step is a test.
+"""The paper's experiments, a machine's limits, and cells that break: each step is a test.
 
 A step that raises has failed and stays failed. What ends the run instead is Ctrl-C, which leaves the step out, and a
 stack that no longer answers, which would fail all that follows without a word.
@@ -22,7 +22,6 @@ from paper.fleet import startup
 from paper.numbered import high_rate, mixed
 from paper.operators import operators
 from paper.page import sentence
-from paper.spiral import spiral
 from paper.step import Outcome, Part, ResultStore, Step, now
 from paper.world import World
 
@@ -32,7 +31,6 @@ PARTS = (
     density.PART,
     high_rate.PART,
     mixed.PART,
-    spiral.PART,
     operators.PART,
     cells.PART,
 )

@@ -78,16 +78,12 @@ class Program:
         """Its last words."""
         return "\n".join(self._log.read_text(errors="replace").splitlines()[-LOG_LINES:])
 
-    def terminate(self) -> None:
-        """Ask it to end, and do not wait."""
-        self._process.terminate()
-
     def end(self) -> None:
         """End it in order, and kill what is left of it and of what it started."""
         if self.ended():
             return
         started = descendants(self.pid)
-        self.terminate()
+        self._process.terminate()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(ENDS_WITHIN_S)
         self._kill(started)

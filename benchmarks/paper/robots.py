@@ -1,24 +1,23 @@
 """Whole robots, the ROS side and the real agent with its guard behind one uplink, and their operators behind others.
 
-    with running([WholeRobot(world, one, uplink, "simulator") for one in world.enrol(names)]) as robots:
-        wait_all_online(robots)
+    with WholeRobot(world, enrolled, uplink, "simulator") as robot:
+        wait_all_online([robot])
     async with new_http(**made_in(uplink.inside)) as http:
-        socket = await Client(http, world.address, world.token).connect("x-spiral-7-1")
+        socket = await Client(http, world.address, world.token).connect(robot.name)
 
-Starting one returns at once, so that many start side by side; `running` ends them side by side, too.
+Starting one returns at once, so that many start side by side.
 """
 
 from __future__ import annotations
 
 import os
-import shutil
 import socket
 import sys
-import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Literal
 
 from openssh_server import descendants
@@ -50,10 +49,7 @@ def no_longer_aside(pids: Sequence[int]) -> None:
 class WholeRobot:
     """One robot that runs inside `with`."""
 
-    def __init__(
-        self, world: World, enrolled: Enrolled, uplink: Uplink, ros: Ros, *, aside: bool = False
-    ) -> None:
-        self._before = ASIDE if aside else ()
+    def __init__(self, world: World, enrolled: Enrolled, uplink: Uplink, ros: Ros) -> None:
         self.name = enrolled.name
         self.uplink = uplink
         self.enrolled = enrolled
@@ -61,9 +57,9 @@ class WholeRobot:
         self._ros_kind = ros
         # Each its own, as several robots may be behind one uplink.
         self.address = loopback(enrolled.number)
-        self._agent: Program | None = None
-        self._ros: Program | None = None
-        self._run_dir: Path | None = None
+        self._agent: Program
+        self._ros: Program
+        self._made = ExitStack()
 
     @property
     def ros_url(self) -> str:
@@ -76,56 +72,26 @@ class WholeRobot:
 
     @property
     def agent_pid(self) -> int:
-        assert self._agent is not None
         return self._agent.pid
 
     @property
     def ros_pid(self) -> int:
-        assert self._ros is not None
         return self._ros.pid
 
     def __enter__(self) -> WholeRobot:
-        try:
-            self.start_ros()
-            self.start_agent()
-        except BaseException:
-            self._end()
-            raise
+        with ExitStack() as made:
+            run_dir = made.enter_context(
+                TemporaryDirectory(prefix="rt-", ignore_cleanup_errors=True)
+            )
+            self._ros = self._start("ros", *self._ros_program())
+            made.callback(self._ros.end)
+            self._agent = self._start("agent", ("robotether_agent", "run"), self._settings(run_dir))
+            made.callback(self._agent.end)
+            self._made = made.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end()
-
-    def start_ros(self) -> None:
-        if self._ros_kind == "bus":
-            words, given = ["paper.bus_robot", self.address, str(ROSBRIDGE_PORT)], {}
-        else:
-            words, given = ["sim_robot"], self._simulator_environment()
-        self._ros = self._start("ros", words, given)
-
-    def start_agent(self) -> None:
-        """Start the agent, as the boot service does; also again after it has been ended."""
-        self._run_dir = self._run_dir or Path(tempfile.mkdtemp(prefix="rt-"))
-        settings = {
-            **self.enrolled.settings,
-            "run_dir": self._run_dir,
-            "rosbridge_url": self.ros_url,
-            "video_url": self.video_url,
-            # A bus has no frames; so nobody looks for them every 2 s.
-            "video_source": "rosbridge" if self._ros_kind == "bus" else "auto",
-            "shell_address": "none",
-        }
-        self._agent = self._start("agent", ["robotether_agent", "run"], environment(settings))
-
-    def end_agent(self) -> None:
-        """End the agent in order, as a shutdown does; what does not follow is killed."""
-        if self._agent is not None:
-            self._agent.end()
-
-    def ask_agent_to_end(self) -> None:
-        """Tell the agent to end, and do not wait."""
-        if self._agent is not None:
-            self._agent.terminate()
+        self._made.close()
 
     def answers(self) -> bool:
         with self.uplink.inside.entered():
@@ -135,47 +101,40 @@ class WholeRobot:
 
     def ended(self) -> str:
         """Say which of its processes has ended by itself, or nothing."""
-        started = (one.ended() for one in (self._agent, self._ros) if one)
-        return ", ".join(filter(None, started))
+        return ", ".join(filter(None, (one.ended() for one in (self._agent, self._ros))))
 
     def logs(self) -> str:
-        started = [one for one in (self._ros, self._agent) if one]
-        return "\n".join(f"--- {self.name}\n{one.tail()}" for one in started)
+        return "\n".join(f"--- {self.name}\n{one.tail()}" for one in (self._ros, self._agent))
 
-    def _simulator_environment(self) -> dict[str, str]:
+    def _ros_program(self) -> tuple[Sequence[str], Mapping[str, str]]:
+        if self._ros_kind == "bus":
+            return ("paper.bus_robot", self.address, str(ROSBRIDGE_PORT)), {}
         settings = {
             "name": self.name,
             "bind_address": self.address,
             "rosbridge_port": ROSBRIDGE_PORT,
             "video_port": VIDEO_PORT,
         }
-        return {f"SIM_{name.upper()}": str(value) for name, value in settings.items()}
+        return ("sim_robot",), {
+            f"SIM_{name.upper()}": str(value) for name, value in settings.items()
+        }
+
+    def _settings(self, run_dir: str) -> Mapping[str, str]:
+        settings = {
+            **self.enrolled.settings,
+            "run_dir": run_dir,
+            "rosbridge_url": self.ros_url,
+            "video_url": self.video_url,
+            # A bus has no frames; so nobody looks for them every 2 s.
+            "video_source": "rosbridge" if self._ros_kind == "bus" else "auto",
+            "shell_address": "none",
+        }
+        return environment(settings)
 
     def _start(self, name: str, words: Sequence[str], given: Mapping[str, str]) -> Program:
-        command = (*self._before, sys.executable, "-m", *words)
+        command = (sys.executable, "-m", *words)
         log = self.enrolled.folder / f"{name}.log"
         return Program(self.uplink.inside, command, log, {**our_environment(), **given})
-
-    def _end(self) -> None:
-        self.end_agent()
-        if self._ros is not None:
-            self._ros.end()
-        if self._run_dir is not None:
-            shutil.rmtree(self._run_dir, ignore_errors=True)
-            self._run_dir = None
-
-
-@contextmanager
-def running(robots: Sequence[WholeRobot]) -> Iterator[Sequence[WholeRobot]]:
-    """Run them all; at the end all are told before the first one is waited for."""
-    with ExitStack() as started:
-        for robot in robots:
-            started.enter_context(robot)
-        try:
-            yield robots
-        finally:
-            for robot in robots:
-                robot.ask_agent_to_end()
 
 
 def wait_all_online(robots: Sequence[WholeRobot], seconds: float = 60) -> None:

@@ -136,19 +136,11 @@ class World:
         """New names for a part's robots, not given before by this process."""
         return [f"x-{part}-{os.getpid()}-{next(_numbers)}" for _ in range(how_many)]
 
-    def enrol(
-        self, names: Sequence[str], settings: Mapping[str, object] | None = None
-    ) -> list[Enrolled]:
-        """Announce robots, change their settings (as PATCH /robots/NAME has them), and let them join.
-
-        None is online then. A token of the admin's lets them in.
-        """
+    def enrol(self, names: Sequence[str]) -> list[Enrolled]:
+        """Announce robots and let them join with a token of the admin's. None is online then."""
         made = [self._robot(name) for name in names]
         for at in range(0, len(made), ROWS_A_STATEMENT):
             self._announce(made[at : at + ROWS_A_STATEMENT])
-        if settings:
-            for robot in made:
-                self.api("PATCH", f"/robots/{robot.name}", {"settings": settings})
         join_all(made, self.token)
         return made
 
