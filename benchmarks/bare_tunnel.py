@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from local_network import free_port
 from namespaces import Namespace
@@ -37,11 +38,10 @@ def ssh_command(
     host: str,
     *,
     bind: str = LOCALHOST,
-    options: Sequence[str] = OPTIONS,
 ) -> list[str]:
     """One connection to sshd at `host`, whose ports at `bind` lead to an ADDRESS:PORT of the client's side each."""
     words = ["ssh", "-F", "none", "-N", "-i", str(key), "-p", str(sshd.port)]
-    words += [word for option in options for word in ("-o", option)]
+    words += [word for option in OPTIONS for word in ("-o", option)]
     words += [word for port, to in forwards.items() for word in ("-R", f"{bind}:{port}:{to}")]
     return [*words, f"{sshd.user}@{host}"]
 
@@ -82,13 +82,13 @@ def bare_forward(
 
 
 @contextmanager
-def bare_tunnel(host: str, port: int) -> Iterator[int]:
-    """A port of 127.0.0.1 that leads through sshd and ssh, both on this machine, to HOST:PORT."""
+def bare_tunnel(to: str, bind: str = LOCALHOST, **where: Any) -> Iterator[int]:
+    """A port at `bind` that leads through an sshd on this machine to ADDRESS:PORT of its client's side."""
     # No session is opened, so that the relay behind sshd's session command is never asked.
-    sshd, own = OpenSshServer(relay_port=0), free_port()
+    sshd, own = OpenSshServer(relay_port=0, address=bind), free_port()
     try:
         sshd.start()
-        with bare_forward(sshd, 1, {own: f"{host}:{port}"}):
+        with bare_forward(sshd, 1, {own: to}, bind=bind, **where):
             yield own
     finally:
         sshd.close()

@@ -150,8 +150,6 @@ class Figure:
     y: str
     # The logarithmic axes: "", "x", "y" or "xy".
     log: str = ""
-    # Of the lines, as matplotlib has it: "." for points alone.
-    style: str = "-"
 
 
 def draw(figure: Figure, path: Path) -> None:
@@ -164,15 +162,7 @@ def draw(figure: Figure, path: Path) -> None:
         [row] = drawing.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)
         for axes, (title, some) in zip(row, panels.items(), strict=True):
             for label, line in some.groupby("line", sort=False):
-                axes.plot(
-                    line.x,
-                    line.y,
-                    figure.style,
-                    label=label,
-                    linewidth=1.2,
-                    markersize=4,
-                    mec="none",
-                )
+                axes.plot(line.x, line.y, label=label, linewidth=1.2)
             axes.set_title(title, fontsize=9)
             axes.set_xlabel(figure.x)
             for axis in figure.log:

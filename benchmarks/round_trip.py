@@ -20,12 +20,12 @@ from tempfile import TemporaryDirectory
 
 import aiohttp
 import pandas as pd
+from bare_tunnel import bare_tunnel
 from demo import Demo
 from local_network import insecure_tls
 from namespaces import Namespace
 from paper.networks import PLAIN, made_in
-from paper.operators.operators import bare_tunnels
-from paper.robots import WholeRobot, wait_all_online
+from paper.robots import ROSBRIDGE_PORT, WholeRobot, wait_all_online
 from paper.world import World
 from report import Row, Section, quantiles
 
@@ -114,7 +114,15 @@ def whole_robot(demo: Demo) -> Iterator[WholeRobot]:
 
 def measure(demo: Demo, count: int = COUNT) -> Section:
     """The whole path, beside the robot's own rosbridge and a bare `ssh -R` as in the paper; all from its network."""
-    with whole_robot(demo) as robot, bare_tunnels([robot]) as [(bare_port, _)]:
+    with (
+        whole_robot(demo) as robot,
+        bare_tunnel(
+            f"{robot.address}:{ROSBRIDGE_PORT}",
+            "0.0.0.0",
+            host=robot.uplink.machine,
+            inside=robot.uplink.inside,
+        ) as bare_port,
+    ):
         ticket = robot.world.ticket(robot.name, "drive")
         urls = {
             "straight to rosbridge": robot.ros_url,

@@ -24,6 +24,7 @@ import pandas as pd
 from bare_tunnel import bare_forward, bare_tunnel
 from behind_video import DOWN, UP, UP_MBIT_S
 from demo import Demo
+from frame_stamp import read_stamp
 from link import Link, why_not_here
 from local_network import free_port, insecure_tls
 from namespaces import Namespace
@@ -31,7 +32,7 @@ from paper.programs import Program, our_environment
 from recovery import Site, Subject, start_site, start_subject
 from relay_server import until
 from report import Row, Section, quantiles
-from video_viewers import Frame, OnFrame, view_frames, view_stream
+from robotether_common.frames import HEADER, MAX_CREDITS
 
 ROBOT_VIDEO_PORT = 8080
 ROBOT, CAMERA = "sim1", "/camera/image_raw"
@@ -50,8 +51,59 @@ STREAM_REQUEST = {"quality_min": 75, "quality_max": 75, "fps": FPS, "latency_ms"
 AIM_PERCENT = 5
 
 
+@dataclass(frozen=True)
+class Frame:
+    """One frame, and the Unix time in s at which it was whole, before anything else was done with it."""
+
+    received_at: float
+    jpeg: bytes
+
+    @property
+    def age_ms(self) -> float:
+        """How old what it shows was by then; NoStampError when it does not tell."""
+        return (self.received_at - read_stamp(self.jpeg)) * 1000
+
+
+OnFrame = Callable[[Frame], None]
 # Looks until it is cancelled.
 View = Callable[[aiohttp.ClientSession, OnFrame], Awaitable[None]]
+
+
+async def view_frames(
+    http: aiohttp.ClientSession,
+    url: str,
+    on_frame: OnFrame,
+    stream_request: Mapping[str, Any] | None = None,
+    **how: Any,
+) -> None:
+    """Take frames by credit until the connection ends or the task is cancelled; `how` goes to ws_connect."""
+    async with http.ws_connect(url, compress=0, max_msg_size=0, **how) as socket:
+        await socket.send_json({"op": "stream_request", **(stream_request or {})})
+        await socket.send_json({"op": "credit", "frames": MAX_CREDITS})
+        async for message in socket:
+            if message.type is aiohttp.WSMsgType.BINARY:
+                received_at = time.time()
+                sequence = HEADER.unpack_from(message.data)[3]
+                await socket.send_json({"op": "credit", "frames": 1, "taken": sequence})
+                on_frame(Frame(received_at, message.data[HEADER.size :]))
+        raise ConnectionError(f"the frames ended with {socket.close_code}")
+
+
+async def view_stream(http: aiohttp.ClientSession, url: str, on_frame: OnFrame, **how: Any) -> None:
+    """Take frames out of a multipart stream until it ends or the task is cancelled; `how` goes to get."""
+    timeout = aiohttp.ClientTimeout(total=None)
+    async with http.get(url, timeout=timeout, **how) as answer:
+        answer.raise_for_status()
+        length = 0
+        async for line in answer.content:
+            name, _, value = line.decode("ascii", "replace").partition(":")
+            if name.lower() == "content-length":
+                length = int(value)
+            elif length and not line.strip():
+                jpeg = await answer.content.readexactly(length)
+                on_frame(Frame(time.time(), jpeg))
+                length = 0
+    raise ConnectionError("the stream ended")
 
 
 @asynccontextmanager
@@ -107,7 +159,7 @@ async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
         return f"{demo.url}/robots/{ROBOT}/video/{what}?topic={CAMERA}&ticket={ticket}"
 
     rows = await ours_viewed(where, ours, seconds, ssl=insecure_tls())
-    with bare_tunnel(demo.address_of(ROBOT), 8080) as port:
+    with bare_tunnel(f"{demo.address_of(ROBOT)}:{ROBOT_VIDEO_PORT}") as port:
         view = plain(port, PLAIN_QUALITIES[0])
         rows.append(await viewed(where, plain_name(PLAIN_QUALITIES[0]), view, seconds))
     return rows

@@ -20,7 +20,6 @@ from paper.conftest import scale_of
 from paper.density import density
 from paper.fleet import startup
 from paper.numbered import high_rate, mixed
-from paper.operators import operators
 from paper.page import sentence
 from paper.step import Outcome, Part, ResultStore, Step, now
 from paper.world import World
@@ -31,7 +30,6 @@ PARTS = (
     density.PART,
     high_rate.PART,
     mixed.PART,
-    operators.PART,
     cells.PART,
 )
 # A path that nginx, web and the database take part in, and that costs the same however many robots there are.

@@ -78,14 +78,14 @@ Results = Mapping[str, Outcome]
 
 @dataclass(frozen=True)
 class Comparison:
-    """A row of the page's first table: our figure beside that of the paper, of a peer, of an aim or of a rule."""
+    """A row of the page's first table: our figure beside that of the paper, of an aim or of a rule."""
 
     what: str
     against: str
     reference: float
     ours: float
     unit: str
-    # Which way is better: "lower", "higher" or "equal", which has to be met exactly.
+    # Which way is better: "lower", or "equal", which has to be met exactly.
     better: str
 
     @property
@@ -96,12 +96,8 @@ class Comparison:
     @property
     def is_short(self) -> bool:
         """Whether ours is worse than the reference; what is no number is."""
-        good = {
-            "lower": self.ours <= self.reference,
-            "higher": self.ours >= self.reference,
-            "equal": self.ours == self.reference,
-        }
-        return not (math.isfinite(self.ours) and good[self.better])
+        is_equal = self.ours == self.reference
+        return not (is_equal or (self.better == "lower" and self.ours < self.reference))
 
     @property
     def row(self) -> Row:

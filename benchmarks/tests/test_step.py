@@ -37,8 +37,6 @@ def store(tmp_path: Path) -> ResultStore:
         (2, 1, "lower", False),
         (2, 3, "lower", True),
         (2, 2, "lower", False),
-        (2, 3, "higher", False),
-        (2, 1, "higher", True),
         (100, 100, "equal", False),
         (100, 99.9, "equal", True),
         (0, 1, "equal", True),
