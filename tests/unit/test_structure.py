@@ -107,8 +107,6 @@ ALLOWED = {
     ("inOrder", "fleet/filters.js"): "sorted",
     ("in_order", "robotether_agent/"): "one after the other",
     ("moves", "guard/drive_messages.py"): "of a robot",
-    ("picture_bytes", "robotether_server/"): "a column of SQL",
-    ("pictures", "robotether_server/"): "a column of SQL",
     ("records", "relay/records/"): "of the database, the audit and drives",
     ("switch", "robotether_agent/cli.py"): "a command of the program",
     ("take", "server/robotether_server/relay/"): "an action of the API",

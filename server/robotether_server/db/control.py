@@ -94,8 +94,8 @@ class DriveEntry:
     latency_p50_ms: float | None = None
     latency_p95_ms: float | None = None
     bytes: int = 0
-    pictures: int = 0
-    picture_bytes: int = 0
+    frames: int = 0
+    frame_bytes: int = 0
     viewed_s: float = 0.0
     row_id: int | None = None
 
@@ -208,7 +208,7 @@ def write_stop(tx: Transaction, entry: StopEntry) -> None:
     )
 
 
-# What of a drive changes while it lasts: the columns, and the members of the entry.
+# What of a drive changes while it lasts: the columns, named as the members of the entry but for MEMBERS.
 PROGRESS = (
     "ended_at",
     "end_code",
@@ -227,6 +227,7 @@ PROGRESS = (
     "picture_bytes",
     "viewed_s",
 )
+MEMBERS = {"pictures": "frames", "picture_bytes": "frame_bytes"}
 
 
 def write_drive(tx: Transaction, drive: DriveEntry, cell: str | None) -> int | None:
@@ -264,6 +265,8 @@ def _add_drive(tx: Transaction, drive: DriveEntry, cell: str | None) -> int:
 
 def _progress(drive: DriveEntry) -> tuple[object, ...]:
     return tuple(
-        json.dumps(drive.refused) if column == "refused" else getattr(drive, column)
+        json.dumps(drive.refused)
+        if column == "refused"
+        else getattr(drive, MEMBERS.get(column, column))
         for column in PROGRESS
     )

@@ -20,7 +20,7 @@ class Drive:
 
     Distance, turn and speeds are those commanded. `dropped_old` counts commands that came too late, `refused` the
     operations that the policy refused, by kind, and what the robot's guard refused (`guard_...`). `latency_...` are
-    round trips from the driver to the robot, `bytes` rosbridge's in both directions, `pictures` and `picture_bytes` the
+    round trips from the driver to the robot, `bytes` rosbridge's in both directions, `frames` and `frame_bytes` the
     driver's video, `viewed_s` the time with a video open. None: not measured; the turn: not known, as of a car.
     """
 
@@ -43,8 +43,8 @@ class Drive:
     latency_p50_ms: Amount | None
     latency_p95_ms: Amount | None
     bytes: Count | None
-    pictures: Count | None
-    picture_bytes: Count | None
+    frames: Count | None
+    frame_bytes: Count | None
     viewed_s: Amount | None
 
     @property
@@ -55,9 +55,9 @@ class Drive:
     @property
     def frames_per_s(self) -> float | None:
         """The frame rate while a video was open; None: none was."""
-        if not self.pictures or not self.viewed_s:
+        if not self.frames or not self.viewed_s:
             return None
-        return self.pictures / self.viewed_s
+        return self.frames / self.viewed_s
 
 
 # Where a member is not the column of its name.
@@ -65,6 +65,8 @@ SOURCES = {
     "user": "s.user_name",
     "ended_at": f"IF({cells.IS_LOST}, s.updated_at, s.ended_at)",
     "end_code": cells.LOST_CODE,
+    "frames": "s.pictures",
+    "frame_bytes": "s.picture_bytes",
 }
 COLUMNS = ", ".join(
     f"{SOURCES.get(one.name, f's.{one.name}')} AS `{one.name}`" for one in fields(Drive)

@@ -111,9 +111,9 @@ function latencyText({ latency_p50_ms, latency_p95_ms }) {
   return texts.latency(Math.round(latency_p50_ms), Math.round(latency_p95_ms));
 }
 
-function framesText({ pictures, picture_bytes, viewed_s }) {
-  if (!pictures || !viewed_s) return texts.noPictures;
-  return texts.pictures(shortNumber(pictures / viewed_s), sizeText(picture_bytes ?? 0));
+function framesText({ frames, frame_bytes, viewed_s }) {
+  if (!frames || !viewed_s) return texts.noVideo;
+  return texts.frames(shortNumber(frames / viewed_s), sizeText(frame_bytes ?? 0));
 }
 
 function refusedText({ refused = {}, dropped_old }) {

@@ -297,7 +297,7 @@ class DriveLog:
         entry, counters = self.entry, self._counters
         viewer_counts = counters.viewer_counts().since(self._viewed_before)
         entry.bytes = counters.passed_bytes()
-        entry.pictures, entry.picture_bytes = viewer_counts.frames, viewer_counts.bytes
+        entry.frames, entry.frame_bytes = viewer_counts.frames, viewer_counts.bytes
         entry.viewed_s = round(viewer_counts.viewed_s, 3)
         entry.latency_p50_ms = self._latency.quantile(0.5)
         entry.latency_p95_ms = self._latency.quantile(0.95)

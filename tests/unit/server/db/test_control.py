@@ -190,7 +190,7 @@ def test_a_drive_is_written_while_it_lasts_and_at_its_end(relay_database, sim1):
     drive.distance_m, drive.refused, drive.stops = 2.5, {"topic": 1}, 1
     drive.ended_at, drive.end_code = NOON + HOUR, "client_left"
     drive.latency_p50_ms, drive.latency_p95_ms, drive.bytes = 41.2, 80.5, 1234
-    drive.pictures, drive.picture_bytes, drive.viewed_s = 30, 90_000, 2.5
+    drive.frames, drive.frame_bytes, drive.viewed_s = 30, 90_000, 2.5
     drive.turned_rad = drive.top_turn_rad_s = None
     write(relay_database, drive)
     (row,) = rows(relay_database, "drives")

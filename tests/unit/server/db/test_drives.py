@@ -127,7 +127,7 @@ def test_list_goes_on_before_a_drive(database: Database, admin_database: Databas
     )
 
 
-def test_picture_rate_is_that_of_the_time_with_a_video(
+def test_frame_rate_is_that_of_the_time_with_a_video(
     database: Database, admin_database: Database
 ) -> None:
     """A drive without a video has none, nor has one from before anybody counted."""

@@ -172,7 +172,7 @@ async def test_what_a_drive_was_like_stands_in_its_record(
     await until(lambda: record().ended_at, "the drive is over")
     entry = record()
     assert 0 < entry.latency_p50_ms <= entry.latency_p95_ms
-    assert (entry.pictures, entry.picture_bytes, entry.viewed_s) == (1, 700, 0.0)
+    assert (entry.frames, entry.frame_bytes, entry.viewed_s) == (1, 700, 0.0)
     assert entry.bytes >= len(guarded.received[0])
 
 

@@ -396,7 +396,7 @@ def test_bytes_and_frames_are_those_of_the_drive(refused):
     log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.counters())
     counts.bytes, counts.viewer_counts = 700, ViewerCounts(130, 8000, 62.5)
     entry = log.written()
-    assert (entry.bytes, entry.pictures, entry.picture_bytes, entry.viewed_s) == (
+    assert (entry.bytes, entry.frames, entry.frame_bytes, entry.viewed_s) == (
         700,
         30,
         3000,
@@ -407,7 +407,7 @@ def test_bytes_and_frames_are_those_of_the_drive(refused):
     counts.bytes, counts.viewer_counts = 900, ViewerCounts(999, 99_999, 999.0)
     log.refused_by_guard({"old": 1})
     entry = log.written()
-    assert (entry.bytes, entry.pictures, entry.refused) == (800, 30, {"guard_old": 1})
+    assert (entry.bytes, entry.frames, entry.refused) == (800, 30, {"guard_old": 1})
 
 
 def test_latency_is_the_way_from_the_driver_to_the_robot(refused):

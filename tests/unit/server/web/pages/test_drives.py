@@ -56,7 +56,7 @@ def test_each_drive_is_a_file_of_its_own(ann: Browser, admin_database: Database)
     """The link leads to the API, which takes the login."""
     number = add_drive(admin_database, "sim1", "ann")
     assert f'href="/api/v1/drives/{number}" download' in ann.ask("GET", "/drives").text
-    assert ann.ask("GET", f"/api/v1/drives/{number}").json["pictures"] == 6000
+    assert ann.ask("GET", f"/api/v1/drives/{number}").json["frames"] == 6000
 
 
 def test_drive_that_a_stop_ended_says_so_once(admin: Browser, admin_database: Database) -> None:
