@@ -31,7 +31,7 @@ const BROWSER = {
 export class FrameStream {
   // `url()` gives (a promise of) the address of the frames for each attempt, ticket included where it needs one, and may
   // throw what has a `status`, as TicketRefused has. `request` as in docs/reference/media.md; what is missing has its default there.
-  // `onFrame({jpeg, number, at})`: `at` on the clock of `now()`, never later than it was; a promise that it gives is
+  // `onFrame({jpeg, sequence, at})`: `at` on the clock of `now()`, never later than it was; a promise that it gives is
   // waited for before the next frame is asked for. `onStatus({frame, why, detail, quality, width, height, fps, source,
   // bytes})` at each change: `frame` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down
   // (the camera's source, with `detail`), old, cut, unreachable, login_missing, refused (`detail`: the server's reason) or of BY_CODE.
@@ -39,7 +39,7 @@ export class FrameStream {
    * @param {{
    *   url: () => string | Promise<string>,
    *   request?: object,
-   *   onFrame: (frame: {jpeg: Uint8Array, number: number, at: number}) => void | Promise<void>,
+   *   onFrame: (frame: {jpeg: Uint8Array, sequence: number, at: number}) => void | Promise<void>,
    *   onStatus?: (status: any) => void,
    *   oldMs?: number,
    * } & Partial<typeof BROWSER>} options
@@ -206,7 +206,7 @@ const SYNC_MS = 500;
 const SILENCE_MS = 4000; // time limit for silence of the sender, which answers every clock sync
 
 class FramesLink {
-  // `request` as in docs/reference/media.md. `onFrame({jpeg, number, at, quality, byCamera, bytes})` may give a promise: the next
+  // `request` as in docs/reference/media.md. `onFrame({jpeg, sequence, at, quality, byCamera, bytes})` may give a promise: the next
   // frame is asked for when it has settled. `onStatus` gets the sender's own, `onEnd({code, reason, opened})` comes once.
   constructor(socket, { request, onFrame, onStatus, onEnd, now, wall }) {
     this.socket = socket;
@@ -276,7 +276,7 @@ class FramesLink {
   receiveFrame(data) {
     const frame = readFrame(data);
     const at = frame && this.senderClock.timestamp(frame.timestampMs);
-    if (frame) this.taken = frame.number;
+    if (frame) this.taken = frame.sequence;
     this.turn = this.turn.then(() => (at === null ? undefined : this.hand({ ...frame, at, bytes: data.byteLength })));
     this.turn = this.turn.then(() => this.credit(1));
   }
@@ -314,7 +314,7 @@ const LENGTH = 16; // Python's struct: !BBHId
 const JPEG = 1;
 const CAMERA_STAMP = 1;
 
-// Gives {number, quality, byCamera, timestampMs, jpeg}, the timestamp by the sender's clock; null for what this page
+// Gives {sequence, quality, byCamera, timestampMs, jpeg}, the timestamp by the sender's clock; null for what this page
 // cannot show, such as a codec of a newer server. Nothing is copied: `jpeg` is a view of `data`.
 export function readFrame(data) {
   if (data.byteLength <= LENGTH) return null;
@@ -322,7 +322,7 @@ export function readFrame(data) {
   const timestampMs = view.getFloat64(8);
   if (view.getUint8(0) !== JPEG || !Number.isFinite(timestampMs)) return null;
   return {
-    number: view.getUint32(4),
+    sequence: view.getUint32(4),
     quality: view.getUint16(2),
     byCamera: Boolean(view.getUint8(1) & CAMERA_STAMP),
     timestampMs,

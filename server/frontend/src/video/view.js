@@ -24,7 +24,7 @@ const SETTLE_MS = 300;
 const ROOM_FOR_MAP = "(min-width: 600px) and (min-height: 700px), (max-width: 599px) and (min-height: 800px)"; // as of drive-deck.css
 
 export class View {
-  // `driveTopic` and `holdAfterMs` as of settings.js; `openFrames(topic, {want, onFrame, onStatus})` gives a stream as of
+  // `driveTopic` and `holdAfterMs` as of settings.js; `openFrames(topic, {request, onFrame, onStatus})` gives a stream as of
   // client/frames.js; `subscribe` as of connection.js; `onMain({offered, at})` reports the main frame as of VideoInterlock,
   // ten times a second and at each frame.
   constructor(root, { robot, settings, driveTopic, holdAfterMs, openFrames, subscribe, onMain, now = () => performance.now() }) {

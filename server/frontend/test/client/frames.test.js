@@ -23,8 +23,8 @@ beforeEach(() => {
       return "wss://server/robots/sim1/video/frames?topic=%2Fcamera";
     },
     request: { quality_max: 70 },
-    onFrame: ({ number, at, jpeg }) => {
-      frames.push({ number, at, jpeg: [...jpeg] });
+    onFrame: ({ sequence, at, jpeg }) => {
+      frames.push({ sequence, at, jpeg: [...jpeg] });
       return hold?.promise;
     },
     onStatus: (status) => statuses.push(status),
@@ -82,8 +82,8 @@ test("it says what it asks for, syncs clocks, and gives two credits", async () =
 
 test("a frame comes with its timestamp on this page's clock", async () => {
   await goOpen();
-  await receive({ number: 7, timestampMs: AHEAD + 940, jpeg: [1, 2], quality: 60 });
-  assert.deepEqual(frames, [{ number: 7, at: 940, jpeg: [1, 2] }]);
+  await receive({ sequence: 7, timestampMs: AHEAD + 940, jpeg: [1, 2], quality: 60 });
+  assert.deepEqual(frames, [{ sequence: 7, at: 940, jpeg: [1, 2] }]);
   assert.equal(last().frame, "live");
   assert.equal(last().quality, 60);
   assert.equal(stream.ageMs, 60);
@@ -91,10 +91,10 @@ test("a frame comes with its timestamp on this page's clock", async () => {
 
 test("a frame counts when it has been shown, and one that cannot be shown never does", async () => {
   await goOpen();
-  await receive({ number: 1, timestampMs: AHEAD + 990 });
+  await receive({ sequence: 1, timestampMs: AHEAD + 990 });
   clock += 500;
   hold = withResolvers();
-  await receive({ number: 2, timestampMs: AHEAD + 1490 });
+  await receive({ sequence: 2, timestampMs: AHEAD + 1490 });
   assert.equal(stream.ageMs, 510);
   hold.reject(new Error("broken JPEG"));
   await settle();
@@ -104,7 +104,7 @@ test("a frame counts when it has been shown, and one that cannot be shown never 
 test("a frame that is shown after the stream was stopped does not count", async () => {
   await goOpen();
   hold = withResolvers();
-  await receive({ number: 1, timestampMs: AHEAD + 990 });
+  await receive({ sequence: 1, timestampMs: AHEAD + 990 });
   stream.stop();
   hold.resolve();
   await settle();
@@ -114,8 +114,8 @@ test("a frame that is shown after the stream was stopped does not count", async 
 test("the next frame is asked for when this one has been shown", async () => {
   const socket = await goOpen();
   hold = withResolvers();
-  socket.frame({ number: 7, timestampMs: AHEAD + 990 });
-  await receive({ number: 8, timestampMs: AHEAD + 995 });
+  socket.frame({ sequence: 7, timestampMs: AHEAD + 990 });
+  await receive({ sequence: 8, timestampMs: AHEAD + 995 });
   assert.equal(socket.said("credit").length, 1);
   assert.equal(frames.length, 1);
   const first = hold;
@@ -139,8 +139,8 @@ test("a frame that cannot be shown, of another codec or without a known timestam
   const socket = await goOpen();
   hold = withResolvers();
   hold.reject(new Error("broken JPEG"));
-  await receive({ number: 7, timestampMs: AHEAD });
-  await receive({ number: 8, codec: 2 });
+  await receive({ sequence: 7, timestampMs: AHEAD });
+  await receive({ sequence: 8, codec: 2 });
   assert.equal(socket.said("credit").length, 3);
   assert.equal(frames.length, 1);
 });
@@ -149,7 +149,7 @@ test("a frame before the first answered clock sync is not shown: its age is unkn
   stream.start();
   await settle();
   sockets[0].open();
-  await receive({ number: 1, timestampMs: AHEAD });
+  await receive({ sequence: 1, timestampMs: AHEAD });
   assert.deepEqual(frames, []);
   assert.equal(last().frame, "none");
   assert.equal(sockets[0].said("credit").length, 2);
@@ -157,14 +157,14 @@ test("a frame before the first answered clock sync is not shown: its age is unkn
 
 test("a frame is old after a second, whether it came late or no other came", async () => {
   await goOpen();
-  await receive({ number: 1, timestampMs: AHEAD + 1000 });
+  await receive({ sequence: 1, timestampMs: AHEAD + 1000 });
   await pass(1000);
   assert.equal(last().frame, "live");
   await pass(100);
   assert.deepEqual(why(), ["old", "old"]);
-  await receive({ number: 2, timestampMs: AHEAD + clock - 1500 });
+  await receive({ sequence: 2, timestampMs: AHEAD + clock - 1500 });
   assert.equal(last().frame, "old");
-  await receive({ number: 3, timestampMs: AHEAD + clock });
+  await receive({ sequence: 3, timestampMs: AHEAD + clock });
   assert.deepEqual(why(), ["live", ""]);
 });
 
@@ -248,12 +248,12 @@ test("another request goes out on the open link and on the next ones", async () 
   assert.deepEqual(sockets[1].sent[0], { op: "stream_request", quality_max: 70, fps: 5 });
 });
 
-test("a frame is taken out with its number, quality and timestamp, without a copy", () => {
-  const data = framed({ number: 4_000_000_000, quality: 70, flags: 1, timestampMs: 5123456.75, jpeg: [1, 2, 3] });
+test("a frame is taken out with its sequence, quality and timestamp, without a copy", () => {
+  const data = framed({ sequence: 4_000_000_000, quality: 70, flags: 1, timestampMs: 5123456.75, jpeg: [1, 2, 3] });
   const frame = readFrame(data);
   assert.deepEqual(
     { ...frame, jpeg: [...frame.jpeg] },
-    { number: 4_000_000_000, quality: 70, byCamera: true, timestampMs: 5123456.75, jpeg: [1, 2, 3] },
+    { sequence: 4_000_000_000, quality: 70, byCamera: true, timestampMs: 5123456.75, jpeg: [1, 2, 3] },
   );
   assert.equal(frame.jpeg.buffer, data);
 });

@@ -80,7 +80,7 @@ class Frame:
             head = (
                 f"Content-Type: {self.codec.mime_type}\r\n"
                 f"X-Timestamp: {self.timestamp_s + unix_ahead_s:.6f}\r\n"
-                f"X-Number: {self.sequence}\r\n"
+                f"X-Sequence: {self.sequence}\r\n"
                 f"Content-Length: {self.size}\r\n\r\n"
             )
             self._part = b"".join((head.encode(), self.data, f"\r\n--{boundary}\r\n".encode()))

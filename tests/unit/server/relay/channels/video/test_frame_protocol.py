@@ -59,7 +59,7 @@ def test_a_part_says_when_and_which():
     assert head.decode().split("\r\n") == [
         "Content-Type: image/jpeg",
         "X-Timestamp: 1002.500000",
-        "X-Number: 9",
+        "X-Sequence: 9",
         f"Content-Length: {len(JPEG)}",
     ]
     assert body == JPEG + b"\r\n--edge\r\n"

@@ -51,7 +51,7 @@ async def on_air(camera):
 
 
 async def test_a_stream_comes_out_of_the_feed(*, relay, sim1, http, login, on_air, robot):
-    """Parts with moment and number, from the frames service and not from web_video_server."""
+    """Parts with timestamp and sequence, from the frames service and not from web_video_server."""
     async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
         assert answer.status == 200
         assert answer.content_type == "multipart/x-mixed-replace"
@@ -59,13 +59,13 @@ async def test_a_stream_comes_out_of_the_feed(*, relay, sim1, http, login, on_ai
         assert answer.headers["Content-Security-Policy"] == "sandbox"
         assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
         await answer.content.readuntil(b"\r\n")
-        numbers = []
+        sequences = []
         for _ in range(3):
             headers, frame = await head_and_frame(answer)
             assert frame == JPEG
             assert 0 <= time.time() - float(headers["X-Timestamp"]) < 1
-            numbers.append(int(headers["X-Number"]))
-        assert sorted(set(numbers)) == numbers
+            sequences.append(int(headers["X-Sequence"]))
+        assert sorted(set(sequences)) == sequences
     assert on_air.topics == ["/a"]
     assert robot.video_requests == []
     await until(lambda: not on_air.connections, "the feed is closed")
