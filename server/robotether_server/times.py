@@ -10,7 +10,7 @@ from typing import overload
 from robotether_server.problems import FieldInvalidError
 
 MAX_TEXT_LENGTH = 40
-MUST_BE = "a moment with its offset, such as 2026-01-31T12:00:00Z"
+MUST_BE = "a timestamp with its offset, such as 2026-01-31T12:00:00Z"
 MAX_WAIT = dt.timedelta(days=3660)
 
 # RFC 3339, which always has an offset; Python's own reader takes much more.
@@ -71,7 +71,7 @@ def check_end(field: str, ends_at: dt.datetime) -> None:
     wait = ends_at - dt.datetime.now(dt.UTC)
     if wait <= dt.timedelta():
         raise FieldInvalidError(
-            f"cannot use {field}: it has passed; give a moment in the future", field
+            f"cannot use {field}: it has passed; give a time in the future", field
         )
     if wait > MAX_WAIT:
         raise FieldInvalidError(

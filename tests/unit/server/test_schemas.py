@@ -166,7 +166,7 @@ def test_moment_has_its_offset() -> None:
     assert read(ends_at="2026-01-31T13:00+01:00") == dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
     assert read(ends_at=None) is None
     for value in ("", 5, "2026-01-31", "2026-01-31T12:00:00"):
-        assert "a moment with its offset, such as" in refused({"name": "x", "ends_at": value})
+        assert "a timestamp with its offset, such as" in refused({"name": "x", "ends_at": value})
 
 
 def test_object_is_no_list_of_pairs() -> None:

@@ -59,7 +59,9 @@ def test_day_begins_and_ends_in_utc() -> None:
 @pytest.mark.parametrize("text", ["2026-02-30", "31.1.2026", "2026-1-31", "tomorrow"])
 def test_what_is_no_day_is_refused(text: str) -> None:
     """The sentence shows both ways."""
-    with pytest.raises(FieldInvalidError, match=r"a day in UTC, such as 2026-01-31, or a moment"):
+    with pytest.raises(
+        FieldInvalidError, match=r"a day in UTC, such as 2026-01-31, or a timestamp"
+    ):
         times.day_or_timestamp("Until", text, is_end=True)
 
 

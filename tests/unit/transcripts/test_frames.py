@@ -50,12 +50,12 @@ BROKEN = [
 
 def header_of(message: bytes) -> dict[str, Any]:
     """A frame's header, decoded."""
-    names = ("codec", "flags", "quality", "number", "moment_ms")
+    names = ("codec", "flags", "quality", "sequence", "timestamp_ms")
     return dict(zip(names, HEADER.unpack_from(message), strict=True))
 
 
 def digest(message: bytes) -> str:
-    """A short sum of the picture behind the header."""
+    """A short sum of the frame behind the header."""
     return hashlib.sha256(message[HEADER.size :]).hexdigest()[:12]
 
 
@@ -147,7 +147,7 @@ async def http() -> AsyncIterator[aiohttp.ClientSession]:
 
 async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> None:
     """Each byte that a viewer gets but those of a clock, and what the robot is asked for meanwhile."""
-    transcript, camera = Transcript(("sender_ms", "moment_ms")), await world.start()
+    transcript, camera = Transcript(("sender_ms", "timestamp_ms")), await world.start()
     async with RawViewer(world.url()) as viewer:
         head = re.sub("Server: .*\r", "Server: <aiohttp>\r", viewer.head.rstrip())
         transcript.add("relay:", *head.split("\r\n"))
@@ -160,8 +160,10 @@ async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> No
             if header[0] == 0x81:
                 transcript.add("  text:", json.loads(data))
             else:
-                transcript.add("  header but for its moment:", data[:8].hex(" "), header_of(data))
-                transcript.add("  picture:", {"size": len(data) - HEADER.size, "sum": digest(data)})
+                transcript.add(
+                    "  header but for its timestamp:", data[:8].hex(" "), header_of(data)
+                )
+                transcript.add("  frame:", {"size": len(data) - HEADER.size, "sum": digest(data)})
 
         viewer.send(op="stream_request", fps=5, quality_max=60)
         await camera.wait_for("credit")
@@ -175,13 +177,13 @@ async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> No
         ):
             await camera.show(bytes([size % 251]) * size, quality=quality)
             viewer.send(op="credit", frames=1, taken=number - 1 or None)
-            await add(f"a picture of {size} bytes")
+            await add(f"a frame of {size} bytes")
             if number == 1:
                 first_credits = list(camera.of("credit"))
         viewer.send(op="stream_request", width=640, height=480)
         await camera.wait_for("stream_request", width=640)
         await camera.wait_for("credit", taken=1)
-    # Clock syncs are sent by the clock; a credit when the fastest viewer has taken a picture.
+    # Clock syncs are sent by the clock; a credit when the fastest viewer has taken a frame.
     transcript.add("relay to robot:", camera.of("clock_sync")[0] | {"t_ms": "<clock>"})
     taken = next(text for text in camera.of("credit") if text["taken"] == 1)
     for text in [*camera.of("stream_request"), *first_credits, taken]:
@@ -268,7 +270,7 @@ class Service:
         return await self.http.ws_connect(url, max_msg_size=0)
 
     async def text(self, socket: aiohttp.ClientWebSocketResponse) -> Any:
-        """Wait for the next text, and take the pictures that come before it."""
+        """Wait for the next text, and take the frames that come before it."""
         async with asyncio.timeout(WAIT_S):
             while (message := await socket.receive()).type is aiohttp.WSMsgType.BINARY:
                 await socket.send_json({"op": "credit", "frames": 1})
@@ -289,38 +291,38 @@ async def service(
 
 
 async def test_agent_and_relay(service: Service, recorded: SnapshotAssertion) -> None:
-    """A clock sync, statuses, a picture of a camera that stamps them, and what is not the protocol."""
-    transcript = Transcript(("sender_ms", "moment_ms", "fps", "number"))
+    """A clock sync, statuses, a frame of a camera that stamps them, and what is not the protocol."""
+    transcript = Transcript(("sender_ms", "timestamp_ms", "fps", "sequence"))
     transcript.name(service.camera.port, "camera's port")
     # One quality and a long time: no step down, however slow this machine is.
-    want = {"op": "stream_request", "quality_min": 40, "quality_max": 40, "latency_ms": 5000}
-    want |= {"width": 320, "height": 240}
+    request = {"op": "stream_request", "quality_min": 40, "quality_max": 40, "latency_ms": 5000}
+    request |= {"width": 320, "height": 240}
     async with await service.connect("/a") as socket:
         await socket.send_json({"op": "dance"})
         await socket.send_json({"op": "clock_sync", "t_ms": 81.25})
         transcript.add("agent:", await service.text(socket))
-        await socket.send_json(want)
-        transcript.add("agent, before a picture:", await service.text(socket))
+        await socket.send_json(request)
+        transcript.add("agent, before a frame:", await service.text(socket))
         await socket.send_json({"op": "credit", "frames": 2, "taken": None})
-        pictures = []
+        frames = []
         async with asyncio.timeout(WAIT_S):
-            while len(pictures) < 2:
+            while len(frames) < 2:
                 message = await socket.receive()
                 if message.type is aiohttp.WSMsgType.BINARY:
-                    pictures.append(message.data)
-        first, second = pictures
-        transcript.add("agent, a picture:", first[:4].hex(" "), header_of(first))
-        assert header_of(second)["number"] > header_of(first)["number"] > 0
+                    frames.append(message.data)
+        first, second = frames
+        transcript.add("agent, a frame:", first[:4].hex(" "), header_of(first))
+        assert header_of(second)["sequence"] > header_of(first)["sequence"] > 0
         # The comment behind a JPEG's start is the camera's count.
-        transcript.add("  picture:", {"size": len(first), "begins": first[16:22].hex(" ")})
+        transcript.add("  frame:", {"size": len(first), "begins": first[16:22].hex(" ")})
         await socket.send_json({"op": "credit", "frames": 2})
         while (status := await service.text(socket))["state"] != "live":
             pass
-        transcript.add("agent, when pictures come:", status)
+        transcript.add("agent, when frames come:", status)
     transcript.add("camera is asked for:", service.camera.asked[0])
     service.camera.mode = "refuses"
     async with await service.connect("/b") as socket:
-        await socket.send_json(want)
+        await socket.send_json(request)
         await socket.send_json({"op": "credit", "frames": 2})
         while (status := await service.text(socket))["state"] != "down":
             pass

@@ -218,7 +218,7 @@ REFUSED: dict[str, dict[str, Any] | str] = {
     "too old": {"age_ms": 1e9},
     "of the future": {"age_ms": -1e9},
     "without a stamp": {"robotether": None},
-    "without a moment": {"robotether": {"fence": 13}},
+    "without a timestamp": {"robotether": {"fence": 13}},
     "of another lease": {"robotether": {"t_ms": 0, "fence": 12}, "id": "p1"},
     "no object": {"msg": 1},
     "unknown shape": {"msg": {}},
