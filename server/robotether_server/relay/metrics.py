@@ -36,10 +36,10 @@ class Metrics:
         self._registry.register(_Collector(partial(_read_bridges, traffic)))
         self.refusals = self._counter("refusals", "Requests refused, by problem code", "code")
         self.close_reasons = self._counter(
-            "connection_endings", "Operators' connections ended, by reason", "name"
+            "connections_closed", "Operators' connections closed, by reason", "name"
         )
         self.session_close_codes = self._counter(
-            "session_endings", "Robots' sessions ended, by reason", "code"
+            "sessions_closed", "Robots' sessions closed, by reason", "code"
         )
         self.session_refusals = self._counter(
             "session_refusals", "Robots' connections refused, by reason", "code"

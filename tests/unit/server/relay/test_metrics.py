@@ -59,9 +59,9 @@ def test_close_reasons_and_refusals_are_counted_by_reason(metrics):
     metrics.guard_refusals.labels("old").inc(3)
     metrics.port_checks.labels("ros", "down").inc()
     shown = lines(metrics)
-    assert 'robotether_relay_connection_endings_total{name="client_left"} 2.0' in shown
+    assert 'robotether_relay_connections_closed_total{name="client_left"} 2.0' in shown
     assert 'robotether_relay_refusals_total{code="ticket_used"} 1.0' in shown
-    assert 'robotether_relay_session_endings_total{code="timeout"} 1.0' in shown
+    assert 'robotether_relay_sessions_closed_total{code="timeout"} 1.0' in shown
     assert 'robotether_relay_session_refusals_total{code="preface"} 1.0' in shown
     assert 'robotether_relay_guard_refusals_total{kind="old"} 3.0' in shown
     assert 'robotether_relay_port_checks_total{health="down",service="ros"} 1.0' in shown

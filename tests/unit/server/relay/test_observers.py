@@ -112,7 +112,7 @@ def test_robots_are_logged_by_name_and_their_close_reasons_counted(
         "robot sim1 is online from 198.51.100.7",
         "robot 7 is offline: robot_unknown",
     ]
-    assert b'session_endings_total{code="robot_unknown"} 1.0' in metrics.render()
+    assert b'sessions_closed_total{code="robot_unknown"} 1.0' in metrics.render()
     assert b'session_refusals_total{code="preface"} 1.0' in metrics.render()
 
 
@@ -221,7 +221,7 @@ def test_watching_and_waiting_are_logged_and_counted_but_no_audit(
     assert event_writer.notes == []
     use = connection.use
     assert caplog.messages == [f"robot sim1: ann's {use} connection ended after 1.0 s: client_left"]
-    assert b'connection_endings_total{name="client_left"} 1.0' in metrics.render()
+    assert b'connections_closed_total{name="client_left"} 1.0' in metrics.render()
 
 
 def test_counting_begins_with_the_first_report():

@@ -434,7 +434,7 @@ async def test_a_robot_that_reads_nothing_is_bounded_and_ends(relay, sim1, conne
         while presence(relay, sim1).online:
             session.send_raw(line * 100)
             await asyncio.sleep(0)
-    assert b'session_endings_total{code="timeout"} 1.0' in relay.relay.metrics.render()
+    assert b'sessions_closed_total{code="timeout"} 1.0' in relay.relay.metrics.render()
     await until(lambda: not relay.relay.sessions._live, "the link is cut")
 
 
