@@ -315,8 +315,8 @@ class Relay:
         gauge("robots_elsewhere", "Robots of other cells", self.peers.robot_count)
         gauge("event_clients", "Clients of the live fleet", self.fleet_events.subscriber_count)
         gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
-        gauge("journal_waiting", "Entries not yet written", self.event_writer.waiting)
-        gauge("journal_dropped", "Entries given up", lambda: self.event_writer.dropped)
+        gauge("event_writer_waiting", "Entries not yet written", self.event_writer.waiting)
+        gauge("event_writer_dropped", "Entries given up", lambda: self.event_writer.dropped)
         self.metrics.collect_feeds(self.feeds.traffic)
         self.metrics.collect_backups(RECORD)
 
