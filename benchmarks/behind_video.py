@@ -24,7 +24,8 @@ from pathlib import Path
 import aiohttp
 from bare_tunnel import new_key, ssh_command
 from demo import ROOT
-from link import Link, Shape, why_not_here
+from link import Link, why_not_here
+from link_queue import Shape
 from local_network import free_port
 from openssh_server import OpenSshServer, listens, wait_until
 from report import Row, Section, quantiles

@@ -24,7 +24,7 @@ from bare_tunnel import bare_tunnel
 from demo import Demo
 from local_network import insecure_tls
 from namespaces import Namespace
-from paper.networks import PLAIN, made_in
+from paper.networks import made_in
 from paper.robots import ROSBRIDGE_PORT, WholeRobot, wait_all_online
 from paper.world import World
 from report import Row, Section, quantiles
@@ -104,7 +104,7 @@ def whole_robot(demo: Demo) -> Iterator[WholeRobot]:
     with TemporaryDirectory(prefix="rt-x-") as folder, ExitStack() as stack:
         world = World(demo.container, Path(folder))
         world.token = demo.token
-        [uplink] = stack.enter_context(world.uplinks([PLAIN]))
+        [uplink] = stack.enter_context(world.uplinks(1))
         [enrolled] = world.enrol(world.names("round-trip", 1))
         stack.callback(world.remove, [enrolled])
         robot = stack.enter_context(WholeRobot(world, enrolled, uplink, "simulator"))

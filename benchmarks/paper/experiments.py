@@ -19,7 +19,7 @@ from paper.cells import cells
 from paper.conftest import scale_of
 from paper.density import density
 from paper.fleet import startup
-from paper.numbered import high_rate, mixed
+from paper.numbered import high_rate
 from paper.page import sentence
 from paper.step import Outcome, Part, ResultStore, Step, now
 from paper.world import World
@@ -29,7 +29,6 @@ PARTS = (
     startup.PART,
     density.PART,
     high_rate.PART,
-    mixed.PART,
     cells.PART,
 )
 # A path that nginx, web and the database take part in, and that costs the same however many robots there are.

@@ -1,6 +1,6 @@
 """The stack that experiments run against: its ports, its API as an admin, its containers, and robots enrolled there.
 
-    with World.own() as world, world.uplinks([SLOW_4G]) as [uplink]:
+    with World.own() as world, world.uplinks(1) as [uplink]:
         [robot] = world.enrol(world.names("startup", 1))
 
 `World.own()` starts a stack for itself and removes it. Robots join by the agent's own code against the server itself.
@@ -35,7 +35,7 @@ from robotether_agent import settings as agent_settings
 from robotether_agent.enrolment.enroller import Enroller
 from stack import Stack
 
-from paper.networks import Profile, Uplink, uplinks
+from paper.networks import Uplink, uplinks
 
 # The containers' own, whatever they are published as.
 HTTPS = "8443/tcp"
@@ -150,9 +150,9 @@ class World:
             self.api("DELETE", f"/robots/{robot.name}")
             shutil.rmtree(robot.folder, ignore_errors=True)
 
-    def uplinks(self, profiles: Sequence[Profile]) -> AbstractContextManager[list[Uplink]]:
-        """One network for each profile, all there at once, with this machine behind each."""
-        return uplinks(profiles, self.machine)
+    def uplinks(self, how_many: int) -> AbstractContextManager[list[Uplink]]:
+        """So many networks, with this machine behind each."""
+        return uplinks(how_many, self.machine)
 
     @cached_property
     def token(self) -> str:

@@ -125,7 +125,7 @@ def test_a_run_is_the_sum_of_its_pairs() -> None:
 
 
 async def test_a_sender_that_is_held_up_hides_no_latency() -> None:
-    port, pair = free_port(), {"pair": 3, "count": 50, "rate_hz": 100, "namespace": ""}
+    port, pair = free_port(), {"pair": 3, "count": 50, "rate_hz": 100}
     async with BusRobot("127.0.0.1", port), aiohttp.ClientSession() as http:
         url = f"ws://127.0.0.1:{port}/"
         receiver = Receiver(End(**pair, sends=False, url=url), http)

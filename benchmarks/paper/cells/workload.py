@@ -26,7 +26,7 @@ from paper.cells.history import History
 from paper.cells.nemesis import GUARDS_SHARE, Context, Nemesis, make_disk, remove_disk
 from paper.cells.site import Cell, Site
 from paper.fleet.fleet import VIRTUAL_IN_A_WORKER, Worker, placed, workers_for
-from paper.networks import PLAIN, Uplink
+from paper.networks import Uplink
 from paper.programs import LineProgram
 from paper.world import Enrolled
 
@@ -127,7 +127,7 @@ class Workload:
         of_virtual = workers_for(len(virtual), VIRTUAL_IN_A_WORKER)
         folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
-            uplinks = stack.enter_context(site.world.uplinks([PLAIN] * (of_agents + of_virtual)))
+            uplinks = stack.enter_context(site.world.uplinks(of_agents + of_virtual))
             place = site.world.folder / f"run-{time.monotonic_ns()}"
             place.mkdir()
             stack.callback(shutil.rmtree, place, ignore_errors=True)

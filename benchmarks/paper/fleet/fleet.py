@@ -1,4 +1,4 @@
-"""Many robots that start, are ended, and come back together: the machinery of `startup` and of mixed networks.
+"""Many robots that start, are ended, and come back together: the machinery of `startup` and `density`.
 
     values = with_fleet(world, 50, lambda fleet: fleet.start("repetition 7"))
 
@@ -15,11 +15,7 @@ import asyncio
 import tempfile
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
-from contextlib import (
-    AbstractContextManager,
-    AsyncExitStack,
-    asynccontextmanager,
-)
+from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -34,7 +30,7 @@ from paper.costs import Reading, cpu_between, limits_met, memory_between
 from paper.fleet.operators import REQUEST_S, Arrivals, FleetEvents, Operators
 from paper.fleet.report import AGENTS, FAILED_AFTER_S
 from paper.fleet.worker import allow_files
-from paper.networks import PLAIN, Uplink, made_in
+from paper.networks import Uplink
 from paper.programs import LineProgram
 from paper.robots import ASIDE, no_longer_aside
 from paper.world import Enrolled, World
@@ -77,11 +73,6 @@ def placed(
 def workers_for(count: int, most: int) -> int:
     """At least two workers, if there are as many robots, and none with more than `most`."""
     return max(min(LEAST_WORKERS, count), -(-count // most))
-
-
-def plain_uplinks(world: World, workers: int) -> AbstractContextManager[list[Uplink]]:
-    """One for each worker."""
-    return world.uplinks([PLAIN] * workers)
 
 
 def watched_s(count: int) -> float:
@@ -228,7 +219,7 @@ def with_fleet(
     of_virtual = workers_for(len(virtual), VIRTUAL_IN_A_WORKER)
     allow_files(FILES_OF_OPERATORS)
     with (
-        plain_uplinks(world, of_real + of_virtual) as uplinks,
+        world.uplinks(of_real + of_virtual) as uplinks,
         tempfile.TemporaryDirectory(prefix="rt-fleet-") as logs,
     ):
 
@@ -247,14 +238,10 @@ def with_fleet(
 
 @asynccontextmanager
 async def following(
-    world: World,
-    robots: Sequence[Enrolled],
-    sides: Sequence[Worker],
-    operators: Uplink | None = None,
+    world: World, robots: Sequence[Enrolled], sides: Sequence[Worker]
 ) -> AsyncIterator[Fleet]:
-    """The fleet that these robots are, with operators, behind an uplink or here, who follow the server's events."""
-    how = {} if operators is None else made_in(operators.inside)
-    async with new_http(world.token, **how) as http:
+    """The fleet that these robots are, with operators who follow the server's events."""
+    async with new_http(world.token) as http:
         fleet = Fleet(world, robots, sides, http)
         fleet_events = asyncio.ensure_future(fleet.fleet_events.follow())
         try:

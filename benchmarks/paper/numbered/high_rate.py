@@ -14,7 +14,7 @@ from typing import Any
 
 from report import Row
 
-from paper.networks import PLAIN, ServerLine, Uplink, server_line
+from paper.networks import ServerLine, Uplink, server_line
 from paper.numbered.messages import FRAME_BYTES, Histogram
 from paper.numbered.report import (
     MICROSECONDS,
@@ -26,7 +26,7 @@ from paper.numbered.report import (
     server_cost_s,
     shortfalls,
 )
-from paper.numbered.run import Pair, Plan, run
+from paper.numbered.run import Plan, run
 from paper.robots import WholeRobot, wait_all_online
 from paper.step import (
     Comparison,
@@ -127,15 +127,16 @@ def measure(case: Case, world: World) -> Values:
         stack.callback(world.remove, enrolled)
         whole = [stack.enter_context(WholeRobot(world, one, robots, "bus")) for one in enrolled]
         wait_all_online(whole, ONLINE_WITHIN_S + ONLINE_S_A_ROBOT * len(whole))
-        ready = [Pair(operators, one) for one in whole]
-        return {"runs": {one.name: _measured(world, ready, one, line) for one in case.runs}}
+        return {
+            "runs": {one.name: _measured(world, operators, whole, one, line) for one in case.runs}
+        }
 
 
 @contextmanager
 def _networks(case: Case, world: World) -> Iterator[tuple[Uplink, Uplink, ServerLine | None]]:
     """One for all operators and one for all robots: they share nothing but the server and, if it is slow, its line."""
     if case.line_mbit_s is None:
-        with world.uplinks([PLAIN, PLAIN]) as (operators, robots):
+        with world.uplinks(2) as (operators, robots):
             yield operators, robots, None
     else:
         with server_line(case.line_mbit_s, world.machine) as line:
@@ -143,14 +144,18 @@ def _networks(case: Case, world: World) -> Iterator[tuple[Uplink, Uplink, Server
 
 
 def _measured(
-    world: World, ready: Sequence[Pair], one: Run, line: ServerLine | None
+    world: World,
+    operators: Uplink,
+    robots: Sequence[WholeRobot],
+    one: Run,
+    line: ServerLine | None,
 ) -> dict[str, Any]:
     before = line and line.counts()
-    values = {"title": one.title, **run(world, ready[: one.pairs], one.plan)}
+    values = {"title": one.title, **run(world, operators, robots[: one.pairs], one.plan)}
     if line is None or before is None:
         return values
     counts = {name: value - before[name] for name, value in line.counts().items()}
-    return {**values, "line": {"mbit_s": line.operators.profile.up_mbit_s, **counts}}
+    return {**values, "line": {"mbit_s": line.mbit_s, **counts}}
 
 
 def report(_scale: Scale, results: Results) -> Report:

@@ -1,6 +1,6 @@
 """Numbered messages: which of them were lost, duplicated or reordered, and how late they came.
 
-Used by the experiments 2 and 3. Each message carries the number of its pair, its own, and the moment in which it was
+Each message carries the number of its pair, its own, and the moment in which it was
 due, by the one clock of this machine (`time.monotonic_ns`). Latency counts from that moment and not from the one in
 which it was sent, so that a sender that is held up hides nothing. Pure: no network, no clock of its own.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 TOPIC, TYPE = "/numbered", "std_msgs/String"
-# The whole publish operation, as in the other experiments.
+# The whole publish operation, as in round_trip.
 FRAME_BYTES = 200
 # So many of the missing are named.
 NAMED_AT_MOST = 5

@@ -1,6 +1,6 @@
 """The rows of runs of numbered messages, and what falls short in them.
 
-Used by high_rate.py and mixed.py with what run.py returned, in the runs' order. Pure.
+Used by high_rate.py with what run.py returned, in the runs' order. Pure.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from paper.step import Comparison, Values, exactly
 FULL = 0.95
 MICROSECONDS = 1e6
 # What the experiment is made of beside the server.
-BESIDE = ("robots", "links", "senders", "receivers")
+BESIDE = ("robots", "senders", "receivers")
 CAPTION = "The share of messages that came later than a latency; both axes are logarithmic."
 
 
@@ -28,16 +28,13 @@ def flattened(values: Mapping[str, Any]) -> dict[str, Values]:
 
 
 def delivery_rows(runs: Iterable[Values]) -> Iterable[Row]:
-    """A row a run, and behind it one for each kind of network that it was on, if there were several."""
-    for run in runs:
-        yield _delivery(run["title"], run)
-        yield from (_delivery(f"of these {kind}", part) for kind, part in run["networks"].items())
+    return map(_delivery, runs)
 
 
-def _delivery(title: str, run: Values) -> Row:
+def _delivery(run: Values) -> Row:
     planned = run["pairs"] * run["count"]
     return {
-        "run": title,
+        "run": run["title"],
         "pairs": run["pairs"],
         "messages a pair": run["count"],
         "Hz": run["rate_hz"],
@@ -61,7 +58,7 @@ def cost_rows(runs: Iterable[Values]) -> Iterable[Row]:
             "messages/s a core of the server": 1 / max(1 / MICROSECONDS, server_cost_s(run)),
             **{
                 f"{name}, share of a core": f"{used[name] / run['took_s']:.0%}"
-                for name in ("senders", "receivers", "links")
+                for name in ("senders", "receivers")
             },
             "machine busy": f"{busy(run):.0%}",
             "others' share": f"{_others(run):.0%}",
@@ -125,12 +122,9 @@ def _shortfalls(run: Values) -> Iterable[str]:
 
 
 def latency_figure(runs: Iterable[Values]) -> Figure:
-    """A line a run; for each kind of network, where a run has several."""
+    """A line a run."""
     lines = [
-        tail(label, Histogram(part["latency"]).times_ms)
-        for run in runs
-        for label, part in (run["networks"] or {run["title"]: run}).items()
-        if part["latency"]
+        tail(run["title"], Histogram(run["latency"]).times_ms) for run in runs if run["latency"]
     ]
     return Figure(
         caption=CAPTION,

@@ -1,6 +1,6 @@
-"""A process that sends or receives numbered messages on many connections: the load generator of experiments 2 and 3.
+"""A process that sends or receives numbered messages on many connections: the load generator of high_rate.
 
-Started by run.py, which speaks with it in JSON lines: a list of ends on stdin, "ready" back when all are
+Started by run.py, which speaks with it in JSON lines: a namespace and its ends on stdin, "ready" back when all are
 connected; senders then wait for {"begin_ns"}, receivers for {"sent"} after which ten seconds of silence end them;
 the last line back is what each end saw, with this process's own CPU time. A connection that ends is dialled again and
 counted, before the start as in mid-run: what it had taken and never came is lost, and is not sent again.
@@ -44,8 +44,6 @@ class End:
     count: int
     rate_hz: float
     sends: bool
-    # Where its sockets are made.
-    namespace: str
     # Of the robot's own rosbridge; an operator has HOST:PORT of the site in its place.
     url: str = ""
     site: str = ""
@@ -241,10 +239,6 @@ async def _wait_for_last(receivers: Sequence[Receiver], sent: asyncio.Future[Any
             return
 
 
-def _http_in(namespace: str) -> aiohttp.ClientSession:
-    return new_http(**made_in(Namespace(namespace, "")))
-
-
 async def _read_order() -> Mapping[str, Any]:
     line = await asyncio.to_thread(sys.stdin.readline)
     if not line:
@@ -254,12 +248,13 @@ async def _read_order() -> Mapping[str, Any]:
 
 
 async def work() -> None:
-    ends = [End(**values) for values in (await _read_order())["ends"]]
+    order = await _read_order()
+    ends = [End(**values) for values in order["ends"]]
     async with AsyncExitStack() as stack:
-        used = {end.namespace for end in ends}
-        clients = {one: await stack.enter_async_context(_http_in(one)) for one in used}
+        inside = made_in(Namespace(order["namespace"], ""))
+        http = await stack.enter_async_context(new_http(**inside))
         kind = Sender if ends[0].sends else Receiver
-        made = [kind(end, clients[end.namespace]) for end in ends]
+        made = [kind(end, http) for end in ends]
         await asyncio.gather(*(one.dialled.dial_first() for one in made))
         for one in made:
             stack.push_async_callback(one.dialled.close)

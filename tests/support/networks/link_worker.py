@@ -1,8 +1,7 @@
 """The process between the two ends of an emulated link: moves packets from TUN to TUN as `link_queue` says.
 
-Started by link.py with the names of two namespaces and a seed. Takes JSON lines on stdin: {"up": SHAPE, "down": SHAPE}
-changes the link; each line is answered with the counts of both directions. At the end of stdin, which comes also when
-its owner is killed, it removes both namespaces and ends.
+Started by link.py with the names of two namespaces and the shapes of both ways as JSON. At the end of stdin, which
+comes also when its owner is killed, it removes both namespaces and ends.
 """
 
 from __future__ import annotations
@@ -15,8 +14,6 @@ import struct
 import sys
 import time
 from contextlib import suppress
-from dataclasses import asdict
-from random import Random
 
 import namespaces
 from link_queue import Direction, Shape
@@ -56,11 +53,8 @@ def be_punctual() -> None:
 class Worker:
     """Both directions, and where each begins and ends."""
 
-    def __init__(self, robot: int, server: int, seed: int) -> None:
-        self._up = Direction(Shape(), Random(seed))
-        self._down = Direction(Shape(), Random(seed + 1))
-        self._ways = ((self._up, robot, server), (self._down, server, robot))
-        self._orders = b""
+    def __init__(self, robot: int, server: int, up: Shape, down: Shape) -> None:
+        self._ways = ((Direction(up), robot, server), (Direction(down), server, robot))
 
     def run(self) -> None:
         """Move packets until stdin ends."""
@@ -74,25 +68,12 @@ class Worker:
             for direction, _, way_out in self._ways:
                 for packet in direction.due(now):
                     put(way_out, packet)
-            if 0 in ready and not self._obey():
+            if 0 in ready:
                 return
 
     def _pause_s(self) -> float | None:
         times = [at for direction, _, _ in self._ways if (at := direction.next_at()) is not None]
         return max(0.0, min(times) - time.monotonic() - EARLY_S) if times else None
-
-    def _obey(self) -> bool:
-        """Do what stdin says; False at its end."""
-        data = os.read(0, 65536)
-        *lines, self._orders = (self._orders + data).split(b"\n")
-        for line in lines:
-            order = json.loads(line)
-            for name, direction in (("up", self._up), ("down", self._down)):
-                if name in order:
-                    direction.change(time.monotonic(), Shape.of(order[name]))
-            answer = {"up": asdict(self._up.counts), "down": asdict(self._down.counts)}
-            os.write(1, json.dumps(answer).encode() + b"\n")
-        return bool(data)
 
 
 def take(direction: Direction, entry: int) -> None:
@@ -113,9 +94,10 @@ def put(way_out: int, packet: bytes) -> None:
 
 def main() -> None:
     """Serve one link."""
-    robot, server, seed = sys.argv[1], sys.argv[2], int(sys.argv[3])
+    robot, server, *shapes = sys.argv[1:]
+    up, down = (Shape(**json.loads(shape)) for shape in shapes)
     try:
-        worker = Worker(open_tun(robot), open_tun(server), seed)
+        worker = Worker(open_tun(robot), open_tun(server), up, down)
         be_punctual()
         sys.stdout.write("ready\n")
         sys.stdout.flush()
