@@ -11,7 +11,7 @@ from typing import Any
 
 from local_network import free_port
 from namespaces import Namespace
-from openssh_server import OpenSshServer, listens, wait_until
+from openssh_server import OpenSshServer, listens, make_key, wait_until
 
 LOCALHOST = "127.0.0.1"
 OPTIONS = (
@@ -21,14 +21,6 @@ OPTIONS = (
     "LogLevel=ERROR",
     "ExitOnForwardFailure=yes",
 )
-
-
-def new_key(folder: Path) -> tuple[Path, str]:
-    """A key's file, and its public line."""
-    key = folder / "key"
-    command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)]
-    subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
-    return key, key.with_suffix(".pub").read_text().strip()
 
 
 def ssh_command(
@@ -58,8 +50,8 @@ def bare_forward(
 ) -> Iterator[None]:
     """A connection as of `ssh_command`, with a key of its own, from this network or a namespace; all forwards stand."""
     with tempfile.TemporaryDirectory(prefix="rt-bare-") as name:
-        key, public = new_key(Path(name))
-        sshd.authorize_too(public, tuple(forwards), robot_id)
+        key = Path(name) / "key"
+        sshd.authorize_too(make_key(key), tuple(forwards), robot_id)
         command = ssh_command(sshd, key, forwards, host, bind=bind)
         log = Path(name) / "ssh.log"
         # Its last word, that the server has gone, is for nobody.

@@ -22,12 +22,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import aiohttp
-from bare_tunnel import new_key, ssh_command
+from bare_tunnel import ssh_command
 from demo import ROOT
 from link import Link, why_not_here
 from link_queue import Shape
 from local_network import free_port
-from openssh_server import OpenSshServer, listens, wait_until
+from openssh_server import OpenSshServer, listens, make_key, wait_until
 from report import Row, Section, quantiles
 from video_robot import FRAMES_HZ, LENGTH, OFFERED_BIT_S, ROS_PORT, VIDEO_PORT
 
@@ -80,8 +80,8 @@ class Site:
 
     def __enter__(self) -> Site:
         """Start sshd; this thread must be in the server's namespace."""
-        self._key, public = new_key(self.folder)
-        self._sshd.authorize(public, (self.ros_port, self.video_port))
+        self._key = self.folder / "key"
+        self._sshd.authorize(make_key(self._key), (self.ros_port, self.video_port))
         # The agent knows the server by an alias, a bare ssh by its address.
         names = f"[{self._sshd.address}]:{self._sshd.port},robotether-server"
         (self.folder / "known_hosts").write_text(f"{names} {self._sshd.host_keys[0]}\n")

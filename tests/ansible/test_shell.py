@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from openssh_server import make_key
 from playbooks import ANSIBLE, Site
 from robot_hosts import ROOT, USER, WHEELHOUSE, RobotHost, RobotHosts
-from shell_hosts import make_key
 from stack import Stack
 
 NAME = "turtle"

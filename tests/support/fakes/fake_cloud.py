@@ -16,20 +16,19 @@ from __future__ import annotations
 
 import asyncio
 import atexit
-import hashlib
 import json
 import shutil
 import socket
 import ssl
-import subprocess
 import tempfile
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import aiohttp
 from aiohttp import web
+from dated_certificate import fingerprint_of, make_certificate
 from local_network import free_port
 from openssh_server import OpenSshServer
 from robotether_common.join import ROTATION_NAMESPACE, rotation_message
@@ -41,34 +40,18 @@ GUARD_KEY = "the-key-of-this-session"
 WAIT_S = 30.0
 
 
-@lru_cache(maxsize=1)
+@cache
 def certificate() -> Path:
     """Make a self-signed certificate for localhost with its key, as one PEM file."""
     place = Path(tempfile.mkdtemp(prefix="rt-tls-"))
     atexit.register(shutil.rmtree, place)
-    command = [
-        "openssl",
-        "req",
-        "-x509",
-        "-newkey",
-        "ec",
-        "-pkeyopt",
-        "ec_paramgen_curve:prime256v1",
-    ]
-    command += ["-nodes", "-days", "2", "-subj", "/CN=localhost"]
-    command += ["-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
-    command += ["-keyout", str(place / "key.pem"), "-out", str(place / "cert.pem")]
-    subprocess.run(command, check=True, capture_output=True)
-    both = place / "both.pem"
-    both.write_text((place / "cert.pem").read_text() + (place / "key.pem").read_text())
-    return both
+    return make_certificate(place)
 
 
+@cache
 def fingerprint() -> str:
     """Return the SHA-256 of the certificate, as the server prints it."""
-    pem = certificate().read_text().split("-----END CERTIFICATE-----")[0]
-    der = ssl.PEM_cert_to_DER_cert(pem + "-----END CERTIFICATE-----\n")
-    return hashlib.sha256(der).hexdigest()
+    return fingerprint_of(certificate())
 
 
 def agent_environ(cloud: FakeCloud, place: Path, **more: str) -> dict[str, str]:

@@ -7,6 +7,7 @@ import select
 import subprocess
 from pathlib import Path
 
+from openssh_server import make_key
 from robotether_common.join import JOIN_NAMESPACE, join_message
 from stack import Stack
 
@@ -22,15 +23,8 @@ class RobotKey:
         self.name = name
         self.file = folder / name
         self._known_hosts = folder / "known_hosts"
-        subprocess.run(
-            ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", name, "-f", str(self.file)],
-            check=True,
-        )
-
-    @property
-    def public(self) -> str:
-        """The public key as one line."""
-        return self.file.with_suffix(".pub").read_text().strip()
+        # The public key as one line.
+        self.public = make_key(self.file, comment=name)
 
     @property
     def fingerprint(self) -> str:

@@ -6,7 +6,6 @@ import asyncio
 import json
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self
 
 import aiohttp
@@ -28,12 +27,7 @@ class SocketClient:
         self.socket = await self._http.ws_connect(self._url, max_msg_size=0)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         # After an error aiohttp calls the socket closed but keeps its connection; only this ends that.
         self.socket._response.close()
         await self._http.close()

@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import docker
@@ -51,12 +50,7 @@ class AcmeNetwork:
         (self._folder / "own").mkdir()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for container in self._containers:
             container.remove(force=True, v=True)
         self._network.remove()

@@ -1,9 +1,9 @@
-"""Certificates for localhost that are valid at another time than now: for robots whose clock is wrong."""
+"""Certificates for localhost, valid now or, for robots whose clock is wrong, at another time."""
 
 from __future__ import annotations
 
 import hashlib
-from datetime import datetime
+from datetime import datetime, timedelta, timezone
 from ipaddress import ip_address
 from pathlib import Path
 
@@ -13,8 +13,12 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 
-def make_certificate(place: Path, begin: datetime, end: datetime) -> Path:
+def make_certificate(
+    place: Path, begin: datetime | None = None, end: datetime | None = None
+) -> Path:
     """Write a self-signed certificate with its key to one PEM file in `place`, and return that."""
+    now = datetime.now(timezone.utc)
+    begin, end = begin or now - timedelta(days=1), end or now + timedelta(days=1)
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "localhost")])
     names = x509.SubjectAlternativeName(

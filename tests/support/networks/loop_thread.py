@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
-from types import TracebackType
 from typing import Self
 
 BEGINS_WITHIN_S = 10.0
@@ -28,12 +27,7 @@ class LoopThread:
         assert self._begun.wait(BEGINS_WITHIN_S), f"no {self._what} in {BEGINS_WITHIN_S:g} s"
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._task is not None and self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._task.cancel)
         self._thread.join(10)

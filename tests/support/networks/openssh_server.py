@@ -97,9 +97,7 @@ class OpenSshServer:
         path = self._place / "host_key"
         for old in (path, path.with_suffix(".pub")):
             old.unlink(missing_ok=True)
-        command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(path)]
-        subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
-        self.host_keys = [path.with_suffix(".pub").read_text().strip()]
+        self.host_keys = [make_key(path)]
 
     def take_host_key(self, other: OpenSshServer) -> None:
         """Have the host key of another one, as all machines of a server have."""
@@ -129,32 +127,14 @@ class OpenSshServer:
 
     def start(self) -> None:
         """Start sshd and wait until it listens."""
-        if os.geteuid() == 0:
-            Path("/run/sshd").mkdir(mode=0o755, exist_ok=True)
-        config = self._place / "sshd_config"
-        config.write_text(self._config())
-        self._log = (self._place / "log").open("ab")
-        self._process = subprocess.Popen(
-            [str(SSHD), "-D", "-e", "-f", str(config)], stderr=self._log, stdin=subprocess.DEVNULL
-        )
+        self._process = start_sshd(self._place, self._config())
         wait_until(self._listens, lambda: f"sshd listens; its log:\n{self.log_text()}")
 
     def stop(self) -> None:
         """Stop sshd and every connection, without a word to the clients."""
-        if self._process is None:
-            return
-        # Held first, so that a client that comes back at once starts no process that is not in the list.
-        self._process.send_signal(signal.SIGSTOP)
-        connections = descendants(self._process.pid)
-        self._process.kill()
-        self._process.wait(WAIT_S)
-        for pid in connections:
-            kill(pid)
-        wait_until(
-            lambda: not any(map(is_alive, connections)), lambda: "sshd's children have ended"
-        )
-        self._log.close()
-        self._process = None
+        if self._process is not None:
+            stop_sshd(self._process)
+            self._process = None
 
     def drop_connections(self) -> None:
         """Kill every connection's process, and go on listening."""
@@ -208,6 +188,35 @@ class OpenSshServer:
             """
         )
         return own + "".join(f"{line}\n" for line in self._more)
+
+
+def make_key(path: Path, passphrase: str = "", *, kind: str = "ed25519", comment: str = "") -> str:
+    """Make a key pair; return the public line."""
+    command = ["ssh-keygen", "-q", "-t", kind, "-N", passphrase, "-C", comment, "-f", str(path)]
+    subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
+    return path.with_suffix(".pub").read_text().strip()
+
+
+def start_sshd(folder: Path, config: str) -> subprocess.Popen[bytes]:
+    """Start sshd with this configuration, which goes into the folder as its `log` does."""
+    if os.geteuid() == 0:
+        Path("/run/sshd").mkdir(mode=0o755, exist_ok=True)
+    (folder / "sshd_config").write_text(config)
+    command = [str(SSHD), "-D", "-e", "-f", str(folder / "sshd_config")]
+    with (folder / "log").open("ab") as log:
+        return subprocess.Popen(command, stderr=log, stdin=subprocess.DEVNULL)
+
+
+def stop_sshd(process: subprocess.Popen[bytes]) -> None:
+    """Stop sshd and every connection, without a word to the clients."""
+    # Held first, so that a client that comes back at once starts no process that is not in the list.
+    process.send_signal(signal.SIGSTOP)
+    connections = descendants(process.pid)
+    process.kill()
+    process.wait(WAIT_S)
+    for pid in connections:
+        kill(pid)
+    wait_until(lambda: not any(map(is_alive, connections)), lambda: "sshd's children have ended")
 
 
 def listens(port: int, address: str = "127.0.0.1") -> bool:

@@ -7,22 +7,13 @@ image does; robots let a person's key in and run what it asks.
 from __future__ import annotations
 
 import getpass
-import os
-import signal
 import subprocess
 import textwrap
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from local_network import free_port
-from openssh_server import SSHD, descendants, kill, listens, wait_until
-
-
-def make_key(path: Path, passphrase: str = "", kind: str = "ed25519") -> str:
-    """Make a key pair; return the public line."""
-    command = ["ssh-keygen", "-q", "-t", kind, "-N", passphrase, "-C", "", "-f", str(path)]
-    subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
-    return path.with_suffix(".pub").read_text().strip()
+from openssh_server import listens, make_key, start_sshd, stop_sshd, wait_until
 
 
 @dataclass
@@ -45,13 +36,7 @@ class ShellHost:
         if not (self.folder / "host_key").exists():
             make_key(self.folder / "host_key")
         self.host_key = (self.folder / "host_key.pub").read_text().strip()
-        if os.geteuid() == 0:
-            Path("/run/sshd").mkdir(mode=0o755, exist_ok=True)
-        config = self.folder / "sshd_config"
-        config.write_text(self._config())
-        with (self.folder / "log").open("ab") as log:
-            command = [str(SSHD), "-D", "-e", "-f", str(config)]
-            self._process = subprocess.Popen(command, stderr=log, stdin=subprocess.DEVNULL)
+        self._process = start_sshd(self.folder, self._config())
         wait_until(lambda: listens(self.port), lambda: f"sshd listens:\n{self.log()}", within_s=10)
 
     def log(self) -> str:
@@ -67,15 +52,9 @@ class ShellHost:
 
     def stop(self) -> None:
         """End sshd and all its connections."""
-        if self._process is None:
-            return
-        self._process.send_signal(signal.SIGSTOP)
-        below = descendants(self._process.pid)
-        self._process.kill()
-        self._process.wait(10)
-        for pid in below:
-            kill(pid)
-        self._process = None
+        if self._process is not None:
+            stop_sshd(self._process)
+            self._process = None
 
     def _config(self) -> str:
         fixed = f"""

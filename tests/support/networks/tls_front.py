@@ -11,6 +11,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from dated_certificate import make_certificate
+
 
 @dataclass
 class TlsFront:
@@ -30,14 +32,9 @@ def openssl(*arguments: str, stdin: bytes = b"") -> bytes:
 @contextmanager
 def running(folder: Path) -> Iterator[TlsFront]:
     """A self-signed certificate for localhost and 127.0.0.1, shown to whoever connects."""
-    key, certificate = folder / "front.key", folder / "front.pem"
-    openssl(
-        *("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"),
-        *("-days", "2", "-subj", "/CN=localhost", "-keyout", str(key), "-out", str(certificate)),
-        *("-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"),
-    )
+    certificate = make_certificate(folder)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(certificate, key)
+    context.load_cert_chain(certificate)
     with socket.create_server(("127.0.0.1", 0)) as listener:
         front = TlsFront(certificate, listener.getsockname())
         server = threading.Thread(target=_serve, args=(listener, context, front))

@@ -10,7 +10,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import docker
@@ -107,8 +106,7 @@ def write_secrets(folder: Path, passwords: dict[str, str]) -> None:
 
 def write_certificate(folder: Path) -> Path:
     """Write a certificate and its key as the entrypoint expects them; return the former."""
-    now = datetime.now(UTC)
-    both = make_certificate(folder, now - timedelta(days=1), now + timedelta(days=1))
+    both = make_certificate(folder)
     for name in ("database_cert.pem", "database_key.pem"):
         (folder / name).write_bytes(both.read_bytes())
         (folder / name).chmod(0o644)

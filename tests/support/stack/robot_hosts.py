@@ -23,13 +23,13 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import docker
 from docker.models.containers import Container
 from inside import run_inside
 from local_network import free_port
+from openssh_server import make_key
 
 ROOT = Path(__file__).resolve().parents[3]
 PREFIX = f"robot-host-{os.getpid()}"
@@ -209,27 +209,10 @@ class RobotHosts:
     def __enter__(self) -> Self:
         self.network = self.engine.networks.create(f"{PREFIX}-{id(self)}", driver="bridge")
         self.key = self.folder / "robot_hosts_key"
-        command = [
-            "ssh-keygen",
-            "-q",
-            "-t",
-            "ed25519",
-            "-N",
-            "",
-            "-C",
-            "ansible",
-            "-f",
-            str(self.key),
-        ]
-        subprocess.run(command, check=True, timeout=20)
+        make_key(self.key)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for host in list(self.booted):
             self.remove(host)
         self.network.remove()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import ssl
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 
@@ -17,6 +16,7 @@ from robotether_agent.describe_error import Cause
 from robotether_agent.doctor import FAIL, OK, SKIPPED, Finding, server
 from robotether_agent.doctor.server import CertificateError, ServerView, validity, view_server
 from robotether_agent.settings import Settings
+from tls_front import openssl
 
 UTC = timezone.utc
 NOW = datetime(2026, 3, 1, 12, 0, tzinfo=timezone.utc)
@@ -34,8 +34,9 @@ def test_both_spellings_of_a_date_are_read(place, end):
 
 def test_openssls_own_certificate_is_read():
     """The agent reads a certificate as openssl's command line makes it."""
-    pem = certificate().read_text().split("-----END CERTIFICATE-----")[0]
-    begin, end = validity(ssl.PEM_cert_to_DER_cert(pem + "-----END CERTIFICATE-----\n"))
+    made = ("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
+    der = openssl(*made, "-keyout", "/dev/null", "-days", "2", "-subj", "/CN=a", "-outform", "DER")
+    begin, end = validity(der)
     assert (end - begin).days == 2
 
 

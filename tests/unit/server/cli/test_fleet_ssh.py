@@ -11,7 +11,7 @@ from pathlib import Path
 
 import paramiko
 import pytest
-from openssh_server import wait_until
+from openssh_server import make_key, wait_until
 from robotether_server.cli import fleet_ssh
 from robotether_server.cli.fleet_ssh import (
     FleetError,
@@ -21,7 +21,7 @@ from robotether_server.cli.fleet_ssh import (
     SshConnections,
     Target,
 )
-from shell_hosts import ShellNetwork, make_key
+from shell_hosts import ShellNetwork
 
 ENTRY = """
 Host sim1
