@@ -1,11 +1,7 @@
 """A rosbridge with named misbehaviours, for tests of what stands before it.
 
-`good` keeps what it gets and echoes what is published on /echo; `silent` takes connections and answers no ping;
-`slow_reader` reads nothing from the first message on, until `read_on`; `drops` closes each connection with its first
-message; `refuses` takes no WebSocket.
-
-With `discovery_s` it is one of ROS 2: its publisher of a topic reaches no subscriber until it has found it, so long
-after the topic's first advertisement. `reached` is what came through.
+`good` keeps what it gets and echoes what is published on /echo; `slow_reader` reads nothing from the first message on,
+until `read_on`; `refuses` takes no WebSocket.
 """
 
 from __future__ import annotations
@@ -17,7 +13,7 @@ from typing import Any, Literal, Self
 
 from aiohttp import WSMsgType, web
 
-Mode = Literal["good", "silent", "slow_reader", "drops", "refuses"]
+Mode = Literal["good", "slow_reader", "refuses"]
 
 
 class FakeRosbridge:
@@ -29,7 +25,6 @@ class FakeRosbridge:
         self.got: list[tuple[float, dict[str, Any]]] = []
         self.raw: list[bytes | str] = []
         self.connections = 0
-        self.discovery_s = 0.0
         self.sockets: list[web.WebSocketResponse] = []
         self._reads = asyncio.Event()
         self._reads.set()
@@ -64,22 +59,6 @@ class FakeRosbridge:
         self.mode = "good"
         self._reads.set()
 
-    def published(self, topic: str = "/cmd_vel") -> list[tuple[float, dict[str, Any]]]:
-        """When which message came on a topic."""
-        return [
-            (at, m["msg"]) for at, m in self.got if m["op"] == "publish" and m["topic"] == topic
-        ]
-
-    def speeds(self) -> list[float]:
-        """The speeds that /cmd_vel got."""
-        return [message["linear"]["x"] for _, message in self.published()]
-
-    def reached(self) -> list[float]:
-        """Those that the robot's controller got."""
-        on_topic = [at for at, m in self.got if m.get("topic") == "/cmd_vel"]
-        found_at = min(on_topic, default=0.0) + self.discovery_s
-        return [message["linear"]["x"] for at, message in self.published() if at >= found_at]
-
     async def _serve(self, request: web.Request) -> web.StreamResponse:
         if self.mode == "refuses":
             return web.Response(status=503)
@@ -92,8 +71,7 @@ class FakeRosbridge:
         while True:
             message = await socket.receive()
             if message.type is WSMsgType.PING:
-                if self.mode != "silent":
-                    await socket.pong(message.data)
+                await socket.pong(message.data)
             elif message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
                 await self._take(socket, message.data)
             elif message.type is not WSMsgType.PONG:
@@ -103,8 +81,6 @@ class FakeRosbridge:
         self.raw.append(data)
         operation = json.loads(data)
         self.got.append((time.monotonic(), operation))
-        if self.mode == "drops" and socket._req and socket._req.transport:
-            socket._req.transport.abort()
         if self.mode == "slow_reader":
             self._reads.clear()
             if socket._req and isinstance(socket._req.transport, asyncio.ReadTransport):

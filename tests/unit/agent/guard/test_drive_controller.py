@@ -408,12 +408,20 @@ async def test_rosbridges_status_goes_to_the_driver(world: World) -> None:
 
 async def test_the_task_sleeps_until_something_is_due(world: World) -> None:
     """It neither spins while nothing happens nor misses an event."""
+    world.controller.use(GuardConfig("ws://x", max_age_s=60, deadman_s=60))
+    world.authorizer.on_agent_message(world.now + 60)
     task = asyncio.create_task(world.controller.run())
     await asyncio.sleep(0.05)
     assert world.changes == 1
     await world.drive(0.5)
+    world.publisher.full = True
+    await world.drive(0.6)
+    await asyncio.sleep(0.05)
+    world.publisher.full = False
+    world.controller.on_rosbridge_drained()
+    await until("what waited is sent", lambda: world.publisher.speeds == [0.5, 0.6])
     world.controller.on_disconnected(world.source)
-    await until("the zero is sent", lambda: len(world.publisher.sent) == 2)
+    await until("the zero is sent", lambda: len(world.publisher.sent) == 3)
     assert world.changes < 10
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)

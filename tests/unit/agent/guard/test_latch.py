@@ -129,20 +129,6 @@ async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
         assert told == ["ben", "ben", "eve"]
 
 
-async def test_a_stop_is_written_however_many_messages_wait(tmp_path: Path) -> None:
-    """Else the release before it would be the last that the disk learns."""
-    file, answers = SlowFile(tmp_path), list[str]()
-    async with running(file, answers) as latch:
-        file.go.clear()
-        for number in range(MAX_WAITING + 1):
-            latch.handle(ReleaseRequest(str(number), "ann"))
-        latch.handle(StopRequest("last", "ben"))
-        file.go.set()
-        await latch.settled()
-        assert (latch.stopped, file.read(), answers[-1]) == (True, "ben", "last")
-        assert len(answers) <= MAX_WAITING + 2
-
-
 async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_path: Path) -> None:
     """The newest is written and answered, for which the agent waits; those that it overtook are not."""
     file, answers = SlowFile(tmp_path), list[str]()

@@ -9,14 +9,12 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Any
 
 import aiohttp
 import pytest
 from fake_pipe import FakePipe
 from fake_rosbridge import FakeRosbridge
 from guard_process import WAIT_S, GuardClient, GuardEnd, GuardHere, GuardProcess
-from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.latch import StopFile
 from robotether_agent.guard.process import Guard
@@ -53,9 +51,9 @@ class Robot:
 
     @property
     def stopped_before_deadman(self) -> bool:
-        """Whether the first zero came sooner after the last motion than the deadman's."""
+        """Whether the first zero came well before the deadman's, which counts from a bit before the last motion."""
         first = self.speeds.index(0.0)
-        return self.told[first][0] - self.told[first - 1][0] < LATE_DEADMAN_MS / 1000
+        return self.told[first][0] - self.told[first - 1][0] < LATE_DEADMAN_MS / 1000 - 0.1
 
 
 @pytest.fixture
@@ -81,13 +79,14 @@ def refusals(guard: GuardEnd) -> dict[str, int]:
 
 
 async def test_a_robot_stops_when_commands_stop(place: Path, robot: Robot) -> None:
-    """Zero after the deadman time, ten times, then silence; the connection goes on."""
-    async with GuardProcess(place, robot.port) as guard:
+    """Zero after the deadman time, ten times, then silence; the connection goes on. Commands are limited."""
+    async with GuardHere(place, robot.port, max_speed_m_s=0.2) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
             last = await drive_on(client)
             await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
             assert robot.zero_after(last) >= DEADMAN_S - 0.05
+            assert set(robot.speeds) == {0.2, 0.0}
             await guard.until(lambda: not guard.state["moving"], "it stands")
             await client.send(op="call_service", service="/rosapi/get_time", id="x")
             assert (await client.receive())["id"] == "x"
@@ -110,19 +109,6 @@ async def test_a_topic_that_drives_no_more_stops(place: Path, robot: Robot) -> N
             assert robot.speeds.count(0.5) == 1
             await guard.heard()
             assert refusals(guard)["shape"] > 0
-
-
-async def test_a_driver_who_changes_the_type_is_stopped(place: Path, robot: Robot) -> None:
-    """A stop is told in the words that the robot took, whatever its driver said last."""
-    async with GuardHere(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await client.drive(0.5)
-            await client.drive(0.0, msg={"header": {}, "twist": {"linear": {"x": 0.0}}})
-            assert "another message type" in (await client.receive())["msg"]
-            guard.tell(type="stop", id="5f", by="ben")
-            await until("it stands", lambda: robot.speeds[-1:] == [0.0])
-            assert robot.stopped_before_deadman
 
 
 LOSSES: dict[str, Callable[[GuardProcess, GuardClient], object]] = {
@@ -260,28 +246,6 @@ async def test_the_line_of_a_lease_brings_its_number_to_the_disk(place: Path, ro
     assert json.loads((place / "fence.json").read_text()) == {"fence": 13}
 
 
-async def test_commands_are_checked_and_limited(place: Path, robot: Robot) -> None:
-    """Old ones, foreign ones and broken ones are refused with rosbridge's own status, and counted."""
-    async with GuardHere(place, robot.port, max_speed_m_s=0.2) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await client.drive(0.5)
-            await client.drive(0.5, age_ms=600, id="late")
-            answer = await client.receive()
-            assert (answer["op"], answer["level"], answer["id"]) == ("status", "error", "late")
-            await client.drive(0.5, age_ms=600)
-            await client.drive(0.5, robotether={"t_ms": robot_time() * 1000, "fence": 12})
-            assert "cannot publish to /cmd_vel" in (await client.receive())["msg"]
-            await client.drive(0.5, msg={"linear": {"x": None}})
-            assert "number" in (await client.receive())["msg"]
-            await client.send(op="fragment", id="f", data="", num=0, total=1)
-            await client.drive(0.1)
-            await until("the last one came", lambda: robot.speeds[-1:] == [0.1])
-            assert robot.speeds == [0.2, 0.1]
-        await guard.until(lambda: not guard.state["moving"], "it stands")
-        assert refusals(guard) == {"old": 2, "fence": 1, "stopped": 0, "shape": 2, "held": 0}
-
-
 async def test_everything_else_passes_unchanged(place: Path) -> None:
     """Text as text and bytes as bytes, to the last space, both ways."""
     async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
@@ -295,80 +259,6 @@ async def test_everything_else_passes_unchanged(place: Path) -> None:
             large = json.dumps({"op": "publish", "topic": "/echo", "msg": "x" * 5_000_000})
             await client.socket.send_str(large)
             assert await client.socket.receive_str(timeout=WAIT_S) == large
-
-
-async def test_a_rosbridge_that_does_not_read_gets_no_backlog(place: Path) -> None:
-    """Two seconds of commands later it reads a few, then zeros."""
-    async with (
-        FakeRosbridge("slow_reader") as rosbridge,
-        GuardHere(place, rosbridge.port) as guard,
-    ):
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await drive_on(client, 2.0)
-            rosbridge.read_on()
-            await until("zeros came", lambda: rosbridge.speeds().count(0.0) >= 1)
-            speeds = rosbridge.speeds()
-            # What was sent before a pong was late; the publisher's own limit is 0.1 s.
-            assert speeds.index(0.0) <= 8
-            await client.drive(0.7)
-            await until("it drives again", lambda: 0.7 in rosbridge.speeds())
-
-
-async def test_a_silent_rosbridge_gets_no_commands(place: Path) -> None:
-    async with FakeRosbridge("silent") as rosbridge, GuardHere(place, rosbridge.port) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await drive_on(client, 1.5)
-            assert "rosbridge" in (await client.receive())["msg"]
-            assert rosbridge.speeds().count(0.5) <= 4
-
-
-async def test_the_publisher_comes_back_and_zeroes_first(place: Path) -> None:
-    """A rosbridge that crashed in motion stops the robot before anybody moves it."""
-    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await client.send(op="advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
-            await drive_on(client)
-        rosbridge.got.clear()
-        await rosbridge.stop()
-        rosbridge.got.clear()
-        rosbridge.discovery_s = 0.3
-        await rosbridge.start()
-        await until("the robot got a zero", lambda: 0.0 in rosbridge.reached())
-        assert [message["op"] for _, message in rosbridge.got][:2] == ["advertise", "publish"]
-        assert set(rosbridge.speeds()) == {0.0}
-
-
-async def test_a_stop_needs_no_new_publisher(place: Path) -> None:
-    """The guard advertises when the driver does, so the zeros are not what ROS 2 loses of a new publisher."""
-    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
-        rosbridge.discovery_s = 0.3
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await client.send(op="advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
-            await until("advertised", lambda: bool(rosbridge.got))
-            await drive_on(client, 0.5)
-        await until("the robot got ten zeros", lambda: rosbridge.reached()[-10:] == [0.0] * 10)
-        assert [message["op"] for _, message in rosbridge.got].count("advertise") == 1
-        assert rosbridge.got[0][1]["op"] == "advertise"
-
-
-@pytest.mark.parametrize("mode", ["refuses", "drops"])
-async def test_a_rosbridge_that_is_no_use_is_told(place: Path, mode: Any) -> None:
-    """502 to the relay when it takes nobody; a connection that it drops is closed."""
-    async with FakeRosbridge(mode) as rosbridge, GuardHere(place, rosbridge.port) as guard:
-        await guard.grant(13)
-        if mode == "refuses":
-            with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
-                async with GuardClient(guard.port):
-                    pass
-            assert refused.value.status == 502
-            return
-        async with GuardClient(guard.port) as client:
-            await client.send(op="set_level", level="none")
-            assert await client.closed() > 0
 
 
 async def test_a_request_without_a_websocket_tells_whether_rosbridge_is_there(place: Path) -> None:
@@ -393,7 +283,7 @@ async def test_direct_connections_drive_while_nobody_has_the_lease(
     place: Path, robot: Robot
 ) -> None:
     """They need neither key nor stamps, and lose the robot to a driver of the server."""
-    async with GuardHere(place, robot.port) as guard:
+    async with GuardHere(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
         guard.reconfigure(direct=True)
         guard.tell(type="session", up=True)
         await guard.heard()
@@ -402,6 +292,7 @@ async def test_direct_connections_drive_while_nobody_has_the_lease(
             await until("the robot moves", lambda: robot.speeds == [0.5])
             guard.tell(type="lease", fence=1, held=True)
             await until("the robot stands", lambda: robot.speeds[-1] == 0.0)
+            assert robot.stopped_before_deadman
             await client.drive(0.5)
             assert (await client.receive())["op"] == "status"
 

@@ -105,8 +105,11 @@ async def test_what_is_sent_is_known_to_be_read() -> None:
         await until("it is answered", lambda: heard.said == [b'{"op":"publish","topic":"/echo"}'])
 
 
-async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled() -> None:
+async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Long before TCP would tell; and it is used again when it reads."""
+    monkeypatch.setattr("robotether_agent.guard.rosbridge.IDLE_PING_EVERY_S", 0.05)
     async with FakeRosbridge("slow_reader") as rosbridge, running(rosbridge) as (line, _):
         await line.send(b'{"op":"x"}')
         await until("it is full", lambda: not line.can_send)
@@ -116,14 +119,19 @@ async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled() -> None
         await until("it reads", lambda: line.can_send and line.up)
 
 
-async def test_it_connects_again_for_ever() -> None:
-    """To a rosbridge that crashed, as soon as it is back."""
+async def test_it_connects_again_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To a rosbridge that crashed, as soon as it is back, however often that fails before."""
+    failures: list[object] = []
+    monkeypatch.setattr(
+        "robotether_agent.guard.rosbridge.describe_error", lambda *why: failures.append(why)
+    )
     async with FakeRosbridge() as rosbridge, running(rosbridge) as (line, heard):
         await rosbridge.stop()
         await until("it is lost", lambda: "lost" in heard.events)
         assert not line.up
         assert not line.can_send
         assert not await line.send(b"{}")
+        await until("it has failed", lambda: len(failures) > 1)
         await rosbridge.start()
         await until("it is up again", lambda: heard.events.count("up") == 2)
 

@@ -20,7 +20,6 @@ from robotether_agent.guard.fences import FenceFile, FenceStore
 from robotether_agent.guard.rosbridge import CmdVelPublisher, new_http
 from robotether_agent.guard.server import MAX_DIRECT_CONNECTIONS, Server
 from robotether_agent.guard.topics import MotionFile
-from sim_client import until
 
 
 @asynccontextmanager
@@ -54,19 +53,6 @@ async def status(port: int, fence: int | None = 0, key: str = KEY) -> int:
     return refused.value.status
 
 
-async def test_only_the_server_gets_in(tmp_path: Path) -> None:
-    """A connection needs the key, and a driver the newest fence."""
-    async with FakeRosbridge() as rosbridge, running(rosbridge.port, tmp_path) as (port, _, _):
-        assert await status(port, None) == 403
-        assert await status(port, 0, "another") == 403
-        assert await status(port, 12) == 409
-        assert rosbridge.connections == 0
-        async with GuardClient(port, 13) as driver, GuardClient(port, 0) as observer:
-            await until("both are joined", lambda: rosbridge.connections == 2)
-            assert not driver.socket.closed
-            assert not observer.socket.closed
-
-
 async def test_a_newer_driver_ends_the_older_one(tmp_path: Path) -> None:
     """At the door, before any line of the lease came; observers stay."""
     async with AsyncExitStack() as stack:
@@ -98,17 +84,6 @@ async def test_a_disk_that_cannot_be_written_lets_nobody_drive(tmp_path: Path) -
         assert await status(port, 13) == 507
         async with GuardClient(port, 0):
             assert rosbridge.connections == 1
-
-
-async def test_a_right_that_ends_closes_its_connection(tmp_path: Path) -> None:
-    async with (
-        FakeRosbridge() as rosbridge,
-        running(rosbridge.port, tmp_path) as (port, rights, server),
-        GuardClient(port, 13) as driver,
-    ):
-        rights.lease(13, held=False)
-        server.rights_changed()
-        assert await driver.closed() == 1001
 
 
 async def test_without_rosbridge_or_settings_it_is_502(tmp_path: Path) -> None:

@@ -181,17 +181,6 @@ async def test_a_guard_ends_in_order_after_its_fork_server(keep, place):
     await eventually(lambda: not is_alive(births(place)[0]["pid"]), lambda: "it has ended")
 
 
-async def test_a_frozen_guard_is_replaced(keep, place):
-    """A guard that hangs is killed, never left beside the next one."""
-    running = keep("serves")
-    await running.ready()
-    pid = births(place)[0]["pid"]
-    os.kill(pid, signal.SIGSTOP)
-    await running.ready(2)
-    with pytest.raises(ProcessLookupError):
-        os.kill(pid, 0)
-
-
 async def test_a_stop_that_its_guard_did_not_answer_is_told_to_the_next(keep, place):
     """A guard that dies of the stop itself leaves a stopped robot."""
     running = keep("crashes", "serves")
@@ -253,13 +242,6 @@ async def test_a_lease_of_a_lost_session_is_not_held_for_the_next_guard(keep, pl
     await running.ready()
     session, lease = await running.hears("session", "lease")
     assert (session["up"], lease["fence"], lease["held"]) == (False, 13, False)
-
-
-async def test_never_stops_trying(keep, place):
-    """However often a guard dies, there is a next one."""
-    running = keep("dies", "dies", "rubbish", "dies", "serves")
-    await running.ready(5)
-    assert running.supervisor.view.state == "ready"
 
 
 def test_pauses_grow_to_a_bound():

@@ -199,13 +199,6 @@ async def test_another_type_is_taken_when_the_robot_stands(world: World) -> None
     assert world.publisher.sent[-1]["msg"]["twist"]
 
 
-async def test_the_number_of_topics_is_bounded(world: World) -> None:
-    for number in range(MAX_TOPICS + 5):
-        await world.drive(0.1, topic=f"/r{number}/cmd_vel")
-    assert len(world.publisher.sent) == MAX_TOPICS
-    assert world.source.kinds == ["shape"] * 5
-
-
 async def invent(world: World, count: int, speed: float = 0.0) -> None:
     """Let the driver publish to so many topics that nobody listens to."""
     for number in range(count):
@@ -263,23 +256,6 @@ async def test_a_new_driver_finds_free_places(world: World) -> None:
     assert len(names(world, "unadvertise")) == MAX_TOPICS
     await world.send(direct, **{**advertise, "topic": "/y/cmd_vel"})
     assert direct.kinds == ["shape"]
-
-
-async def test_a_topic_that_made_room_is_zeroed_by_its_type(world: World) -> None:
-    """A rosbridge that has just started knows no types: it would refuse a zero that has not been advertised."""
-    advertise = {"op": "advertise", "topic": "/real/cmd_vel", "type": "geometry_msgs/Twist"}
-    await world.send(**advertise)
-    await invent(world, MAX_TOPICS)
-    world.publisher.read_until = world.now
-    await world.controller.step()
-    assert names(world, "unadvertise") == ["/real/cmd_vel"]
-    await world.drive(0.5, topic="/real/cmd_vel")
-    world.controller.on_rosbridge_lost()
-    world.publisher.sent.clear()
-    world.controller.on_rosbridge_connected()
-    await world.controller.step()
-    assert next(m for m in world.publisher.sent if m["topic"] == "/real/cmd_vel") == advertise
-    assert world.publisher.sent[-1]["op"] == "publish"
 
 
 async def test_an_empty_message_stops_also_a_topic_that_made_room(world: World) -> None:
