@@ -142,22 +142,6 @@ async def test_frames_come_with_their_timestamp_and_sequence(world):
     assert shown == sorted(set(shown))
 
 
-async def test_without_credit_nothing_comes_and_two_are_the_most(world):
-    receiver = await world.receive(gives_credit=False)
-    await eventually(lambda: world.camera.open == 1, lambda: "the camera is open")
-    await eventually(lambda: "live" in receiver.states(), receiver.told)
-    assert receiver.pictures == []
-    await receiver.say("credit", frames=99)
-    await receiver.some(2)
-    made = world.camera.number
-    await eventually(lambda: world.camera.number > made + 30, lambda: "thirty more are made")
-    assert len(receiver.pictures) == 2
-    await receiver.say("credit", frames=1, taken=receiver.pictures[-1][0].sequence)
-    await receiver.some(3)
-    # The newest, not the next in line.
-    assert number_of(receiver.pictures[2][1]) >= made + 10
-
-
 async def test_a_receiver_that_takes_nothing_costs_nothing(world, monkeypatch):
     """Its source is closed after a while, and open again with its next credit."""
     monkeypatch.setattr(receiver_module, "IDLE_S", 0.3)
@@ -210,25 +194,6 @@ async def test_the_status_tells_of_a_source_that_ends_and_comes_back(world):
     await world.camera.start()
     await eventually(lambda: receiver.states()[-1] == "live", receiver.told)
     assert receiver.closed is None
-
-
-async def test_a_slow_receiver_gets_another_quality_without_a_gap(world):
-    """Late frames bring the quality down; the new stream is open before the old one ends, none comes twice."""
-    receiver = await world.receive(gives_credit=False, latency_ms=50)
-    await receiver.say("credit")
-    while not {70, 60, 50} & {header.quality for header, _ in receiver.pictures}:
-        count = len(receiver.pictures)
-        await receiver.some(count + 1 if count else 1)
-        # What a slow link is: the frame is taken late.
-        await asyncio.sleep(0.12)
-        await receiver.say("credit", taken=receiver.pictures[-1][0].sequence)
-        assert count < 40, receiver.told()
-    assert world.camera.open_most == 2
-    await eventually(lambda: world.camera.open == 1, lambda: f"{world.camera.open} are open")
-    shown = [number_of(jpeg) for _, jpeg in receiver.pictures]
-    assert shown == sorted(set(shown))
-    moments = [header.timestamp_ms for header, _ in receiver.pictures]
-    assert moments == sorted(set(moments))
 
 
 async def test_another_want_counts_from_now_on(world):

@@ -288,14 +288,6 @@ def test_tells_what_has_no_room_at_the_other_end(
     assert 0 < look(here).in_flight < sent
 
 
-def test_a_duplicate_tells_the_same(pair: tuple[socket.socket, socket.socket]) -> None:
-    """The agent looks at a connection that ssh uses."""
-    here, _ = pair
-    with here.dup() as duplicate:
-        here.sendall(b"x")
-        assert look(duplicate).written == look(here).written
-
-
 def test_nothing_is_told_of_what_is_no_tcp_connection() -> None:
     """A closed socket, one of another kind, and one that never connected."""
     with socket.socket() as unconnected:

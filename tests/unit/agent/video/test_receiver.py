@@ -157,14 +157,24 @@ async def world() -> AsyncIterator[World]:
 
 
 async def test_the_newest_goes_out_when_credit_comes(world):
-    """What came before it is skipped, and the number tells."""
+    """What came before it is skipped, and the number tells; two at once are the most."""
     world.socket.ask("stream_request")
     await world.until_open()
     for number in (1, 2, 3):
         world.give(number)
-    world.socket.ask("credit")
+    world.socket.ask("credit", frames=99)
     assert await world.got(1) == [3]
     assert unpacked(world.socket.pictures[0]).sequence == 3
+    world.give(4)
+    assert await world.got(2) == [3, 4]
+    world.give(5)
+    world.socket.ask("clock_sync", t_ms=1.0)
+    await eventually(lambda: world.socket.texts[-1]["op"] == "clock_sync", lambda: "it is answered")
+    assert len(world.socket.pictures) == 2
+    # Taking the second one takes the first.
+    world.socket.ask("credit", taken=4)
+    assert await world.got(3) == [3, 4, 5]
+    assert len(world.receiver._in_flight) == 1
 
 
 async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):

@@ -444,12 +444,6 @@ def test_the_parts_of_a_stream(stream, length):
     assert [part.body for part in in_pieces(stream, length)] == BODIES
 
 
-def test_headers_by_their_names_in_lower_case():
-    """The stamp is found however a camera writes its name."""
-    first, _ = in_pieces(SERVER, 11)
-    assert first.headers["x-timestamp"] == "12.500000"
-
-
 @pytest.mark.parametrize(
     "content_type",
     [
