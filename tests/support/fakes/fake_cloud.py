@@ -3,12 +3,7 @@
 serves         as the relay does
 pending        the join waits for an approval until approve() is called
 refuses_key    the join says active, and sshd does not let the key in
-silent         a configuration, then never a word again
 hangs          never a word
-sends_rubbish  a configuration, then a line that is no JSON
-changes_ports  a configuration, and at the first ping another one with other ports
-supersedes     a configuration, then bye because a newer session took over
-drops          a configuration, then the end of the connection without a word
 loses_answers  takes a robot's new key in exchange for the old one, and its answer to that is lost
 """
 
@@ -78,12 +73,8 @@ class Link:
 
     def send(self, message: dict[str, Any]) -> None:
         """Send one message to the agent."""
-        self.send_raw(json.dumps(message).encode() + b"\n")
-
-    def send_raw(self, data: bytes) -> None:
-        """Send anything to the agent."""
         if not self._writer.is_closing():
-            self._writer.write(data)
+            self._writer.write(json.dumps(message).encode() + b"\n")
 
     def drop(self) -> None:
         """End the connection without a word."""
@@ -271,39 +262,21 @@ class FakeCloud:
             await reader.read()
             return
         link.send(self._config(self.ports))
-        self._misbehave(link)
         pings = asyncio.ensure_future(self._send_pings(link))
         try:
             while line := await reader.readline():
                 message = json.loads(line)
                 link.received.append(message)
                 if message["type"] == "ping":
-                    self._answer_ping(link, message)
+                    link.send({"type": "pong", "seq": message["seq"], "t_ms": message["t_ms"]})
                 elif message["type"] == "check":
                     link.send({"type": "checked", **self.checked})
         finally:
             pings.cancel()
 
-    def _misbehave(self, link: Link) -> None:
-        if self.mode == "sends_rubbish":
-            link.send_raw(b"\x00\xff rubbish\n")
-        elif self.mode == "supersedes":
-            detail = "a newer session of robot sim1 took over"
-            link.send({"type": "bye", "code": "superseded", "detail": detail})
-            link.drop()
-        elif self.mode == "drops":
-            link.drop()
-
-    def _answer_ping(self, link: Link, message: dict[str, Any]) -> None:
-        if self.mode == "silent":
-            return
-        link.send({"type": "pong", "seq": message["seq"], "t_ms": message["t_ms"]})
-        if self.mode == "changes_ports" and message["seq"] == 1:
-            link.send(self._config(self.other_ports))
-
     async def _send_pings(self, link: Link) -> None:
         seq = 0
-        while self.mode != "silent":
+        while True:
             seq += 1
             link.send({"type": "ping", "seq": seq})
             await asyncio.sleep(HEARTBEAT_S)

@@ -146,15 +146,6 @@ async def test_a_driver_that_counts_to_a_hundred_is_known_after_a_restart(
         await eventually(lambda: reported == [line(1)], lambda: str(reported))
 
 
-async def test_what_the_robot_shows_is_kept(report, tmp_path):
-    async with TopicRosbridge(TOPICS) as robot:
-        reported = report(robot.url)
-        await until_subscribed(robot)
-        await robot.publish("/battery_state", state(3.0))
-        await eventually(lambda: reported == [line(3)], lambda: str(reported))
-    assert UnitMemory(tmp_path).of("/battery_state") == "percent"
-
-
 @pytest.mark.parametrize(
     ("message", "unit", "percent"),
     [

@@ -46,22 +46,6 @@ def test_status_of_an_agent_that_never_ran(place, capsys):
     assert "sudo systemctl start robotether-agent" in capsys.readouterr().out
 
 
-def test_show_settings_prints_all_and_hides_secrets(capsys):
-    """Every key is there once, the token is not."""
-    variables = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_TOKEN": "s3cret"}
-    assert main(["show-settings"], variables) == 0
-    out = capsys.readouterr().out
-    assert "server = a.example" in out
-    assert "token = (hidden)" in out
-    assert "s3cret" not in out
-
-
-def test_wrong_settings_have_their_exit_code(capsys):
-    """Systemd sees 78, and the person a sentence."""
-    assert main(["run"], {"ROBOTETHER_SERVER": "https://a"}) == 78
-    assert "cannot use ROBOTETHER_SERVER" in capsys.readouterr().err
-
-
 def test_version(capsys):
     with pytest.raises(SystemExit) as error:
         main(["--version"], {})
@@ -119,16 +103,6 @@ async def test_refused_and_impossible(make_cloud, place, capsys):
     await cloud.stop_web()
     assert await joined(cloud, place) == 1
     assert "cannot reach https://" in capsys.readouterr().err
-
-
-async def test_beside_a_running_agent(make_cloud, start_agent, place, capsys):
-    """The tunnels stay, and both have one key."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    assert await joined(cloud, place) == 0
-    assert agent.status().state == "connected"
-    assert [len(cloud.of_kind(kind, live=False)) for kind in ("session", "media")] == [1, 1]
 
 
 def test_prints_the_proof_that_a_playbook_brings(place, capsys):

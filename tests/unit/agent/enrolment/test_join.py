@@ -127,8 +127,9 @@ async def test_redirects_and_endless_answers_are_refused(make_cloud):
     cloud = await make_cloud()
     settings = Settings(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
     cloud.answer = lambda: web.Response(status=302, headers={"Location": "https://127.0.0.1:1/"})
-    with pytest.raises(AnswerInvalidError, match="HTTP status 302"):
+    with pytest.raises(AnswerInvalidError, match="HTTP status 302") as redirected:
         await join(settings, REQUEST)
+    assert "captive portal" in redirected.value.advice
     cloud.answer = lambda: web.Response(body=b"x" * 200_000)
     with pytest.raises(ServerUnreachableError, match="longer than"):
         await join(settings, REQUEST)

@@ -10,7 +10,6 @@ from typing import Any, NoReturn
 
 import pytest
 from fake_cloud import FakeCloud, echo, eventually
-from local_network import free_port
 from robotether_agent.enrolment.enroller import ENROLMENT_FILE, Enroller, Enrolment
 from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.enrolment.keys import KeyPair, ensure_key
@@ -279,18 +278,6 @@ async def test_a_machine_that_lets_in_and_has_no_relay_comes_last(site, start_ag
     assert first.links == []
 
 
-async def test_a_machine_whose_relay_hangs_is_left(site, start_agent):
-    """It still logs robots in: one that was there goes to the next at once, and does not ask it again."""
-    first, second = await site()
-    agent = start_agent(first)
-    await agent.until_connected()
-    first.mode = "silent"
-    await at(second)
-    status = await agent.until_connected()
-    assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
-    assert len(first.of_kind("session", live=False)) == 1
-
-
 async def test_a_relay_that_never_answers_is_left(site, start_agent, monkeypatch):
     monkeypatch.setattr("robotether_agent.tunnel.connection.RELAY_ANSWERS_WITHIN_S", 2.0)
     first, second = await site()
@@ -311,21 +298,6 @@ async def test_the_only_relay_is_waited_for(site, start_agent, monkeypatch):
     await at(first)
     await asyncio.sleep(5 * 0.2)
     assert len(first.of_kind("session")) == 1
-
-
-async def test_what_an_admin_has_set_wins_over_the_list(site, start_agent):
-    first, second = await site()
-    first.cells = [second.cell]
-    agent = start_agent(first, ssh_host="127.0.0.1", ssh_ports=str(first.ssh.port))
-    await agent.until_connected()
-    assert second.links == []
-
-
-async def test_a_list_whose_names_lead_nowhere_does_no_harm(site, start_agent):
-    """The address of the join is still there."""
-    (first,) = await site(1)
-    first.cells = [{"host": "nowhere.invalid", "ports": [free_port()]}]
-    await start_agent(first).until_connected()
 
 
 async def _never(*_: object) -> NoReturn:

@@ -12,14 +12,13 @@ from typing import NoReturn
 
 import pytest
 from fake_cloud import eventually
-from local_network import free_port
 from openssh_server import descendants, wait_until
 from robotether_agent.enrolment.join import parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
-from robotether_agent.problems import LinkLostError, ServerUnreachableError, SshMissingError
+from robotether_agent.problems import LinkLostError, SshMissingError
 from robotether_agent.tunnel.openssh import Forward, SshFiles
-from robotether_agent.tunnel.tunnel import Tunnel
+from robotether_agent.tunnel.tunnel import Tunnel, _run
 
 # The differentiated services code point, of which TOS has the upper six bits.
 AF21 = 18
@@ -143,11 +142,9 @@ async def test_a_client_that_cannot_start_ends_nothing_else(dialer, monkeypatch)
         await Tunnel.open(target, files, "media")
 
 
-async def test_a_server_that_refuses(place):
-    """A port without a server is told before any client starts."""
-    files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
-    with pytest.raises(ServerUnreachableError, match=r"cannot reach SSH at 127\.0\.0\.1 port"):
-        await Tunnel.open(SshAddress("127.0.0.1", free_port(), "tunnel"), files, "session")
+async def test_a_command_that_hangs_is_ended():
+    """OpenSSH's control commands wait for a client that may be frozen."""
+    assert await _run(["sleep", "60"], 0.05) == (None, [])
 
 
 def _is_client(process: int, files: SshFiles) -> bool:
