@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from sim_robot.kinematics import COMMAND_TIMEOUT_S, STEP_S, Pose, Turtle, Velocity
+from sim_robot.kinematics import STEP_S, Pose, Turtle, Velocity
 from sim_robot.world import World
 
 
@@ -34,33 +34,6 @@ def test_arc_is_the_closed_form_of_the_discrete_motion(velocity: Velocity) -> No
     assert (turtle.pose.x, turtle.pose.y) == pytest.approx(
         closed_form(turtle.start, velocity, 300), abs=1e-9
     )
-
-
-def test_theta_stays_within_half_a_turn() -> None:
-    """Theta is in [-pi, pi) however long the robot turns."""
-    turtle = Turtle(20.0)
-    for number in range(2000):
-        drive(turtle, Velocity(angular_z=3.0), 1, number * STEP_S)
-        assert -math.pi <= turtle.pose.theta < math.pi
-
-
-def test_command_holds_for_one_second() -> None:
-    """A single command moves the robot for 1 s and then it stands."""
-    turtle = Turtle(20.0)
-    turtle.command(Velocity(1.0), 0.0)
-    for number in range(200):
-        turtle.step(number * STEP_S)
-    assert turtle.velocity == Velocity()
-    assert turtle.pose.x == pytest.approx(10.0 + COMMAND_TIMEOUT_S, abs=STEP_S)
-
-
-def test_walls_clamp() -> None:
-    """At the wall the robot stands still in one direction and slides in the other."""
-    turtle = Turtle(4.0)
-    drive(turtle, Velocity(2.0, 0.5), 200)
-    assert turtle.at_wall
-    assert turtle.pose.x == 4.0
-    assert 3.0 < turtle.pose.y <= 4.0
 
 
 def test_paper_spiral_meets_no_obstacle() -> None:

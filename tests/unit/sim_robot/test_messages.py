@@ -20,13 +20,6 @@ def test_ros_1_knows_the_short_spelling_only() -> None:
         types.key_of("geometry_msgs/msg/Twist")
 
 
-def test_missing_fields_get_defaults() -> None:
-    """A part of a Twist becomes a whole one."""
-    twist = MessageTypes(2).conform("geometry_msgs/Twist", {"linear": {"x": 1}}, NOW_NS)
-    nothing = {"x": 0.0, "y": 0.0, "z": 0.0}
-    assert twist == {"linear": nothing | {"x": 1.0}, "angular": nothing}
-
-
 @pytest.mark.parametrize(
     ("version", "stamp"),
     [(1, {"secs": 12, "nsecs": 34}), (2, {"sec": 12, "nanosec": 34})],

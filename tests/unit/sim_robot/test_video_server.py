@@ -1,15 +1,12 @@
 """The camera under web_video_server's URLs, read as a viewer does."""
 
 import asyncio
-import io
-import re
 import time
 from collections.abc import AsyncIterator
 from dataclasses import replace
 
 import aiohttp
 import pytest
-from PIL import Image
 from sim_client import SETTINGS, WAIT_S, until
 from sim_robot.simulator import Simulator
 from yarl import URL
@@ -38,27 +35,6 @@ async def read_part(content: aiohttp.StreamReader) -> tuple[dict[str, str], byte
     return headers, body
 
 
-async def test_stream_is_multipart_jpeg(http: aiohttp.ClientSession) -> None:
-    """Parts have the headers of web_video_server, and time goes on in them."""
-    async with http.get(
-        f"/stream?topic={TOPIC}&type=mjpeg&quality=60&width=160&height=120"
-    ) as answer:
-        assert (
-            answer.headers["Content-Type"]
-            == "multipart/x-mixed-replace;boundary=boundarydonotcross"
-        )
-        assert answer.headers["Connection"] == "close"
-        assert await answer.content.readline() == b"--boundarydonotcross\r\n"
-        stamps = []
-        for _ in range(5):
-            headers, body = await read_part(answer.content)
-            assert headers["Content-type"] == "image/jpeg"
-            assert Image.open(io.BytesIO(body)).size == (160, 120)
-            assert re.fullmatch(r"\d+\.\d{6}", headers["X-Timestamp"])
-            stamps.append(float(headers["X-Timestamp"]))
-    assert stamps == sorted(set(stamps))
-
-
 async def test_viewers_share_frames_and_leave_nothing_running(
     simulator: Simulator, http: aiohttp.ClientSession
 ) -> None:
@@ -77,34 +53,6 @@ async def test_viewers_share_frames_and_leave_nothing_running(
     drawn = simulator.feeds[TOPIC].drawn
     await asyncio.sleep(0.2)  # three frames' time in which nothing may happen
     assert simulator.feeds[TOPIC].drawn == drawn
-
-
-async def test_slow_viewer_skips_frames(simulator: Simulator) -> None:
-    """Who reads nothing for a while is shown few old frames and then the newest."""
-    reader, writer = await asyncio.open_connection("127.0.0.1", simulator.video.port, limit=2**12)
-    writer.write(
-        f"GET /stream?topic={TOPIC}&width=2000&height=2000&quality=100 HTTP/1.0\r\n\r\n".encode()
-    )
-    await reader.readuntil(b"--boundarydonotcross\r\n")
-    writer.transport.pause_reading()
-    await asyncio.sleep(1.5)  # the viewer looks away
-    resumed_at = time.time()
-    writer.transport.resume_reading()
-    stamps = []
-    while not stamps or stamps[-1] < resumed_at:
-        stamps.append(await _next_stamp(reader))
-    assert len(stamps) <= 5, stamps  # 22 frames' time went by
-    writer.close()
-
-
-async def _next_stamp(reader: asyncio.StreamReader) -> float:
-    """Read up to the next part's time, through however much picture."""
-    tail = b""
-    while not (found := re.search(rb"X-Timestamp: (\d+\.\d{6})\r\n", tail)):
-        data = await asyncio.wait_for(reader.read(4096), WAIT_S)
-        assert data, "the stream ended"
-        tail = tail[-100:] + data
-    return float(found.group(1))
 
 
 async def test_stream_of_no_topic_ends_without_a_frame(http: aiohttp.ClientSession) -> None:
@@ -145,12 +93,6 @@ async def test_escapes_in_a_topic_are_not_undone(http: aiohttp.ClientSession, to
     """As in the real one, whose async_web_server_cpp takes the query's words as they stand."""
     with pytest.raises(aiohttp.ClientError):
         await http.get(URL(f"/snapshot?topic={topic}", encoded=True))
-
-
-async def test_snapshot_of_no_topic_ends_without_an_answer(http: aiohttp.ClientSession) -> None:
-    """The connection ends, as with the real server."""
-    with pytest.raises(aiohttp.ClientError):
-        await http.get("/snapshot?topic=/nope")
 
 
 @pytest.mark.parametrize(
