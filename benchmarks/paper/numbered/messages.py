@@ -27,8 +27,6 @@ NS_A_MS = 1_000_000
 class Histogram:
     """How often which time was seen; a time is kept to 0.01 ms, from 100 ms on to four digits."""
 
-    FINEST_MS = 0.01
-
     def __init__(self, kept: Mapping[str, int] | None = None) -> None:
         # By ms as text, as JSON carries it.
         self._counts = Counter(kept or {})

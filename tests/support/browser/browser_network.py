@@ -11,16 +11,13 @@ from __future__ import annotations
 import atexit
 import functools
 import os
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import namespaces
-from namespaces import Namespace, ip
 
 LAUNCHER = Path(__file__).with_name("chromium_in_namespace")
-# Of 10.203.0.0/16 each process has four addresses by its id: of so many processes few run at a time.
-NETWORK, PLACES = "10.203", 1 << 14
-DEVICE = "machine"
 
 
 @dataclass(frozen=True)
@@ -46,21 +43,8 @@ class BrowserNetwork:
 def browser_network() -> BrowserNetwork:
     """Return this process's network for browsers."""
     namespaces.sweep()
-    pid = os.getpid()
-    first = pid % PLACES * 4
-    machine, browser = (f"{NETWORK}.{first >> 8}.{(first & 255) + place}" for place in (1, 2))
-    inside, outside = Namespace(f"{namespaces.PREFIX}-{pid}-0-browser", browser), f"rtweb{pid}"
-    namespaces.make(inside)
-    # Else the interface gets a second address a moment after it is up, which is such a change again.
-    inside.sysctl("net.ipv6.conf.all.disable_ipv6", "1")
-    inside.sysctl("net.ipv6.conf.default.disable_ipv6", "1")
-    atexit.register(namespaces.remove, inside.name)
-    # With the namespace goes its end of the pair, and with that the other end.
-    ip("link", "add", outside, "type", "veth", "peer", "name", DEVICE, "netns", inside.name)
-    ip("address", "add", f"{machine}/30", "dev", outside)
-    ip("link", "set", outside, "up")
-    ip("-n", inside.name, "address", "add", f"{browser}/30", "dev", DEVICE)
-    ip("-n", inside.name, "link", "set", DEVICE, "up")
+    made = ExitStack()
+    atexit.register(made.close)
     # This machine has other addresses too, as that at which the demo is asked.
-    ip("-n", inside.name, "route", "add", "default", "via", machine)
+    inside, machine = namespaces.make_joined(made, "browser")
     return BrowserNetwork(inside.name, machine)

@@ -12,12 +12,12 @@ Known limits: some 10,000 packets a second each way, 0.2 ms more than the delay 
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import selectors
 import subprocess
 import sys
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 
@@ -29,7 +29,6 @@ WORKER = Path(__file__).with_name("link_worker.py")
 DEVICE = "link0"
 ROBOT_ADDRESS, SERVER_ADDRESS, PREFIX_LENGTH = "10.77.0.1", "10.77.0.2", 30
 WAIT_S = 30.0
-_numbers = itertools.count(1)
 
 
 def why_not_here() -> str:
@@ -43,32 +42,29 @@ class Link:
     """A running link; its namespaces are there inside `with` only."""
 
     def __init__(self, *, up: Shape, down: Shape) -> None:
-        name = f"{namespaces.PREFIX}-{os.getpid()}-{next(_numbers)}"
-        self.robot = Namespace(f"{name}-robot", ROBOT_ADDRESS)
-        self.server = Namespace(f"{name}-server", SERVER_ADDRESS)
+        self.robot: Namespace
+        self.server: Namespace
         self._shapes = [json.dumps(asdict(shape)) for shape in (up, down)]
-        self._worker: subprocess.Popen[bytes] | None = None
+        self._made = ExitStack()
 
     def __enter__(self) -> Link:
         """Make the namespaces and join them."""
         namespaces.sweep()
-        try:
-            for end in (self.robot, self.server):
-                namespaces.make(end)
-            self._start_worker()
+        with ExitStack() as made:
+            self.robot = namespaces.make(made, "robot", ROBOT_ADDRESS)
+            self.server = namespaces.make(made, "server", SERVER_ADDRESS)
+            self._start_worker(made)
             for end in (self.robot, self.server):
                 self._give_address(end)
-        except BaseException:
-            self._clean_up()
-            raise
+            self._made = made.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         """Remove everything."""
-        self._clean_up()
+        self._made.close()
 
-    def _start_worker(self) -> None:
-        self._worker = subprocess.Popen(
+    def _start_worker(self, made: ExitStack) -> None:
+        worker = subprocess.Popen(
             [
                 *(sys.executable, "-E", "-s", str(WORKER)),
                 *(self.robot.name, self.server.name, *self._shapes),
@@ -78,12 +74,13 @@ class Link:
             # A Ctrl-C is for the experiment, which then ends the link in order.
             start_new_session=True,
         )
-        assert self._worker.stdout is not None
+        made.callback(_end, worker)
+        assert worker.stdout is not None
         with selectors.DefaultSelector() as selector:
-            selector.register(self._worker.stdout, selectors.EVENT_READ)
+            selector.register(worker.stdout, selectors.EVENT_READ)
             if not selector.select(WAIT_S):
                 raise RuntimeError(f"the link's worker did not answer in {WAIT_S:g} s")
-        if self._worker.stdout.readline() != b"ready\n":
+        if worker.stdout.readline() != b"ready\n":
             raise RuntimeError("cannot start the link: its worker ended; see its words above")
 
     def _give_address(self, end: Namespace) -> None:
@@ -92,12 +89,10 @@ class Link:
         ip(*here, "address", "add", f"{end.address}/{PREFIX_LENGTH}", "dev", DEVICE)
         ip(*here, "link", "set", DEVICE, "up")
 
-    def _clean_up(self) -> None:
-        if self._worker is not None:
-            try:
-                self._worker.communicate(timeout=WAIT_S)
-            except subprocess.TimeoutExpired:
-                self._worker.kill()
-                self._worker.communicate()
-        for end in (self.robot, self.server):
-            namespaces.remove(end.name)
+
+def _end(worker: subprocess.Popen[bytes]) -> None:
+    try:
+        worker.communicate(timeout=WAIT_S)
+    except subprocess.TimeoutExpired:
+        worker.kill()
+        worker.communicate()

@@ -1,4 +1,4 @@
-"""Network namespaces for tests: made under names that say whose they are, entered, and removed.
+"""Network namespaces for tests: made under names that say whose they are, entered, joined to this machine, and removed.
 
 Needs root. A name is `rtlink-PID-NUMBER-END`; whoever makes one first sweeps away those whose process is gone.
 """
@@ -10,14 +10,22 @@ import os
 import re
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from ipaddress import IPv4Address
+from itertools import chain, count
 from pathlib import Path
 
 PREFIX = "rtlink"
 PLACE = Path("/run/netns")
 OWN_NAME = re.compile(rf"{PREFIX}-(\d+)-\d+-\w+")
 CLONE_NEWNET = 0x40000000
+# The addresses that carriers give to phones behind their translation (RFC 6598): four for each cable to this machine.
+FIRST, PLACES = IPv4Address("100.64.0.0"), 1 << 20
+# Where a process looks first for free places; others may stand there, then it looks on.
+PLACES_A_PROCESS = 8
+CABLE = "machine"
+_numbers = count(1)
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
@@ -69,10 +77,47 @@ def enter(name: str) -> None:
         os.close(descriptor)
 
 
-def make(namespace: Namespace) -> None:
-    """Make it, with its loopback up."""
+def make(made: ExitStack, end: str, address: str = "") -> Namespace:
+    """Make one, with its loopback up; `made` removes it."""
+    namespace = Namespace(f"{PREFIX}-{os.getpid()}-{next(_numbers)}-{end}", address)
+    made.callback(remove, namespace.name)
     ip("netns", "add", namespace.name)
     ip("-n", namespace.name, "link", "set", "lo", "up")
+    return namespace
+
+
+def make_joined(made: ExitStack, end: str) -> tuple[Namespace, str]:
+    """Make one whose only way out is a cable to this machine; also this machine's address at the cable."""
+    inside = make(made, end)
+    # Also for the cable to come, which would else get a second address a moment after it is up.
+    for which in ("all", "default"):
+        inside.sysctl(f"net.ipv6.conf.{which}.disable_ipv6", "1")
+    place = _lay_cable(made, inside)
+    device, here, there = f"rtup{place}", *(str(FIRST + 4 * place + side) for side in (1, 2))
+    ip("address", "add", f"{here}/30", "dev", device)
+    ip("link", "set", device, "up")
+    ip("-n", inside.name, "address", "add", f"{there}/30", "dev", CABLE)
+    ip("-n", inside.name, "link", "set", CABLE, "up")
+    ip("-n", inside.name, "route", "add", "default", "via", here)
+    return inside, here
+
+
+def _lay_cable(made: ExitStack, inside: Namespace) -> int:
+    """Take a free place by making its cable: the kernel gives each name once."""
+    first = os.getpid() * PLACES_A_PROCESS % PLACES
+    for place in chain(range(first, PLACES), range(first)):
+        ends = (f"rtup{place}", "type", "veth", "peer", "name", CABLE, "netns", inside.name)
+        done = subprocess.run(
+            ["ip", "link", "add", *ends], capture_output=True, text=True, check=False
+        )
+        if done.returncode == 0:
+            # It may have gone with the namespace.
+            delete = ["ip", "link", "delete", f"rtup{place}"]
+            made.callback(subprocess.run, delete, capture_output=True, check=False)
+            return place
+        if "File exists" not in done.stderr:
+            raise RuntimeError(f"cannot lay a cable to {inside.name}: {done.stderr.strip()}")
+    raise RuntimeError(f"cannot lay a cable to {inside.name}: all {PLACES} places are taken")
 
 
 def remove(name: str) -> None:

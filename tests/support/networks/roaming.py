@@ -6,17 +6,14 @@ radio link does: nobody hears of it but by silence.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from itertools import count
 
-from namespaces import PREFIX, Namespace, ip, make, remove, sweep
+from namespaces import Namespace, ip, make, sweep
 
 UPLINKS = ("wifi", "mobile")
 # Before every other rule of a router but that for its own addresses.
 FIRST_RULE = ("pref", "1")
-_numbers = count(1)
 
 
 class RoamingNetwork:
@@ -101,16 +98,9 @@ def roaming_networks(how_many: int) -> Iterator[tuple[Namespace, list[RoamingNet
     """Make a cloud and the networks of so many robots, and remove them all."""
     sweep()
     with ExitStack() as made:
-
-        def namespace(end: str) -> Namespace:
-            new = Namespace(f"{PREFIX}-{os.getpid()}-{next(_numbers)}-{end}", "")
-            made.callback(remove, new.name)
-            make(new)
-            return new
-
-        cloud = namespace("cloud")
+        cloud = make(made, "cloud")
         networks = [
-            RoamingNetwork(number, cloud, namespace("router"), namespace("robot"))
+            RoamingNetwork(number, cloud, make(made, "router"), make(made, "robot"))
             for number in range(how_many)
         ]
         for network in networks:

@@ -7,11 +7,11 @@ import os
 import socket
 import subprocess
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import namespaces
 import pytest
-from namespaces import Namespace
 from robotether_agent.exposure import (
     ADDRESS_ADVICE,
     FIREWALL_ADVICE,
@@ -30,11 +30,8 @@ needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="a network namespace n
 @pytest.fixture
 def network() -> Iterator[None]:
     """A network that nobody else reaches."""
-    made = Namespace(f"{namespaces.PREFIX}-{os.getpid()}-0-exposure", "")
-    namespaces.make(made)
-    with made.entered():
+    with ExitStack() as made, namespaces.make(made, "exposure").entered():
         yield
-    namespaces.remove(made.name)
 
 
 @needs_root
