@@ -117,18 +117,18 @@ class Account:
 def joined(
     sent: Iterable[Mapping[str, Any]], arrived: Iterable[Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """One run's figures, of what each sender and each receiver told; a message that was not sent is not lost."""
+    """One run's figures, of what each sender and each receiver told."""
     senders, receivers = list(sent), list(arrived)
-    totals = {name: sum(one[name] for one in senders) for name in ("sent", "unsent")}
-    for name in ("received", "duplicated", "reordered", "foreign"):
-        totals[name] = sum(one[name] for one in receivers)
+    totals = {
+        name: sum(one[name] for one in receivers)
+        for name in ("received", "duplicated", "reordered", "foreign")
+    }
+    sent_all = sum(one["sent"] for one in senders)
     return {
         **totals,
-        "lost": totals["sent"] - totals["received"],
-        # Connections that ended in mid-run at either end, and why.
-        "redials": sum(one["redials"] for one in (*senders, *receivers)),
-        "endings": sorted({why for one in (*senders, *receivers) for why in one["endings"]}),
-        # Those that failed before the start.
+        "sent": sent_all,
+        "lost": sent_all - totals["received"],
+        # Connections that failed before the start, and why.
         "failed_dials": sum(one["failed_dials"] for one in (*senders, *receivers)),
         "dial_failures": sorted(
             {why for one in (*senders, *receivers) for why in one["dial_failures"]}

