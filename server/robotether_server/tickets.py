@@ -23,6 +23,8 @@ ID_BYTES = 16
 PARTS = 3
 # Maximum time by which the clock of another machine that signs tickets may be ahead.
 MAX_AHEAD_S = 2
+# Maximum of TICKET_TTL_S.
+MAX_TTL_S = 300
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from robotether_server import __version__
 from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.problems import RecordMissingError
 from robotether_server.settings import CellSettings
+from robotether_server.tickets import MAX_AHEAD_S, MAX_TTL_S
 from robotether_server.times import utc_now
 
 # Maximum age of a living cell's row; its relay writes it each second.
@@ -32,7 +33,7 @@ class SshAddresses:
 class Cell:
     """A machine of the site. `host` None: robots are not sent there. `robots`: how many are online there.
 
-    `clock_ahead_s`: how far its clock is ahead of the database's, in seconds; None: unknown.
+    `clock_ahead_s`: how far its clock is ahead of the database's, in seconds; None: unknown, or its tickets expired.
     """
 
     name: str
@@ -54,6 +55,10 @@ class Cell:
 
 
 CLOCK_AHEAD_S = "TIMESTAMPDIFF(MICROSECOND, CURRENT_TIMESTAMP(6), %(now)s) / 1000000"
+# The tickets that a dead cell signed are good for a while.
+MAY_HAVE_TICKETS = (
+    f"c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {MAX_TTL_S + MAX_AHEAD_S} SECOND"
+)
 IS_ALIVE = f"c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND"
 # Of a row `s` of sessions or leases. What a dead cell left open is over, though nobody could write that.
 IS_OF_LIVE_CELL = (
@@ -69,7 +74,7 @@ IS_PRESENT = (
 )
 SELECT = (
     "SELECT c.name, c.host, c.https_port, c.ssh_ports, c.peer_address, c.version, c.robots, c.draining,"  # noqa: S608 - as above
-    f" c.region, c.clock_ahead_s, {IS_ALIVE} AS is_alive FROM cells c "
+    f" c.region, IF({MAY_HAVE_TICKETS}, c.clock_ahead_s, NULL) AS clock_ahead_s, {IS_ALIVE} AS is_alive FROM cells c "
 )
 
 

@@ -14,6 +14,7 @@ from robotether_server.db.cells import Cell, sort_for, sort_for_join
 from robotether_server.db.fleet import SessionEntry
 from robotether_server.problems import RecordExistsError
 from robotether_server.settings import CellSettings
+from robotether_server.tickets import MAX_AHEAD_S, MAX_TTL_S
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 MINUTE = dt.timedelta(minutes=1)
@@ -187,13 +188,27 @@ def test_addresses_have_the_ports_of_their_cell():
     assert found == {"a.example": (2222, 443), "b.example": (22,)}
 
 
-def test_a_heartbeat_says_how_far_its_clock_is_ahead(
-    relay_database: Database, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In seconds, by the database's clock."""
+@pytest.fixture
+def _clock_ahead(relay_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the clock of cell a be 90 s ahead of the database's."""
     ahead = dt.timedelta(seconds=90)
     monkeypatch.setattr(cells, "utc_now", lambda: dt.datetime.now(dt.UTC) + ahead)
-    with relay_database.transaction() as tx:
-        for _ in range(2):
-            cells.write_heartbeat(tx, cell_settings("a"), robots=0, started_at=NOON)
-        assert cells.get(tx, "a").clock_ahead_s == pytest.approx(90, abs=5)
+    for _ in range(2):
+        heartbeat(relay_database, cell_settings("a"))
+
+
+@pytest.mark.usefixtures("_clock_ahead")
+def test_a_heartbeat_says_how_far_its_clock_is_ahead(relay_database: Database) -> None:
+    """The time is in seconds, by the database's clock."""
+    assert read(relay_database)[0].clock_ahead_s == pytest.approx(90, abs=5)
+
+
+@pytest.mark.usefixtures("_clock_ahead")
+def test_the_clock_of_a_dead_cell_counts_until_its_tickets_expired(
+    relay_database: Database, admin_database: Database
+) -> None:
+    """A cell that has just died signed tickets that are still good; one that never returns delays no driver."""
+    age(admin_database, MAX_TTL_S)
+    assert read(relay_database)[0].clock_ahead_s == pytest.approx(90, abs=5)
+    age(admin_database, MAX_AHEAD_S)
+    assert read(relay_database)[0].clock_ahead_s is None
