@@ -96,39 +96,12 @@ def test_what_is_for_admins_is_tagged_and_may_be_refused(document: Document) -> 
             assert {"401", "403"} <= set(described["responses"]), (path, method)
 
 
-def test_what_the_relay_takes_is_described(document: Document) -> None:
-    """A stop of many has a reason as that of one robot; it calls 400 what the rest of the API calls 422."""
-    schemas = document["components"]["schemas"]
-    assert set(schemas["StoppedSite"]["properties"]) == {"site", "reason"}
-    for path, method in ELSEWHERE:
-        described = document["paths"][path][method]
-        assert ("400" in described["responses"]) == (method == "post"), path
-
-
 def test_every_schema_is_one(document: Document) -> None:
     """JSON Schema 2020-12, which OpenAPI 3.1 uses; an object names its required members among its own."""
     assert document["openapi"] == "3.1.0"
     for name, schema in document["components"]["schemas"].items():
         Draft202012Validator.check_schema(schema)
         assert set(schema.get("required", [])) <= set(schema.get("properties", {})), name
-
-
-@pytest.mark.parametrize(
-    ("method", "path", "status", "code"),
-    [
-        ("GET", "/api/v1/nothing", 404, "not_found"),
-        ("DELETE", "/api/v1/tokens/first", 404, "not_found"),
-        ("GET", "/api/v1/join", 405, "method_not_allowed"),
-        ("POST", "/api/v1/robots/sim1", 405, "method_not_allowed"),
-    ],
-)
-def test_wrong_paths_and_methods_are_problems_too(
-    program: Browser, method: str, path: str, status: int, code: str
-) -> None:
-    """Programs get JSON whatever happens."""
-    answer = program.ask(method, path)
-    assert (answer.status_code, answer.json["code"]) == (status, code)
-    assert answer.content_type == "application/problem+json"
 
 
 def test_every_other_method_is_refused_with_those_that_there_are(

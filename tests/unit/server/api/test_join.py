@@ -31,64 +31,6 @@ def robot() -> RobotSigner:
     return RobotSigner()
 
 
-@pytest.mark.parametrize(
-    ("changes", "named"),
-    [
-        ({"mac": "rubbish"}, "mac"),
-        ({"mac": None}, "mac"),
-        ({"public_key": "ssh-rsa AAAA"}, "public_key"),
-        ({"public_key": 'command="sh" ssh-ed25519 AAAA'}, "public_key"),
-        ({"hostname": ""}, "hostname"),
-        ({"hostname": "x" * 254}, "hostname"),
-        ({"hostname": "a\x1b[2J"}, "hostname"),
-        ({"agent_version": 1}, "agent_version"),
-        ({"token": 5}, "token"),
-        ({"mac": "ff:ff:ff:ff:ff:ff"}, "mac"),
-        ({"mac_present": "no"}, "mac_present"),
-        ({"name": 5}, "name"),
-        ({"signature": "x" * 4097}, "signature"),
-        ({"previous_key": "x"}, "previous_key"),
-        ({"previous_key": {"signature": "x"}}, "previous_key.fingerprint"),
-        ({"previous_key": {"fingerprint": "SHA256:a"}}, "previous_key.signature"),
-        (
-            {"previous_key": {"fingerprint": "SHA256:a", "signature": "x" * 4097}},
-            "previous_key.signature",
-        ),
-        (
-            {"previous_key": {"fingerprint": "SHA256:a", "signature": "\ud800"}},
-            "previous_key.signature",
-        ),
-    ],
-)
-def test_join_names_the_field_that_is_wrong(
-    program: Browser, robot: RobotSigner, changes: dict[str, object], named: str
-) -> None:
-    """422, and a sentence with the field's name."""
-    answer = program.ask("POST", "/api/v1/join", json=robot.join(MAC) | changes)
-    assert (answer.status_code, answer.json["code"]) == (422, "field_invalid")
-    assert f"cannot use {named}" in answer.json["detail"]
-
-
-@pytest.mark.parametrize("body", [b"", b"{", b"[]", b"\xff\xfe", b"null"])
-def test_join_without_an_object_is_refused(program: Browser, body: bytes) -> None:
-    """Broken JSON is a wrong body, not a failure of the server."""
-    kind = "application/json"
-    answer = program.ask("POST", "/api/v1/join", data=body, content_type=kind)
-    assert (answer.status_code, answer.json["code"]) == (422, "field_invalid")
-
-
-def test_second_key_of_a_mac_is_told_that_it_waits(
-    program: Browser, database: Database, robot: RobotSigner
-) -> None:
-    """202 with a code of its own, and nothing about the robot that has the MAC."""
-    with database.transaction() as tx:
-        robots.add(tx, MAC, "turtle")
-    program.ask("POST", "/api/v1/join", json=robot.join(MAC))
-    answer = program.ask("POST", "/api/v1/join", json=RobotSigner().join(MAC))
-    assert (answer.status_code, answer.json["code"]) == (202, "mac_in_use")
-    assert "turtle" not in answer.text
-
-
 def test_rotated_key_is_active_at_once(program: Browser, database: Database) -> None:
     """With the old key's signature, as ssh-keygen makes it."""
     old, new = (RobotSigner() for _ in range(2))

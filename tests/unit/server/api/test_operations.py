@@ -9,7 +9,6 @@ import pytest
 from api_visitor import Program
 from msgspec import UNSET, Struct, UnsetType
 from robotether_server.api.operations import plain
-from web_visitor import Browser
 
 
 class Answer(Struct):
@@ -26,22 +25,6 @@ def test_moments_are_texts_of_whole_seconds() -> None:
     assert plain([Answer(moment, {"a": [None, 1.5]})]) == [
         {"at": "2026-01-01T12:03:00Z", "settings": {"a": [None, 1.5]}}
     ]
-
-
-def test_who_asks_is_found_out_before_the_body_is_read(program: Browser, ann: Program) -> None:
-    """Whoever may not do it learns nothing of what it takes."""
-    answer = program.ask("POST", "/api/v1/groups", data="no JSON")
-    assert (answer.status_code, answer.json["code"]) == (401, "login_missing")
-    assert ann.refused("POST", "/groups", {"naem": "crew"}) == (403, "grant_missing")
-
-
-def test_refused_body_is_told_by_its_field(root: Program) -> None:
-    """The sentence says what the field must be, and that no change is none."""
-    answer = root.ask("POST", "/groups", {"name": "Crew"})
-    assert (answer.status_code, answer.json["code"]) == (422, "field_invalid")
-    assert answer.json["detail"].startswith("cannot use name: it must be 1 to 63 characters")
-    answer = root.ask("PATCH", "/users/ann", {})
-    assert answer.json["detail"] == "cannot change anything: give one of role, disabled, password"
 
 
 def sent(root: Program, path: str, body: bytes, kind: str | None) -> tuple[int, str]:

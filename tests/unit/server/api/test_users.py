@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import pytest
 from api_visitor import Program
 from robotether_server import passwords
 from robotether_server.db import Database, users
-from web_visitor import PASSWORD, Browser, audit_kinds
+from web_visitor import PASSWORD, Browser
 
 
 def matches(database: Database, user: str, password: str) -> bool:
@@ -27,44 +24,6 @@ def test_password_that_is_made_is_told_once(root: Program, database: Database) -
     answer = root.ask("POST", "/users", {"name": "max", "role": "admin", "password": given})
     assert answer.json == {"name": "max", "role": "admin", "disabled": False}
     assert matches(database, "max", given)
-
-
-@pytest.mark.parametrize(
-    ("body", "refusal"),
-    [
-        ({"name": "ann", "role": "user"}, (409, "record_exists")),
-        ({"name": "Bob!", "role": "user"}, (422, "field_invalid")),
-        ({"name": "", "role": "user"}, (422, "field_invalid")),
-        ({"name": "bob"}, (422, "field_invalid")),
-        ({"name": "bob", "role": "king"}, (422, "field_invalid")),
-        ({"name": "bob", "role": "user", "password": "short"}, (422, "field_invalid")),
-        ({"name": "bob", "role": "user", "password": None}, (422, "field_invalid")),
-        ({"name": "bob", "role": "user", "password": "\ud800" * 20}, (422, "field_invalid")),
-        ({"name": "bob", "role": "user", "admin": True}, (422, "field_invalid")),
-    ],
-)
-def test_user_is_refused(root: Program, body: dict[str, Any], refusal: tuple[int, str]) -> None:
-    """Each with the code that says why."""
-    assert root.refused("POST", "/users", body) == refusal
-
-
-def test_user_is_changed_in_one_step(root: Program, database: Database) -> None:
-    """All that is given."""
-    changes = {"role": "admin", "disabled": True, "password": "another long password"}
-    answer = root.ask("PATCH", "/users/ann", changes)
-    assert (answer.status_code, answer.json) == (
-        200,
-        {"name": "ann", "role": "admin", "disabled": True},
-    )
-    assert matches(database, "ann", "another long password")
-    kinds = [kind for kind, _, _ in audit_kinds(database)]
-    assert kinds == ["user_role_set", "user_disabled", "password_set"]
-
-
-@pytest.mark.parametrize("changes", [{}, {"name": "bob"}, {"disabled": "no"}, {"role": None}])
-def test_change_is_refused(root: Program, changes: dict[str, Any]) -> None:
-    """A change is rejected, also an empty one."""
-    assert root.refused("PATCH", "/users/ann", changes) == (422, "field_invalid")
 
 
 def test_removed_user_is_out(root: Program, ann: Program) -> None:
