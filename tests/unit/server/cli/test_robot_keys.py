@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import threading
 
 import pytest
@@ -21,7 +20,6 @@ from admin_records import (
 )
 from robotether_server.cli import robot_keys
 from robotether_server.db import Database, robots
-from robotether_server.db.robots import State
 from robotether_server.identity import PublicKey
 
 THIRD_KEY = PublicKey("ssh-ed25519 CCCC", "SHA256:third")
@@ -51,24 +49,6 @@ def test_what_waits_is_listed(run: Run, database: Database) -> None:
     }
     assert found["sim1"]["fingerprint"] == "SHA256:other"
     assert "MAC is in use" in "".join(rows)
-
-
-def test_robot_without_a_key_cannot_be_approved(run: Run) -> None:
-    """There is nothing yet to approve."""
-    run(*ADD)
-    done = run("robot", "approve", "sim1")
-    assert done.status == 1
-    assert "has not joined yet" in done.err
-
-
-def test_second_approval_changes_nothing(run: Run, database: Database) -> None:
-    """A second approval leaves no second event."""
-    run(*ADD)
-    show_key(database)
-    for _ in range(2):
-        done = run("robot", "approve", "sim1", "--yes")
-        assert done.out == "robot sim1 is active with key SHA256:abc\n"
-    assert kinds(database) == ["robot_added", "robot_approved"]
 
 
 def test_approve_shows_who_joined_and_asks(run: Run, database: Database) -> None:
@@ -193,32 +173,6 @@ def test_rejected_key_is_gone(run: Run, database: Database) -> None:
     assert robot(database).fingerprint is None
     assert "so there is no key to reject" in run("robot", "reject", "sim1").err
     assert kinds(database)[-1] == "key_rejected"
-
-
-@pytest.mark.parametrize(
-    ("before", "after"), [("active", "pending"), ("pending", "pending"), ("disabled", "disabled")]
-)
-def test_rekey_forgets_the_key(run: Run, database: Database, before: State, after: State) -> None:
-    """The old key opens nothing from now on; a disabled robot stays so."""
-    run(*ADD)
-    show_key(database)
-    with database.transaction() as tx:
-        robots.set_state(tx, robots.get(tx, "sim1").id, before)
-    done = run("robot", "rekey", "sim1")
-    assert done.out == "robot sim1 has no key now; it had SHA256:abc\n"
-    found = robot(database)
-    assert (found.state, found.fingerprint) == (after, None)
-    assert details_of(database, "robot_rekeyed") == [{"was": before, "fingerprint": "SHA256:abc"}]
-
-
-def test_new_key_is_asked_for(run: Run, database: Database) -> None:
-    """Only an active robot is asked for a new key."""
-    run(*ADD)
-    assert "only an active robot" in run("robot", "rotate-key", "sim1").err
-    activate(database)
-    assert run("robot", "rotate-key", "sim1").status == 0
-    assert robot(database).rotate_requested_at is not None
-    assert re.search(r"^new key +asked for", run("robot", "show", "sim1").out, re.MULTILINE)
 
 
 def test_rejected_key_may_ask_again(run: Run, database: Database) -> None:

@@ -64,14 +64,6 @@ def test_null_is_meant_where_it_is_a_value(run: Run, database: Database) -> None
     assert robot(database).settings == {}
 
 
-def test_region_is_set_and_taken_away(run: Run, database: Database) -> None:
-    """It has no default, and null is none."""
-    assert run("robot", "set", "sim1", "region=eu").out == 'robot sim1 has region="eu"\n'
-    assert robot(database).settings == {"region": "eu"}
-    assert run("robot", "set", "sim1", "region=null").out == "robot sim1 has region=null\n"
-    assert robot(database).settings == {}
-
-
 def test_shell_user_is_set_and_taken_away(run: Run, database: Database) -> None:
     """Only a name that an account may have; saying nothing is a mistake."""
     assert run("robot", "set", "sim1", "--shell-user", "pi").status == 0
@@ -86,18 +78,10 @@ def test_shell_user_is_set_and_taken_away(run: Run, database: Database) -> None:
     ("changes", "sentence"),
     [
         (["guard.deadman_ms"], "write KEY=VALUE"),
-        (["guard.deadman_ms=100"], "cannot use guard.deadman_ms: it must be a whole number"),
         (["guard.deadman_ms.x=1"], "cannot use guard.deadman_ms: it must be a whole number"),
         (["guard.max_speed_m_s=0,5"], "cannot use guard.max_speed_m_s: it must be null"),
-        (["guard.max_speed_m_s=NaN"], "cannot use guard.max_speed_m_s: it must be null"),
-        (["guard.max_speed_m_s="], "cannot use guard.max_speed_m_s: it must be null"),
-        (["guard.drive_topics=[]"], "cannot use guard.drive_topics: it must name at least one"),
-        (["policy.drive.call=/arm"], "cannot use policy.drive.call: it must be a list"),
         (["policy.drive.call=" + "[" * 100_000], "cannot use policy.drive.call: it must be a list"),
-        (["guard.max_sped=1"], "cannot use guard: 'max_sped' is no setting; there is"),
         (["guard.max_sped=null"], "cannot use guard.max_sped: it is no setting"),
-        (["guard.={}"], "cannot use guard: '' is no setting"),
-        (["speed=1"], "cannot use settings: 'speed' is no setting"),
         (["guard.deadman_ms=300", "guard.deadman_ms=400"], "it is given twice"),
         (["shell_user=pi", "--shell-user", "ubuntu"], "it is given twice"),
     ],

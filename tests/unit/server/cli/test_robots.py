@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 
-import pytest
-from admin_records import ADD, MAC, Run, activate, claim, details_of, events, kinds, robot, show_key
+from admin_records import ADD, MAC, Run, activate, claim, details_of, events, kinds, show_key
 from granted import give
 from robotether_server.db import Database, robots, seen_robots, users
 
@@ -103,6 +102,40 @@ def test_wait_online(run: Run, admin_database: Database) -> None:
     assert run("robot", "list").out.splitlines()[1].split()[2] == "yes"
 
 
+def test_each_change_of_a_robot_is_said(run: Run, database: Database) -> None:
+    """The command prints what is so now, and the audit log has it."""
+    run(*ADD)
+    activate(database)
+    for words, said in (
+        ("disable sim1", "robot sim1 is disabled"),
+        ("enable sim1", "robot sim1 is active"),
+        ("rotate-key sim1", "robot sim1 makes a new key as soon as it is online"),
+        ("set-mac sim1 001B.4411.3AB7", "robot sim1 has MAC 00:1b:44:11:3a:b7"),
+        (
+            "set-mac sim1 02:00:00:00:00:07 --allow-local-mac",
+            "robot sim1 has MAC 02:00:00:00:00:07",
+        ),
+        ("move-ports sim1 --ros 20100 --video 20101", "robot sim1 has ports 20100 and 20101"),
+        ("move-ports sim1", "robot sim1 has ports 20000 and 20001"),
+        ("shell sim1 on", "the shell of robot sim1 is on, at port 24000 of the server"),
+        ("shell sim1 off", "the shell of robot sim1 is off"),
+        ("rekey sim1", "robot sim1 has no key now; it had SHA256:abc"),
+        ("rename sim1 turtle", "robot sim1 is now turtle"),
+    ):
+        assert run("robot", *words.split()).out == said + "\n"
+    assert "go together" in run("robot", "move-ports", "turtle", "--ros", "20102").err
+    assert kinds(database)[1:] == [
+        "robot_disabled",
+        "robot_enabled",
+        "robot_rotation_requested",
+        *["robot_mac_set"] * 2,
+        *["robot_ports_moved"] * 2,
+        *["robot_shell_set"] * 2,
+        "robot_rekeyed",
+        "robot_renamed",
+    ]
+
+
 def test_unknown_robot_is_said(run: Run) -> None:
     """In one sentence, by each command."""
     plain = (
@@ -118,61 +151,3 @@ def test_unknown_robot_is_said(run: Run) -> None:
         done = run("robot", name, "ghost", *more)
         assert (done.status, done.err.count("\n")) == (1, 1), name
         assert "cannot find robot ghost" in done.err
-
-
-@pytest.fixture
-def _sim1(run: Run) -> None:
-    run(*ADD)
-
-
-@pytest.mark.usefixtures("_sim1")
-def test_robot_is_disabled_and_enabled(run: Run, database: Database) -> None:
-    """Each change has one audit event."""
-    activate(database)
-    assert run("robot", "disable", "sim1").out == "robot sim1 is disabled\n"
-    assert run("robot", "enable", "sim1").out == "robot sim1 is active\n"
-    assert "it is active, not disabled" in run("robot", "enable", "sim1").err
-    assert kinds(database)[1:] == ["robot_disabled", "robot_enabled"]
-
-
-@pytest.mark.usefixtures("_sim1")
-def test_robot_gets_another_name(run: Run, database: Database) -> None:
-    """Which must be free, and a name."""
-    assert run("robot", "rename", "sim1", "turtle").out == "robot sim1 is now turtle\n"
-    run("robot", "add", "sim2", "--mac", "00:1b:44:11:3a:b7")
-    assert "another robot has it" in run("robot", "rename", "sim2", "turtle").err
-    assert run("robot", "rename", "sim2", "No Name").status == 1
-    assert kinds(database).count("robot_renamed") == 1
-
-
-@pytest.mark.usefixtures("_sim1")
-def test_robot_gets_another_mac(run: Run, database: Database) -> None:
-    """In one spelling; one that a machine has given itself only when that is said."""
-    done = run("robot", "set-mac", "sim1", "001B.4411.3AB7")
-    assert done.out == "robot sim1 has MAC 00:1b:44:11:3a:b7\n"
-    assert "locally administered" in run("robot", "set-mac", "sim1", "02:00:00:00:00:07").err
-    arguments = ("set-mac", "sim1", "02:00:00:00:00:07", "--allow-local-mac")
-    assert run("robot", *arguments).status == 0
-    assert robot(database).mac == "02:00:00:00:00:07"
-
-
-@pytest.mark.usefixtures("_sim1")
-def test_robot_moves_to_other_ports(run: Run, database: Database) -> None:
-    """To those that are given, or to any that are free."""
-    arguments = ("--ros", "20100", "--video", "20101")
-    done = run("robot", "move-ports", "sim1", *arguments)
-    assert done.out == "robot sim1 has ports 20100 and 20101\n"
-    assert "go together" in run("robot", "move-ports", "sim1", "--ros", "20102").err
-    run("robot", "move-ports", "sim1")
-    assert robot(database).ros_port != 20100
-
-
-@pytest.mark.usefixtures("_sim1")
-def test_shell_has_a_port_while_it_is_on(run: Run, database: Database) -> None:
-    """A shell has a port only while it is on."""
-    port = 24000
-    done = run("robot", "shell", "sim1", "on")
-    assert done.out == f"the shell of robot sim1 is on, at port {port} of the server\n"
-    assert robot(database).shell_port == port
-    assert run("robot", "shell", "sim1", "off").out == "the shell of robot sim1 is off\n"
-    assert robot(database).shell_port is None

@@ -239,12 +239,14 @@ def test_wrong_changes_are_refused(site: Site) -> None:
 
 
 def test_rekeyed_robot_has_no_key(site: Site) -> None:
-    """And waits; only an active robot is asked to rotate its own."""
+    """And waits, unless it is disabled; only an active robot is asked to rotate its own."""
     robot = do(site, robot_service.rekey, "sim1")
     assert (robot.state, robot.key) == ("pending", None)
     assert details(site, "robot_rekeyed") == {"was": "active", "fingerprint": "SHA256:a"}
     with pytest.raises(NotPossibleError, match="only an active robot"):
         do(site, robot_service.rotate_key, "sim1")
+    do(site, robot_service.disable, "sim1")
+    assert do(site, robot_service.rekey, "sim1").state == "disabled"
 
 
 def test_removed_robot_is_told_as_it_was(site: Site) -> None:
