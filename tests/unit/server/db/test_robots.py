@@ -51,13 +51,6 @@ def test_mac_is_written_in_one_spelling(database: Database, spelling: str) -> No
         assert robots.get(tx, "a").mac == MAC
 
 
-@pytest.mark.parametrize("text", ["", "00:1b:44:11:3a", "00:1b:44:11:3a:bg", "001b:4411:3ab7"])
-def test_no_mac_is_refused_with_a_sentence(database: Database, text: str) -> None:
-    """The database says which robot, which text and how to write it."""
-    with database.transaction() as tx, pytest.raises(RecordRefusedError, match="write it as 00:1b"):
-        robots.add(tx, text, "a")
-
-
 # The column's; a trigger never sees a longer text, which only a space in front of a whole MAC makes.
 MAX_IN_SQL_LENGTH = 17
 

@@ -60,16 +60,6 @@ def test_each_change_of_a_group_is_in_the_log_once(site: Site) -> None:
     }
 
 
-@pytest.mark.parametrize("name", ["", "A", "a b", ".a", "x" * 64])
-def test_name_of_a_group_must_fit_a_path(site: Site, name: str) -> None:
-    """The sentence says how."""
-    with (
-        site.database.transaction() as tx,
-        pytest.raises(FieldInvalidError, match="cannot use name"),
-    ):
-        grants.add_group(tx, ADMIN, name)
-
-
 def test_each_change_of_a_site_is_in_the_log_once(site: Site) -> None:
     """A robot that is there already stays without a line."""
     with site.database.transaction() as tx:
