@@ -96,7 +96,7 @@ class RelayObserver:
         close_reason = report.close_reason
         if close_reason is None:
             self._drives.add(drive)
-            self._registry.robot(drive.entry.robot_id).newest_drive = drive
+            self._registry.ensure_robot(drive.entry.robot_id).newest_drive = drive
             self._event_writer.add(_audit(report, "drive_started", {"fence": drive.entry.fence}))
             self._event_writer.add(drive.written())
             return
@@ -114,13 +114,13 @@ class RelayObserver:
             started_at=presence.since or utc_now(),
             address=presence.address or "",
         )
-        self._registry.robot(change.robot_id).session_entry = entry
+        self._registry.ensure_robot(change.robot_id).session_entry = entry
         self._event_writer.add(entry)
 
     def _on_disconnected(self, change: Change) -> None:
         log.info("robot %s is offline: %s", self._name(change.robot_id), change.code)
         self._metrics.session_close_codes.labels(change.code or "").inc()
-        robot = self._registry.robot(change.robot_id)
+        robot = self._registry.ensure_robot(change.robot_id)
         entry, robot.session_entry = robot.session_entry, None
         if entry is not None:
             entry.ended_at, entry.end_code = change.presence.since, change.code
@@ -136,7 +136,7 @@ class RelayObserver:
             self._event_writer.add(entry)
 
     def _on_guard_status(self, change: Change) -> None:
-        robot = self._registry.robot(change.robot_id)
+        robot = self._registry.ensure_robot(change.robot_id)
         more = new_refusals(robot, change.presence.report.refused)
         for kind, count in more.items():
             self._metrics.guard_refusals.labels(kind).inc(count)

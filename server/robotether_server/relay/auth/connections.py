@@ -69,7 +69,7 @@ class Connections:
     def joined(self, connection: Connection) -> Iterator[None]:
         """Have the connection ended, inside the block, when its link or right is gone."""
         robot_id = connection.robot.id
-        members = self._registry.robot(robot_id).connections
+        members = self._registry.ensure_robot(robot_id).connections
         members.add(connection)
         counted_as = _counted_as(connection)
         self._of_user[counted_as] += 1

@@ -25,7 +25,7 @@ from robotether_server.relay.cells.messages import (
     PeerStop,
     PeerStopEnd,
 )
-from robotether_server.relay.control.stops import CONFIRMED_WITHIN_S, Stops
+from robotether_server.relay.control.stops import Stops
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change
 
@@ -98,7 +98,8 @@ class Peers:
                 peer.robots[robot_id] = message
                 self._end_older_session(robot_id)
                 self._changed(robot_id)
-                self._registry.robot(robot_id).reported_elsewhere.set()
+                if self._is_confirmed(robot_id):
+                    self._stops.on_confirmed(robot_id)
             case PeerRobot(robot_id):
                 if peer.robots.pop(robot_id, None) is not None:
                     self._on_offline(robot_id)
@@ -135,15 +136,7 @@ class Peers:
         return None if self.owner(robot_id) is None else self._confirmation(robot_id)
 
     async def _confirmation(self, robot_id: int) -> bool:
-        reported = self._registry.robot(robot_id).reported_elsewhere
-        try:
-            async with asyncio.timeout(CONFIRMED_WITHIN_S):
-                while not self._is_confirmed(robot_id):
-                    reported.clear()
-                    await reported.wait()
-        except TimeoutError:
-            return False
-        return True
+        return self._is_confirmed(robot_id) or await self._stops.reported_confirmation(robot_id)
 
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot here; its epoch is known once its agent has said hello."""

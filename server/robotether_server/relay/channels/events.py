@@ -202,7 +202,7 @@ class FleetEvents:
 
     def _rtt_changed(self, robot_id: int) -> None:
         now = asyncio.get_running_loop().time()
-        robot = self._registry.robot(robot_id)
+        robot = self._registry.ensure_robot(robot_id)
         if now - robot.rtt_notified_at >= RTT_NOTIFY_EVERY_S:
             robot.rtt_notified_at = now
             self.changed(robot_id)

@@ -67,7 +67,7 @@ class Control:
     @contextmanager
     def watched(self, robot_id: int, changed: Callable[[], None]) -> Iterator[None]:
         """Notify of changes of one robot's control inside the block."""
-        watchers = self._registry.robot(robot_id).control_watchers
+        watchers = self._registry.ensure_robot(robot_id).control_watchers
         watchers.add(changed)
         try:
             yield

@@ -61,7 +61,7 @@ class Leasing:
         self._changed = changed
 
     def of(self, robot_id: int) -> Lease:
-        """Return a robot's lease."""
+        """Return a robot's lease, to read it or to change one that somebody has or claims."""
         return self._registry.robot(robot_id).lease
 
     def count(self) -> int:
@@ -71,7 +71,7 @@ class Leasing:
     def remember(self, fences: Mapping[int, int]) -> None:
         """Go on from the numbers of the relay before this one."""
         for robot_id, fence in fences.items():
-            lease = self.of(robot_id)
+            lease = self._registry.ensure_robot(robot_id).lease
             lease.fence = max(lease.fence, fence)
 
     def line(self, robot_id: int) -> bytes:
@@ -84,7 +84,7 @@ class Leasing:
         robot = connection.robot
         if (close_reason := self._stopped(robot)) is not None:
             raise ConnectionClosedError(close_reason)
-        lease = self.of(robot.id)
+        lease = self._registry.ensure_robot(robot.id).lease
         self._claim(lease, connection)
         recorded = await self._next_fence(connection)
         fence = self._newest_fence(robot.id) + 1 if recorded is None else recorded
@@ -243,7 +243,8 @@ class Leasing:
         due = min(self._due_at(robot_id), default=None)
         if due is not None:
             loop = asyncio.get_running_loop()
-            self._registry.robot(robot_id).lease_timer = loop.call_at(due, self._on_timer, robot_id)
+            robot = self._registry.ensure_robot(robot_id)
+            robot.lease_timer = loop.call_at(due, self._on_timer, robot_id)
 
     def _due_at(self, robot_id: int) -> Iterator[float]:
         lease = self.of(robot_id)

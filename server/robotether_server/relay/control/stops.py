@@ -110,7 +110,7 @@ class Stops:
 
     def of(self, robot_id: int) -> Stop | None:
         """Return the newest stop of a robot, None when it is not stopped."""
-        return self._of(robot_id).newest
+        return self._registry.robot(robot_id).stops.newest
 
     def shown(self, robot_id: int) -> ShownStop | None:
         """Return what people see of a robot's stop."""
@@ -154,17 +154,27 @@ class Stops:
         presence = self._registry.presence(robot_id)
         if self.confirmed(robot_id) or not presence.online or presence.guard_mode != "on":
             return self.confirmed(robot_id)
+        return await self.reported_confirmation(robot_id) or self.confirmed(robot_id)
+
+    async def reported_confirmation(self, robot_id: int) -> bool:
+        """Wait shortly until the robot's guard, or the cell that has it, confirms the stop; return whether it does."""
         waiting = asyncio.get_running_loop().create_future()
         waiters = self._of(robot_id).confirmations
-        waiters.add(waiting)
+        waiters.append(waiting)
         try:
             async with asyncio.timeout(CONFIRMED_WITHIN_S):
                 await waiting
         except TimeoutError:
-            return self.confirmed(robot_id)
+            return False
         finally:
-            waiters.discard(waiting)
+            waiters.remove(waiting)
         return True
+
+    def on_confirmed(self, robot_id: int) -> None:
+        """The robot's guard has the stop, here or at another cell."""
+        for waiting in self._registry.robot(robot_id).stops.confirmations:
+            if not waiting.done():
+                waiting.set_result(None)
 
     async def release(
         self,
@@ -222,7 +232,7 @@ class Stops:
             raise NotPossibleError(f"{sentence} too; check again before you release it")
 
     def _of(self, robot_id: int) -> RobotStops:
-        return self._registry.robot(robot_id).stops
+        return self._registry.ensure_robot(robot_id).stops
 
     def _pending_releases(self, robot_id: int) -> list[asyncio.Future[None]]:
         return [each for each in self._of(robot_id).releases.values() if _may_end_it(each)]
@@ -315,9 +325,7 @@ class Stops:
             answered.set_result(None)
 
     def _stopped_by_guard(self, robot_id: int, by: str) -> None:
-        for waiting in self._of(robot_id).confirmations:
-            if not waiting.done():
-                waiting.set_result(None)
+        self.on_confirmed(robot_id)
         robot = self._robots().get(robot_id)
         if self.of(robot_id) is None and robot is not None:
             name = _claimed_name(by)

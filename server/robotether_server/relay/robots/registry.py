@@ -41,6 +41,7 @@ class SessionRegistry:
         self._monotonic = monotonic
         self._always_needed = always_needed
         self._robots: dict[int, Robot] = {}
+        self._unknown = Robot(0, always_needed=always_needed)
         self._online = 0
 
     def listen(self, *listeners: Listener) -> None:
@@ -48,7 +49,11 @@ class SessionRegistry:
         self._listeners.extend(listeners)
 
     def robot(self, robot_id: int) -> Robot:
-        """Return a robot; one that is not known yet is made."""
+        """Return a robot to read it; of one that is not here nothing is known."""
+        return self._robots.get(robot_id, self._unknown)
+
+    def ensure_robot(self, robot_id: int) -> Robot:
+        """Return a robot to change it; one that is not here yet is made."""
         robot = self._robots.get(robot_id)
         if robot is None:
             robot = self._robots[robot_id] = Robot(robot_id, always_needed=self._always_needed)
@@ -73,17 +78,15 @@ class SessionRegistry:
 
     def presence(self, robot_id: int) -> Presence:
         """Return what is known of a robot's connection."""
-        robot = self._robots.get(robot_id)
-        return NEVER_SEEN if robot is None else robot.presence
+        return self.robot(robot_id).presence
 
     def session_of(self, robot_id: int) -> Link | None:
         """Return the link of a robot that is online."""
-        robot = self._robots.get(robot_id)
-        return None if robot is None else robot.session
+        return self.robot(robot_id).session
 
     def seen_elsewhere(self, robot_id: int) -> None:
         """Another cell had the robot until now."""
-        robot = self.robot(robot_id)
+        robot = self.ensure_robot(robot_id)
         if not robot.presence.online:
             robot.presence = replace(robot.presence, since=self._clock(), end_code=None)
 
@@ -111,13 +114,13 @@ class SessionRegistry:
     def remember(self, last_seen: Iterable[tuple[int, datetime, str | None]]) -> None:
         """Take over from the records since when and why robots are offline."""
         for robot_id, since, end_code in last_seen:
-            robot = self.robot(robot_id)
+            robot = self.ensure_robot(robot_id)
             if robot.presence == NEVER_SEEN:
                 robot.presence = Presence(since=since, end_code=end_code)
 
     def make_current(self, link: Link) -> Link | None:
         """Make `link` the current one of its kind; return the older, which the caller ends."""
-        robot = self.robot(link.robot_id)
+        robot = self.ensure_robot(link.robot_id)
         older = robot.links.get(link.kind)
         if older is not None:
             self._forget(older, "superseded")
@@ -198,7 +201,7 @@ class SessionRegistry:
             self._notify(Change("disconnected", link.robot_id, after, code))
 
     def _notify(self, change: Change) -> None:
-        robot = self.robot(change.robot_id)
+        robot = self.ensure_robot(change.robot_id)
         self._online += change.presence.online - robot.presence.online
         robot.presence = change.presence
         for listener in self._listeners:

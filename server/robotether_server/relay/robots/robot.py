@@ -200,8 +200,6 @@ class Robot:
         self.rtt_notified_at = 0.0
         # Of the monotonic clock: when rebalancing sent the robot to another cell.
         self.sent_away_at: float | None = None
-        # Is set when another cell reports the robot.
-        self.reported_elsewhere = asyncio.Event()
 
     @property
     def session(self) -> Link | None:

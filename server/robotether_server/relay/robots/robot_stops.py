@@ -27,7 +27,7 @@ class RobotStops:
         # Releases that wait for the guard, by the id of the message.
         self.releases: dict[str, asyncio.Future[None]] = {}
         # Requests that wait until the guard has the stop.
-        self.confirmations: set[asyncio.Future[None]] = set()
+        self.confirmations: list[asyncio.Future[None]] = []
 
     @property
     def newest(self) -> Stop | None:

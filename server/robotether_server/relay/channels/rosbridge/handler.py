@@ -108,7 +108,7 @@ class RosbridgeHandler:
             with (
                 self._context.connections.joined(connection),
                 self._context.credentials.held(permit.credential, gone),
-                self._context.registry.robot(robot.id).usage.counted(),
+                self._context.registry.ensure_robot(robot.id).usage.counted(),
             ):
                 await operator.open(request)
                 close_reason = await OperatorSession(
@@ -220,7 +220,7 @@ class OperatorSession:
 
     def _counters(self) -> DriveCounters:
         robot_id, user_id = self.connection.robot.id, self.connection.user_id
-        robot = self.context.registry.robot(robot_id)
+        robot = self.context.registry.ensure_robot(robot_id)
         return DriveCounters(
             passed_bytes=lambda: self.bridge.bytes_passed,
             robot_rtt_ms=lambda: robot.presence.rtt_ms,

@@ -250,7 +250,7 @@ class Feeds:
 
     def _opened(self, robot: RelayRobot, topic: str) -> Feed:
         feed = Feed(robot, topic, self.traffic)
-        self._of(robot.id)[topic] = feed
+        self._registry.ensure_robot(robot.id).feeds[topic] = feed
         task = self._tasks[feed] = self._start(feed)
         self._all.add(task)
         task.add_done_callback(lambda done: self._done(feed, done))

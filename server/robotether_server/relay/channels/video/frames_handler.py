@@ -112,7 +112,7 @@ class FramesSession(OperatorConnection):
             return self._ended.result()
         with (
             self._context.feeds.followed(robot, topic, self) as self._feed,
-            self._context.registry.robot(robot.id).viewer_stats.viewing(user.id),
+            self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id),
         ):
             self._cursor = Cursor(self._feed, time.monotonic())
             return await self._run_until_ended(self._work())
@@ -204,7 +204,7 @@ class FramesSession(OperatorConnection):
         self._credits -= 1
         self._under_way.append(frame.sequence)
         self._cursor.sent(frame)
-        robot = self._context.registry.robot(self._permit.robot.id)
+        robot = self._context.registry.ensure_robot(self._permit.robot.id)
         robot.viewer_stats.count(self._permit.user.id, frame.size)
         return frame.message
 

@@ -96,7 +96,7 @@ class Streams:
         viewer = StreamViewer(stream_request_of(request))
         with (
             self._context.feeds.followed(robot, topic_of(request), viewer) as feed,
-            self._context.registry.robot(robot.id).viewer_stats.viewing(user.id),
+            self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id),
         ):
             cursor = Cursor(feed, time.monotonic())
             first = await self._first(feed, viewer, cursor)
@@ -167,7 +167,7 @@ class StreamSession:
     def _count(self, frame: Frame) -> None:
         self._feed.taken(frame.sequence)
         robot, user = self._permit.robot, self._permit.user
-        self._context.registry.robot(robot.id).viewer_stats.count(user.id, frame.size)
+        self._context.registry.ensure_robot(robot.id).viewer_stats.count(user.id, frame.size)
 
 
 def stream_request_of(request: web.Request) -> StreamRequest:

@@ -49,7 +49,7 @@ def connection_of(permit: Permit, camera: str, end: Callable[[CloseReason], None
 def counted(context: VideoContext, permit: Permit, connection: Connection) -> Iterator[None]:
     """Count a viewer inside the block, have it ended when it may see no more, and the robot send video."""
     gone = partial(connection.end, close_reasons.rights_ended(permit.robot.name))
-    robot = context.registry.robot(permit.robot.id)
+    robot = context.registry.ensure_robot(permit.robot.id)
     with (
         context.connections.joined(connection),
         context.credentials.held(permit.credential, gone),

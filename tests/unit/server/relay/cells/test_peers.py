@@ -13,8 +13,6 @@ from robotether_server.contract.control import NO_CONTROL, StopObject
 from robotether_server.contract.robots import LiveState
 from robotether_server.db.control import Stop
 from robotether_server.relay.cells.messages import PeerRobot
-from robotether_server.relay.cells.peers import Peers
-from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.times import utc_now
 from site_cells import SiteCell
 
@@ -141,37 +139,24 @@ async def test_a_stop_reaches_a_robot_of_another_cell_and_is_confirmed(site, cel
     await robot.stop()
 
 
-class AskedStops:
-    """Stops that remember whose was asked for."""
-
-    def __init__(self) -> None:
-        self.asked: list[int] = []
-
-    def shown(self, robot_id: int) -> None:
-        self.asked.append(robot_id)
-
-
-async def test_who_waits_for_a_guard_looks_when_its_robot_is_reported():
+async def test_who_waits_for_a_guard_ignores_the_reports_of_other_robots(site, cell_a, sim1):
     """After a stop of a whole fleet all wait, and each robot is reported."""
-    stops = AskedStops()
-    peers = Peers(SessionRegistry(), stops, None)
-    peer = peers.connected("b", "b.example:8444")
+    peers = cell_a.relay.peers
+    peer = peers.connected("c", "c.example:8444")
 
     def report(robot_id: int, *, confirmed: bool) -> None:
         stopped = StopObject("ben", "2026-01-01T12:00:00Z", confirmed)
         live = LiveState(control=replace(NO_CONTROL, stopped=stopped))
         peers.on_message(peer, PeerRobot(robot_id, 1, online=True, object=live))
 
-    for robot_id in (7, 8):
+    for robot_id in (sim1.id, sim1.id + 1):
         report(robot_id, confirmed=False)
-    waiting = asyncio.ensure_future(peers.confirmation(7))
+    waiting = asyncio.ensure_future(peers.confirmation(sim1.id))
     await asyncio.sleep(0)
-    stops.asked.clear()
-    report(8, confirmed=True)
-    for _ in range(3):
-        await asyncio.sleep(0)
-    assert stops.asked == []
-    report(7, confirmed=True)
+    (confirmation,) = cell_a.relay.registry.robot(sim1.id).stops.confirmations
+    report(sim1.id + 1, confirmed=True)
+    assert not confirmation.done()
+    report(sim1.id, confirmed=True)
     assert await waiting
 
 

@@ -55,7 +55,7 @@ async def test_a_client_that_does_not_read_is_told_the_newest_state_only(
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         for turn in range(1000):
-            robots.robot(7).presence = Presence(ros="ok" if turn % 2 else "down", video="ok")
+            robots.ensure_robot(7).presence = Presence(ros="ok" if turn % 2 else "down", video="ok")
             fleet_events.changed(7)
         (event,) = subscriber.pop_events()
         assert (event[0], event[1].ros, event[1].video) == ("robot", "ok", "ok")
@@ -85,7 +85,7 @@ async def test_round_trips_are_told_seldom(fleet_events, robots, sim1, monkeypat
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         for rtt_ms in (1.0, 2.0, 3.0):
-            robots.robot(7).presence = Presence(rtt_ms=rtt_ms)
+            robots.ensure_robot(7).presence = Presence(rtt_ms=rtt_ms)
             fleet_events.on_robot_change(Change("heartbeat", 7, robots.presence(7)))
             assert len(subscriber.pop_events()) == (1 if rtt_ms == 1.0 else 0)
         monkeypatch.setattr(module, "RTT_NOTIFY_EVERY_S", 0.0)
@@ -98,7 +98,7 @@ async def test_other_changes_are_told_at_once(fleet_events, robots, sim1):
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         for ros in ("ok", "down", "ok"):
-            robots.robot(7).presence = Presence(online=True, ros=ros)
+            robots.ensure_robot(7).presence = Presence(online=True, ros=ros)
             fleet_events.on_robot_change(Change("updated", 7, robots.presence(7)))
             assert [event[1].ros for event in subscriber.pop_events()] == [ros]
 
@@ -120,7 +120,7 @@ def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots
     """An offline robot shows what the records know; a session that told its own wins."""
     row = replace(sim1, agent_version="0.1.0")
     assert fleet_events.describe(row).agent_version == "0.1.0"
-    robots.robot(7).presence = Presence(online=True, agent_version="0.2.0")
+    robots.ensure_robot(7).presence = Presence(online=True, agent_version="0.2.0")
     assert fleet_events.describe(row).agent_version == "0.2.0"
 
 

@@ -11,6 +11,12 @@ async def test_a_robot_that_nobody_drives_has_nothing_in_it(relay, sim1):
     assert relay.relay.control.describe(sim1.id) == NO_CONTROL
 
 
+async def test_describing_a_robot_keeps_nothing_of_it(relay, sim1):
+    """A fleet page that lists thousands of offline robots costs the relay no memory."""
+    relay.relay.fleet_events.describe(sim1)
+    assert not relay.relay.registry.robots()
+
+
 async def test_the_guards_state_is_in_it(relay, guarded, sim1):
     """As the guard says, and not known any more when the robot is gone."""
     control = relay.relay.control

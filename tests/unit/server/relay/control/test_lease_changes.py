@@ -50,7 +50,7 @@ class Bare:
             send=lambda line: self.lines.append(json.loads(line)),
             until_guard_reported=self.reported.wait,
         )
-        self.registry.robot(sim1.id).links["session"] = link
+        self.registry.ensure_robot(sim1.id).links["session"] = link
         self.presence = Presence(online=True)
         self.leasing = leasing.Leasing(
             database=memory_database,
@@ -66,7 +66,7 @@ class Bare:
 
     @presence.setter
     def presence(self, presence: Presence) -> None:
-        self.registry.robot(self.robot.id).presence = presence
+        self.registry.ensure_robot(self.robot.id).presence = presence
 
     async def drives(self, user: RelayUser) -> Connection:
         connection = Connection(
