@@ -47,3 +47,11 @@ def test_site_guard_and_policy_are_told() -> None:
     fields = dict(robot_texts.everything(SeenRobot(robot, False, None, "manage")))
     assert (fields["site"], fields["settings"]) == ("lab", '{"guard": {"deadman_ms": 300}}')
     assert fields["region"] == "eu"
+
+
+def test_request_for_a_new_key_is_told() -> None:
+    """It stays until the robot has made one."""
+    for requested_at, words in ((None, "not asked for"), (AT, "asked for")):
+        robot = dataclasses.replace(ROBOT, rotate_requested_at=requested_at)
+        fields = dict(robot_texts.everything(SeenRobot(robot, False, None, "manage")))
+        assert fields["new key"] == words

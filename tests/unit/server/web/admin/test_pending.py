@@ -6,7 +6,7 @@ import pytest
 from admin_visitor import fingerprint, join, send
 from robotether_server.db import Database, robots
 from robotether_server.problems import RecordMissingError
-from web_visitor import Browser, audit_kinds
+from web_visitor import Browser
 
 MAC = "02:00:00:00:51:01"
 
@@ -53,16 +53,6 @@ def test_a_key_is_shown_in_full_with_what_to_compare(admin: Browser, program: Br
     assert fingerprint(1) in page.replace("</span><span>", "")
     for text in ("robotether-agent status", MAC, "turtle", "198.51.100.7", "0.1.0"):
         assert text in page
-
-
-def test_an_approved_key_is_the_robots(
-    admin: Browser, program: Browser, database: Database
-) -> None:
-    """Audited with the admin's name."""
-    join(program, MAC, 1)
-    assert approve(admin, "sim1", 1) == 303
-    assert key_of(database, "sim1") == ("active", fingerprint(1))
-    assert audit_kinds(database)[-1] == ("robot_approved", "root", "198.51.100.7")
 
 
 def test_an_unknown_robot_is_approved_under_another_name(

@@ -126,14 +126,6 @@ def test_older_drives_follow(admin: Browser, admin_database: Database) -> None:
     assert [int(row["messages"]) for row in rows] == list(range(PER_PAGE, -1, -1))
 
 
-def test_file_of_a_user_has_her_own_alone(ann: Browser, admin_database: Database) -> None:
-    """The file of a user has only her own drives, as the page does."""
-    add_drive(admin_database, "sim2", "zoe")
-    add_drive(admin_database, "sim1", "ann")
-    text = ann.ask("GET", "/drives/download?format=csv").text
-    assert ("ann" in text, "zoe" in text) == (True, False)
-
-
 def test_nobody_is_sent_to_log_in(browser: Browser) -> None:
     """The log-in leads back to the page afterwards."""
     for path in ("/drives", "/drives/download?format=csv"):

@@ -87,14 +87,6 @@ def test_an_admins_password_is_not_replaced_by_whoever_has_the_old_one(
         assert users.get(tx, "ann").password_hash == "the admin's"
 
 
-def test_a_browser_that_was_left_open_is_no_way_to_guess(ann: Browser) -> None:
-    """The sixth try waits, as it does at the log-in."""
-    for _ in range(5):
-        assert send(ann, "/profile/password", present="x", new=NEW, again=NEW).status_code == 401
-    answer = send(ann, "/profile/password", present=PASSWORD, new=NEW, again=NEW)
-    assert (answer.status_code, "Too many attempts" in answer.text) == (429, True)
-
-
 def test_log_out_everywhere_ends_this_login_too(ann: Browser) -> None:
     """The log-in page confirms it."""
     assert "this one too" in ann.ask("GET", "/profile/log-out").text
@@ -119,12 +111,6 @@ def test_a_key_is_added_and_deleted(ann: Browser) -> None:
     assert "Delete SSH key laptop?" in ann.ask("GET", path).text
     assert send(ann, path).status_code == 303
     assert "You have none here yet" in ann.ask("GET", "/profile").text
-
-
-def test_a_key_without_a_name_gets_its_comment(ann: Browser) -> None:
-    """A key may be pasted with its comment."""
-    send(ann, "/profile/ssh-keys", name="", public_key=public_key(1))
-    assert "Delete SSH key robot" in ann.ask("GET", "/profile").text
 
 
 def test_what_is_no_key_comes_back(ann: Browser) -> None:
