@@ -10,15 +10,21 @@ import asyncio
 import logging
 import socket
 from collections.abc import Awaitable, Callable, Coroutine
-from contextlib import AsyncExitStack, suppress
+from contextlib import suppress
 from functools import partial
 from random import Random
-from typing import Any, Literal
+from typing import Any
 
 from robotether_agent import __version__
 from robotether_agent.backoff import Backoff, Uptime, keep_going
 from robotether_agent.battery import Vitals
 from robotether_agent.clock import EpochClock
+from robotether_agent.connections import (
+    LOCALHOST,
+    RequestedConnection,
+    serve_shell,
+    serve_video,
+)
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.guard.fork_server import ForkServer, fork_server_command
@@ -31,7 +37,6 @@ from robotether_agent.problems import (
     ServerBusyError,
     ServerKeyChangedError,
     ServerUnreachableError,
-    SessionEndedError,
     StateUnusableError,
 )
 from robotether_agent.rosbridge import RosGraph
@@ -41,18 +46,17 @@ from robotether_agent.systemd import Notifier
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel.connection import Report, Role
 from robotether_agent.tunnel.connector import Connector
-from robotether_agent.tunnel.openssh import Forward, forward_to
-from robotether_agent.tunnel.session import Checked, RequestedFeatures, Session, SessionConfig
-from robotether_agent.video.frames_service import FramesService
+from robotether_agent.tunnel.openssh import Target, target_of
+from robotether_agent.tunnel.session import (
+    UNCHECKED,
+    Checked,
+    RequestedFeatures,
+    Session,
+    SessionConfig,
+)
 from robotether_agent.video.sources import SourceSettings
-from robotether_agent.video.video_proxy import LocalService, VideoProxy
 
 STATUS_EVERY_S = 2.0
-LOCALHOST = "127.0.0.1"
-# The server's word for a shell that an admin has switched off.
-SHELL_OFF = "shell_off"
-# And for a media connection that nobody needs until there is a viewer again.
-UNWATCHED = "unwatched"
 
 log = logging.getLogger(__name__)
 
@@ -79,13 +83,13 @@ class Agent:
         self._connector = Connector(settings, self._enroller)
         self._graph = RosGraph(settings.rosbridge_url)
         self._vitals = Vitals(self._graph, settings.state_dir)
-        self._source_settings = SourceSettings(
+        source_settings = SourceSettings(
             settings.video_url,
             settings.rosbridge_url,
             settings.video_source,
             settings.camera_urls,
         )
-        self._health = Health(self._source_settings, self._graph)
+        self._health = Health(source_settings, self._graph)
         self._status_writer = StatusWriter(
             settings.run_dir, settings.server, on_state=notifier.status
         )
@@ -97,6 +101,31 @@ class Agent:
         self._recheck = asyncio.Event()
         self._guard_moved = asyncio.Event()
         self._guard = self._supervisor() if settings.guard == "on" else None
+        row = partial(
+            RequestedConnection,
+            connect=self._connect,
+            status_writer=self._status_writer,
+            session_up=self._session_up,
+            recheck=self._recheck,
+        )
+        self._beside = (
+            row(
+                kind="media",
+                request=self._features.media,
+                serve=partial(serve_video, settings, source_settings, self._graph, self._has_video),
+                bye="unwatched",
+                reason="nobody watches its video any more",
+                idle="unwatched",
+            ),
+            row(
+                kind="shell",
+                request=self._features.shell,
+                serve=partial(serve_shell, settings),
+                bye="shell_off",
+                reason="the server has turned the shell off",
+                idle="off",
+            ),
+        )
 
     async def run(self) -> None:
         """Keep the robot connected."""
@@ -154,11 +183,17 @@ class Agent:
         ) -> Coroutine[Any, Any, None]:
             return keep_going(what, attempt, Backoff(self._rng), on_problem, pause)
 
-        beside = self._until_next_session
         return [
             keep("session", self._session_attempt, self._no_session),
-            keep("video tunnel", self._media_attempt, self._no_media, beside),
-            keep("shell tunnel", self._shell_attempt, self._no_shell, beside),
+            *(
+                keep(
+                    f"{connection.service} tunnel",
+                    connection.attempt,
+                    connection.on_problem,
+                    self._until_next_session,
+                )
+                for connection in self._beside
+            ),
             keep("new key", self._rotation_attempt, self._no_rotation),
             self._health.run(),
             self._show_health(),
@@ -173,12 +208,13 @@ class Agent:
         self._status_writer.set(state="connecting", robot=enrolment.robot)
         role = Role(
             kind="session",
-            forward=self._ros_forward,
+            target=self._ros_target,
             moved=self._guard_moved,
             on_up=partial(self._session_is_up, uptime),
             reports=self._reporters(),
             recheck=self._recheck,
             guard=self._guard,
+            on_config=self._features.apply,
         )
         try:
             await self._connector.connect(enrolment, await self._enroller.key(), role)
@@ -197,69 +233,15 @@ class Agent:
             uptime.was_used = self._session is not None and self._session.is_used
             self._session = None
             self._session_up.clear()
-            self._status_writer.set(**_seen_from_server(Checked()))
+            self._status_writer.set(**_seen_from_server(UNCHECKED))
 
     async def _until_next_session(self, most_s: float) -> None:
         """Wait; a server that takes the robot's session again takes what goes beside it, too."""
         with suppress(asyncio.TimeoutError):
             await within(most_s, self._next_session.wait())
 
-    async def _media_attempt(self, uptime: Uptime) -> None:
-        # A robot that comes back may be watched no more.
-        while not (self._features.media.is_set() and self._session_up.is_set()):
-            await self._features.media.wait()
-            await self._session_up.wait()
-        frames = FramesService(
-            self._source_settings,
-            self._graph,
-            has_video=lambda: self._health.report.video == "ok",
-        )
-        try:
-            async with AsyncExitStack() as ends:
-                ends.push_async_callback(frames.close)
-                local = LocalService(await frames.start(), self._own_answers())
-                video_proxy = VideoProxy(self._settings.video_url, local)
-                ends.push_async_callback(video_proxy.close)
-                port = await video_proxy.start()
-                role = Role(
-                    kind="media",
-                    forward=lambda config: Forward(config.video_port, LOCALHOST, port),
-                    on_up=partial(self._media_is_up, uptime),
-                    video_proxy=video_proxy,
-                )
-                await self._connect(role)
-        except SessionEndedError as problem:
-            if problem.code != UNWATCHED:
-                raise
-            self._status_writer.set(video_tunnel=self._video_state(is_open=False))
-            log.info(
-                "robot %s: nobody watches its video any more", self._status_writer.status.robot
-            )
-
-    def _own_answers(self) -> Literal["never", "down", "always"]:
-        """Return whether the agent answers what is else web_video_server's."""
-        answers: dict[str, Literal["never", "down", "always"]]
-        answers = {"web_video_server": "never", "rosbridge": "always"}
-        return answers.get(self._settings.video_source, "down")
-
-    async def _shell_attempt(self, uptime: Uptime) -> None:
-        await self._features.shell.wait()
-        await self._session_up.wait()
-        request = self._features.shell.number
-        role = Role(
-            kind="shell", forward=self._shell_forward, on_up=partial(self._shell_is_up, uptime)
-        )
-        try:
-            await self._connect(role)
-        except SessionEndedError as problem:
-            if problem.code != SHELL_OFF:
-                raise
-            # The session may have brought another request while this connection ended.
-            self._features.shell.end(request)
-            self._status_writer.set(shell_tunnel=self._shell_state(is_open=False))
-            log.info(
-                "robot %s: the server has turned the shell off", self._status_writer.status.robot
-            )
+    def _has_video(self) -> bool:
+        return self._health.report.video == "ok"
 
     def _reporters(self) -> list[Report]:
         reporters: list[Report] = [
@@ -271,17 +253,12 @@ class Agent:
             reporters.append(partial(report_guard, self._guard))
         return reporters
 
-    def _ros_forward(self, config: SessionConfig) -> Forward | None:
-        """Return the forward to the guard, which there is none of while there is no guard."""
+    def _ros_target(self) -> Target | None:
+        """Return where the guard listens, which is nowhere while there is no guard."""
         if self._guard is None:
-            return forward_to(self._settings.rosbridge_url, config.ros_port)
+            return target_of(self._settings.rosbridge_url)
         port = self._guard.view.port
-        return None if port is None else Forward(config.ros_port, LOCALHOST, port)
-
-    def _shell_forward(self, config: SessionConfig) -> Forward | None:
-        if config.shell_port is None:
-            return None
-        return forward_to(f"ssh://{self._settings.shell_address}", config.shell_port)
+        return None if port is None else Target(LOCALHOST, port)
 
     async def _rotation_attempt(self, _: Uptime) -> None:
         await self._features.new_key.wait()
@@ -314,66 +291,23 @@ class Agent:
         self._session_up.set()
         self._next_session.set()
         self._next_session = asyncio.Event()
-        self._features.apply(config)
         if not self._features.new_key.is_set():
             # It may have come with a join, and not by the attempt that failed.
             self._status_writer.set(new_key="")
         self._recheck.set()
-        shell = self._shell_state(is_open=self._status_writer.status.shell_tunnel == "open")
-        video = self._video_state(is_open=self._status_writer.status.video_tunnel == "open")
         self._status_writer.set(
             state=CONNECTED,
             robot=config.robot,
             ssh=str(target),
-            shell_tunnel=shell,
-            video_tunnel=video,
         )
+        for connection in self._beside:
+            self._status_writer.set(**connection.status())
         log.info("robot %s: connected to %s", config.robot, target)
-
-    def _shell_state(self, *, is_open: bool) -> str:
-        if not self._features.shell.is_set():
-            return "off"
-        return "open" if is_open else "closed"
-
-    def _video_state(self, *, is_open: bool) -> str:
-        if is_open:
-            return "open"
-        return "closed" if self._features.media.is_set() else UNWATCHED
-
-    def _media_is_up(
-        self, uptime: Uptime, _: SshAddress, config: SessionConfig, __: Session
-    ) -> None:
-        uptime.is_up()
-        self._recheck.set()
-        self._status_writer.set(video_tunnel="open")
-        log.info("robot %s: video tunnel open", config.robot)
-
-    def _shell_is_up(
-        self, uptime: Uptime, _: SshAddress, config: SessionConfig, __: Session
-    ) -> None:
-        uptime.is_up()
-        if config.shell_port is not None:
-            self._recheck.set()
-            self._status_writer.set(shell_tunnel="open")
-            log.info("robot %s: shell tunnel open", config.robot)
 
     def _no_session(self, problem: AgentError) -> None:
         is_pending = problem.code == "not_enrolled"
         self._status_writer.report_problem(
             problem, "pending" if is_pending else "waiting", rtt_ms=-1.0
-        )
-
-    def _no_media(self, problem: AgentError) -> None:
-        self._status_writer.report_problem(
-            problem,
-            self._status_writer.status.state,
-            video_tunnel=self._video_state(is_open=False),
-        )
-
-    def _no_shell(self, problem: AgentError) -> None:
-        shell = self._shell_state(is_open=False)
-        self._status_writer.report_problem(
-            problem, self._status_writer.status.state, shell_tunnel=shell
         )
 
     def _no_rotation(self, problem: AgentError) -> None:
@@ -407,11 +341,7 @@ class Agent:
 
 
 def _seen_from_server(checked: Checked) -> dict[str, str]:
-    return {
-        "end_to_end_ros": checked.ros,
-        "end_to_end_video": checked.video,
-        "end_to_end_shell": checked.shell,
-    }
+    return {f"end_to_end_{name}": state for name, state in checked.items()}
 
 
 async def report_health(

@@ -19,6 +19,8 @@ class ForwardedService:
 
     name: ServiceName
     connection: Kind
+    # Whether a robot can be without a port for it.
+    is_optional: bool = False
 
     @property
     def port_member(self) -> str:
@@ -30,6 +32,6 @@ class ForwardedService:
 SERVICES = (
     ForwardedService("ros", "session"),
     ForwardedService("video", "media"),
-    ForwardedService("shell", "shell"),
+    ForwardedService("shell", "shell", is_optional=True),
 )
 BY_CONNECTION = {service.connection: service for service in SERVICES}

@@ -26,7 +26,7 @@ from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import Settings
 from robotether_agent.status import is_alive, read_status
 from robotether_agent.tasks import within
-from robotether_agent.tunnel.openssh import forward_to
+from robotether_agent.tunnel.openssh import target_of
 
 TIMEOUT_S = 4.0
 ENOUGH_MB = 20
@@ -213,9 +213,8 @@ async def check_shell(settings: Settings) -> Finding:
     """Whether the robot's own SSH server answers where shells would go."""
     if not settings.shell_address:
         return skipped("shell", "shell_address allows none")
-    target = forward_to(f"ssh://{settings.shell_address}", 0)
     try:
-        banner = await within(TIMEOUT_S, _banner(target.host, target.port))
+        banner = await within(TIMEOUT_S, _banner(*target_of(f"ssh://{settings.shell_address}")))
     except (OSError, asyncio.TimeoutError) as error:
         return skipped(
             "shell",

@@ -14,14 +14,14 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, Protocol
 
+from robotether_common.services import BY_CONNECTION
 from robotether_common.session import Kind
 
-from robotether_agent.fields import ListedCell
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import ServerSilentError
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import liveness
-from robotether_agent.tunnel.openssh import Forward, SshFiles
+from robotether_agent.tunnel.openssh import Forward, SshFiles, Target
 from robotether_agent.tunnel.session import DriveMessageHandler, Session, SessionConfig
 from robotether_agent.tunnel.tunnel import Tunnel
 
@@ -56,12 +56,12 @@ class Role:
     """What a connection of one kind is for."""
 
     kind: Kind
-    # The forward that a configuration asks for on this connection, if any.
-    forward: Callable[[SessionConfig], Forward | None]
-    # Set when the same configuration may ask for another forward now.
+    # Where the forward leads now, if anywhere.
+    target: Callable[[], Target | None]
+    # Set when the forward may lead somewhere else now.
     moved: asyncio.Event = field(default_factory=asyncio.Event)
     # Called when the forward is up, for the first time and after each change.
-    on_up: Callable[[SshAddress, SessionConfig, Session], None]
+    on_up: Callable[[SshAddress, SessionConfig, Session], None] = lambda *_: None
     # Reports to the server how the robot is, for as long as the connection lasts; on the session only.
     reports: Sequence[Report] = ()
     # Set when the server's own view of the forwards may be another one; on the session only.
@@ -70,8 +70,8 @@ class Role:
     video_proxy: PacedStreams | None = None
     # What stops the robot, joined to the session only; None is a bare forward.
     guard: DriveMessageHandler | None = None
-    # Called with each list of the server's cells; on the session only.
-    on_cells: Callable[[tuple[ListedCell, ...]], None] | None = None
+    # Called with each configuration; on the session only.
+    on_config: Callable[[SessionConfig], None] | None = None
     # The addresses of the other cells, where the server may answer when this one falls silent.
     elsewhere: Callable[[], Sequence[SshAddress]] = liveness.nowhere_else
 
@@ -83,7 +83,7 @@ async def run_connection(target: SshAddress, files: SshFiles, role: Role) -> NoR
         if role.video_proxy is not None:
             role.video_proxy.use(tunnel.socket)
         session = Session(
-            tunnel.lines_in, tunnel.lines_out, drive_handler=role.guard, on_cells=role.on_cells
+            tunnel.lines_in, tunnel.lines_out, drive_handler=role.guard, on_config=role.on_config
         )
         await first_of(*_work(tunnel, session, role, target))
         raise await tunnel.why_ended(was_connected=session.config is not None)
@@ -131,7 +131,7 @@ async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Ss
     tunnel.on_connected()
     while True:
         role.moved.clear()
-        wanted = role.forward(config)
+        wanted = _forward(role, config)
         if wanted != open_now:
             if open_now is not None:
                 await tunnel.cancel(open_now)
@@ -143,6 +143,11 @@ async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Ss
             role.on_up(target, config, session)
             reported = (config, wanted)
         config = await _next_config(session, config, role.moved)
+
+
+def _forward(role: Role, config: SessionConfig) -> Forward | None:
+    listen_port, target = config.ports[BY_CONNECTION[role.kind].name], role.target()
+    return None if listen_port is None or target is None else Forward(listen_port, *target)
 
 
 async def _next_config(

@@ -205,15 +205,18 @@ class Connector:
         if role.kind != "session":
             return role
 
-        def on_cells(cells: tuple[ListedCell, ...]) -> None:
+        def on_config(config: SessionConfig) -> None:
             nonlocal ssh
-            ssh = replace(ssh, cells=cells)
-            self._enroller.keep_cells(cells)
+            if config.cells:
+                ssh = replace(ssh, cells=config.cells)
+                self._enroller.keep_cells(config.cells)
+            if role.on_config is not None:
+                role.on_config(config)
 
         def elsewhere() -> list[SshAddress]:
             return [one for one in self.targets(ssh, "session") if one.cell != target.cell]
 
-        return replace(role, on_cells=on_cells, elsewhere=elsewhere)
+        return replace(role, on_config=on_config, elsewhere=elsewhere)
 
     def _note_end(self, cell: ListedCell | None, problem: LinkError, *, was_up: bool) -> None:
         if isinstance(problem, ServerSilentError):

@@ -16,7 +16,7 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 from urllib.parse import urlsplit
 
 from robotether_common.session import Kind
@@ -84,9 +84,24 @@ class SshFiles:
     control: Path
 
 
+class Target(NamedTuple):
+    """Where a forward leads: a service on or near the robot."""
+
+    host: str
+    port: int
+
+
+def target_of(url: str) -> Target:
+    """Return where the service at `url`, which names its port, listens."""
+    split = urlsplit(url)
+    if split.hostname is None or split.port is None:
+        raise ValueError(f"{url} has no host and port")
+    return Target(split.hostname, split.port)
+
+
 @dataclass(frozen=True)
 class Forward:
-    """A remote forward: a port on the server that leads to a service on or near the robot."""
+    """A remote forward: a port on the server that leads to a target."""
 
     listen_port: int
     host: str
@@ -97,14 +112,6 @@ class Forward:
         """As ssh -R takes it."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"0.0.0.0:{self.listen_port}:{host}:{self.port}"
-
-
-def forward_to(url: str, listen_port: int) -> Forward:
-    """Return the forward of `listen_port` to the service at `url`, which names its port."""
-    split = urlsplit(url)
-    if split.hostname is None or split.port is None:
-        raise ValueError(f"{url} has no host and port")
-    return Forward(listen_port, split.hostname, split.port)
 
 
 def connect_command(target: SshAddress, files: SshFiles, kind: Kind) -> list[str]:

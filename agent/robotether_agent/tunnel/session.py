@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NoReturn, Protocol, cast, get_args
 
+from robotether_common.services import SERVICES, ForwardedService, ServiceName
 from robotether_common.session import MAX_FENCE, ServiceState
 
 from robotether_agent.battery import BatterySettings, Unit
@@ -137,7 +138,7 @@ class RequestedFeatures:
     """What a configuration asks for: one event a feature, set for as long as it is requested."""
 
     def __init__(self, *, allows_shell: bool) -> None:
-        self.media = asyncio.Event()
+        self.media = FeatureRequest()
         self.shell = FeatureRequest()
         self.new_key = FeatureRequest()
         self._allows_shell = allows_shell
@@ -146,7 +147,7 @@ class RequestedFeatures:
     def apply(self, config: SessionConfig) -> None:
         """Follow a configuration."""
         _set(self.media, config.media)
-        _set(self.shell, self._allows_shell and config.shell_port is not None)
+        _set(self.shell, self._allows_shell and config.ports["shell"] is not None)
         # A configuration may still say so shortly after the key was changed: only a new request counts.
         if config.rotate_key != self._key_was_requested:
             _set(self.new_key, config.rotate_key)
@@ -165,24 +166,34 @@ class SessionConfig:
     """What the server wants; it may send another one at any time."""
 
     robot: str
-    ros_port: int
-    video_port: int
+    # The server's port of each service; None where the robot has none.
+    ports: Mapping[ServiceName, int | None]
     heartbeat_s: float
     timeout_s: float
     # The guard's configuration, its key included.
     guard: JsonObject = field(repr=False)
-    shell_port: int | None = None
     rotate_key: bool = False
     media: bool = True
     direct: bool = False
     battery: BatterySettings = field(default_factory=BatterySettings)
     # While nobody uses the robot; nothing else follows from it.
     idle_heartbeat_s: float | None = field(default=None, compare=False)
+    # The server's cells, empty where it names none.
+    cells: tuple[ListedCell, ...] = field(default=(), compare=False)
 
     @property
     def heartbeat_every_s(self) -> float:
         """The time between two heartbeats of a side now."""
         return self.idle_heartbeat_s or self.heartbeat_s
+
+
+def _port(message: JsonObject, service: ForwardedService) -> int | None:
+    name = service.port_member
+    return (
+        get_optional_port(message, name)
+        if service.is_optional
+        else get_int(message, name, 1, 65535)
+    )
 
 
 UNIT = re.compile("fraction|percent")
@@ -202,13 +213,9 @@ def _battery_settings(message: JsonObject) -> BatterySettings:
     )
 
 
-@dataclass(frozen=True)
-class Checked:
-    """How the robot's services answer the server at its own end of the tunnels: ok, down or unknown."""
-
-    ros: str = "unknown"
-    video: str = "unknown"
-    shell: str = "unknown"
+# How the robot's services answer the server at its own end of the tunnels: ok, down or unknown.
+Checked = Mapping[ServiceName, str]
+UNCHECKED: Checked = {service.name: "unknown" for service in SERVICES}
 
 
 class Session:
@@ -225,18 +232,18 @@ class Session:
         lines_out: asyncio.StreamWriter,
         *,
         drive_handler: DriveMessageHandler | None = None,
-        on_cells: Callable[[tuple[ListedCell, ...]], None] | None = None,
+        on_config: Callable[[SessionConfig], None] | None = None,
         clock: Callable[[], float] = robot_time,
     ) -> None:
         self.config: SessionConfig | None = None
         self.rtt_ms: float | None = None
-        self.checked = Checked()
+        self.checked = UNCHECKED
         self._in = lines_in
         self._out = lines_out
         self._clock = clock
         self._received_at = clock()
         self._drive_handler = drive_handler
-        self._on_cells = on_cells
+        self._config_handler = on_config
         self._configured = asyncio.Event()
         self._pings: deque[tuple[int, float]] = deque(maxlen=MAX_PINGS)
         self._heartbeat_due = asyncio.Event()
@@ -329,24 +336,22 @@ class Session:
 
     def _on_config(self, message: JsonObject) -> None:
         idle_delay_s = self.idle_delay_s
-        cells = get_cells(message, "cells")
         self.config = SessionConfig(
             robot=get_match(message, "robot", ROBOT_NAME, "a robot's name"),
-            ros_port=get_int(message, "ros_port", 1, 65535),
-            video_port=get_int(message, "video_port", 1, 65535),
+            ports={service.name: _port(message, service) for service in SERVICES},
             heartbeat_s=get_number(message, "heartbeat_s", 0.05, 60),
             timeout_s=get_number(message, "timeout_s", 0.1, 600),
-            shell_port=get_optional_port(message, "shell_port"),
             rotate_key=get_flag(message, "rotate_key", default=False),
             media=get_flag(message, "media", default=True),
             guard=get_object(message, "guard"),
             direct=get_flag(message, "direct", default=False),
             battery=_battery_settings(message),
             idle_heartbeat_s=get_optional_number(message, "idle_heartbeat_s", 0.05, 60),
+            cells=get_cells(message, "cells"),
         )
-        if cells and self._on_cells is not None:
-            # At once: a bye that follows may send the robot to another one.
-            self._on_cells(cells)
+        if self._config_handler is not None:
+            # At once: a bye that follows may send the robot to another cell.
+            self._config_handler(self.config)
         if self.idle_delay_s < idle_delay_s:
             # Somebody is about to use the robot: the quick heartbeats begin at once.
             self._heartbeat_due.set()
@@ -366,11 +371,10 @@ class Session:
             self.rtt_ms = (self._clock() - sent) * 1000
 
     def _on_checked(self, message: JsonObject) -> None:
-        ros, video, shell = (
-            get_match(message, name, SERVICE, "ok, down or unknown")
-            for name in ("ros", "video", "shell")
-        )
-        self.checked = Checked(ros, video, shell)
+        self.checked = {
+            service.name: get_match(message, service.name, SERVICE, "ok, down or unknown")
+            for service in SERVICES
+        }
 
     def _on_bye(self, message: JsonObject) -> None:
         code = get_match(message, "code", CODE, "a short code")

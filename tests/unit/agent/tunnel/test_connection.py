@@ -28,7 +28,7 @@ from robotether_agent.problems import AgentError
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import MAX_RUN_DIR_LENGTH
 from robotether_agent.tunnel.connection import Report, Role, run_connection
-from robotether_agent.tunnel.openssh import Forward, SshFiles
+from robotether_agent.tunnel.openssh import SshFiles, Target
 from robotether_agent.tunnel.session import Session, SessionConfig
 from robotether_agent.video.sources import SourceSettings
 from tcp_service import TcpService
@@ -47,11 +47,11 @@ class Up:
 
     def note(self, _: SshAddress, config: SessionConfig, __: Session) -> None:
         self.configs.append(config)
-        self.ports_were_open &= listens(config.ros_port)
+        self.ports_were_open &= listens(config.ports["video"])
 
     @property
     def ports(self) -> list[int]:
-        return [config.ros_port for config in self.configs]
+        return [config.ports["video"] for config in self.configs]
 
 
 @dataclass
@@ -78,7 +78,7 @@ class Robot:
         """Start a connection whose forward leads nowhere, unless told otherwise."""
         usual = Role(
             kind="media" if health is None else "session",
-            forward=lambda config: Forward(config.ros_port, "127.0.0.1", 9),
+            target=lambda: Target("127.0.0.1", 9),
             on_up=up.note,
             reports=[] if health is None else reports_of(health, more.get("guard")),
             recheck=recheck,
@@ -155,11 +155,11 @@ async def start_relay() -> AsyncIterator[Callable[[Serve], Awaitable[int]]]:
         yield start
 
 
-def config(cloud: FakeCloud, ros_port: int, name: str = "sim1") -> dict[str, object]:
+def config(cloud: FakeCloud, video_port: int) -> dict[str, object]:
     """A configuration as the relay sends it."""
     times = {"heartbeat_s": 0.2, "timeout_s": TIMEOUT_S}
-    ports = {"ros_port": ros_port, "video_port": cloud.ports[1]}
-    return {"type": "config", "robot": name, "guard": {}, **ports, **times}
+    ports = {"ros_port": cloud.ports[0], "video_port": video_port}
+    return {"type": "config", "robot": "sim1", "guard": {}, **ports, **times}
 
 
 async def is_up(up: Up, count: int = 1) -> None:
@@ -188,14 +188,14 @@ async def test_several_configurations_at_once_end_at_the_newest(cloud, robot):
     connecting = robot.connect(robot.trust(cloud.ssh), up)
     await is_up(up)
     link = await cloud.link("media")
-    for port in (*cloud.other_ports, cloud.ports[1]):
+    for port in (*cloud.other_ports, cloud.ports[0]):
         link.send(config(cloud, port))
     # Each change is two commands of OpenSSH's, and up to three changes are made.
     await eventually(
-        lambda: up.ports[-1] == cloud.ports[1], lambda: f"the newest port: {up}, {connecting}", 30
+        lambda: up.ports[-1] == cloud.ports[0], lambda: f"the newest port: {up}, {connecting}", 30
     )
     assert up.ports_were_open
-    assert not any(map(listens, (cloud.ports[0], *cloud.other_ports)))
+    assert not any(map(listens, (cloud.ports[1], *cloud.other_ports)))
 
 
 async def test_the_session_tells_each_change_once(cloud, robot, services):
@@ -306,7 +306,7 @@ async def test_the_longest_run_directory_takes_its_control_socket(cloud, robot, 
     up = Up()
     robot.connect(robot.trust(cloud.ssh), up)
     await is_up(up)
-    assert listens(cloud.ports[0])
+    assert listens(cloud.ports[1])
 
 
 async def test_a_relay_that_is_away_is_told_in_the_servers_words(start_ssh, robot):

@@ -80,7 +80,7 @@ async def test_a_cell_that_just_fell_silent_gets_no_more_time(problem, again, mo
     values = Settings(server="a.example:8443", state_dir=Path("/none"))
     connector = Connector(values, Enroller(values))
     enrolment = Enrolment(values.server, "sim1", MAC, SshAccess("tunnel", None, (2222,), (B, A)))
-    role = Role(kind="session", forward=lambda _: None, on_up=lambda *_: None)
+    role = Role(kind="session", target=lambda: None, on_up=lambda *_: None)
     for _ in range(2):
         with pytest.raises(type(problem)):
             await connector.connect(enrolment, KeyPair(Path("/none"), ""), role)
@@ -109,7 +109,7 @@ async def test_after_a_cell_that_hangs_the_others_come_first(took_s, tried, monk
     values = Settings(server="a.example:8443", state_dir=Path("/none"))
     connector = Connector(values, Enroller(values))
     enrolment = Enrolment(values.server, "sim1", MAC, SshAccess("tunnel", None, A.ports, (A, B)))
-    role = Role(kind="session", forward=lambda _: None, on_up=lambda *_: None)
+    role = Role(kind="session", target=lambda: None, on_up=lambda *_: None)
     with pytest.raises(ServerUnreachableError):
         await connector.connect(enrolment, KeyPair(Path("/none"), ""), role)
     assert targets_tried == tried

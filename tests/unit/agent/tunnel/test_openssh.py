@@ -15,8 +15,8 @@ from robotether_agent.tunnel.openssh import (
     child_environment,
     connect_command,
     control_command,
-    forward_to,
     host_key_command,
+    target_of,
     why_ended,
     why_no_forward,
     why_not_connected,
@@ -104,7 +104,7 @@ def test_the_host_can_be_no_option():
 )
 def test_forwards_listen_on_all_addresses(url, spec):
     """The server's port is open for the relay, which is another machine to sshd."""
-    forward = forward_to(url, 20000)
+    forward = Forward(20000, *target_of(url))
     assert forward.spec == spec
     command = control_command(Path("/r/x.ctl"), "forward", forward)
     assert command[-4:] == ["-R", spec, "--", "robotether-server"]
@@ -112,7 +112,7 @@ def test_forwards_listen_on_all_addresses(url, spec):
 
 def test_a_url_without_a_port_is_refused():
     with pytest.raises(ValueError, match="no host and port"):
-        forward_to("ws://127.0.0.1", 1)
+        target_of("ws://127.0.0.1")
 
 
 def test_the_client_inherits_nothing_that_changes_it(monkeypatch):

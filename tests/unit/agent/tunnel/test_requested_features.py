@@ -9,9 +9,11 @@ from openssh_server import listens
 from robotether_agent.enrolment.keys import ensure_key, ensure_next_key
 from robotether_agent.tunnel.session import RequestedFeatures, SessionConfig
 
+PORTS = {"ros": 20000, "video": 20001, "shell": None}
+
 
 def config(*, rotate_key: bool = False) -> SessionConfig:
-    return SessionConfig("sim1", 20000, 20001, 1.0, 5.0, {}, rotate_key=rotate_key)
+    return SessionConfig("sim1", PORTS, 1.0, 5.0, {}, rotate_key=rotate_key)
 
 
 def test_one_request_for_a_key_is_one_key():

@@ -23,13 +23,13 @@ from robotether_agent.problems import (
 from robotether_agent.tunnel.session import (
     BYE_ADVICE,
     SLOW_BYES,
-    Checked,
     Session,
     SessionConfig,
     message_handlers,
 )
 from robotether_common.session import ByeCode
 
+PORTS = {"ros": 20000, "video": 20001, "shell": None}
 CONFIG = {
     "type": "config",
     "robot": "sim1",
@@ -139,7 +139,12 @@ async def ends(
     ours, theirs = socket.socketpair()
     reader, writer = await asyncio.open_connection(sock=ours, limit=64 * 1024)
     peer_reader, peer_writer = await asyncio.open_connection(sock=theirs)
-    session = Session(reader, writer, drive_handler=drive_handler, on_cells=lists.append)
+    session = Session(
+        reader,
+        writer,
+        drive_handler=drive_handler,
+        on_config=lambda config: lists.append(config.cells),
+    )
     yield session, Peer(peer_reader, peer_writer)
     for each in (writer, peer_writer):
         each.close()
@@ -151,7 +156,7 @@ async def test_pings_in_the_given_time_and_measures(ends):
     session, peer = ends
     running = asyncio.ensure_future(session.run())
     peer.send(CONFIG)
-    assert await session.new_config(None) == SessionConfig("sim1", 20000, 20001, 0.1, 0.4, {})
+    assert await session.new_config(None) == SessionConfig("sim1", PORTS, 0.1, 0.4, {})
     ping = await peer.receive("ping")
     peer.send({"type": "pong", "seq": ping["seq"], "t_ms": -1e9})
     assert (await peer.receive("ping"))["seq"] == ping["seq"] + 1
@@ -316,10 +321,10 @@ async def test_a_shell_and_a_new_key_are_requests_of_a_configuration(ends):
     serving = asyncio.ensure_future(session.run())
     peer.send(CONFIG)
     plain = await asyncio.wait_for(session.new_config(None), 5)
-    assert (plain.shell_port, plain.rotate_key) == (None, False)
+    assert (plain.ports["shell"], plain.rotate_key) == (None, False)
     peer.send({**CONFIG, "shell_port": 24000, "rotate_key": True})
     wished = await asyncio.wait_for(session.new_config(plain), 5)
-    assert (wished.shell_port, wished.rotate_key) == (24000, True)
+    assert (wished.ports["shell"], wished.rotate_key) == (24000, True)
     peer.send({**CONFIG, "shell_port": 70000})
     with pytest.raises(ProtocolBrokenError, match="shell_port"):
         await asyncio.wait_for(serving, 5)
@@ -328,12 +333,12 @@ async def test_a_shell_and_a_new_key_are_requests_of_a_configuration(ends):
 async def test_what_the_server_found_is_kept(ends):
     """Until it has looked all is unknown; a word that is none of the three ends the session."""
     session, peer = ends
-    assert session.checked == Checked("unknown", "unknown", "unknown")
+    assert session.checked == {"ros": "unknown", "video": "unknown", "shell": "unknown"}
     serving = asyncio.ensure_future(session.run())
     peer.send(CONFIG)
     peer.send({"type": "checked", "ros": "ok", "video": "down", "shell": "unknown"})
-    await eventually(lambda: session.checked.ros == "ok", lambda: f"{session.checked}")
-    assert session.checked == Checked("ok", "down", "unknown")
+    await eventually(lambda: session.checked["ros"] == "ok", lambda: f"{session.checked}")
+    assert session.checked == {"ros": "ok", "video": "down", "shell": "unknown"}
     peer.send({"type": "checked", "ros": "splendid", "video": "down", "shell": "unknown"})
     with pytest.raises(ProtocolBrokenError, match="ros must be ok, down or unknown"):
         await asyncio.wait_for(serving, 5)
@@ -361,4 +366,4 @@ async def test_the_list_of_cells_is_read_before_the_bye_that_follows(ends, lists
     with pytest.raises(SessionEndedError) as caught:
         await asyncio.wait_for(session.run(), 5)
     assert caught.value.retry is Retry.AT_ONCE
-    assert lists == [(ListedCell("b.example", (2222,)),)]
+    assert lists == [(), (), (ListedCell("b.example", (2222,)),)]
