@@ -207,7 +207,7 @@ async def test_what_answers_behind_the_ports_is_told_on_request(
 ):
     """The relay tries the forwards from its own side, and says what it found."""
     with_shell = await give_shell(relay, memory_database, sim1)
-    with relay.relay.registry.robot(sim1.id).media_demand.counted():
+    with relay.relay.registry.ensure_robot(sim1.id).media_demand.counted():
         robot.session.send(type="check")
         await until(lambda: robot.session.checked, "the answer is there")
     assert robot.session.checked == [
@@ -304,7 +304,7 @@ async def test_of_many_sessions_at_once_one_stays(relay, connect):
 
 async def test_a_robot_is_asked_for_video_while_somebody_watches(relay, sim1, connect):
     """The first viewer asks for the connection; some time after the last one it ends, and may come again."""
-    demand = relay.relay.registry.robot(sim1.id).media_demand
+    demand = relay.relay.registry.ensure_robot(sim1.id).media_demand
     demand._kept_s = 0.2
     session = await configured(await connect())
     with demand.counted(), demand.counted():
@@ -320,7 +320,7 @@ async def test_a_robot_is_asked_for_video_while_somebody_watches(relay, sim1, co
 
 async def test_a_robot_that_returns_while_somebody_watches_is_asked_at_once(relay, sim1, connect):
     """The viewer waits."""
-    with relay.relay.registry.robot(sim1.id).media_demand.counted():
+    with relay.relay.registry.ensure_robot(sim1.id).media_demand.counted():
         session = await configured(await connect())
     assert session.configs[0]["media"]
 
@@ -328,12 +328,12 @@ async def test_a_robot_that_returns_while_somebody_watches_is_asked_at_once(rela
 @pytest.mark.parametrize("timing", [SLOW_WHEN_IDLE])
 async def test_heartbeats_are_quick_while_somebody_uses_a_robot(relay, sim1, connect):
     """Both sides begin at once; after the last user has left for a while, both are slow again."""
-    relay.relay.registry.robot(sim1.id).usage._kept_s = 0.2
+    relay.relay.registry.ensure_robot(sim1.id).usage._kept_s = 0.2
     session = await configured(await connect())
     await until(lambda: session.pings, "the round trip is measured")
     await asyncio.sleep(5 * FAST.heartbeat_s)
     assert session.pings == 1
-    with relay.relay.registry.robot(sim1.id).usage.counted():
+    with relay.relay.registry.ensure_robot(sim1.id).usage.counted():
         await until(lambda: session.pings > 4, "heartbeats are quick")
     await until(lambda: len(session.configs) == 3, "nobody uses it any more")
     pings = session.pings
@@ -357,7 +357,7 @@ async def test_the_other_connections_of_a_robot_in_use_are_quick_too(
 ):
     await give_shell(relay, memory_database, sim1)
     link = await configured(await connect(kind))
-    with relay.relay.registry.robot(sim1.id).usage.counted():
+    with relay.relay.registry.ensure_robot(sim1.id).usage.counted():
         await until(lambda: len(link.configs) == 2, "it is told")
         newer = await configured(await connect(kind))
     assert [config["idle_heartbeat_s"] for config in link.configs] == [FAST.idle_heartbeat_s, None]
