@@ -23,7 +23,7 @@ from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import Settings
 from robotether_agent.status import StatusWriter
 from robotether_agent.tunnel.connection import Role
-from robotether_agent.tunnel.openssh import Target, target_of
+from robotether_agent.tunnel.openssh import ServiceAddress, target_of
 from robotether_agent.tunnel.session import FeatureRequest, Session, SessionConfig
 from robotether_agent.video.frames_service import FramesService
 from robotether_agent.video.sources import SourceSettings
@@ -116,7 +116,7 @@ async def serve_video(
         local = LocalService(await frames.start(), OWN_ANSWERS[settings.video_source])
         video_proxy = VideoProxy(settings.video_url, local)
         ends.push_async_callback(video_proxy.close)
-        target = Target(LOCALHOST, await video_proxy.start())
+        target = ServiceAddress(LOCALHOST, await video_proxy.start())
         yield Role(kind="media", target=lambda: target, video_proxy=video_proxy)
 
 

@@ -46,7 +46,7 @@ from robotether_agent.systemd import Notifier
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel.connection import Report, Role
 from robotether_agent.tunnel.connector import Connector
-from robotether_agent.tunnel.openssh import Target, target_of
+from robotether_agent.tunnel.openssh import ServiceAddress, target_of
 from robotether_agent.tunnel.session import (
     UNCHECKED,
     Checked,
@@ -253,12 +253,12 @@ class Agent:
             reporters.append(partial(report_guard, self._guard))
         return reporters
 
-    def _ros_target(self) -> Target | None:
+    def _ros_target(self) -> ServiceAddress | None:
         """Return where the guard listens, which is nowhere while there is no guard."""
         if self._guard is None:
             return target_of(self._settings.rosbridge_url)
         port = self._guard.view.port
-        return None if port is None else Target(LOCALHOST, port)
+        return None if port is None else ServiceAddress(LOCALHOST, port)
 
     async def _rotation_attempt(self, _: Uptime) -> None:
         await self._features.new_key.wait()

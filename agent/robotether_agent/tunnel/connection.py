@@ -21,7 +21,7 @@ from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import ServerSilentError
 from robotether_agent.tasks import first_of, within
 from robotether_agent.tunnel import liveness
-from robotether_agent.tunnel.openssh import Forward, SshFiles, Target
+from robotether_agent.tunnel.openssh import Forward, ServiceAddress, SshFiles
 from robotether_agent.tunnel.session import DriveMessageHandler, Session, SessionConfig
 from robotether_agent.tunnel.tunnel import Tunnel
 
@@ -57,7 +57,7 @@ class Role:
 
     kind: Kind
     # Where the forward leads now, if anywhere.
-    target: Callable[[], Target | None]
+    target: Callable[[], ServiceAddress | None]
     # Set when the forward may lead somewhere else now.
     moved: asyncio.Event = field(default_factory=asyncio.Event)
     # Called when the forward is up, for the first time and after each change.

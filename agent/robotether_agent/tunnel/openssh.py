@@ -84,19 +84,19 @@ class SshFiles:
     control: Path
 
 
-class Target(NamedTuple):
+class ServiceAddress(NamedTuple):
     """Where a forward leads: a service on or near the robot."""
 
     host: str
     port: int
 
 
-def target_of(url: str) -> Target:
+def target_of(url: str) -> ServiceAddress:
     """Return where the service at `url`, which names its port, listens."""
     split = urlsplit(url)
     if split.hostname is None or split.port is None:
         raise ValueError(f"{url} has no host and port")
-    return Target(split.hostname, split.port)
+    return ServiceAddress(split.hostname, split.port)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from robotether_agent.problems import AgentError
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import MAX_RUN_DIR_LENGTH
 from robotether_agent.tunnel.connection import Report, Role, run_connection
-from robotether_agent.tunnel.openssh import SshFiles, Target
+from robotether_agent.tunnel.openssh import ServiceAddress, SshFiles
 from robotether_agent.tunnel.session import Session, SessionConfig
 from robotether_agent.video.sources import SourceSettings
 from tcp_service import TcpService
@@ -78,7 +78,7 @@ class Robot:
         """Start a connection whose forward leads nowhere, unless told otherwise."""
         usual = Role(
             kind="media" if health is None else "session",
-            target=lambda: Target("127.0.0.1", 9),
+            target=lambda: ServiceAddress("127.0.0.1", 9),
             on_up=up.note,
             reports=[] if health is None else reports_of(health, more.get("guard")),
             recheck=recheck,
