@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import json
 import time
 from collections.abc import AsyncIterator
@@ -11,7 +10,7 @@ from typing import Any
 
 import aiohttp
 import pytest
-from fake_cameras import FakeVideoServer, TopicRosbridge, fake_jpeg, number_of
+from fake_cameras import FakeVideoServer, number_of
 from fake_cloud import eventually
 from frame_header import SIZE, unpacked
 from local_network import free_port
@@ -170,18 +169,6 @@ async def test_no_receiver_no_source(world):
     await eventually(lambda: world.camera.open == 0, lambda: f"{world.camera.open} are open")
 
 
-async def test_a_beat_is_answered_with_the_robots_clock(world):
-    receiver = await world.receive()
-    before = robot_time() * 1000
-    await receiver.say("clock_sync", t_ms=81.25)
-    await eventually(
-        lambda: any(text["op"] == "clock_sync" for text in receiver.texts), receiver.told
-    )
-    answer = next(text for text in receiver.texts if text["op"] == "clock_sync")
-    assert answer["t_ms"] == 81.25
-    assert before <= answer["sender_ms"] <= robot_time() * 1000
-
-
 async def test_the_status_tells_of_a_source_that_ends_and_comes_back(world):
     """Live, down with the reason, live again by itself."""
     receiver = await world.receive()
@@ -205,13 +192,6 @@ async def test_another_want_counts_from_now_on(world):
     assert (world.camera.asked[-1]["width"], world.camera.asked[-1]["height"]) == ("320", "240")
 
 
-async def test_what_breaks_the_protocol_ends_the_receiver(world):
-    good, bad = await world.receive(), await world.receive()
-    await bad.say("stream_request", fps=0)
-    await eventually(lambda: bad.closed == 1002, bad.told)
-    await good.some(len(good.pictures) + 3)
-
-
 async def test_cameras_and_receivers_are_bounded(world, monkeypatch):
     """503 beyond; a place that was left is free again."""
     monkeypatch.setattr(service_module, "MAX_SHARED_SOURCES", 2)
@@ -229,42 +209,12 @@ async def test_cameras_and_receivers_are_bounded(world, monkeypatch):
     await world.receive("/b")
 
 
-async def test_a_still_of_any_camera(world):
-    """At the wanted quality; a camera without frames is an error."""
-    status, body = await world.get(f"/robotether/snapshot?topic={TOPIC}&quality=100")
-    assert (status, body[:2], world.camera.asked[0]["quality"]) == (200, b"\xff\xd8", "100")
-    await eventually(lambda: world.camera.open == 0, lambda: f"{world.camera.open} are open")
-    assert (await world.get(f"/robotether/snapshot?topic={TOPIC}&quality=high"))[0] == 400
-    assert (await world.get("/robotether/snapshot?topic=" + "x" * 300))[0] == 400
-
-
 async def test_a_still_of_a_camera_that_is_down_tells_why(world, monkeypatch):
     monkeypatch.setattr(service_module, "STILL_WITHIN_S", 0.3)
     world.camera.mode = "refuses"
     status, body = await world.get(f"/snapshot?topic={TOPIC}")
     assert (status, b"HTTP status 500" in body) == (503, True)
     assert (await world.get(f"/stream?topic={TOPIC}"))[0] == 503
-
-
-async def test_a_stream_of_rosbridges_frames(world):
-    """As web_video_server would give it, for whoever asks for that."""
-    async with TopicRosbridge({f"{TOPIC}/compressed": "sensor_msgs/CompressedImage"}) as rosbridge:
-        await world.service.close()
-        await world.start(SourceSettings(world.camera.url, rosbridge.url, "rosbridge"))
-        url = f"http://127.0.0.1:{world.port}/stream?topic={TOPIC}"
-        asking = asyncio.ensure_future(world.http.get(url))
-        await eventually(
-            lambda: bool(rosbridge.subscribed(f"{TOPIC}/compressed")), lambda: str(rosbridge.got)
-        )
-        data = base64.b64encode(fake_jpeg(5)).decode()
-        await rosbridge.publish(f"{TOPIC}/compressed", {"format": "jpeg", "data": data})
-        async with await asyncio.wait_for(asking, WITHIN_S) as answer:
-            assert answer.headers["Content-Type"].startswith("multipart/x-mixed-replace")
-            part = await asyncio.wait_for(answer.content.readuntil(b"\xff\xd9"), WITHIN_S)
-        assert part.endswith(fake_jpeg(5))
-        # The other one is that of rosapi.
-        await eventually(lambda: rosbridge.open == 1, lambda: f"{rosbridge.open} are open")
-        await world.graph.close()
 
 
 async def test_whoever_looks_whether_video_works_is_told(world):

@@ -170,6 +170,7 @@ async def test_the_newest_goes_out_when_credit_comes(world):
     world.give(5)
     world.socket.ask("clock_sync", t_ms=1.0)
     await eventually(lambda: world.socket.texts[-1]["op"] == "clock_sync", lambda: "it is answered")
+    assert world.socket.texts[-1]["sender_ms"] == world.now_s * 1000
     assert len(world.socket.pictures) == 2
     # Taking the second one takes the first.
     world.socket.ask("credit", taken=4)
