@@ -149,24 +149,6 @@ async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
         assert "rosbridge, the source of its video, does not answer" in report.video_detail
 
 
-async def test_images_of_another_robot_or_of_depth_are_no_video_of_this_one(
-    watch, nowhere, monkeypatch
-):
-    """However often rosapi is asked, the number of connections stays the same."""
-    monkeypatch.setattr(health_module, "SELDOM", 1)
-    topics = {f"/{name}/cmd_vel": "geometry_msgs/msg/Twist" for name in ("r1", "r2")}
-    topics["/r1/front/compressed"] = "sensor_msgs/msg/CompressedImage"
-    topics["/r2/depth/compressedDepth"] = "sensor_msgs/msg/CompressedImage"
-    async with TopicRosbridge(topics) as robot:
-        health = watch(robot.url, nowhere)
-        health._graph.drive_topic = "/r2/cmd_vel"
-        await eventually(lambda: len(robot.got) >= 3, lambda: str(robot.got))
-        assert health.report.video == "down"
-        assert robot.open <= 2
-        topics["/r2/front/compressed"] = topics["/r1/front/compressed"]
-        await until(health, lambda report: report.video == "ok")
-
-
 async def test_a_silent_rosapi_costs_its_own_connection_alone(watch, nowhere, monkeypatch):
     monkeypatch.setattr(health_module, "SELDOM", 1)
     monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.1)

@@ -33,7 +33,6 @@ from robotether_agent.problems import (
     NotEnrolledError,
     Retry,
     ServerUnreachableError,
-    SettingsInvalidError,
     StateUnusableError,
 )
 from robotether_agent.settings import Settings, load
@@ -232,16 +231,6 @@ async def test_a_refusal_holds_for_an_enrolled_robot_too(cloud, settings):
     cloud.remove_robot()
     with pytest.raises(NotEnrolledError, match="robotether robot approve"):
         await enroller.enrolment()
-
-
-async def test_a_fresh_robot_shows_its_token(cloud, settings, place):
-    """The token goes with the first join; a token file that is missing then is a wrong setting."""
-    settings = replace(settings, token_file=place / "token")
-    with pytest.raises(SettingsInvalidError, match="cannot read the join token"):
-        await enrol(settings)
-    (place / "token").write_text("rt_abc\n")
-    await enrol(settings)
-    assert [said["token"] for said in cloud.joins] == ["rt_abc"]
 
 
 async def test_a_token_that_is_gone_keeps_no_enrolled_robot_out(cloud, settings, place):

@@ -9,7 +9,6 @@ from fake_proxy import PASSWORD, SECRET, USER, FakeProxy
 from robotether_agent.net.http_proxy import Proxy, ask_for, proxy_of, refusal, request
 from robotether_agent.net.tcp import Resolver, connect
 from robotether_agent.problems import NoAnswerError, ServerUnreachableError
-from ssh_ports import SshPort
 
 WITH_LOGIN = "http://robot:s3cret%2F%40%3A@127.0.0.1:{port}"
 
@@ -97,13 +96,6 @@ async def test_a_proxy_that_does_not_join(mode, told):
         with pytest.raises(ServerUnreachableError, match=told) as caught:
             await through(proxy, 9)
         assert f"the HTTP proxy 127.0.0.1 port {proxy.port}" in str(caught.value)
-
-
-async def test_a_proxy_that_wants_a_password():
-    async with SshPort() as door, FakeProxy("needs_password") as proxy:
-        with pytest.raises(ServerUnreachableError, match="USER:PASSWORD"):
-            await through(proxy, door.port)
-        (await through(proxy, door.port, WITH_LOGIN)).close()
 
 
 async def test_a_silent_proxy(monkeypatch):
