@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from ansible_module import ANSIBLE, play
 
-ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
 ROLE = ANSIBLE / "roles/robotether_server"
 TEMPLATE = ROLE / "templates/firewall.nft.j2"
 ALONE = {
@@ -38,12 +34,10 @@ def test_only_the_sites_machines_are_admitted(
     tmp_path: Path, changes: dict[str, object], admitted: set[str]
 ) -> None:
     """Its cells, and the standby of its database; a machine alone admits nobody."""
-    words = [Path(sys.executable).with_name("ansible"), "localhost", "-m", "template"]
-    words += ["-a", f"src={TEMPLATE} dest={tmp_path / 'rules'}", "-e", json.dumps(ALONE | changes)]
-    words += ["-e", f"@{ROLE}/vars/main.yml"]
-    # Away from the folder's own settings, and from those of this machine's user.
-    environment = {**os.environ, "HOME": str(tmp_path), "ANSIBLE_LOCALHOST_WARNING": "no"}
-    subprocess.run(words, cwd=tmp_path, env=environment, check=True, timeout=60)
+    write = {"src": str(TEMPLATE), "dest": str(tmp_path / "rules")}
+    tasks = [{"ansible.builtin.template": write}]
+    done = play(tmp_path, tasks, ROLE / "vars/main.yml", **(ALONE | changes))
+    assert done.returncode == 0, done.stdout
     rules = (tmp_path / "rules").read_text()
     assert set(re.findall(r"ip saddr \{ (.*?) \}", rules)) == admitted
     assert ("dport { 8444, 3306 }" in rules) == bool(admitted)

@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
-import sys
 from pathlib import Path
-from typing import Any
 from zipfile import ZipFile
 
 import pytest
+from ansible_module import of_role, play
 
-ROLES = Path(__file__).resolve().parents[3] / "ansible/roles"
-PLAY = """
-- hosts: localhost
-  gather_facts: false
-  tasks:
-    - ansible.builtin.include_role: {name: robotether_agent, tasks_from: "{{ tasks }}"}
-"""
 # In place of the agent's own installer, which needs a package index.
 INSTALLER = """
 import sys
@@ -27,27 +17,6 @@ command = Path(sys.argv[1], "bin/robotether-agent")
 command.parent.mkdir()
 command.write_text("new")
 """
-
-
-def play(folder: Path, **variables: Any) -> None:
-    """Run some tasks of the role."""
-    (folder / "play.yml").write_text(PLAY)
-    known = {"ansible_python_interpreter": sys.executable, **variables}
-    options = ("--connection", "local", "--inventory", "localhost,")
-    done = subprocess.run(
-        [
-            Path(sys.executable).with_name("ansible-playbook"),
-            *options,
-            *("--extra-vars", json.dumps(known), "play.yml"),
-        ],
-        cwd=folder,
-        env={**os.environ, "ANSIBLE_ROLES_PATH": str(ROLES), "ANSIBLE_NOCOLOR": "1"},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
 
 
 def test_version_that_does_not_start_is_installed_anew(tmp_path: Path) -> None:
@@ -61,13 +30,14 @@ def test_version_that_does_not_start_is_installed_anew(tmp_path: Path) -> None:
     (version / "bin").mkdir(parents=True)
     (version / "bin/robotether-agent").write_text("old")
     (version / "lib").mkdir()
-    play(
+    done = play(
         tmp_path,
-        tasks="install_version",
+        [of_role("robotether_agent", "install_version")],
         robotether_agent_root=str(tmp_path / "opt"),
         robotether_agent_venv=str(version),
         robotether_wheel_path=str(wheel),
     )
+    assert done.returncode == 0, done.stdout
     assert (version / "bin/robotether-agent").read_text() == "new"
     assert not (version / "lib").exists()
 
@@ -80,9 +50,9 @@ def test_version_that_does_not_start_is_installed_anew(tmp_path: Path) -> None:
 def test_settings_with_a_password_are_kept_from_others(tmp_path: Path, url: str, mode: int) -> None:
     """A camera's as well as a proxy's."""
     config = tmp_path / "etc/agent.toml"
-    play(
+    done = play(
         tmp_path,
-        tasks="configure",
+        [of_role("robotether_agent", "configure")],
         robotether_agent_server="robots.example",
         robotether_agent_config=str(config),
         robotether_agent_state=str(tmp_path / "state"),
@@ -91,5 +61,6 @@ def test_settings_with_a_password_are_kept_from_others(tmp_path: Path, url: str,
         robotether_agent_was_installed=False,
         robotether_agent_settings={"cameras": [f"rear={url}"]},
     )
+    assert done.returncode == 0, done.stdout
     assert f'cameras = ["rear={url}"]' in config.read_text()
     assert config.stat().st_mode & 0o777 == mode

@@ -5,18 +5,14 @@ from __future__ import annotations
 import ast
 import asyncio
 import hashlib
-import json
-import os
 import re
 import ssl
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from ansible_module import ANSIBLE, run_module
+from ansible_module import ANSIBLE, of_role, play, run_module
 from fake_proxy import PASSWORD, USER, FakeProxy
 from jinja2 import Template
 
@@ -99,26 +95,9 @@ def test_older_python_is_refused(
     for name, said in {"python3": python, "docker": ""}.items():
         (tmp_path / name).write_text(f"#!/bin/sh\necho {said}\n")
         (tmp_path / name).chmod(0o755)
-    role = {"name": "robotether_agent", "tasks_from": "preflight"}
-    tasks = [{"ansible.builtin.include_role": role}]
-    (tmp_path / "play.yml").write_text(
-        json.dumps([{"hosts": "localhost", "gather_facts": False, "tasks": tasks}])
-    )
-    words: list[str | Path] = [Path(sys.executable).with_name("ansible-playbook"), "play.yml"]
-    words += ["--connection", "local", "--inventory", "localhost,"]
     # No server is set, so nothing is looked at after the assertions.
-    known = {"ansible_python_interpreter": sys.executable, "agent_runtime": runtime}
-    words += ["--extra-vars", json.dumps(known)]
-    environ = {
-        **os.environ,
-        "PATH": f"{tmp_path}:{os.environ['PATH']}",
-        "ANSIBLE_ROLES_PATH": str(ANSIBLE / "roles"),
-        "ANSIBLE_COLLECTIONS_PATH": str(ANSIBLE / "collections"),
-        "ANSIBLE_NOCOLOR": "1",
-    }
-    played = subprocess.run(
-        words, cwd=tmp_path, env=environ, check=False, capture_output=True, text=True, timeout=60
-    ).stdout
+    role = of_role("robotether_agent", "preflight")
+    played = play(tmp_path, [role], agent_runtime=runtime).stdout
     assert "robotether_agent_server is not set" in played
     refused = re.findall(r"cannot enrol localhost: its Python is (.*?); upgrade", played)
     assert set(refused) == ({f"{python} and the agent needs {oldest}"} if oldest else set())

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import base64
-import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from ansible_module import ANSIBLE, play
 
 pytestmark = pytest.mark.release
 
-ROLE = Path(__file__).resolve().parents[3] / "ansible/roles/robotether_server"
+ROLE = ANSIBLE / "roles/robotether_server"
 TASKS = ROLE / "tasks"
 HEALTHY = ["nginx=healthy", "mysql=healthy"]
 
@@ -28,22 +25,9 @@ def task_of(name: str, file: str = "stack.yml") -> dict[str, Any]:
     return found
 
 
-def play(folder: Path, tasks: list[dict[str, Any]], given: dict[str, Any]) -> str:
-    """Run tasks on this machine, with programs of the folder before its own; what Ansible said."""
-    known = [str(ROLE / "vars/main.yml")]
-    whole = {"hosts": "localhost", "gather_facts": False, "vars_files": known, "tasks": tasks}
-    (folder / "play.yml").write_text(json.dumps([whole]))
-    words = [Path(sys.executable).with_name("ansible-playbook"), "play.yml"]
-    words += ["-e", json.dumps(given)]
-    environment = {
-        **os.environ,
-        "HOME": str(folder),
-        "PATH": f"{folder}:{os.environ['PATH']}",
-        "ANSIBLE_LOCALHOST_WARNING": "no",
-    }
-    return subprocess.run(
-        words, cwd=folder, env=environment, check=False, capture_output=True, text=True, timeout=60
-    ).stdout
+def said(folder: Path, tasks: list[dict[str, Any]], **given: Any) -> str:
+    """Run tasks of the role; what Ansible said."""
+    return play(folder, tasks, ROLE / "vars/main.yml", **given).stdout
 
 
 def test_room_is_needed_where_docker_is(tmp_path: Path) -> None:
@@ -51,8 +35,8 @@ def test_room_is_needed_where_docker_is(tmp_path: Path) -> None:
     (tmp_path / "docker").write_text("#!/bin/sh\necho /proc/self\n")
     (tmp_path / "docker").chmod(0o755)
     names = ("Find how much room Docker has", "Check that there is room for the images")
-    said = play(tmp_path, [task_of(name, "preflight.yml") for name in names], {})
-    assert "cannot set up localhost: /proc/self has 0 GB free, and 4 GB are needed" in said
+    told = said(tmp_path, [task_of(name, "preflight.yml") for name in names])
+    assert "cannot set up localhost: /proc/self has 0 GB free, and 4 GB are needed" in told
 
 
 @pytest.mark.parametrize(
@@ -76,8 +60,8 @@ def test_another_firewall_stays_in_charge(
     look["ansible.builtin.shell"] = look["ansible.builtin.shell"].replace("/etc/ufw", str(tmp_path))
     decide = task_of("Decide whether to set our own rules", "firewall.yml")
     tell = {"ansible.builtin.debug": {"msg": "sets={{ robotether_server_has_firewall | bool }}"}}
-    said = play(tmp_path, [look, decide, tell], {"robotether_server_firewall": "auto"})
-    assert re.findall(r"sets=(\w+)", said) == [str(sets)]
+    told = said(tmp_path, [look, decide, tell], robotether_server_firewall="auto")
+    assert re.findall(r"sets=(\w+)", told) == [str(sets)]
 
 
 @pytest.mark.parametrize(
@@ -102,7 +86,7 @@ def test_address_is_the_one_in_force(
         "robotether_server_folder": "/opt/robotether",
         "robotether_server_fingerprint": {"stdout": "sha256 Fingerprint=AA"},
     }
-    assert f'"open      {address}"' in play(tmp_path, [keep, tell], given)
+    assert f'"open      {address}"' in said(tmp_path, [keep, tell], **given)
 
 
 @pytest.mark.parametrize(
@@ -128,8 +112,8 @@ def test_stack_of_before_is_dumped(
         "robotether_server_services": ["mysql"],
         "robotether_server_healthy": {"stdout_lines": healthy},
     }
-    said = play(tmp_path, [task_of("Decide whether to deploy"), tell], given)
-    assert re.findall(r"dumps=(\w+)", said) == [str(dumps)]
+    told = said(tmp_path, [task_of("Decide whether to deploy"), tell], **given)
+    assert re.findall(r"dumps=(\w+)", told) == [str(dumps)]
 
 
 @pytest.mark.parametrize(
@@ -156,11 +140,11 @@ def test_images_are_loaded_where_they_are_not(
         (tmp_path / path).write_text(f"#!/bin/sh\n{text}\n")
         (tmp_path / path).chmod(0o755)
     load = task_of("Load the images from the archive")
-    told = {"ansible.builtin.debug": {"msg": "it loads"}, "when": load["when"]}
+    tell = {"ansible.builtin.debug": {"msg": "it loads"}, "when": load["when"]}
     given = {
         "robotether_server_deployed": deployed,
         "robotether_server_folder": str(tmp_path),
         "robotether_server_archive": {"stat": {"checksum": "0a1b"}},
     }
-    said = play(tmp_path, [task_of("Check that Docker has the images"), told], given)
-    assert ("it loads" in said) == loads
+    told = said(tmp_path, [task_of("Check that Docker has the images"), tell], **given)
+    assert ("it loads" in told) == loads
