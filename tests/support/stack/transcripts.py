@@ -55,11 +55,6 @@ class Transcript:
             " ".join([heading, *texts]) if one_line else "\n".join([heading, *texts])
         )
 
-    def add_lines(self, heading: str, lines: bytes) -> None:
-        """Add messages that are one line of JSON each, as they were sent."""
-        for line in lines.splitlines():
-            self.add(heading, json.loads(line))
-
     def clean(self, value: Any, key: str = "") -> Any:
         """Return the value with all that varies replaced by its kind."""
         if isinstance(value, dict):

@@ -46,6 +46,16 @@ def test_status_of_an_agent_that_never_ran(place, capsys):
     assert "sudo systemctl start robotether-agent" in capsys.readouterr().out
 
 
+def test_show_settings_prints_all_and_hides_secrets(capsys):
+    """Every key is there once, the token is not."""
+    variables = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_TOKEN": "s3cret"}
+    assert main(["show-settings"], variables) == 0
+    out = capsys.readouterr().out
+    assert "server = a.example" in out
+    assert "token = (hidden)" in out
+    assert "s3cret" not in out
+
+
 def test_version(capsys):
     with pytest.raises(SystemExit) as error:
         main(["--version"], {})

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import socket
-
 import pytest
 from fake_proxy import PASSWORD, SECRET, USER, FakeProxy
 from robotether_agent.net.http_proxy import Proxy, ask_for, proxy_of, refusal, request
 from robotether_agent.net.tcp import Resolver, connect
 from robotether_agent.problems import NoAnswerError, ServerUnreachableError
-
-WITH_LOGIN = "http://robot:s3cret%2F%40%3A@127.0.0.1:{port}"
 
 
 @pytest.mark.parametrize(
@@ -72,19 +68,12 @@ def test_each_answer_is_told(head, kind, told):
     assert "\x1b" not in str(problem)
 
 
-async def through(
-    proxy: FakeProxy, port: int, url: str = "http://127.0.0.1:{port}"
-) -> socket.socket:
-    """Connect to `port` through the proxy."""
-    parsed = proxy_of(url.format(port=proxy.port))
-    assert parsed is not None
-    connection = await connect(parsed.host, parsed.port, Resolver(), "the proxy")
-    try:
-        await ask_for(connection, parsed, "127.0.0.1", port)
-    except (NoAnswerError, ServerUnreachableError):
-        connection.close()
-        raise
-    return connection
+async def ask(url: str) -> None:
+    """Ask the proxy at this URL for a connection."""
+    proxy = proxy_of(url)
+    assert proxy is not None
+    with await connect(proxy.host, proxy.port, Resolver(), "the proxy") as connection:
+        await ask_for(connection, proxy, "127.0.0.1", 9)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +83,7 @@ async def through(
 async def test_a_proxy_that_does_not_join(mode, told):
     async with FakeProxy(mode) as proxy:
         with pytest.raises(ServerUnreachableError, match=told) as caught:
-            await through(proxy, 9)
+            await ask(proxy.url)
         assert f"the HTTP proxy 127.0.0.1 port {proxy.port}" in str(caught.value)
 
 
@@ -103,4 +92,4 @@ async def test_a_silent_proxy(monkeypatch):
     monkeypatch.setattr("robotether_agent.net.http_proxy.TIMEOUT_S", 0.1)
     async with FakeProxy("silent") as proxy:
         with pytest.raises(NoAnswerError, match="does not answer"):
-            await through(proxy, 9)
+            await ask(proxy.url)

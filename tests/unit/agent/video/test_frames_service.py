@@ -215,6 +215,7 @@ async def test_a_still_of_a_camera_that_is_down_tells_why(world, monkeypatch):
     status, body = await world.get(f"/snapshot?topic={TOPIC}")
     assert (status, b"HTTP status 500" in body) == (503, True)
     assert (await world.get(f"/stream?topic={TOPIC}"))[0] == 503
+    assert (await world.get("/robotether/snapshot?topic=" + "x" * 300))[0] == 400
 
 
 async def test_whoever_looks_whether_video_works_is_told(world):
