@@ -74,11 +74,11 @@ class SiteCertificates:
             learnt_at, cached = self._cached.get(host, (0.0, None))
             if cached is not None and self._now() - learnt_at < CERTIFICATE_CACHE_S:
                 return cached
-            found = learn_certificate(self.settings.tls_front, host)
+            certificate = learn_certificate(self.settings.tls_front, host)
             if len(self._cached) >= MAX_CACHED:
                 self._cached.clear()
-            self._cached[host] = (self._now(), found)
-            return found
+            self._cached[host] = (self._now(), certificate)
+            return certificate
 
 
 @dataclass(frozen=True)
@@ -98,13 +98,13 @@ class EnrolmentLines:
 
 
 def enrolment_lines(
-    certificates: SiteCertificates, asked: str, token: str, name: str | None = None
+    certificates: SiteCertificates, address: str, token: str, name: str | None = None
 ) -> EnrolmentLines:
     """Return the lines; raise SiteCertificateUnavailableError or FieldInvalidError.
 
-    `asked`: HOST[:PORT] of who asks, which counts where PUBLIC_HOST is not set. `name`: which the robot asks for.
+    `address`: HOST[:PORT] of who asks, which counts where PUBLIC_HOST is not set. `name`: which the robot asks for.
     """
-    site = site_of(certificates.settings, asked)
+    site = site_of(certificates.settings, address)
     certificate = certificates.certificate(site.host)
     fetch, run = ["curl", "-fsS"], ["sudo", "sh", "-s", "--", "--server", site.authority]
     variables = {"SERVER": site.authority}
@@ -156,26 +156,26 @@ def _assignments(variables: dict[str, str]) -> str:
 
 def parse_site_address(text: str) -> SiteAddress:
     """Read HOST or HOST:PORT, as in the header Host; raise FieldInvalidError."""
-    found = _SITE.fullmatch(text)
-    if found is None:
+    match = _SITE.fullmatch(text)
+    if match is None:
         raise FieldInvalidError(
             f"cannot use host {text[:80]!r}: it must be a host name or an address"
         )
-    return SiteAddress(found["host"].strip("[]"), int(found["port"] or HTTPS_PORT))
+    return SiteAddress(match["host"].strip("[]"), int(match["port"] or HTTPS_PORT))
 
 
-def site_of(settings: SiteAddressSettings, asked: str) -> SiteAddress:
-    """Return where robots reach this site: at PUBLIC_HOST, or else where who asks for the line did (`asked`)."""
+def site_of(settings: SiteAddressSettings, address: str) -> SiteAddress:
+    """Return where robots reach this site: at PUBLIC_HOST, or else at the address of the request."""
     if settings.public_host is not None:
         return SiteAddress(settings.public_host, settings.public_port)
-    return parse_site_address(asked)
+    return parse_site_address(address)
 
 
 def learn_certificate(endpoint: tuple[str, int], host: str) -> Certificate:
     """Ask for the certificate that is shown to who asks for this host; raise SiteCertificateUnavailableError."""
     try:
-        shown = _shown(endpoint, host, _unchecked())
-        return describe_certificate(shown, is_known=_is_known(endpoint, host))
+        der = _shown(endpoint, host, _unchecked())
+        return describe_certificate(der, is_known=_is_known(endpoint, host))
     except (OSError, ValueError) as error:
         raise SiteCertificateUnavailableError(
             f"cannot determine this site's certificate: {endpoint[0]}:{endpoint[1]} does not show one "

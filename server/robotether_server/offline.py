@@ -70,5 +70,5 @@ def _unreadable(agent_version: str | None) -> str:
 
 
 def _numbers(version: str) -> tuple[int, ...]:
-    found = re.match(r"\d{1,6}(?:\.\d{1,6}){0,3}", version)
-    return tuple(map(int, found[0].split("."))) if found else ()
+    match = re.match(r"\d{1,6}(?:\.\d{1,6}){0,3}", version)
+    return tuple(map(int, match[0].split("."))) if match else ()

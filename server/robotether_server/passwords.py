@@ -129,7 +129,7 @@ def is_common(password: str) -> bool:
         return True
     # P@ssw0rd2024! is read as password, and so is password-2024-password.
     spelt = text.strip(string.digits + string.punctuation + " ").translate(LOOKALIKES)
-    return any(_is_of_words(_NO_LETTER.sub("", one)) for one in (text, spelt))
+    return any(_is_of_words(_NO_LETTER.sub("", variant)) for variant in (text, spelt))
 
 
 def _is_of_words(letters: str) -> bool:

@@ -53,8 +53,8 @@ class RobotetherError(Exception):
     def at_field(self) -> str:
         """The sentence beside the field, whose label names it: "Enter a whole number from 200 to 2000."."""
         why = self.detail.partition(": ")[2] or self.detail
-        for said, asked in _ASKS:
-            why = said.sub(asked, why)
+        for pattern, replacement in _ASKS:
+            why = pattern.sub(replacement, why)
         return why[:1].upper() + why[1:].rstrip(".") + "."
 
 

@@ -32,5 +32,5 @@ class AppContext:
 
 def context() -> AppContext:
     """Return the parts of the application that handles this request."""
-    found: AppContext = current_app.extensions["robotether"]
-    return found
+    app_context: AppContext = current_app.extensions["robotether"]
+    return app_context

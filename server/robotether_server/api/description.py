@@ -136,21 +136,21 @@ def _text() -> str:
 def document() -> Object:
     """Return the whole description."""
     operations = [*OPERATIONS, *RELAYED]
-    types = {id(one): one for operation in operations for one in _types(operation)}
-    types |= {id(one): one for one in (*PATH_TYPES.values(), GivenSettings)}
-    found, components = msgspec.json.schema_components(
+    types = {id(hint): hint for operation in operations for hint in _types(operation)}
+    types |= {id(hint): hint for hint in (*PATH_TYPES.values(), GivenSettings)}
+    type_schemas, components = msgspec.json.schema_components(
         types.values(), ref_template=REF.format(kind="schemas", name="{name}")
     )
     for component in components.values():
         _without_defaults(component)
-    of_types = dict(zip(types, found, strict=True))
+    of_types = dict(zip(types, type_schemas, strict=True))
     paths: Object = {}
-    for one in operations:
-        path = "/api/v1" + re.sub(r"<(?:\w+:)?(\w+)>", r"{\1}", one.path)
+    for api_operation in operations:
+        path = "/api/v1" + re.sub(r"<(?:\w+:)?(\w+)>", r"{\1}", api_operation.path)
         item = paths.setdefault(path, {})
-        item[one.method.lower()] = _operation(one, of_types)
-        if one.names:
-            item["parameters"] = [_ref("parameters", name) for name in one.names]
+        item[api_operation.method.lower()] = _operation(api_operation, of_types)
+        if api_operation.names:
+            item["parameters"] = [_ref("parameters", name) for name in api_operation.names]
     parameters = {
         name: {"name": name, "in": "path", "required": True, "schema": of_types[id(kind)]}
         for name, kind in PATH_TYPES.items()
@@ -169,10 +169,10 @@ def _without_defaults(component: Object) -> None:
         member.pop("default", None)
 
 
-def _types(one: ApiOperation) -> Iterator[Any]:
-    yield from (kind for kind in (one.body, *one.answers.values()) if kind is not None)
-    if one.query is not None:
-        yield from _members(one.query).values()
+def _types(operation: ApiOperation) -> Iterator[Any]:
+    yield from (kind for kind in (operation.body, *operation.answers.values()) if kind is not None)
+    if operation.query is not None:
+        yield from _members(operation.query).values()
 
 
 @cache
@@ -181,24 +181,24 @@ def _members(query: Any) -> Mapping[str, Any]:
     return get_type_hints(query, include_extras=True)
 
 
-def _operation(one: ApiOperation, schemas: dict[int, Object]) -> Object:
-    found: Object = {
-        "operationId": one.name,
-        "summary": one.summary,
-        "responses": dict(_responses(one, schemas)),
+def _operation(operation: ApiOperation, schemas: dict[int, Object]) -> Object:
+    members: Object = {
+        "operationId": operation.name,
+        "summary": operation.summary,
+        "responses": dict(_responses(operation, schemas)),
     }
-    if one.details:
-        found["description"] = one.details
-    if one.who in SECURITY:
-        found["security"] = SECURITY[one.who]
-    if one.tag:
-        found["tags"] = [one.tag]
-    if one.query is not None:
-        found["parameters"] = list(_query_parameters(one.query, schemas))
-    if one.body is not None:
-        content = {"application/json": {"schema": schemas[id(one.body)]}}
-        found["requestBody"] = {"required": one.is_body_required, "content": content}
-    return found
+    if operation.details:
+        members["description"] = operation.details
+    if operation.who in SECURITY:
+        members["security"] = SECURITY[operation.who]
+    if operation.tag:
+        members["tags"] = [operation.tag]
+    if operation.query is not None:
+        members["parameters"] = list(_query_parameters(operation.query, schemas))
+    if operation.body is not None:
+        content = {"application/json": {"schema": schemas[id(operation.body)]}}
+        members["requestBody"] = {"required": operation.is_body_required, "content": content}
+    return members
 
 
 def _query_parameters(query: Any, schemas: dict[int, Object]) -> Iterator[Object]:
@@ -208,9 +208,9 @@ def _query_parameters(query: Any, schemas: dict[int, Object]) -> Iterator[Object
         yield {"name": name, "in": "query", **words, "schema": schema}
 
 
-def _responses(one: ApiOperation, schemas: dict[int, Object]) -> Iterator[tuple[str, Object]]:
-    for status, kind in one.answers.items():
-        content = {name: {"schema": {"type": "string"}} for name in one.texts}
+def _responses(operation: ApiOperation, schemas: dict[int, Object]) -> Iterator[tuple[str, Object]]:
+    for status, kind in operation.answers.items():
+        content = {name: {"schema": {"type": "string"}} for name in operation.texts}
         if kind is not None:
             content["application/json"] = {"schema": schemas[id(kind)]}
         description = HTTPStatus(status).phrase
@@ -218,24 +218,24 @@ def _responses(one: ApiOperation, schemas: dict[int, Object]) -> Iterator[tuple[
             str(int(status)),
             {"description": description, **({"content": content} if content else {})},
         )
-    for status in sorted(_problems(one)):
+    for status in sorted(_problems(operation)):
         yield str(int(status)), _ref("responses", PROBLEMS[status][0])
 
 
-def _problems(one: ApiOperation) -> set[int]:
+def _problems(operation: ApiOperation) -> set[int]:
     """Return the statuses of its problems."""
-    if one.who == "anybody" and one.body is None:
-        return {*one.problems, 429}
-    found = {*one.problems, 401, 429, 503}
-    if one.who == "admin" or one.method != "GET":
-        found.add(403)
-    if one.names:
-        found.add(404)
-    if one.body is not None:
-        found |= {413, 415}
-    if one.body is not None or one.query is not None:
-        found.add(422)
-    return found
+    if operation.who == "anybody" and operation.body is None:
+        return {*operation.problems, 429}
+    statuses = {*operation.problems, 401, 429, 503}
+    if operation.who == "admin" or operation.method != "GET":
+        statuses.add(403)
+    if operation.names:
+        statuses.add(404)
+    if operation.body is not None:
+        statuses |= {413, 415}
+    if operation.body is not None or operation.query is not None:
+        statuses.add(422)
+    return statuses
 
 
 def _ref(kind: str, name: str) -> Object:

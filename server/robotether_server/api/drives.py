@@ -70,9 +70,9 @@ def list_drives(caller: Caller, query: DriveQuery) -> DriveList | Response:
 @operation("GET", "/drives/<int:drive_id>", "user", tag="robots")
 def get_drive(caller: Caller, drive_id: int) -> Drive | Response:
     """Get one drive, as a file."""
-    found = drives.get(caller.tx, caller.user, min(drive_id, MAX_ID))
-    answer = respond(found)
-    name = f"robotether-drive-{found.id}.json"
+    drive = drives.get(caller.tx, caller.user, min(drive_id, MAX_ID))
+    answer = respond(drive)
+    name = f"robotether-drive-{drive.id}.json"
     answer.headers["Content-Disposition"] = f'attachment; filename="{name}"'
     return answer
 

@@ -73,13 +73,13 @@ def everything(fetch: Callable[[int | None, int], list[R]], limit: int | None) -
     before: int | None = None
     left = limit
     while left is None or left > 0:
-        wanted = PIECE if left is None else min(PIECE, left)
-        found = fetch(before, wanted)
-        yield from found
-        if len(found) < wanted:
+        count = PIECE if left is None else min(PIECE, left)
+        records = fetch(before, count)
+        yield from records
+        if len(records) < count:
             return
-        before = found[-1].id
-        left = None if left is None else left - len(found)
+        before = records[-1].id
+        left = None if left is None else left - len(records)
 
 
 def download(
@@ -94,11 +94,11 @@ def download(
     """Stream what `find(tx, before=..., limit=...)` finds, each piece in a transaction of its own."""
     database = context().database
 
-    def fetch(last: int | None, wanted: int) -> list[R]:
+    def fetch(last: int | None, count: int) -> list[R]:
         with database.transaction() as tx:
-            return find(tx, before=before if last is None else last, limit=wanted)
+            return find(tx, before=before if last is None else last, limit=count)
 
-    return answer((plain(one) for one in everything(fetch, limit)), columns, kind, filename)
+    return answer((plain(record) for record in everything(fetch, limit)), columns, kind, filename)
 
 
 def answer(

@@ -103,7 +103,7 @@ class SiteList(Struct):
 @operation("GET", "/grants", "admin")
 def list_grants(caller: Caller) -> GrantList:
     """List grants; admins need none."""
-    return GrantList([_shown(one) for one in grants.list_all(caller.tx)])
+    return GrantList([_shown(grant) for grant in grants.list_all(caller.tx)])
 
 
 @operation("POST", "/grants", "admin", problems=(404,))
@@ -114,8 +114,8 @@ def add_grant(
 
     200: it replaced another.
     """
-    given, is_new = _give(caller, _grantee(body), _scope(body), body)
-    return given, 201 if is_new else 200
+    grant, is_new = _give(caller, _grantee(body), _scope(body), body)
+    return grant, 201 if is_new else 200
 
 
 @operation("DELETE", "/grants/<int:grant_id>", "admin")
@@ -127,8 +127,8 @@ def delete_grant(caller: Caller, grant_id: int) -> None:
 @operation("PUT", "/grants/<user>/<robot>", "admin")
 def give_grant(caller: Caller, user: str, robot: str, body: GivenLevel) -> ShownGrant:
     """Set the user's level for the robot."""
-    given, _ = _give(caller, Grantee("user", user), Scope("robot", robot), body)
-    return given
+    grant, _ = _give(caller, Grantee("user", user), Scope("robot", robot), body)
+    return grant
 
 
 @operation("DELETE", "/grants/<user>/<robot>", "admin", name="takeGrant")
@@ -142,30 +142,30 @@ def revoke_grant(caller: Caller, user: str, robot: str) -> None:
 def _give(
     caller: Caller, grantee: Grantee, scope: Scope, body: GivenLevel
 ) -> tuple[ShownGrant, bool]:
-    given, is_new = grant_service.give(
+    grant, is_new = grant_service.give(
         caller.tx, caller.source, grantee, scope, body.level, ends_at=body.ends_at or None
     )
-    return _shown(given), is_new
+    return _shown(grant), is_new
 
 
 def _grantee(body: NewGrant) -> Grantee:
     grantee_kinds: tuple[Literal["user", "group"], ...] = ("user", "group")
-    given = [
+    choices = [
         Grantee(kind, name) for kind in grantee_kinds if (name := getattr(body, kind)) is not UNSET
     ]
-    return _the_one(given, "user, group")
+    return _the_one(choices, "user, group")
 
 
 def _scope(body: NewGrant) -> Scope:
     scopes: tuple[Literal["robot", "site"], ...] = ("robot", "site")
-    given = [Scope(kind, name) for kind in scopes if (name := getattr(body, kind)) is not UNSET]
-    return _the_one([*given, *([ALL] if body.all else [])], "robot, site, all")
+    choices = [Scope(kind, name) for kind in scopes if (name := getattr(body, kind)) is not UNSET]
+    return _the_one([*choices, *([ALL] if body.all else [])], "robot, site, all")
 
 
-def _the_one(given: list[T], kinds: str) -> T:
-    if len(given) != 1:
+def _the_one(choices: list[T], kinds: str) -> T:
+    if len(choices) != 1:
         raise FieldInvalidError(f"cannot give a grant: give exactly one of {kinds}")
-    return given[0]
+    return choices[0]
 
 
 def _shown(grant: Grant) -> ShownGrant:

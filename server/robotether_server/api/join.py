@@ -118,39 +118,39 @@ def get_ssh() -> SshServer:
 @operation("POST", "/join", "anybody", any_type=True, problems=(409,))
 def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRobot, Literal[202]]:
     """Ask for admission as a robot."""
-    asked = _asked(body)
+    attempt = _asked(body)
     with context().database.transaction() as tx:
-        answer, known = joining.is_in(tx, asked), cells.read(tx)
+        answer, site_cells = joining.is_in(tx, attempt), cells.read(tx)
         if answer is not None and body.host_key_refused is True:
             detail = pending.host_key_refused(answer.robot)
-            pending.record_refusal(tx, asked.presented, "host_key_changed", detail)
+            pending.record_refusal(tx, attempt.presented, "host_key_changed", detail)
         elif answer is not None:
-            pending.forget_refusals(tx, asked.presented)
+            pending.forget_refusals(tx, attempt.presented)
     if answer is None:
-        answer = _join(asked)
+        answer = _join(attempt)
     if answer.code == "active":
-        addresses = cells.sort_for_join(answer.robot_id, known, region=answer.region)
+        addresses = cells.sort_for_join(answer.robot_id, site_cells, region=answer.region)
         return JoinedRobot("active", answer.robot, ssh_of(context().join, addresses)), 200
     return WaitingRobot("pending", answer.robot, answer.code, answer.detail), 202
 
 
-def _join(asked: joining.JoinAttempt) -> joining.Answer:
+def _join(attempt: joining.JoinAttempt) -> joining.Answer:
     if not _places.acquire(blocking=False):
         raise ThrottledError(
             "cannot join now: too many robots join at this moment; try again shortly", THROTTLED_S
         )
     try:
         # Before the lock that all who join wait for.
-        is_proven = joining.is_proven(asked.presented, asked.signature, asked.token)
+        is_proven = joining.is_proven(attempt.presented, attempt.signature, attempt.token)
         with context().database.transaction() as tx:
-            answer = joining.join(tx, asked, context().join, is_proven=is_proven)
-            pending.forget_refusals(tx, asked.presented)
+            answer = joining.join(tx, attempt, context().join, is_proven=is_proven)
+            pending.forget_refusals(tx, attempt.presented)
             return answer
     except StoreUnavailableError:
         raise
     except RobotetherError as problem:
         with context().database.transaction() as tx:
-            pending.record_refusal(tx, asked.presented, problem.code, problem.detail)
+            pending.record_refusal(tx, attempt.presented, problem.code, problem.detail)
         raise
     finally:
         _places.release()
@@ -175,7 +175,7 @@ def _asked(body: RobotJoin) -> joining.JoinAttempt:
 def ssh_of(settings: JoinSettings, addresses: Iterable[SshAddresses] = ()) -> Ssh:
     """Return where a robot's tunnel goes, and the keys that it pins; raise StoreUnavailableError."""
     host_keys = read_host_keys(settings.ssh_host_keys_dir)
-    listed = [SshOfCell(one.host, list(one.ports)) for one in addresses]
+    listed = [SshOfCell(address.host, list(address.ports)) for address in addresses]
     ports = list(settings.ssh_ports)
     return Ssh(SSH_USER, settings.public_host, ports, host_keys, listed or UNSET)
 

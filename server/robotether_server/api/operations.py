@@ -93,7 +93,7 @@ def operation(
         types = get_type_hints(handler, include_extras=True)
         summary, _, details = (getdoc(handler) or "").partition("\n\n")
         first, *others = handler.__name__.split("_")
-        one = ApiOperation(
+        api_operation = ApiOperation(
             method=method,
             path=path,
             name=name or first + "".join(map(str.capitalize, others)),
@@ -107,16 +107,18 @@ def operation(
             texts=texts,
             problems=problems,
         )
-        OPERATIONS.append(one)
+        OPERATIONS.append(api_operation)
 
         def view(**names: Any) -> Response:
             try:
                 with _caller(who, names, briefly=without_database is not None) as caller:
-                    return respond(handler(**caller, **names, **_given(one, any_type=any_type)))
+                    return respond(
+                        handler(**caller, **names, **_given(api_operation, any_type=any_type))
+                    )
             except StoreUnavailableError:
                 if without_database is None:
                     raise
-            return respond(without_database(**names, **_given(one, any_type=any_type)))
+            return respond(without_database(**names, **_given(api_operation, any_type=any_type)))
 
         blueprint.add_url_rule(path, handler.__name__, view, methods=[method])
         return handler
@@ -126,14 +128,14 @@ def operation(
 
 def _answers(returned: Any) -> Iterator[tuple[int, Any]]:
     """Yield each status with the type of its answer; None: no content."""
-    for one in get_args(returned) if isinstance(returned, UnionType) else (returned,):
-        if get_origin(one) is tuple:
-            kind, statuses = get_args(one)
+    for hint in get_args(returned) if isinstance(returned, UnionType) else (returned,):
+        if get_origin(hint) is tuple:
+            kind, statuses = get_args(hint)
             yield from ((status, kind) for status in get_args(statuses))
-        elif one is NoneType:
+        elif hint is NoneType:
             yield HTTPStatus.NO_CONTENT, None
-        elif one is not Response:
-            yield HTTPStatus.OK, one
+        elif hint is not Response:
+            yield HTTPStatus.OK, hint
 
 
 @contextmanager
@@ -155,13 +157,13 @@ def check_names(_endpoint: str | None, values: dict[str, Any] | None) -> None:
             raise problem(f"cannot find {kind} {name!r}: a name has no spaces")
 
 
-def _given(one: ApiOperation, *, any_type: bool) -> dict[str, object]:
-    given: dict[str, object] = {}
-    if one.body is not None:
-        given["body"] = schemas.read_body(_body(any_type=any_type), one.body)
-    if one.query is not None:
-        given["query"] = schemas.read_query(_query(), one.query)
-    return given
+def _given(api_operation: ApiOperation, *, any_type: bool) -> dict[str, object]:
+    arguments: dict[str, object] = {}
+    if api_operation.body is not None:
+        arguments["body"] = schemas.read_body(_body(any_type=any_type), api_operation.body)
+    if api_operation.query is not None:
+        arguments["query"] = schemas.read_query(_query(), api_operation.query)
+    return arguments
 
 
 def _body(*, any_type: bool) -> dict[str, object]:
@@ -188,28 +190,28 @@ def _query() -> dict[str, str]:
     return dict(request.args.items())
 
 
-def respond(found: object) -> Response:
+def respond(result: object) -> Response:
     """Return the response for a handler's return value."""
-    if isinstance(found, Response):
-        return found
-    if found is None:
+    if isinstance(result, Response):
+        return result
+    if result is None:
         return Response(status=HTTPStatus.NO_CONTENT)
-    value, status = found if isinstance(found, tuple) else (found, HTTPStatus.OK)
+    value, status = result if isinstance(result, tuple) else (result, HTTPStatus.OK)
     response = jsonify(plain(value))
     response.status_code = status
     return response
 
 
-def plain(found: object) -> Any:
+def plain(value: object) -> Any:
     """Return records and Structs as JSON has them, times as texts."""
-    return _plain(msgspec.to_builtins(found, builtin_types=(dt.datetime,)))
+    return _plain(msgspec.to_builtins(value, builtin_types=(dt.datetime,)))
 
 
-def _plain(found: object) -> Any:
-    if isinstance(found, dt.datetime):
-        return rfc3339(found)
-    if isinstance(found, dict):
-        return {name: _plain(value) for name, value in found.items()}
-    if isinstance(found, list):
-        return [_plain(value) for value in found]
-    return found
+def _plain(value: object) -> Any:
+    if isinstance(value, dt.datetime):
+        return rfc3339(value)
+    if isinstance(value, dict):
+        return {name: _plain(member) for name, member in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return value

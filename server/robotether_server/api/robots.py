@@ -171,11 +171,11 @@ def list_robots(caller: Caller) -> RobotList:
     return RobotList(
         [
             shown_robot(
-                one,
-                control.get(one.robot.id, seen_robots.FREE),
+                seen,
+                control.get(seen.robot.id, seen_robots.FREE),
                 for_admin=caller.user.is_admin,
             )
-            for one in seen_robots.list_seen(caller.tx, caller.user)
+            for seen in seen_robots.list_seen(caller.tx, caller.user)
         ]
     )
 
@@ -219,10 +219,10 @@ def register_robot(
     ssh = ssh_of(context().join, addresses)
     # A join token admits robots; it may not see who drives them.
     control = seen_robots.control_of(tx, seen.robot.id) if admin else None
-    shown = structs.asdict(shown_robot(seen, control, for_admin=admin is not None))
+    members = structs.asdict(shown_robot(seen, control, for_admin=admin is not None))
     if admin is None:
-        shown["level"] = None
-    return RegisteredRobot(**shown, ssh=ssh), 201 if is_new else 200
+        members["level"] = None
+    return RegisteredRobot(**members, ssh=ssh), 201 if is_new else 200
 
 
 @operation("PATCH", "/robots/<robot>", "admin", problems=(409,))
@@ -255,8 +255,8 @@ def set_page(caller: Caller, robot: str, body: PageObject) -> PageSettings:
 @operation("PUT", "/robots/<robot>/buttons", "manager", tag="robots")
 def set_buttons(caller: Caller, robot: str, body: ButtonList) -> ButtonList:
     """Set the buttons of the drive page; for the robot's managers."""
-    given = msgspec.to_builtins(body.buttons)
-    settings = drive_pages.set_buttons(caller.tx, caller.source, robot, given)
+    new_buttons = msgspec.to_builtins(body.buttons)
+    settings = drive_pages.set_buttons(caller.tx, caller.source, robot, new_buttons)
     buttons = [button.as_dict() for button in settings.buttons]
     return msgspec.convert({"buttons": buttons}, ButtonList)
 
@@ -264,7 +264,7 @@ def set_buttons(caller: Caller, robot: str, body: ButtonList) -> ButtonList:
 def _change(caller: Caller, name: str, body: RobotChanges) -> str:
     """Apply the changes, the name last; return the robot's name afterwards."""
     tx, source = caller.tx, caller.source
-    if any(given is not UNSET for given in (body.mac, body.shell, body.state, body.name)):
+    if any(change is not UNSET for change in (body.mac, body.shell, body.state, body.name)):
         # Before the row that the other changes lock: a join takes both in this order, too.
         robots.lock_enrolment(tx)
     if body.mac is not UNSET:

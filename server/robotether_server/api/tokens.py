@@ -89,8 +89,10 @@ def create_token(caller: Caller, body: NewToken) -> Created[CreatedToken]:
     owner = _owner(caller, body.user or caller.user.name)
     text = token_service.create(caller.tx, caller.source, owner, body.name, body.days or None)
     # A name is unique among the user's tokens.
-    [made] = [one for one in credentials.list_tokens_of(caller.tx, owner) if one.name == body.name]
-    return CreatedToken(**vars(made), token=text), 201
+    [token] = [
+        token for token in credentials.list_tokens_of(caller.tx, owner) if token.name == body.name
+    ]
+    return CreatedToken(**vars(token), token=text), 201
 
 
 @operation("DELETE", "/tokens/<int:token_id>", "user")
@@ -123,13 +125,13 @@ def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoin
     text = token_service.create_join_token(
         caller.tx, caller.source, body.name, body.uses, expires_at, place=place
     )
-    made = join_tokens.find(caller.tx, text)
-    if made is None:
+    join_token = join_tokens.find(caller.tx, text)
+    if join_token is None:
         raise StoreUnavailableError("cannot make the join token: it is gone already; try again")
     # This may raise: without an install line there is no token.
     lines = enrolment_lines(context().site_certificates, request.host, text)
     return CreatedJoinToken(
-        **vars(made), token=text, command=lines.install, warning=lines.warning
+        **vars(join_token), token=text, command=lines.install, warning=lines.warning
     ), 201
 
 

@@ -68,17 +68,17 @@ class Me(Struct):
 @operation("GET", "/users", "admin")
 def list_users(caller: Caller) -> UserList:
     """List users."""
-    return UserList([_shown(one) for one in users.list_all(caller.tx)])
+    return UserList([_shown(user) for user in users.list_all(caller.tx)])
 
 
 @operation("POST", "/users", "admin", problems=(409,))
 def add_user(caller: Caller, body: NewUser) -> Created[AddedUser]:
     """Add a user."""
-    password, made = body.password, None
+    password, new_password = body.password, None
     if password is UNSET:
-        password = made = passwords.new_password()
+        password = new_password = passwords.new_password()
     added = user_service.add(caller.tx, caller.source, body.name, password, body.role)
-    return AddedUser(added.name, added.role, added.disabled, made or UNSET), 201
+    return AddedUser(added.name, added.role, added.disabled, new_password or UNSET), 201
 
 
 @operation("GET", "/users/<user>", "admin")

@@ -29,18 +29,18 @@ def audit_log(
 ) -> None:
     """Show the audit log, the newest events last."""
     with open_database().transaction() as tx:
-        found = audit.find(tx, audit.AuditSearch(robot, actor, kind), limit=limit)[::-1]
+        events = audit.find(tx, audit.AuditSearch(robot, actor, kind), limit=limit)[::-1]
     heads = ("AT", "WHO", "FROM", "WHAT", "ROBOT", "DETAILS")
-    print_records(found, heads, _as_row, as_json=as_json)
+    print_records(events, heads, _as_row, as_json=as_json)
 
 
-def _as_row(one: AuditEvent) -> tuple[str, ...]:
-    details = " ".join(f"{name}={json.dumps(value)}" for name, value in one.details.items())
+def _as_row(event: AuditEvent) -> tuple[str, ...]:
+    details = " ".join(f"{name}={json.dumps(value)}" for name, value in event.details.items())
     return (
-        timestamp(one.at, ""),
-        one.actor,
-        one.address or "-",
-        one.kind,
-        one.robot or "-",
+        timestamp(event.at, ""),
+        event.actor,
+        event.address or "-",
+        event.kind,
+        event.robot or "-",
         details,
     )

@@ -27,26 +27,26 @@ def cell() -> None:
 def list_cells(as_json: bool) -> None:
     """List the machines with their robots."""
     with open_database().transaction() as tx:
-        found = cells.read(tx)
+        site_cells = cells.read(tx)
     print_records(
-        found,
+        site_cells,
         ("NAME", "HOST", "REGION", "ROBOTS", "VERSION", "STATE"),
-        lambda one: (
-            one.name,
-            one.host or "-",
-            one.region or "-",
-            str(one.robots),
-            one.version,
-            _state(one),
+        lambda cell: (
+            cell.name,
+            cell.host or "-",
+            cell.region or "-",
+            str(cell.robots),
+            cell.version,
+            _state(cell),
         ),
         as_json=as_json,
     )
 
 
-def _state(one: Cell) -> str:
-    if not one.is_alive:
+def _state(cell: Cell) -> str:
+    if not cell.is_alive:
         return "down"
-    return "draining" if one.draining else "alive"
+    return "draining" if cell.draining else "alive"
 
 
 @cell.command()

@@ -50,13 +50,13 @@ def remove_after_question(
     remove: Callable[[Transaction, Source, str], object],
     yes: bool,
 ) -> None:
-    """Ask whether to remove what `get` finds, unless `yes`, and remove it; the question may name what was `found`."""
+    """Ask whether to remove what `get` finds, unless `yes`, and remove it; the question may have fields of `record`."""
     database = open_database()
     with database.transaction() as tx:
-        found = get(tx, name)
+        record = get(tx, name)
     if not yes:
-        asked = question.format(found=found)
-        agree(f"remove {kind} {name}", asked, f"say --yes to remove the {kind}")
+        text = question.format(record=record)
+        agree(f"remove {kind} {name}", text, f"say --yes to remove the {kind}")
     with database.transaction() as tx:
         remove(tx, SOURCE, name)
     click.echo(f"removed {kind} {name}")
@@ -100,9 +100,9 @@ def print_records(
 ) -> None:
     """Print a list: a table for people, or JSON for programs."""
     if as_json:
-        print_json([as_dict(one) for one in records])
+        print_json([as_dict(record) for record in records])
     else:
-        print_table(heads, [as_row(one) for one in records])
+        print_table(heads, [as_row(record) for record in records])
 
 
 def print_json(value: object) -> None:
@@ -118,9 +118,9 @@ def timestamp(at: dt.datetime | None, otherwise: str) -> str:
 def wait_for(condition: Callable[[], T | None], seconds: float) -> T | None:
     """Ask the database again and again until it gives something, for at most that long."""
     end = monotonic() + seconds
-    while (found := condition()) is None and monotonic() < end:
+    while (value := condition()) is None and monotonic() < end:
         sleep(POLL_S)
-    return found
+    return value
 
 
 def _as_text(value: object) -> str:

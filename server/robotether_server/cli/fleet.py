@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
@@ -313,7 +314,7 @@ class FleetRun:
         return outcomes + [Outcome(name, None, 0, "interrupted") for name in sorted(missing)]
 
     def _on(self, robot: str) -> Outcome:
-        begun = monotonic()
+        start_s = monotonic()
         out, err = self._sinks(robot)
         status, problem = None, None
         try:
@@ -326,7 +327,7 @@ class FleetRun:
             log.exception("robot %s", robot)
             problem = f"failed: {reason_in(error)} (see the log)"
         kept_out, kept_err = (sink if isinstance(sink, Captured) else None for sink in (out, err))
-        return Outcome(robot, status, monotonic() - begun, problem, kept_out, kept_err)
+        return Outcome(robot, status, monotonic() - start_s, problem, kept_out, kept_err)
 
     def _run_on(self, robot: str, out: Sink, err: Sink) -> int:
         command = self._command
@@ -399,8 +400,13 @@ def list_robots(patterns: tuple[str, ...], config: Path | None, as_json: bool) -
     chosen = fleet_ssh.choose(config, patterns)
     targets = [fleet_ssh.resolve(name, config) for name in chosen]
     rows = [
-        (one.name, one.user, str(one.port), f"{one.jump.host}:{one.jump.port}" if one.jump else "-")
-        for one in targets
+        (
+            target.name,
+            target.user,
+            str(target.port),
+            f"{target.jump.host}:{target.jump.port}" if target.jump else "-",
+        )
+        for target in targets
     ]
     heads = ("ROBOT", "USER", "PORT", "THROUGH")
     if as_json:
@@ -471,20 +477,20 @@ def run(
     fleet_run = FleetRun(
         remote_command, chosen, parallel, captured if as_json else to_terminal(chosen)
     )
-    found = fleet_run.run()
+    outcomes = fleet_run.run()
     if as_json:
-        print_json([as_dict(one) for one in sorted(found, key=lambda one: one.robot)])
+        print_json([as_dict(outcome) for outcome in sorted(outcomes, key=attrgetter("robot"))])
     else:
-        print_summary(found)
+        print_summary(outcomes)
     if fleet_run.interrupted:
         sys.exit(INTERRUPTED)
-    sys.exit(0 if all(one.ok for one in found) else 1)
+    sys.exit(0 if all(outcome.ok for outcome in outcomes) else 1)
 
 
 def print_summary(outcomes: Sequence[Outcome]) -> None:
     """Print a table where it disturbs no output of the robots, failures last: they are next to the prompt."""
     ordered = sorted(outcomes, key=lambda outcome: (not outcome.ok, outcome.robot))
-    rows = [(one.robot, f"{one.seconds:.1f}", one.result) for one in ordered]
+    rows = [(outcome.robot, f"{outcome.seconds:.1f}", outcome.result) for outcome in ordered]
     good = sum(outcome.ok for outcome in outcomes)
     click.echo(err=True)
     print_table(("ROBOT", "SECONDS", "RESULT"), rows, err=True)

@@ -80,16 +80,16 @@ class Target:
 def choose(config: Path | None, patterns: Iterable[str]) -> list[str]:
     """Return the robots that a pattern names, by name; raise FleetError for a pattern without any."""
     path = (config or USER_CONFIG).expanduser()
-    known = sorted(robots_in(path))
+    robots = sorted(robots_in(path))
     chosen: set[str] = set()
     for pattern in patterns:
-        found = [name for name in known if fnmatchcase(name, pattern)]
-        if not found:
-            names = ", ".join(known) or "no robot at all"
+        hits = [name for name in robots if fnmatchcase(name, pattern)]
+        if not hits:
+            names = ", ".join(robots) or "no robot at all"
             raise FleetError(
                 f"cannot find robots for {pattern}: {path} has {names}; update it with: robotether ssh-config"
             )
-        chosen.update(found)
+        chosen.update(hits)
     return sorted(chosen)
 
 
@@ -146,12 +146,12 @@ def matches(pattern: str) -> list[Path]:
 
 def resolve(name: str, config: Path | None) -> Target:
     """Return how to reach a robot; raise FleetError."""
-    said = ask(name, config)
+    options = ask(name, config)
     jump = None
-    for hop in said.get("proxyjump", ["none"])[0].split(","):
+    for hop in options.get("proxyjump", ["none"])[0].split(","):
         if hop != "none":
             jump = _target(f"the jump host {hop}", ask(f"ssh://{hop}", config), jump)
-    return _target(name, said, jump)
+    return _target(name, options, jump)
 
 
 def ask(destination: str, config: Path | None) -> dict[str, list[str]]:
@@ -161,11 +161,11 @@ def ask(destination: str, config: Path | None) -> dict[str, list[str]]:
     done = _openssh("ssh", *chosen, "-T", "-G", "--", destination)
     if done.returncode != 0:
         raise FleetError(f"cannot reach {destination}: ssh says: {done.stderr.strip()}")
-    said: dict[str, list[str]] = defaultdict(list)
+    options: dict[str, list[str]] = defaultdict(list)
     for line in done.stdout.splitlines():
         keyword, _, value = line.partition(" ")
-        said[keyword].append(value)
-    return dict(said)
+        options[keyword].append(value)
+    return dict(options)
 
 
 def _openssh(*command: str) -> subprocess.CompletedProcess[str]:
@@ -185,9 +185,9 @@ def _openssh(*command: str) -> subprocess.CompletedProcess[str]:
         raise FleetError(f"cannot ask {command[0]}: {why}; install OpenSSH's client") from error
 
 
-def _target(name: str, said: dict[str, list[str]], jump: Target | None) -> Target:
+def _target(name: str, options: dict[str, list[str]], jump: Target | None) -> Target:
     def first(keyword: str, otherwise: str = "") -> str:
-        return said.get(keyword, [otherwise])[0]
+        return options.get(keyword, [otherwise])[0]
 
     if first("proxycommand", "none") != "none":
         raise FleetError(
@@ -202,7 +202,7 @@ def _target(name: str, said: dict[str, list[str]], jump: Target | None) -> Targe
         user=first("user"),
         known_as=first("hostkeyalias") or _address(host, port),
         known_hosts=_paths(first("userknownhostsfile"), first("globalknownhostsfile")),
-        identity_files=_paths(*said.get("identityfile", [])),
+        identity_files=_paths(*options.get("identityfile", [])),
         identities_only=first("identitiesonly") == "yes",
         connect_timeout_s=CONNECT_TIMEOUT_S if timeout == "none" else float(timeout),
         jump=jump,
@@ -276,18 +276,20 @@ class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # param
 
     def unwanted_algorithms(self) -> list[str]:
         """Return what the host must not prove itself with: of several keys it shall show the one that is known."""
-        known = {key.type for key in self._trusted} & set(ALGORITHMS)
-        wanted = known or set(ALGORITHMS)
-        unwanted = [name for kind in ALGORITHMS if kind not in wanted for name in ALGORITHMS[kind]]
+        types = {key.type for key in self._trusted} & set(ALGORITHMS)
+        usable_types = types or set(ALGORITHMS)
+        unwanted = [
+            name for kind in ALGORITHMS if kind not in usable_types for name in ALGORITHMS[kind]
+        ]
         return [*WEAK, *unwanted]
 
     def missing_host_key(self, _client: Any, _hostname: str, key: Any) -> None:
         """Accept the host key, or raise FleetError."""
-        shown = KnownKey(key.get_name(), base64.b64encode(key.asbytes()).decode())
+        host_key = KnownKey(key.get_name(), base64.b64encode(key.asbytes()).decode())
         target = self._target
-        if shown in self._revoked:
+        if host_key in self._revoked:
             raise FleetError(f"cannot trust {target.name}: its host key is marked as revoked")
-        if shown in self._trusted:
+        if host_key in self._trusted:
             return
         if self._trusted:
             raise changed(target)
@@ -299,7 +301,7 @@ class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # param
         if not target.known_hosts:
             raise FleetError(f"cannot save the key of {target.name}: no UserKnownHostsFile")
         with _writing:
-            add_known(target.known_hosts[0], target.known_as, shown)
+            add_known(target.known_hosts[0], target.known_as, host_key)
 
 
 def changed(target: Target) -> FleetError:

@@ -66,9 +66,9 @@ def give(
     _check_end(rest)
     ends_at = times.day_or_timestamp("--until", until, is_end=True) if until else None
     with open_database().transaction() as tx:
-        given, _ = grants.give(tx, SOURCE, grantee, scope, level, ends_at=ends_at)
-    end = f" until {timestamp(given.ends_at, '')} UTC" if given.ends_at else ""
-    click.echo(f"{given.holder_words} may {level} {given.scope_words}{end}")
+        grant, _ = grants.give(tx, SOURCE, grantee, scope, level, ends_at=ends_at)
+    end = f" until {timestamp(grant.ends_at, '')} UTC" if grant.ends_at else ""
+    click.echo(f"{grant.holder_words} may {level} {grant.scope_words}{end}")
 
 
 @grant.command("list")
@@ -76,13 +76,13 @@ def give(
 def list_grants(as_json: bool) -> None:
     """List the grants, by user or group and robot or site."""
     with open_database().transaction() as tx:
-        found = list_all(tx)
+        records = list_all(tx)
     print_records(
-        found,
+        records,
         ("WHO", "WHAT", "LEVEL", "UNTIL"),
         _as_row,
         as_json=as_json,
-        as_dict=lambda one: vars(one) | {"all": one.is_for_all},
+        as_dict=lambda record: vars(record) | {"all": record.is_for_all},
     )
 
 
@@ -130,10 +130,10 @@ def _level(word: str) -> Level:
     for level in LEVELS:
         if word == level:
             return level
-    known = ", ".join(map(repr, LEVELS))
-    raise click.UsageError(f"Invalid value for 'LEVEL': {word!r} is not one of {known}.")
+    levels = ", ".join(map(repr, LEVELS))
+    raise click.UsageError(f"Invalid value for 'LEVEL': {word!r} is not one of {levels}.")
 
 
-def _as_row(one: Grant) -> tuple[str, str, str, str]:
-    end = timestamp(one.ends_at, "-") + (" (ended)" if one.has_ended else "")
-    return one.holder_words, one.scope_words, one.level, end
+def _as_row(grant: Grant) -> tuple[str, str, str, str]:
+    end = timestamp(grant.ends_at, "-") + (" (ended)" if grant.has_ended else "")
+    return grant.holder_words, grant.scope_words, grant.level, end

@@ -33,13 +33,13 @@ def add(name: str) -> None:
 def list_groups(as_json: bool) -> None:
     """List the groups with their members."""
     with open_database().transaction() as tx:
-        found = grants.list_groups(tx)
+        groups = grants.list_groups(tx)
     print_records(
-        found,
+        groups,
         ("NAME", "MEMBERS"),
-        lambda one: (one.name, " ".join(one.members) or "-"),
+        lambda record: (record.name, " ".join(record.members) or "-"),
         as_json=as_json,
-        as_dict=lambda one: {"name": one.name, "members": one.members},
+        as_dict=lambda record: {"name": record.name, "members": record.members},
     )
 
 

@@ -50,8 +50,8 @@ class Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Find one, None if there is no such command."""
         if module := LOADED_LATE.get(cmd_name):
-            found: click.Command = getattr(importlib.import_module(module), cmd_name)
-            return found
+            command: click.Command = getattr(importlib.import_module(module), cmd_name)
+            return command
         return super().get_command(ctx, cmd_name)
 
 
@@ -64,8 +64,8 @@ def cli() -> None:
 @cli.command("show-settings")
 def show_settings() -> None:
     """Print what is in force, secrets masked."""
-    for name, shown in settings.in_force(os.environ).items():
-        click.echo(f"{name}={shown}")
+    for name, value in settings.in_force(os.environ).items():
+        click.echo(f"{name}={value}")
 
 
 @cli.command("migrate")

@@ -32,8 +32,8 @@ COMPARE = "compare it with the one that robotether-agent status shows on the rob
 def list_pending(as_json: bool) -> None:
     """List the keys that wait for an admin, the oldest first."""
     with open_database().transaction() as tx:
-        found = pending.waiting(tx)
-    print_records(found, robot_texts.WAITING_HEADS, robot_texts.as_waiting_row, as_json=as_json)
+        keys = pending.waiting(tx)
+    print_records(keys, robot_texts.WAITING_HEADS, robot_texts.as_waiting_row, as_json=as_json)
 
 
 @click.command()
@@ -76,10 +76,10 @@ def reject(name: str, fingerprint: str | None) -> None:
     chosen = fingerprint
     if chosen is None:
         robot, waiting = _find(database, name)
-        one = _only(waiting, robot, "reject")
-        print_fields(robot_texts.waiting_identity(one, robot))
-        agree(f"reject {name}", "Reject this key?", f"say --fingerprint {one.fingerprint}")
-        chosen = one.fingerprint
+        key = _only(waiting, robot, "reject")
+        print_fields(robot_texts.waiting_identity(key, robot))
+        agree(f"reject {name}", "Reject this key?", f"say --fingerprint {key.fingerprint}")
+        chosen = key.fingerprint
     with database.transaction() as tx:
         robots.reject(tx, SOURCE, name, chosen)
     click.echo(f"rejected key {chosen} of robot {name}")
@@ -115,7 +115,7 @@ def rotate_key(name: str) -> None:
 def _find(database: Database, name: str) -> tuple[RobotRow, list[PendingKey]]:
     with database.transaction() as tx:
         robot = db_robots.get(tx, name)
-        return robot, [one for one in pending.waiting(tx) if one.robot == name]
+        return robot, [key for key in pending.waiting(tx) if key.robot == name]
 
 
 def _has_shown_a_key(database: Database, name: str) -> bool | None:
@@ -129,15 +129,15 @@ def _choose(database: Database, name: str, *, yes: bool) -> str:
     if not waiting and robot.state == "active" and robot.fingerprint:
         return robot.fingerprint
     _check_can_be_approved(robot)
-    one = _only(waiting, robot, "approve")
+    key = _only(waiting, robot, "approve")
     if not yes:
-        print_fields(robot_texts.waiting_identity(one, robot))
+        print_fields(robot_texts.waiting_identity(key, robot))
         agree(
             f"approve robot {name}",
             "Does robotether-agent status on the robot show this very key?",
-            f"take the key {one.fingerprint}, {COMPARE}, and give that one with --fingerprint",
+            f"take the key {key.fingerprint}, {COMPARE}, and give that one with --fingerprint",
         )
-    return one.fingerprint
+    return key.fingerprint
 
 
 def _check_can_be_approved(robot: RobotRow) -> None:
@@ -155,7 +155,7 @@ def _only(waiting: list[PendingKey], robot: RobotRow, action: str) -> PendingKey
             f"cannot {action} robot {robot.name}: {joined}, so there is no key to {action}"
         )
     if len(waiting) > 1:
-        keys = ", ".join(f"{one.fingerprint} from {one.address}" for one in waiting)
+        keys = ", ".join(f"{key.fingerprint} from {key.address}" for key in waiting)
         raise NotDoneError(
             f"cannot decide which key to {action} for robot {robot.name}: {keys} wait; say --fingerprint"
         )
@@ -172,19 +172,19 @@ def rejected() -> None:
 def list_rejected(as_json: bool) -> None:
     """List rejected keys, newest first."""
     with open_database().transaction() as tx:
-        found = pending.rejected(tx)
+        keys = pending.rejected(tx)
     print_records(
-        found,
+        keys,
         ("ID", "ROBOT", "MAC", "HOST NAME", "ADDRESS", "REJECTED", "BY", "KEY"),
-        lambda one: (
-            str(one.id),
-            one.robot,
-            one.mac,
-            one.hostname,
-            one.address,
-            timestamp(one.rejected_at, ""),
-            one.rejected_by,
-            one.fingerprint,
+        lambda key: (
+            str(key.id),
+            key.robot,
+            key.mac,
+            key.hostname,
+            key.address,
+            timestamp(key.rejected_at, ""),
+            key.rejected_by,
+            key.fingerprint,
         ),
         as_json=as_json,
     )

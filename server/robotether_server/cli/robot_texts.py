@@ -30,19 +30,19 @@ def identity(robot: RobotRow) -> Fields:
     ]
 
 
-def waiting_identity(one: PendingKey, robot: RobotRow) -> Fields:
+def waiting_identity(key: PendingKey, robot: RobotRow) -> Fields:
     """Return lines about a waiting key; the last one is the key to compare."""
     fields = [
         ("robot", f"{robot.name} ({robot.state})"),
-        ("MAC", one.mac),
-        ("host name", one.hostname),
-        ("address", one.address),
-        ("joined", f"{timestamp(one.joined_at, NOT_JOINED)} UTC"),
+        ("MAC", key.mac),
+        ("host name", key.hostname),
+        ("address", key.address),
+        ("joined", f"{timestamp(key.joined_at, NOT_JOINED)} UTC"),
     ]
-    if one.reason == "mac_in_use":
-        kept = f"it has another key, {robot.fingerprint}, and keeps it; this one would replace it"
-        fields.append(("beware", kept))
-    return [*fields, ("key", one.fingerprint)]
+    if key.reason == "mac_in_use":
+        note = f"it has another key, {robot.fingerprint}, and keeps it; this one would replace it"
+        fields.append(("beware", note))
+    return [*fields, ("key", key.fingerprint)]
 
 
 def everything(seen: SeenRobot) -> Fields:
@@ -80,22 +80,22 @@ def as_row(seen: SeenRobot) -> tuple[str, ...]:
     )
 
 
-def as_waiting_row(one: PendingKey) -> tuple[str, ...]:
+def as_waiting_row(key: PendingKey) -> tuple[str, ...]:
     """Return a row under WAITING_HEADS."""
-    why = "MAC is in use" if one.reason == "mac_in_use" else "is new"
-    joined = timestamp(one.joined_at, "")
-    return (one.robot, one.mac, one.hostname, one.address, joined, why, one.fingerprint)
+    why = "MAC is in use" if key.reason == "mac_in_use" else "is new"
+    joined = timestamp(key.joined_at, "")
+    return (key.robot, key.mac, key.hostname, key.address, joined, why, key.fingerprint)
 
 
-def as_session_row(one: RecordedSession) -> tuple[str, ...]:
+def as_session_row(session: RecordedSession) -> tuple[str, ...]:
     """Return a row under SESSION_HEADS."""
-    ended = timestamp(one.ended_at, "ongoing")
+    ended = timestamp(session.ended_at, "ongoing")
     return (
-        timestamp(one.started_at, ""),
+        timestamp(session.started_at, ""),
         ended,
-        one.end_code or "-",
-        one.address,
-        one.agent_version or "-",
+        session.end_code or "-",
+        session.address,
+        session.agent_version or "-",
     )
 
 
@@ -123,7 +123,7 @@ def as_dict(seen: SeenRobot) -> dict[str, object]:
 
 def _policy_words(settings: Mapping[str, object]) -> str:
     """Return what differs from the defaults, as JSON that the API takes."""
-    given = {
+    values = {
         name: settings[name] for name in ("guard", "policy", "page", "buttons") if name in settings
     }
-    return json.dumps(given) if given else "the defaults"
+    return json.dumps(values) if values else "the defaults"

@@ -144,9 +144,9 @@ def add(name: str, mac: str, allow_local_mac: bool) -> None:
 def list_robots(as_json: bool) -> None:
     """List the robots."""
     with open_database().transaction() as tx:
-        found = seen_robots.list_all(tx)
+        seen = seen_robots.list_all(tx)
     print_records(
-        found,
+        seen,
         robot_texts.HEADS,
         robot_texts.as_row,
         as_json=as_json,
@@ -164,22 +164,24 @@ def show(name: str, as_json: bool) -> None:
     """
     with open_database().transaction() as tx:
         seen = seen_robots.get_seen(tx, name)
-        waiting = [one for one in pending.waiting(tx) if one.robot == name]
+        waiting = [key for key in pending.waiting(tx) if key.robot == name]
         last = seen_robots.sessions_of(tx, seen.robot.id, SESSIONS_SHOWN)
     if as_json:
         more = {
-            "waiting": [vars(one) for one in waiting],
-            "sessions": [asdict(one) for one in last],
+            "waiting": [vars(key) for key in waiting],
+            "sessions": [asdict(session) for session in last],
         }
         print_json(robot_texts.as_dict(seen) | more)
         return
     print_fields(robot_texts.everything(seen))
     if waiting:
         click.echo()
-        print_table(robot_texts.WAITING_HEADS, [robot_texts.as_waiting_row(one) for one in waiting])
+        print_table(robot_texts.WAITING_HEADS, [robot_texts.as_waiting_row(key) for key in waiting])
     if last:
         click.echo()
-        print_table(robot_texts.SESSION_HEADS, [robot_texts.as_session_row(one) for one in last])
+        print_table(
+            robot_texts.SESSION_HEADS, [robot_texts.as_session_row(session) for session in last]
+        )
 
 
 @robot.command()
@@ -193,9 +195,9 @@ def remove(name: str, yes: bool) -> None:
     """
     database = open_database()
     with database.transaction() as tx:
-        found = db_robots.get(tx, name)
+        record = db_robots.get(tx, name)
     if not yes:
-        print_fields(robot_texts.identity(found))
+        print_fields(robot_texts.identity(record))
         agree(f"remove robot {name}", "Remove it, with its grants?", "say --yes to remove it")
     with database.transaction() as tx:
         robots.remove(tx, SOURCE, name)

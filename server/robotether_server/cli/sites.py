@@ -33,13 +33,13 @@ def add(name: str) -> None:
 def list_sites(as_json: bool) -> None:
     """List the sites with their robots."""
     with open_database().transaction() as tx:
-        found = grants.list_sites(tx)
+        sites = grants.list_sites(tx)
     print_records(
-        found,
+        sites,
         ("NAME", "ROBOTS"),
-        lambda one: (one.name, " ".join(one.robots) or "-"),
+        lambda record: (record.name, " ".join(record.robots) or "-"),
         as_json=as_json,
-        as_dict=lambda one: {"name": one.name, "robots": one.robots},
+        as_dict=lambda record: {"name": record.name, "robots": record.robots},
     )
 
 

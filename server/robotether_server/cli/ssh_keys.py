@@ -38,11 +38,11 @@ def add(user_name: str, name: str | None, file: TextIO) -> None:
 def list_keys(user_name: str, as_json: bool) -> None:
     """List a user's SSH keys."""
     with open_database().transaction() as tx:
-        found = users.list_ssh_keys(tx, users.get(tx, user_name))
+        keys = users.list_ssh_keys(tx, users.get(tx, user_name))
     print_records(
-        found,
+        keys,
         ("NAME", "ADDED", "KEY"),
-        lambda one: (one.name, f"{one.created_at:%Y-%m-%d}", one.fingerprint),
+        lambda key: (key.name, f"{key.created_at:%Y-%m-%d}", key.fingerprint),
         as_json=as_json,
     )
 
@@ -54,12 +54,12 @@ def delete(user_name: str, name: str) -> None:
     """Delete a user's SSH key; what it opened ends."""
     with open_database().transaction() as tx:
         user = users.get(tx, user_name)
-        found = next((one for one in users.list_ssh_keys(tx, user) if one.name == name), None)
-        if found is None:
+        key = next((key for key in users.list_ssh_keys(tx, user) if key.name == name), None)
+        if key is None:
             raise NotDoneError(
                 f"cannot delete SSH key {name}: user {user_name} has none of that name"
             )
-        ssh_keys.delete(tx, SOURCE, user, found.id)
+        ssh_keys.delete(tx, SOURCE, user, key.id)
     click.echo(f"deleted SSH key {name} of user {user_name}")
 
 
@@ -79,10 +79,10 @@ def print_ssh_config(user_name: str, host: str | None) -> None:
             "cannot print entries: PUBLIC_HOST is not set; set it in compose/.env, or say --host"
         )
     with open_database().transaction() as tx:
-        found = ssh_keys.shell_entries(tx, users.get(tx, user_name))
-    if not found:
+        entries = ssh_keys.shell_entries(tx, users.get(tx, user_name))
+    if not entries:
         raise NotDoneError(
             f"cannot print entries: user {user_name} manages no active robot whose shell is on; "
             f"see: robotether robot shell, robotether grant"
         )
-    click.echo(ssh_keys.render_config(found, where, join.ssh_ports[0]), nl=False)
+    click.echo(ssh_keys.render_config(entries, where, join.ssh_ports[0]), nl=False)

@@ -57,15 +57,15 @@ def create(user_name: str, name: str, days: int) -> None:
 def list_tokens(as_json: bool) -> None:
     """List the tokens, without their texts."""
     with open_database().transaction() as tx:
-        found = credentials.list_tokens(tx)
+        api_tokens = credentials.list_tokens(tx)
     print_records(
-        found,
+        api_tokens,
         ("USER", "NAME", "CREATED", "ENDS"),
-        lambda one: (
-            one.user,
-            one.name,
-            f"{one.created_at:%Y-%m-%d}",
-            f"{one.expires_at:%Y-%m-%d %H:%M}" if one.expires_at else "never",
+        lambda api_token: (
+            api_token.user,
+            api_token.name,
+            f"{api_token.created_at:%Y-%m-%d}",
+            f"{api_token.expires_at:%Y-%m-%d %H:%M}" if api_token.expires_at else "never",
         ),
         as_json=as_json,
     )
@@ -78,10 +78,10 @@ def delete(user_name: str, name: str) -> None:
     """Delete a token, with the join tokens and SSH keys that it made; what it opened ends."""
     with open_database().transaction() as tx:
         held = credentials.list_tokens_of(tx, users.get(tx, user_name))
-        found = next((one for one in held if one.name == name), None)
-        if found is None:
+        api_token = next((api_token for api_token in held if api_token.name == name), None)
+        if api_token is None:
             raise NotDoneError(f"cannot delete token {name}: user {user_name} has no such token")
-        tokens.delete(tx, SOURCE, found.id)
+        tokens.delete(tx, SOURCE, api_token.id)
     click.echo(f"deleted token {name} of user {user_name}")
 
 
@@ -122,13 +122,13 @@ def invite(
     robots until it expires, or until: robotether join-token delete.
     """
     ends = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
-    certificates, asked = _site(host)
+    certificates, site = _site(host)
     with open_database().transaction() as tx:
         label, token = tokens.invite(
             tx, SOURCE, name, uses, ends, place=Place(**place), label=label
         )
         # Before the end of the transaction: a token that nobody has seen would stay behind otherwise.
-        lines = enrolment_lines(certificates, asked, token, name)
+        lines = enrolment_lines(certificates, site, token, name)
     robots = "1 robot" if uses == 1 else f"{uses} robots"
     click.echo(
         f"join token {label}, for {name or robots} until {timestamp(ends, '')} UTC; run on the robot:"
@@ -151,16 +151,16 @@ def join_token() -> None:
 def list_join_tokens(as_json: bool) -> None:
     """List the join tokens, without their texts, the newest first."""
     with open_database().transaction() as tx:
-        found = join_tokens.list_all(tx)
+        records = join_tokens.list_all(tx)
     print_records(
-        found,
+        records,
         ("NAME", "USED", "CREATED", "BY", "ENDS"),
-        lambda one: (
-            one.name,
-            f"{one.used} of {one.uses}",
-            timestamp(one.created_at, ""),
-            one.created_by,
-            timestamp(one.expires_at, ""),
+        lambda record: (
+            record.name,
+            f"{record.used} of {record.uses}",
+            timestamp(record.created_at, ""),
+            record.created_by,
+            timestamp(record.expires_at, ""),
         ),
         as_json=as_json,
     )
@@ -171,7 +171,9 @@ def list_join_tokens(as_json: bool) -> None:
 def delete_join_token(name: str) -> None:
     """Delete a join token; robots that it admitted stay."""
     with open_database().transaction() as tx:
-        token_id = next((one.id for one in join_tokens.list_all(tx) if one.name == name), None)
+        token_id = next(
+            (record.id for record in join_tokens.list_all(tx) if record.name == name), None
+        )
         if token_id is None:
             raise NotDoneError(f"cannot delete join token {name}: there is none of that name")
         tokens.delete_join_token(tx, SOURCE, token_id)

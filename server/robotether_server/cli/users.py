@@ -37,11 +37,11 @@ web: created the first admin. This is shown only once:
 def ensure_first_admin(loaded: WebSettings) -> None:
     """Make the user admin on a server that has no user, and print the password if it was made here."""
     password = loaded.admin_password or passwords.new_password()
-    shown = "in compose/secrets/admin_password" if loaded.admin_password else password
+    password_text = "in compose/secrets/admin_password" if loaded.admin_password else password
     site = SiteAddress(
         loaded.site_address.public_host or "localhost", loaded.site_address.public_port
     )
-    text = FIRST_ADMIN.format(site=site.authority, name=users.FIRST_ADMIN, password=shown)
+    text = FIRST_ADMIN.format(site=site.authority, name=users.FIRST_ADMIN, password=password_text)
     try:
         with Database(loaded.database).transaction() as tx:
             if users.add_first(tx, SOURCE, password):
@@ -92,13 +92,13 @@ def password(name: str, password_stdin: bool) -> None:
 def list_users(as_json: bool) -> None:
     """List the users."""
     with open_database().transaction() as tx:
-        found = db_users.list_all(tx)
+        records = db_users.list_all(tx)
     print_records(
-        found,
+        records,
         ("NAME", "ROLE", "STATE"),
-        lambda one: (one.name, one.role, "disabled" if one.disabled else "enabled"),
+        lambda user: (user.name, user.role, "disabled" if user.disabled else "enabled"),
         as_json=as_json,
-        as_dict=lambda one: {"name": one.name, "role": one.role, "disabled": one.disabled},
+        as_dict=lambda user: {"name": user.name, "role": user.role, "disabled": user.disabled},
     )
 
 
@@ -147,7 +147,7 @@ def remove(name: str, yes: bool) -> None:
     remove_after_question(
         "user",
         name,
-        f"Remove {{found.role}} {name}, with tokens, SSH keys and grants?",
+        f"Remove {{record.role}} {name}, with tokens, SSH keys and grants?",
         get=db_users.get,
         remove=users.remove,
         yes=yes,

@@ -98,7 +98,7 @@ def find(
     limit: int = 100,
 ) -> list[AuditEvent]:
     """Return the matching events, newest first; `before` is the id to continue from."""
-    given = {
+    values = {
         "robot = %s": search.robot,
         "actor = %s": search.actor,
         "kind = %s": search.kind,
@@ -106,12 +106,12 @@ def find(
         "at < %s": search.until,
         "id < %s": before,
     }
-    asked = {condition: value for condition, value in given.items() if value is not None}
+    parameters = {condition: value for condition, value in values.items() if value is not None}
     rows = tx.rows(
         "SELECT id, at, actor, kind, robot, address, details FROM audit_events WHERE "  # noqa: S608 - the conditions are the module's own
-        + " AND ".join(("TRUE", *asked))
+        + " AND ".join(("TRUE", *parameters))
         + " ORDER BY id DESC LIMIT %s",
-        (*asked.values(), limit),
+        (*parameters.values(), limit),
     )
     return [AuditEvent(**row | {"details": json.loads(row["details"])}) for row in rows]
 
@@ -143,12 +143,12 @@ def has_come_from(tx: Transaction, kind: str, actor: str, network: Network) -> b
 
     Those of a removed user of the same name do not count.
     """
-    found = tx.row(
+    row = tx.row(
         "SELECT 1 FROM audit_events e JOIN users u ON u.name = e.actor AND e.at >= u.created_at "
         "WHERE e.actor = %s AND e.kind = %s AND INET6_ATON(e.address) BETWEEN %s AND %s LIMIT 1",
         (actor, kind, *_bounds(network)),
     )
-    return found is not None
+    return row is not None
 
 
 def _bounds(network: Network) -> tuple[bytes, bytes]:

@@ -147,14 +147,14 @@ def write_heartbeat(
         "started_at": started_at,
     }
     changes = ", ".join(f"{column} = %({column})s" for column in values if column != "name")
-    known = tx.change(
+    row_count = tx.change(
         f"UPDATE cells SET {changes}, clock_ahead_s = {CLOCK_AHEAD_S}, heartbeat_at = CURRENT_TIMESTAMP(6)"  # noqa: S608 - the module's own text
         " WHERE name = %(name)s"
         " AND (started_at <= %(started_at)s"
         f" OR heartbeat_at <= CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND)",
         values | {"now": utc_now()},
     )
-    if known:
+    if row_count:
         return
     columns, placeholders = ", ".join(values), ", ".join(f"%({column})s" for column in values)
     with unique(

@@ -196,20 +196,22 @@ class Database:
     def close_kept(self) -> None:
         """Let go of the connections that nobody uses: one to the same database has got no answer."""
         with self._lock:
-            kept, self._kept = self._kept, []
-        for one in kept:
-            one.mysql.close()
+            connections, self._kept = self._kept, []
+        for connection in connections:
+            connection.mysql.close()
 
     def _reuse(self, *, briefly: bool) -> _Connection | None:
         with self._lock:
-            kept, self._kept = self._kept, []
-            good = [one for one in kept if one.is_good()]
-            found = next((one for one in reversed(good) if one.briefly == briefly), None)
-            self._kept = [one for one in good if one is not found]
-        for one in kept:
-            if one not in good:
-                one.mysql.close()
-        return found
+            connections, self._kept = self._kept, []
+            good = [connection for connection in connections if connection.is_good()]
+            connection = next(
+                (connection for connection in reversed(good) if connection.briefly == briefly), None
+            )
+            self._kept = [other for other in good if other is not connection]
+        for connection in connections:
+            if connection not in good:
+                connection.mysql.close()
+        return connection
 
     def _keep_for_next(self, connection: _Connection) -> bool:
         """Keep a connection; False when there is no room."""
@@ -299,8 +301,8 @@ def translate(error: pymysql.MySQLError) -> StoreError | None:
 
 
 def _field_of(message: str) -> str:
-    found = _NAMED.search(message)
-    if found is None:
+    match = _NAMED.search(message)
+    if match is None:
         return "a field"
-    column, constraint, table = found.groups()
+    column, constraint, table = match.groups()
     return str(column or constraint.removeprefix(f"{table}_"))

@@ -69,7 +69,7 @@ SOURCES = {
     "frame_bytes": "s.picture_bytes",
 }
 COLUMNS = ", ".join(
-    f"{SOURCES.get(one.name, f's.{one.name}')} AS `{one.name}`" for one in fields(Drive)
+    f"{SOURCES.get(field.name, f's.{field.name}')} AS `{field.name}`" for field in fields(Drive)
 )
 
 
@@ -99,10 +99,10 @@ CONDITIONS = {
 
 def get(tx: Transaction, viewer: User, drive_id: int) -> Drive:
     """Return one drive; raise RecordMissingError when there is none that the viewer may see."""
-    found = _select(tx, viewer, "id = %(id)s", {"id": drive_id}, 1)
-    if not found:
+    drives = _select(tx, viewer, "id = %(id)s", {"id": drive_id}, 1)
+    if not drives:
         raise RecordMissingError(f"cannot show drive {drive_id}: there is none that you may see")
-    return found[0]
+    return drives[0]
 
 
 def find(
@@ -118,22 +118,22 @@ def find(
     Admins see all; others see their own, and all drives of the robots that they manage now. What a removed user of the
     same name drove is not their own.
     """
-    given = asdict(search) | {"before": before}
-    asked = {name: value for name, value in given.items() if value is not None}
+    values = asdict(search) | {"before": before}
+    parameters = {name: value for name, value in values.items() if value is not None}
     moved = MOVED if search.fence is None else "TRUE"
-    conditions = " AND ".join((moved, *(CONDITIONS[name] for name in asked)))
-    return _select(tx, viewer, conditions, asked, limit)
+    conditions = " AND ".join((moved, *(CONDITIONS[name] for name in parameters)))
+    return _select(tx, viewer, conditions, parameters, limit)
 
 
 def _select(
-    tx: Transaction, viewer: User, conditions: str, asked: dict[str, object], limit: int
+    tx: Transaction, viewer: User, conditions: str, parameters: dict[str, object], limit: int
 ) -> list[Drive]:
     rows = tx.rows(
         f"SELECT {COLUMNS} FROM drives s WHERE "  # noqa: S608 - the texts are the module's own
         "(%(is_admin)s OR (user_name = %(own)s AND started_at >= (SELECT created_at FROM users WHERE id = %(own_id)s))"
         " OR robot_id IN (SELECT robot_id FROM relay_grants WHERE user_id = %(own_id)s AND level = 'manage'))"
         f" AND {conditions} ORDER BY id DESC LIMIT %(limit)s",
-        asked
+        parameters
         | {"is_admin": viewer.is_admin, "own": viewer.name, "own_id": viewer.id, "limit": limit},
     )
     return [Drive(**row | {"refused": json.loads(row["refused"])}) for row in rows]

@@ -209,13 +209,13 @@ def last_seen(tx: Transaction) -> list[tuple[int, datetime, str | None]]:
 
 def users_of(tx: Transaction, credentials: Collection[Credential]) -> dict[Credential, RelayUser]:
     """Read who these credentials belong to; those that no longer hold are left out."""
-    found: dict[Credential, RelayUser] = {}
+    users: dict[Credential, RelayUser] = {}
     for kind, view in _CREDENTIAL_VIEWS.items():
         digests = [credential.digest for credential in credentials if credential.kind == kind]
         for row in _holders(tx, view, digests):
             user = RelayUser(id=row["user_id"], name=row["user_name"])
-            found[Credential(kind, bytes(row["token_hash"]))] = user
-    return found
+            users[Credential(kind, bytes(row["token_hash"]))] = user
+    return users
 
 
 def _holders(tx: Transaction, view: str, digests: Sequence[bytes]) -> Iterable[Row]:

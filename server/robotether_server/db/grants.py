@@ -84,9 +84,9 @@ class Pair:
     all_robots: bool = False
 
 
-def includes(held: Level, asked: Level) -> bool:
+def includes(held: Level, minimum: Level) -> bool:
     """Return whether one level includes what the other allows."""
-    return LEVELS.index(held) >= LEVELS.index(asked)
+    return LEVELS.index(held) >= LEVELS.index(minimum)
 
 
 def put(tx: Transaction, pair: Pair, level: Level, ends_at: dt.datetime | None = None) -> int:

@@ -132,11 +132,11 @@ def admitted(tx: Transaction, token_id: int) -> set[str]:
 
 def has_admitted(tx: Transaction, token_id: int, fingerprint: str) -> bool:
     """Return whether this token has admitted that key before."""
-    found = tx.row(
+    row = tx.row(
         "SELECT 1 FROM join_token_uses WHERE token_id = %s AND fingerprint = %s",
         (token_id, fingerprint),
     )
-    return found is not None
+    return row is not None
 
 
 def use(tx: Transaction, token_id: int, fingerprint: str) -> bool:

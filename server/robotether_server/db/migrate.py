@@ -59,8 +59,8 @@ def _only_one(database: Database) -> Iterator[None]:
 
 def _apply(settings: DatabaseSettings, files: list[Path]) -> list[str]:
     with closing(_connect(settings)) as connection, connection.cursor() as cursor:
-        known = _applied(cursor)
-        missing = [file for file in files if file.stem not in known]
+        versions = _applied(cursor)
+        missing = [file for file in files if file.stem not in versions]
         for file in missing:
             _apply_one(cursor, file)
         return [file.stem for file in missing]
@@ -147,10 +147,10 @@ def set_shell_port_range(tx: Transaction, first: int, last: int) -> None:
         (first, last),
     )
     rows = tx.rows("SELECT ros_port, video_port FROM robots")
-    taken = {row[column] for row in rows for column in ("ros_port", "video_port")}
+    ports = {row[column] for row in rows for column in ("ros_port", "video_port")}
     tx.change_many(
         "INSERT IGNORE INTO shell_ports (port) VALUES (%s)",
-        [(port,) for port in range(first, last + 1) if port not in taken],
+        [(port,) for port in range(first, last + 1) if port not in ports],
     )
 
 

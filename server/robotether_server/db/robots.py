@@ -77,9 +77,9 @@ class RobotRow:
     @property
     def region(self) -> str | None:
         """Where the robot is, whose cells it connects to first."""
-        found = self.settings.get("region")
+        region = self.settings.get("region")
         # Somebody may have written another thing by SQL.
-        return found if isinstance(found, str) else None
+        return region if isinstance(region, str) else None
 
     @property
     def key(self) -> PublicKey | None:
@@ -138,11 +138,11 @@ def lock_enrolment(tx: Transaction) -> None:
 
 def from_row(row: Row) -> RobotRow:
     """Make a robot of a row of SELECT, which may have more columns."""
-    known = {name: row[name] for name in RobotRow.__dataclass_fields__ if name in row}
-    known |= {name: bool(row[name]) for name in ("is_unknown", "had_key", "shell")}
+    columns = {name: row[name] for name in RobotRow.__dataclass_fields__ if name in row}
+    columns |= {name: bool(row[name]) for name in ("is_unknown", "had_key", "shell")}
     if row["hostname"] is not None:
-        known["report"] = Report(row["hostname"], row["agent_version"], row["join_address"])
-    return RobotRow(**known | {"settings": json.loads(row["settings"])})
+        columns["report"] = Report(row["hostname"], row["agent_version"], row["join_address"])
+    return RobotRow(**columns | {"settings": json.loads(row["settings"])})
 
 
 def get(tx: Transaction, name: str) -> RobotRow:
@@ -218,9 +218,9 @@ def add(tx: Transaction, mac: str, name: str, *, unknown: bool = False) -> int:
             "INSERT INTO robots (mac, name, stranger) VALUES (%s, %s, %s)", (mac, name, unknown)
         )
     except RecordExistsError as error:
-        taken = f"MAC {mac}" if error.key == "mac" else f"name {name}"
+        value = f"MAC {mac}" if error.key == "mac" else f"name {name}"
         raise RecordExistsError(
-            f"cannot add robot {name}: another robot has the {taken}", error.key
+            f"cannot add robot {name}: another robot has the {value}", error.key
         ) from error
 
 

@@ -181,12 +181,12 @@ def sessions_of(tx: Transaction, robot_id: int, limit: int) -> list[RecordedSess
 
 def is_online(tx: Transaction, robot_id: int) -> bool:
     """Return whether the robot has a session now."""
-    found = tx.row(
+    row = tx.row(
         "SELECT s.id FROM robot_sessions s "  # noqa: S608 - as above
         f"WHERE s.robot_id = %s AND {cells.IS_PRESENT} LIMIT 1",
         (robot_id,),
     )
-    return found is not None
+    return row is not None
 
 
 def control_of(tx: Transaction, robot_id: int) -> ControlState:

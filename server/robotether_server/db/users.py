@@ -77,11 +77,11 @@ def add(tx: Transaction, name: str, password_hash: str, role: Role) -> int:
 
 def is_unchanged(tx: Transaction, user: User) -> bool:
     """Return whether the user still has this password and is enabled; it stays so until the transaction ends."""
-    found = tx.row(
+    row = tx.row(
         "SELECT 1 FROM users WHERE id = %s AND password_hash = %s AND NOT disabled LOCK IN SHARE MODE",
         (user.id, user.password_hash),
     )
-    return found is not None
+    return row is not None
 
 
 def set_password(tx: Transaction, user_id: int, password_hash: str) -> None:
@@ -138,9 +138,9 @@ def add_ssh_key(
             (user.id, name, key.fingerprint, key.line, api_token),
         )
     except RecordExistsError as error:
-        taken = "a key of that name" if error.key == "user_ssh_keys_name" else "this very key"
+        duplicate = "a key of that name" if error.key == "user_ssh_keys_name" else "this very key"
         raise RecordExistsError(
-            f"cannot add SSH key {name}: user {user.name} has {taken} already", error.key
+            f"cannot add SSH key {name}: user {user.name} has {duplicate} already", error.key
         ) from error
     return get_ssh_key(tx, user, key_id)
 

@@ -116,7 +116,7 @@ def _read_feeds(traffic: FeedTraffic) -> Iterator[CounterMetricFamily]:
 
 
 def _read_backups(folder: Path) -> Iterator[GaugeMetricFamily]:
-    made = GaugeMetricFamily(
+    age = GaugeMetricFamily(
         "robotether_relay_backup_age_seconds", "Age of the last backup; +Inf: none was made here"
     )
     copied = GaugeMetricFamily(
@@ -124,7 +124,7 @@ def _read_backups(folder: Path) -> Iterator[GaugeMetricFamily]:
     )
     # What is not known has no value.
     if last := last_backup(folder):
-        made.add_metric([], age_s(last.made_at))
+        age.add_metric([], age_s(last.made_at))
         copied.add_metric([], age_s(last.copied_at))
-    yield made
+    yield age
     yield copied

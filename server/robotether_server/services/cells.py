@@ -8,13 +8,13 @@ from robotether_server.problems import NotPossibleError
 def drain(tx: Transaction, source: Source, name: str) -> None:
     """Take a cell out of service; raise RecordMissingError, or NotPossibleError if no other cell takes its robots."""
     cells.lock_drains(tx)
-    found = cells.get(tx, name)
+    cell = cells.get(tx, name)
     if not any(cell.is_listed for cell in cells.read(tx) if cell.name != name):
         raise NotPossibleError(
             f"cannot drain cell {name}: no other one is alive, in service and has a PUBLIC_HOST, "
             "so that its robots have nowhere to go; see: cell list"
         )
-    if not found.draining:
+    if not cell.draining:
         cells.set_draining(tx, name, on=True)
         audit.record(tx, source, "cell_drained", cell=name)
 

@@ -49,12 +49,12 @@ def give(
         times.check_end("ends_at", ends_at)
     pair = _pair(tx, grantee, scope)
     before = grants.find(tx, pair)
-    given = grants.get(tx, grants.put(tx, pair, level, ends_at))
-    details = _about(given)
+    grant = grants.get(tx, grants.put(tx, pair, level, ends_at))
+    details = _about(grant)
     if before is not None:
         details["was"] = {"level": before.level, "ends_at": _text(before.ends_at)}
-    audit.record(tx, source, "grant_given", given.robot, **details)
-    return given, before is None
+    audit.record(tx, source, "grant_given", grant.robot, **details)
+    return grant, before is None
 
 
 def is_given(tx: Transaction, grantee: Grantee, scope: Scope) -> bool:
@@ -64,21 +64,21 @@ def is_given(tx: Transaction, grantee: Grantee, scope: Scope) -> bool:
 
 def revoke_by_id(tx: Transaction, source: Source, grant_id: int) -> Grant:
     """Take a grant away; return it as it was. Raises RecordMissingError."""
-    found = grants.get(tx, grant_id)
-    grants.remove(tx, found.id)
-    audit.record(tx, source, "grant_taken", found.robot, **_about(found))
-    return found
+    grant = grants.get(tx, grant_id)
+    grants.remove(tx, grant.id)
+    audit.record(tx, source, "grant_taken", grant.robot, **_about(grant))
+    return grant
 
 
 def revoke_from(tx: Transaction, source: Source, grantee: Grantee, scope: Scope) -> Grant:
     """Delete the grant of this pair; raise RecordMissingError when there is none."""
-    found = grants.find(tx, _pair(tx, grantee, scope))
-    if found is None:
+    grant = grants.find(tx, _pair(tx, grantee, scope))
+    if grant is None:
         what = "all robots" if scope.kind == "all" else f"{scope.kind} {scope.name}"
         raise RecordMissingError(
             f"cannot revoke: {grantee.kind} {grantee.name} has no grant for {what}"
         )
-    return revoke_by_id(tx, source, found.id)
+    return revoke_by_id(tx, source, grant.id)
 
 
 def _pair(tx: Transaction, grantee: Grantee, scope: Scope) -> Pair:
@@ -92,15 +92,15 @@ def _pair(tx: Transaction, grantee: Grantee, scope: Scope) -> Pair:
     )
 
 
-def _about(given: Grant) -> dict[str, object]:
+def _about(grant: Grant) -> dict[str, object]:
     """Return a grant's details for the audit log, which has a column of its own for the robot."""
-    known = {"user": given.user, "group": given.group, "site": given.site}
-    about: dict[str, object] = {name: value for name, value in known.items() if value is not None}
-    if given.is_for_all:
+    names = {"user": grant.user, "group": grant.group, "site": grant.site}
+    about: dict[str, object] = {name: value for name, value in names.items() if value is not None}
+    if grant.is_for_all:
         about["all"] = True
-    about["level"] = given.level
-    if given.ends_at is not None:
-        about["ends_at"] = _text(given.ends_at)
+    about["level"] = grant.level
+    if grant.ends_at is not None:
+        about["ends_at"] = _text(grant.ends_at)
     return about
 
 
@@ -118,10 +118,10 @@ def add_group(tx: Transaction, source: Source, name: str) -> Group:
 
 def remove_group(tx: Transaction, source: Source, name: str) -> Group:
     """Remove a group with its grants; return it as it was. Raises RecordMissingError."""
-    found = grants.get_group(tx, name)
-    grants.remove_group(tx, found.id)
-    audit.record(tx, source, "group_removed", group=name, members=list(found.members))
-    return found
+    group = grants.get_group(tx, name)
+    grants.remove_group(tx, group.id)
+    audit.record(tx, source, "group_removed", group=name, members=list(group.members))
+    return group
 
 
 def add_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
@@ -151,18 +151,18 @@ def add_site(tx: Transaction, source: Source, name: str) -> Site:
 
 def remove_site(tx: Transaction, source: Source, name: str) -> Site:
     """Remove a site with its grants; return it as it was. Its robots are at no site then. Raises RecordMissingError."""
-    found = grants.get_site(tx, name)
-    grants.remove_site(tx, found.id)
-    audit.record(tx, source, "site_removed", site=name, robots=list(found.robots))
-    return found
+    site = grants.get_site(tx, name)
+    grants.remove_site(tx, site.id)
+    audit.record(tx, source, "site_removed", site=name, robots=list(site.robots))
+    return site
 
 
 def place_robot(tx: Transaction, source: Source, robot: str, site: str | None) -> RobotRow:
     """Put a robot at a site, or at none; raise RecordMissingError."""
-    found = robots.get(tx, robot)
-    if found.site != site:
-        grants.place_robot(tx, found.id, None if site is None else grants.get_site(tx, site).id)
-        audit.record(tx, source, "robot_site_set", robot, was=found.site, site=site)
+    row = robots.get(tx, robot)
+    if row.site != site:
+        grants.place_robot(tx, row.id, None if site is None else grants.get_site(tx, site).id)
+        audit.record(tx, source, "robot_site_set", robot, was=row.site, site=site)
     return robots.get(tx, robot)
 
 

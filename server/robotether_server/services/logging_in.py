@@ -144,24 +144,26 @@ def _failures(tx: Transaction, guess: Guess, before: list[Guess]) -> Failures:
     """Return the failures of the log, and as the newest of them the guesses that are open."""
     user, network, since = guess.user, guess.network, guess.at - WINDOW
     tries = audit.recent_from(tx, (FAILED, SUCCEEDED), network, since)
-    tries += _still_open([one for one in before if one.network == network], tries)
-    own = [one for one in tries if one.actor == user]
-    since_success = takewhile(lambda one: one.kind == FAILED, reversed(own))
+    tries += _still_open([other for other in before if other.network == network], tries)
+    own = [event for event in tries if event.actor == user]
+    since_success = takewhile(lambda event: event.kind == FAILED, reversed(own))
     of_user: list[Occurrence] = []
     if not audit.has_come_from(tx, SUCCEEDED, user, network):
         of_user = audit.recent_of(tx, FAILED, user, since)
-        of_user += _still_open([one for one in before if one.user == user], of_user)
+        of_user += _still_open([other for other in before if other.user == user], of_user)
     return Failures(
-        of_pair=[one.at for one in since_success][::-1],
-        of_network=[one.at for one in tries if one.kind == FAILED],
-        of_user=[one.at for one in of_user],
+        of_pair=[event.at for event in since_success][::-1],
+        of_network=[event.at for event in tries if event.kind == FAILED],
+        of_user=[event.at for event in of_user],
     )
 
 
 def _still_open(guesses: list[Guess], logged: list[Occurrence]) -> list[Occurrence]:
     """Return as failures the guesses whose outcome is not among what has just been read of the log."""
-    known = {one.id for one in logged}
-    return [Occurrence(FAILED, one.user, one.at) for one in guesses if one.outcome not in known]
+    ids = {event.id for event in logged}
+    return [
+        Occurrence(FAILED, guess.user, guess.at) for guess in guesses if guess.outcome not in ids
+    ]
 
 
 def free_at(failures: Failures) -> dt.datetime | None:

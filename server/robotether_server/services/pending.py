@@ -45,7 +45,7 @@ def waiting(tx: Transaction) -> list[PendingKey]:
     """Return every key that waits, the oldest first."""
     own = [_of_robot(robot) for robot in robots.list_waiting(tx)]
     claimed = [_of_claim(claim) for claim in robots.list_claims(tx)]
-    return sorted((*own, *claimed), key=lambda one: one.joined_at)
+    return sorted((*own, *claimed), key=lambda key: key.joined_at)
 
 
 def rejected(tx: Transaction) -> list[RejectedKey]:
@@ -61,8 +61,8 @@ def refused(tx: Transaction) -> list[RefusedJoin]:
 def record_refusal(tx: Transaction, presented: PresentedKey, code: str, detail: str) -> None:
     """Keep why this robot was refused, for the admin who waits for it."""
     now, key = dt.datetime.now(dt.UTC), presented.key.fingerprint
-    found = RefusedJoin(presented.mac, key, presented.report, code, detail, 1, now)
-    robots.record_refusal(tx, found, str(network_of(presented.report.address)))
+    refusal = RefusedJoin(presented.mac, key, presented.report, code, detail, 1, now)
+    robots.record_refusal(tx, refusal, str(network_of(presented.report.address)))
 
 
 def forget_refusals(tx: Transaction, presented: PresentedKey) -> None:

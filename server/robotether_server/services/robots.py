@@ -44,10 +44,10 @@ def add(
     """
     robots.lock_enrolment(tx)
     normal = identity.normalise_mac(mac, allow_local=allow_local_mac)
-    found = robots.find_by_mac(tx, normal)
-    if found is not None and found.is_unknown:
-        robots.rename(tx, found.id, name)
-        robots.announce(tx, found.id)
+    robot = robots.find_by_mac(tx, normal)
+    if robot is not None and robot.is_unknown:
+        robots.rename(tx, robot.id, name)
+        robots.announce(tx, robot.id)
     else:
         robots.add(tx, normal, name)
     audit.record(tx, source, "robot_added", name, mac=normal)
@@ -72,21 +72,21 @@ def register(tx: Transaction, source: Source, registration: Registration) -> tup
         joining.check_proven(presented, is_proven=is_proven)
     robots.lock_enrolment(tx)
     joining.check_not_rejected(tx, presented.key)
-    found = robots.find_by_mac(tx, presented.mac)
-    if found is not None:
-        _check_may_register(found, presented)
-        is_in = found.state == "active" and found.fingerprint == presented.key.fingerprint
+    robot = robots.find_by_mac(tx, presented.mac)
+    if robot is not None:
+        _check_may_register(robot, presented)
+        is_in = robot.state == "active" and robot.fingerprint == presented.key.fingerprint
         if is_in and registration.credential.token is not None:
             # A playbook with a join token cannot ask for the name that an admin has given the robot since.
-            return found, False
-        found = _named(tx, source, found, registration.name)
+            return robot, False
+        robot = _named(tx, source, robot, registration.name)
         if is_in:
-            return found, False
+            return robot, False
     elif not registration.allow_local_mac:
         identity.check_universal_mac(presented.mac)
     joining.check_key_is_free(tx, source, presented, is_authorized=True)
-    row = found or _add(tx, presented.mac, registration.name)
-    return joining.admit(tx, source, row, presented, registration.credential), found is None
+    row = robot or _add(tx, presented.mac, registration.name)
+    return joining.admit(tx, source, row, presented, registration.credential), robot is None
 
 
 def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> RobotRow:
@@ -94,20 +94,20 @@ def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Rob
 
     Approving the key that an active robot has changes nothing.
     """
-    found = _get(tx, name)
-    _check_not_disabled(found)
-    claim = _claim_of(tx, found, fingerprint)
+    robot = _get(tx, name)
+    _check_not_disabled(robot)
+    claim = _claim_of(tx, robot, fingerprint)
     if claim is not None:
         robots.remove_claim(tx, claim.id)
-        robots.set_key(tx, found.id, claim.key, claim.report)
-    elif found.fingerprint != fingerprint:
-        raise NotPossibleError(_no_such_key(found, fingerprint))
-    elif found.state == "active":
-        return found
-    robots.set_state(tx, found.id, "active")
-    details: dict[str, object] = {"was": found.state, "fingerprint": fingerprint}
+        robots.set_key(tx, robot.id, claim.key, claim.report)
+    elif robot.fingerprint != fingerprint:
+        raise NotPossibleError(_no_such_key(robot, fingerprint))
+    elif robot.state == "active":
+        return robot
+    robots.set_state(tx, robot.id, "active")
+    details: dict[str, object] = {"was": robot.state, "fingerprint": fingerprint}
     if claim is not None:
-        details["replaced"] = found.fingerprint
+        details["replaced"] = robot.fingerprint
     audit.record(tx, source, "robot_approved", name, **details)
     return robots.get(tx, name)
 
@@ -117,42 +117,42 @@ def reject(tx: Transaction, source: Source, name: str, fingerprint: str) -> None
 
     A row that nobody announced goes with it; an announced robot waits for its first key again.
     """
-    found = _get(tx, name)
-    claim = _claim_of(tx, found, fingerprint)
+    robot = _get(tx, name)
+    claim = _claim_of(tx, robot, fingerprint)
     if claim is not None:
-        robots.reject_claim(tx, claim.id, found.name, source.actor)
+        robots.reject_claim(tx, claim.id, robot.name, source.actor)
     else:
-        _reject_own(tx, source, found, fingerprint)
-    audit.record(tx, source, "key_rejected", name, mac=found.mac, fingerprint=fingerprint)
+        _reject_own(tx, source, robot, fingerprint)
+    audit.record(tx, source, "key_rejected", name, mac=robot.mac, fingerprint=fingerprint)
 
 
 def disable(tx: Transaction, source: Source, name: str) -> RobotRow:
     """Disable a robot, whatever its key."""
-    found = _get(tx, name)
-    if found.state != "disabled":
-        _change_state(tx, source, found, "disabled", "robot_disabled")
-    if found.state == "pending":
+    robot = _get(tx, name)
+    if robot.state != "disabled":
+        _change_state(tx, source, robot, "disabled", "robot_disabled")
+    if robot.state == "pending":
         # Nobody approved this key, and `enable` must not do so in passing.
-        robots.forget_key(tx, found.id)
+        robots.forget_key(tx, robot.id)
     return robots.get(tx, name)
 
 
 def enable(tx: Transaction, source: Source, name: str) -> RobotRow:
     """Let a disabled robot in again; raise NotPossibleError when it is not disabled."""
-    found = _get(tx, name)
-    if found.state != "disabled":
-        raise NotPossibleError(f"cannot enable robot {name}: it is {found.state}, not disabled")
+    robot = _get(tx, name)
+    if robot.state != "disabled":
+        raise NotPossibleError(f"cannot enable robot {name}: it is {robot.state}, not disabled")
     # Without a key there is nothing yet that could prove to be this robot.
-    state: State = "active" if found.fingerprint else "pending"
-    _change_state(tx, source, found, state, "robot_enabled")
+    state: State = "active" if robot.fingerprint else "pending"
+    _change_state(tx, source, robot, state, "robot_enabled")
     return robots.get(tx, name)
 
 
 def rename(tx: Transaction, source: Source, name: str, new_name: str) -> RobotRow:
     """Give a robot another name; raise RecordExistsError or RecordRefusedError."""
-    found = _get(tx, name)
+    robot = _get(tx, name)
     if new_name != name:
-        robots.rename(tx, found.id, new_name)
+        robots.rename(tx, robot.id, new_name)
         audit.record(tx, source, "robot_renamed", new_name, was=name)
     return robots.get(tx, new_name)
 
@@ -164,9 +164,9 @@ def set_mac(
 
     An unknown robot that waits with this MAC does not matter: its row goes, and its key has to ask again.
     """
-    found = _get(tx, name)
+    robot = _get(tx, name)
     normal = identity.normalise_mac(mac, allow_local=allow_local_mac)
-    if normal != found.mac:
+    if normal != robot.mac:
         waiting = robots.find_by_mac(tx, normal)
         if waiting is not None and waiting.is_unknown:
             robots.remove(tx, waiting.id)
@@ -178,8 +178,8 @@ def set_mac(
                 mac=normal,
                 fingerprint=waiting.fingerprint,
             )
-        robots.set_mac(tx, found.id, normal)
-        audit.record(tx, source, "robot_mac_set", name, was=found.mac, mac=normal)
+        robots.set_mac(tx, robot.id, normal)
+        audit.record(tx, source, "robot_mac_set", name, was=robot.mac, mac=normal)
     return robots.get(tx, name)
 
 
@@ -191,15 +191,15 @@ def move_ports(
     video_port: int | None = None,
 ) -> RobotRow:
     """Move a robot to these ports, or to another free pair; raise RecordExistsError or RecordRefusedError."""
-    found = _get(tx, name)
-    robots.set_ports(tx, found.id, ros_port, video_port)
+    robot = _get(tx, name)
+    robots.set_ports(tx, robot.id, ros_port, video_port)
     moved = robots.get(tx, name)
     audit.record(
         tx,
         source,
         "robot_ports_moved",
         name,
-        was=[found.ros_port, found.video_port],
+        was=[robot.ros_port, robot.video_port],
         ports=[moved.ros_port, moved.video_port],
     )
     return moved
@@ -207,13 +207,13 @@ def move_ports(
 
 def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> RobotRow:
     """Forward a port to the robot's sshd, or stop doing so; raise RecordRefusedError when no port is free."""
-    found = _get(tx, name)
-    if found.shell == on:
-        return found
-    robots.set_shell(tx, found.id, on=on)
+    robot = _get(tx, name)
+    if robot.shell == on:
+        return robot
+    robots.set_shell(tx, robot.id, on=on)
     changed = robots.get(tx, name)
     audit.record(
-        tx, source, "robot_shell_set", name, shell=on, port=changed.shell_port or found.shell_port
+        tx, source, "robot_shell_set", name, shell=on, port=changed.shell_port or robot.shell_port
     )
     return changed
 
@@ -225,11 +225,11 @@ def set_settings(
 
     Relay and guard follow by themselves.
     """
-    found = _get(tx, name)
-    given = robot_settings.parse(settings).as_given()
-    if not robot_settings.same_json(given, found.settings):
-        robots.set_settings(tx, found.id, given)
-        audit.record(tx, source, "robot_settings_set", name, was=found.settings, settings=given)
+    robot = _get(tx, name)
+    values = robot_settings.parse(settings).as_given()
+    if not robot_settings.same_json(values, robot.settings):
+        robots.set_settings(tx, robot.id, values)
+        audit.record(tx, source, "robot_settings_set", name, was=robot.settings, settings=values)
     return robots.get(tx, name)
 
 
@@ -245,42 +245,42 @@ def change_settings(
 
 def rekey(tx: Transaction, source: Source, name: str) -> RobotRow:
     """Forget a robot's key and end its connection; the next key that joins waits for approval."""
-    found = _get(tx, name)
-    robots.forget_key(tx, found.id)
-    if found.state == "active":
-        robots.set_state(tx, found.id, "pending")
-    audit.record(tx, source, "robot_rekeyed", name, was=found.state, fingerprint=found.fingerprint)
+    robot = _get(tx, name)
+    robots.forget_key(tx, robot.id)
+    if robot.state == "active":
+        robots.set_state(tx, robot.id, "pending")
+    audit.record(tx, source, "robot_rekeyed", name, was=robot.state, fingerprint=robot.fingerprint)
     return robots.get(tx, name)
 
 
 def rotate_key(tx: Transaction, source: Source, name: str) -> RobotRow:
     """Ask the robot's agent to make a new key; raise NotPossibleError when the robot is not active."""
-    found = _get(tx, name)
-    if found.state != "active" or found.fingerprint is None:
+    robot = _get(tx, name)
+    if robot.state != "active" or robot.fingerprint is None:
         raise NotPossibleError(
-            f"cannot rotate the key of robot {name}: it is {found.state}"
-            f"{'' if found.fingerprint else ' and has no key'}; only an active robot can prove a new key"
+            f"cannot rotate the key of robot {name}: it is {robot.state}"
+            f"{'' if robot.fingerprint else ' and has no key'}; only an active robot can prove a new key"
         )
-    if found.rotate_requested_at is None:
-        robots.request_rotation(tx, found.id)
-        audit.record(tx, source, "robot_rotation_requested", name, fingerprint=found.fingerprint)
+    if robot.rotate_requested_at is None:
+        robots.request_rotation(tx, robot.id)
+        audit.record(tx, source, "robot_rotation_requested", name, fingerprint=robot.fingerprint)
     return robots.get(tx, name)
 
 
 def remove(tx: Transaction, source: Source, name: str) -> RobotRow:
     """Remove a robot with its grants and its history; return it as it was."""
-    found = _get(tx, name)
-    robots.remove(tx, found.id)
+    robot = _get(tx, name)
+    robots.remove(tx, robot.id)
     audit.record(
         tx,
         source,
         "robot_removed",
         name,
-        was=found.state,
-        mac=found.mac,
-        fingerprint=found.fingerprint,
+        was=robot.state,
+        mac=robot.mac,
+        fingerprint=robot.fingerprint,
     )
-    return found
+    return robot
 
 
 def _get(tx: Transaction, name: str) -> RobotRow:
@@ -288,51 +288,51 @@ def _get(tx: Transaction, name: str) -> RobotRow:
     return robots.get(tx, name)
 
 
-def _claim_of(tx: Transaction, found: RobotRow, fingerprint: str) -> Claim | None:
+def _claim_of(tx: Transaction, robot: RobotRow, fingerprint: str) -> Claim | None:
     claim = robots.find_claim(tx, fingerprint)
-    return claim if claim is not None and claim.robot_id == found.id else None
+    return claim if claim is not None and claim.robot_id == robot.id else None
 
 
-def _check_not_disabled(found: RobotRow) -> None:
-    if found.state == "disabled":
+def _check_not_disabled(robot: RobotRow) -> None:
+    if robot.state == "disabled":
         raise NotPossibleError(
-            f"cannot approve robot {found.name}: it is disabled; "
-            f"use: robotether robot enable {found.name}"
+            f"cannot approve robot {robot.name}: it is disabled; "
+            f"use: robotether robot enable {robot.name}"
         )
 
 
-def _no_such_key(found: RobotRow, fingerprint: str) -> str:
-    if found.fingerprint is None:
-        return f"cannot approve robot {found.name}: no key {fingerprint} waits there; it has not joined yet"
+def _no_such_key(robot: RobotRow, fingerprint: str) -> str:
+    if robot.fingerprint is None:
+        return f"cannot approve robot {robot.name}: no key {fingerprint} waits there; it has not joined yet"
     return (
-        f"cannot approve robot {found.name}: its key is {found.fingerprint}, not {fingerprint}; if that is "
+        f"cannot approve robot {robot.name}: its key is {robot.fingerprint}, not {fingerprint}; if that is "
         "not the key that robotether-agent status shows on the robot, somebody else joined in its "
-        f"name: robotether robot rekey {found.name}"
+        f"name: robotether robot rekey {robot.name}"
     )
 
 
-def _reject_own(tx: Transaction, source: Source, found: RobotRow, fingerprint: str) -> None:
-    if found.key is None or found.fingerprint != fingerprint or found.report is None:
+def _reject_own(tx: Transaction, source: Source, robot: RobotRow, fingerprint: str) -> None:
+    if robot.key is None or robot.fingerprint != fingerprint or robot.report is None:
         raise NotPossibleError(
-            f"cannot reject key {fingerprint}: it does not wait at robot {found.name}"
+            f"cannot reject key {fingerprint}: it does not wait at robot {robot.name}"
         )
-    if found.state != "pending":
+    if robot.state != "pending":
         raise NotPossibleError(
-            f"cannot reject key {fingerprint}: robot {found.name} is {found.state} with it; forget the key "
-            f"with: robotether robot rekey {found.name}"
+            f"cannot reject key {fingerprint}: robot {robot.name} is {robot.state} with it; forget the key "
+            f"with: robotether robot rekey {robot.name}"
         )
-    if found.is_unknown:
-        robots.remove(tx, found.id)
+    if robot.is_unknown:
+        robots.remove(tx, robot.id)
     else:
-        robots.forget_key(tx, found.id)
-    robots.add_rejected_key(tx, found, source.actor)
+        robots.forget_key(tx, robot.id)
+    robots.add_rejected_key(tx, robot, source.actor)
 
 
 def _change_state(
-    tx: Transaction, source: Source, found: RobotRow, state: State, kind: str
+    tx: Transaction, source: Source, robot: RobotRow, state: State, kind: str
 ) -> None:
-    robots.set_state(tx, found.id, state)
-    audit.record(tx, source, kind, found.name, was=found.state, fingerprint=found.fingerprint)
+    robots.set_state(tx, robot.id, state)
+    audit.record(tx, source, kind, robot.name, was=robot.state, fingerprint=robot.fingerprint)
 
 
 def _add(tx: Transaction, mac: str, name: str) -> RobotRow:
@@ -340,29 +340,29 @@ def _add(tx: Transaction, mac: str, name: str) -> RobotRow:
     return robots.get(tx, name)
 
 
-def _check_may_register(found: RobotRow, presented: joining.PresentedKey) -> None:
-    if found.state == "disabled":
+def _check_may_register(robot: RobotRow, presented: joining.PresentedKey) -> None:
+    if robot.state == "disabled":
         raise RobotDisabledError(
-            f"cannot enrol robot {found.name}: it is disabled; an admin enables it with: "
-            f"robotether robot enable {found.name}"
+            f"cannot enrol robot {robot.name}: it is disabled; an admin enables it with: "
+            f"robotether robot enable {robot.name}"
         )
-    is_other = found.fingerprint not in (None, presented.key.fingerprint)
-    if found.state == "active" and is_other:
+    is_other = robot.fingerprint not in (None, presented.key.fingerprint)
+    if robot.state == "active" and is_other:
         raise MacInUseError(
-            f"cannot enrol MAC {presented.mac}: robot {found.name} has it, with another key; if this is that robot "
-            f"with a new disk, an admin forgets the old key with: robotether robot rekey {found.name}"
+            f"cannot enrol MAC {presented.mac}: robot {robot.name} has it, with another key; if this is that robot "
+            f"with a new disk, an admin forgets the old key with: robotether robot rekey {robot.name}"
         )
 
 
-def _named(tx: Transaction, source: Source, found: RobotRow, name: str) -> RobotRow:
+def _named(tx: Transaction, source: Source, robot: RobotRow, name: str) -> RobotRow:
     """Return the robot under the name that the playbook gives; only an unknown robot is renamed for it."""
-    if found.name == name:
-        return found
-    if not found.is_unknown:
+    if robot.name == name:
+        return robot
+    if not robot.is_unknown:
         raise RecordExistsError(
-            f"cannot enrol robot {name}: MAC {found.mac} belongs to robot {found.name}; use that name, or "
+            f"cannot enrol robot {name}: MAC {robot.mac} belongs to robot {robot.name}; use that name, or "
             f"rename it first"
         )
-    robots.rename(tx, found.id, name)
-    audit.record(tx, source, "robot_renamed", name, was=found.name)
+    robots.rename(tx, robot.id, name)
+    audit.record(tx, source, "robot_renamed", name, was=robot.name)
     return robots.get(tx, name)

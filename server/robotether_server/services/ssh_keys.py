@@ -65,8 +65,8 @@ def shell_entries(tx: Transaction, user: User) -> list[ShellEntry]:
 
 def render_config(entries: Sequence[ShellEntry], host: str, port: int) -> str:
     """Return the text for ~/.ssh/config; `host` and `port` are where this site's sshd is reached."""
-    shown = f"[{host}]" if ":" in host else host
-    return "\n".join(_entry(entry, f"{JUMP_USER}@{shown}:{port}") for entry in entries)
+    address = f"[{host}]" if ":" in host else host
+    return "\n".join(_entry(entry, f"{JUMP_USER}@{address}:{port}") for entry in entries)
 
 
 def _entry(entry: ShellEntry, jump: str) -> str:
@@ -84,9 +84,9 @@ def _entry(entry: ShellEntry, jump: str) -> str:
 
 def _shell_user(robot: RobotRow) -> str | None:
     """Return the setting; a text that somebody wrote by SQL must not become a line of its own."""
-    found = robot.settings.get("shell_user")
+    user = robot.settings.get("shell_user")
     try:
-        schemas.check("shell_user", found, ShellUser)
+        schemas.check("shell_user", user, ShellUser)
     except FieldInvalidError:
         return None
-    return str(found)
+    return str(user)

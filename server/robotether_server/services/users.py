@@ -35,33 +35,33 @@ def add_first(tx: Transaction, source: Source, password: str) -> bool:
 
 def set_password(tx: Transaction, source: Source, name: str, password: str) -> None:
     """Give a user a new password and end the logins made with the old one; raise FieldInvalidError."""
-    found = users.get(tx, name)
-    users.set_password(tx, found.id, passwords.hash_password(password))
+    user = users.get(tx, name)
+    users.set_password(tx, user.id, passwords.hash_password(password))
     audit.record(tx, source, "password_set", user=name)
 
 
 def set_role(tx: Transaction, source: Source, name: str, role: Role) -> User:
     """Make a user an admin, or an admin a user; raise LastAdminError."""
-    found = users.get(tx, name)
-    if found.role == role:
-        return found
+    user = users.get(tx, name)
+    if user.role == role:
+        return user
     if role != "admin":
         _check_not_last(tx, name, f"cannot make {name} a user")
         tokens.delete_join_tokens_of(tx, source, name)
-    users.set_role(tx, found.id, role)
-    audit.record(tx, source, "user_role_set", user=name, was=found.role, role=role)
+    users.set_role(tx, user.id, role)
+    audit.record(tx, source, "user_role_set", user=name, was=user.role, role=role)
     return users.get(tx, name)
 
 
 def set_disabled(tx: Transaction, source: Source, name: str, *, disabled: bool) -> User:
     """Disable a user, or enable the user again; raise LastAdminError."""
-    found = users.get(tx, name)
-    if found.disabled == disabled:
-        return found
+    user = users.get(tx, name)
+    if user.disabled == disabled:
+        return user
     if disabled:
         _check_not_last(tx, name, f"cannot disable user {name}")
         tokens.delete_join_tokens_of(tx, source, name)
-    users.set_disabled(tx, found.id, disabled=disabled)
+    users.set_disabled(tx, user.id, disabled=disabled)
     kind = "user_disabled" if disabled else "user_enabled"
     audit.record(tx, source, kind, user=name)
     return users.get(tx, name)
@@ -76,12 +76,12 @@ def log_out_everywhere(tx: Transaction, source: Source, name: str) -> int:
 
 def remove(tx: Transaction, source: Source, name: str) -> User:
     """Remove a user with logins, tokens, keys and grants; return the user. Raises LastAdminError."""
-    found = users.get(tx, name)
+    user = users.get(tx, name)
     _check_not_last(tx, name, f"cannot remove user {name}")
     tokens.delete_join_tokens_of(tx, source, name)
-    users.remove(tx, found.id)
-    audit.record(tx, source, "user_removed", user=name, role=found.role)
-    return found
+    users.remove(tx, user.id)
+    audit.record(tx, source, "user_removed", user=name, role=user.role)
+    return user
 
 
 def _check_not_last(tx: Transaction, name: str, action: str) -> None:

@@ -110,7 +110,7 @@ def _ask(
         effects=[effect for effect in effects if effect],
         undo=escape(action.undo).format_map(words),
         back=back,
-        fields=[replace(one, value=one.value.format_map(words)) for one in action.fields],
+        fields=[replace(field, value=field.value.format_map(words)) for field in action.fields],
         hidden=[(name, value.format_map(words)) for name, value in action.hidden],
         problem=problem,
         values=request.form,

@@ -49,16 +49,16 @@ def register(
     """
 
     def show() -> str | tuple[str, int]:
-        given = asked(names)
+        query = asked(names)
         with context().database.transaction() as tx:
-            shown = {"asked": given, "offered": offer(tx), "files": files(request.path, given)}
+            values = {"asked": query, "offered": offer(tx), "files": files(request.path, query)}
             try:
-                found = page(request.path, given, find(tx, given))
+                listing = page(request.path, query, find(tx, query))
             except FieldInvalidError as problem:
                 empty = Page[R]([], None, None)
-                answer = render_template(template, page=empty, problem=problem, **shown)
+                answer = render_template(template, page=empty, problem=problem, **values)
                 return answer, HTTPStatus.UNPROCESSABLE_ENTITY
-        return render_template(template, page=found, **shown)
+        return render_template(template, page=listing, **values)
 
     blueprint.add_url_rule("", "show", show)
     blueprint.add_url_rule("/download", "save", lambda: send(asked(names), file_kind()))
@@ -69,28 +69,28 @@ def asked(names: tuple[str, ...]) -> Asked:
     return {name: request.args.get(name, "").strip() for name in names}
 
 
-def since(given: Asked) -> dt.datetime | None:
+def since(query: Asked) -> dt.datetime | None:
     """Parse a start: a day in UTC, from its first second, or a time; raise FieldInvalidError."""
-    text = given["since"]
+    text = query["since"]
     return times.day_or_timestamp("From", text, is_end=False) if text else None
 
 
-def until(given: Asked) -> dt.datetime | None:
+def until(query: Asked) -> dt.datetime | None:
     """Parse an exclusive end: a day in UTC, which is included, or a time; raise FieldInvalidError."""
-    text = given["until"]
+    text = query["until"]
     if not text:
         return None
-    found = times.day_or_timestamp("To", text, is_end=True)
+    end = times.day_or_timestamp("To", text, is_end=True)
     try:
-        return found + dt.timedelta(seconds=1) if len(text) == LENGTH_OF_DAY_TEXT else found
+        return end + dt.timedelta(seconds=1) if len(text) == LENGTH_OF_DAY_TEXT else end
     except OverflowError as error:
         raise FieldInvalidError("cannot use To: there is no day after it") from error
 
 
-def link(path: str, given: Asked, **more: object) -> str:
+def link(path: str, query: Asked, **more: object) -> str:
     """Return the path with what is asked for, and more."""
-    query = urlencode({name: value for name, value in given.items() if value} | more)
-    return f"{path}?{query}" if query else path
+    text = urlencode({name: value for name, value in query.items() if value} | more)
+    return f"{path}?{text}" if text else path
 
 
 def before() -> int | None:
@@ -98,22 +98,22 @@ def before() -> int | None:
     return request.args.get("before", type=int)
 
 
-def page(path: str, given: Asked, found: list[R]) -> Page[R]:
+def page(path: str, query: Asked, rows: list[R]) -> Page[R]:
     """Return what to show of the WANTED that were looked for."""
-    shown = found[:PER_PAGE]
-    older = link(path, given, before=shown[-1].id) if len(found) > PER_PAGE else None
-    newest = link(path, given) if before() is not None else None
-    return Page(shown, older, newest)
+    records = rows[:PER_PAGE]
+    older = link(path, query, before=records[-1].id) if len(rows) > PER_PAGE else None
+    newest = link(path, query) if before() is not None else None
+    return Page(records, older, newest)
 
 
-def offered_names(found: Iterable[str]) -> list[tuple[str, str]]:
+def offered_names(names: Iterable[str]) -> list[tuple[str, str]]:
     """Return what a filter by name offers."""
-    return [(name, name) for name in sorted(found)]
+    return [(name, name) for name in sorted(names)]
 
 
-def files(path: str, given: Asked) -> list[tuple[str, str]]:
+def files(path: str, query: Asked) -> list[tuple[str, str]]:
     """Return the links to all that matches, by kind of file."""
-    return [(kind, link(path + "/download", given, format=kind)) for kind in exports.FORMATS]
+    return [(kind, link(path + "/download", query, format=kind)) for kind in exports.FORMATS]
 
 
 def file_kind() -> exports.Format:

@@ -66,17 +66,17 @@ def register(app: Flask) -> None:
 
 def wrong_at(problem: RobotetherError | None, name: str, id_: str, label: str) -> str:
     """Return what is wrong with the field of this name, empty if nothing, and note where it is for the summary."""
-    for one in problem.each if problem else ():
-        if one.field == name:
-            g.setdefault("marked", {})[name] = WrongField(one.at_field, id_, label)
-            return one.at_field
+    for cause in problem.each if problem else ():
+        if cause.field == name:
+            g.setdefault("marked", {})[name] = WrongField(cause.at_field, id_, label)
+            return cause.at_field
     return ""
 
 
 def wrong_fields(problem: RobotetherError) -> list[WrongField]:
     """Return the lines of the summary; the page's fields must have been drawn."""
     marked: dict[str, WrongField] = g.get("marked", {})
-    return [marked.get(one.field) or WrongField(one.detail) for one in problem.each]
+    return [marked.get(cause.field) or WrongField(cause.detail) for cause in problem.each]
 
 
 @contextmanager

@@ -237,14 +237,14 @@ def sentence(event: AuditEvent) -> str:
         return _BY_DETAILS[event.kind](event)
     if event.kind not in EVENTS:
         return event.kind
-    known = _Known(event.details)
-    known["robot"] = event.robot or "?"
-    return EVENTS[event.kind][1].format_map(known)
+    details = _Known(event.details)
+    details["robot"] = event.robot or "?"
+    return EVENTS[event.kind][1].format_map(details)
 
 
 def event_names() -> list[tuple[str, str]]:
     """Return each kind of event with its name, by name."""
-    return sorted(((kind, name) for kind, (name, _) in EVENTS.items()), key=lambda one: one[1])
+    return sorted(((kind, name) for kind, (name, _) in EVENTS.items()), key=lambda pair: pair[1])
 
 
 def _given(event: AuditEvent) -> str:

@@ -88,9 +88,9 @@ class SharedQuestions:
     async def _ask_all(self) -> None:
         try:
             while self._waiting:
-                asked = list(self._waiting)[:MAX_IN_QUESTION]
+                credentials = list(self._waiting)[:MAX_IN_QUESTION]
                 await self._answer(
-                    {credential: self._waiting.pop(credential) for credential in asked}
+                    {credential: self._waiting.pop(credential) for credential in credentials}
                 )
         finally:
             self._asking = None
@@ -138,9 +138,9 @@ class Credentials:
             # Else nobody could stop a robot over HTTP while the database is away.
             return live
         now = asyncio.get_running_loop().time()
-        kept = self._kept.get(credential)
-        if kept is not None and now - kept[0] < KEEP_S:
-            return kept[1]
+        entry = self._kept.get(credential)
+        if entry is not None and now - entry[0] < KEEP_S:
+            return entry[1]
         rechecks = self._rechecks
         try:
             user = await self._ask_for(credential, address, stops=stops)
@@ -168,12 +168,12 @@ class Credentials:
         """Ask the database, whatever is cached; StoreUnavailableError if it is down and did not confirm it recently."""
         rechecks = self._rechecks
         try:
-            found = await self._users_of([credential], briefly=True)
+            users = await self._users_of([credential], briefly=True)
         except StoreUnavailableError:
             if self.held_lately(credential):
                 return True
             raise
-        if (user := found.get(credential)) is None:
+        if (user := users.get(credential)) is None:
             self._forget(credential)
         # As above.
         elif rechecks == self._rechecks:
@@ -212,10 +212,10 @@ class Credentials:
         self._kept.clear()
         self._rechecks += 1
         # Without an answer none of these is believed: what has changed may be its end.
-        recent = {one: noted for one, noted in self._recent.items() if self._is_recent(one)}
+        recent = {key: noted for key, noted in self._recent.items() if self._is_recent(key)}
         self._recent = {}
         valid = await self._ask_again([*self._held, *(recent.keys() - self._held.keys())])
-        still_valid = {one: noted for one, noted in recent.items() if one in valid}
+        still_valid = {key: noted for key, noted in recent.items() if key in valid}
         self._recent = {**still_valid, **self._recent}
 
     async def check_new(self) -> None:
@@ -224,13 +224,13 @@ class Credentials:
         self._note_answer()
         await self._ask_again(list(self._unchecked))
 
-    async def _ask_again(self, asked: list[Credential]) -> Mapping[Credential, RelayUser]:
+    async def _ask_again(self, credentials: list[Credential]) -> Mapping[Credential, RelayUser]:
         """Return those that hold, by their users."""
-        if not asked:
+        if not credentials:
             return {}
-        valid = await self._users_of(asked)
-        self._unchecked.difference_update(asked)
-        for credential in asked:
+        valid = await self._users_of(credentials)
+        self._unchecked.difference_update(credentials)
+        for credential in credentials:
             if credential in valid:
                 self._note_live(credential, valid[credential])
             else:
@@ -240,11 +240,11 @@ class Credentials:
         return valid
 
     async def _users_of(
-        self, asked: list[Credential], *, briefly: bool = False
+        self, credentials: list[Credential], *, briefly: bool = False
     ) -> Mapping[Credential, RelayUser]:
-        found = await self._database.users_of(asked, briefly=briefly)
+        users = await self._database.users_of(credentials, briefly=briefly)
         self._note_answer()
-        return found
+        return users
 
     def _note_answer(self) -> None:
         self._answered_at = asyncio.get_running_loop().time()

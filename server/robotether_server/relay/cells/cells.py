@@ -119,7 +119,9 @@ class Cells:
     async def poll(self) -> None:
         """Write the heartbeat, and read all cells."""
         try:
-            found = await self._database.heartbeat(self._settings, self._robots(), self._started_at)
+            site_cells = await self._database.heartbeat(
+                self._settings, self._robots(), self._started_at
+            )
         except StoreUnavailableError:
             # `fleet` says in the log that the database is away.
             self._settled_at = asyncio.get_running_loop().time() + ALIVE_S
@@ -129,15 +131,15 @@ class Cells:
             log.exception("cannot write this cell's heartbeat; cells stay as they were last read")
         else:
             self._report(None)
-            self._update({cell.name: cell for cell in found})
+            self._update({cell.name: cell for cell in site_cells})
 
-    def _update(self, found: Mapping[str, Cell]) -> None:
+    def _update(self, site_cells: Mapping[str, Cell]) -> None:
         self._read_at = asyncio.get_running_loop().time()
         if self._read_at < self._settled_at:
             # The others could not write either, while the database was away.
-            found = {name: self._still_alive(cell) for name, cell in found.items()}
-        before, self._known = self._known, found
-        if _without_counts(before) != _without_counts(found):
+            site_cells = {name: self._still_alive(cell) for name, cell in site_cells.items()}
+        before, self._known = self._known, site_cells
+        if _without_counts(before) != _without_counts(site_cells):
             for listener in self._listeners:
                 listener()
 
@@ -151,5 +153,5 @@ class Cells:
         self._problem = problem
 
 
-def _without_counts(known: Mapping[str, Cell]) -> list[Cell]:
-    return [replace(cell, robots=0, clock_ahead_s=None) for cell in known.values()]
+def _without_counts(site_cells: Mapping[str, Cell]) -> list[Cell]:
+    return [replace(cell, robots=0, clock_ahead_s=None) for cell in site_cells.values()]

@@ -61,10 +61,10 @@ class PeerDialer:
     def _on_cells(self) -> None:
         if self._client is None:
             return
-        found = {(cell.name, cell.peer_address or "") for cell in self._cells.peers()}
-        for gone in self._tasks.keys() - found:
-            self._tasks.pop(gone).cancel()
-        for name, address in found - self._tasks.keys():
+        addresses = {(cell.name, cell.peer_address or "") for cell in self._cells.peers()}
+        for peer in self._tasks.keys() - addresses:
+            self._tasks.pop(peer).cancel()
+        for name, address in addresses - self._tasks.keys():
             self._tasks[name, address] = asyncio.create_task(
                 self._follow(self._client, name, address), name=f"cell {name}"
             )
@@ -131,8 +131,8 @@ async def _resolve(address: str) -> list[str]:
     """Return the endpoints of host:port, as they are in a URL; nginx gets one of them, and looks no name up."""
     host, _, port = address.rpartition(":")
     loop = asyncio.get_running_loop()
-    found = await loop.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)
-    addresses = [(family, str(at[0])) for family, *_, at in found]
+    infos = await loop.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)
+    addresses = [(family, str(at[0])) for family, *_, at in infos]
     return [
         f"[{ip}]:{port}" if family == socket.AF_INET6 else f"{ip}:{port}"
         for family, ip in addresses

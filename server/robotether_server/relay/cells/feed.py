@@ -187,8 +187,8 @@ async def _write(connection: web.WebSocketResponse, message: PeerMessage) -> Non
         await connection.send_str(build(message))
 
 
-def _stop_messages(robot_id: int, known: RobotStops) -> Iterator[PeerMessage]:
-    for at, by in known.ended:
+def _stop_messages(robot_id: int, stops: RobotStops) -> Iterator[PeerMessage]:
+    for at, by in stops.ended:
         yield PeerStopEnd(robot_id, at, by)
-    for stop in known.in_force.values():
+    for stop in stops.in_force.values():
         yield PeerStop(robot_id, stop.at, stop.by, stop.reason)

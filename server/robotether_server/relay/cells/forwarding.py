@@ -34,16 +34,16 @@ class Forwarding:
 
     async def answer(self, request: web.Request) -> web.Response | None:
         """Return what has nginx forward the request; None: it is answered here."""
-        found = FORWARDED.fullmatch(request.path)
-        if found is None or not self._peers.count():
+        match = FORWARDED.fullmatch(request.path)
+        if match is None or not self._peers.count():
             return None
-        robot = self._snapshot().by_name.get(found["robot"] or found["controlled"])
+        robot = self._snapshot().by_name.get(match["robot"] or match["controlled"])
         peer = None if robot is None else self._peers.owner(robot.id)
         if peer is None:
             return None
-        stops = found["action"] == "stop"
-        asked = request_of(request.headers, request.cookies, request.query)
-        if not await self._access.is_vouched_for(replace(asked, stops=stops)):
+        stops = match["action"] == "stop"
+        access_request = request_of(request.headers, request.cookies, request.query)
+        if not await self._access.is_vouched_for(replace(access_request, stops=stops)):
             return None
         location = STOP_LOCATION if stops else LOCATION
         # No content: nginx would take its type for that of the forwarded answer.

@@ -27,9 +27,9 @@ class PeerKeys:
     tls: ssl.SSLContext = field(repr=False)
     proof: str = field(repr=False)
 
-    def is_proof(self, shown: str) -> bool:
+    def is_proof(self, proof: str) -> bool:
         """Return whether a request comes from nginx's peer listener."""
-        return hmac.compare_digest(shown.encode(), self.proof.encode())
+        return hmac.compare_digest(proof.encode(), self.proof.encode())
 
 
 def read_peer_keys(folder: Path = SECRETS_DIR) -> PeerKeys | None:

@@ -112,13 +112,13 @@ class Peers:
 
     def owner(self, robot_id: int) -> Peer | None:
         """Return the cell that has the robot, None when it is this one, or none."""
-        found = max(
+        peer = max(
             self._having(robot_id), key=lambda peer: peer.robots[robot_id].epoch, default=None
         )
         own = self._registry.presence(robot_id)
-        if found is None or (own.online and own.epoch >= found.robots[robot_id].epoch):
+        if peer is None or (own.online and own.epoch >= peer.robots[robot_id].epoch):
             return None
-        return found
+        return peer
 
     def described(self, robot_id: int) -> LiveState | None:
         """Return what the robot's cell reports of it; None: no other cell has the robot."""

@@ -250,14 +250,14 @@ class Subscriber(ChangedRobots):
 
     def _events_of(self, robot_id: int) -> Iterator[Event]:
         robot = self._fleet_events.find(self.user_id, robot_id)
-        shown = self._shown.get(robot_id)
-        if shown is not None and (robot is None or robot.name != shown.name):
+        before = self._shown.get(robot_id)
+        if before is not None and (robot is None or robot.name != before.name):
             del self._shown[robot_id]
-            yield "removed", RemovedRobot(shown.name)
+            yield "removed", RemovedRobot(before.name)
         if robot is None:
             return
         described = self._fleet_events.describe(robot)
-        if described != shown:
+        if described != before:
             self._shown[robot_id] = described
             yield "robot", described
 
@@ -279,8 +279,8 @@ class EventsHandler:
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Send the fleet, then each change, until the client or its right is gone."""
-        asked = request_of(request.headers, request.cookies, request.query)
-        asker = await self._access.for_events(asked)
+        access_request = request_of(request.headers, request.cookies, request.query)
+        asker = await self._access.for_events(access_request)
         mine = self._fleet_events.subscribers_of(asker.user.id)
         if mine >= self._connections.caps.per_user:
             raise TooManyConnectionsError(

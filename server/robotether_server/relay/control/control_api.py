@@ -76,8 +76,8 @@ class ControlApi:
 
     async def show(self, request: web.Request) -> web.Response:
         """Answer with the control object."""
-        asked = request_of(request.headers, request.cookies, request.query)
-        asker = await self._access.for_events(asked)
+        access_request = request_of(request.headers, request.cookies, request.query)
+        asker = await self._access.for_events(access_request)
         return self._answer(self._access.visible_robot(asker.user, request.match_info["name"]))
 
     async def stop(self, request: web.Request) -> web.Response:
@@ -104,8 +104,8 @@ class ControlApi:
         name = _text(members, "action", MAX_SITE)
         action = self._actions.get(name or "")
         if action is None:
-            known = ", ".join(self._actions)
-            raise FieldInvalidError(f"cannot use action: it must be one of {known}")
+            names = ", ".join(self._actions)
+            raise FieldInvalidError(f"cannot use action: it must be one of {names}")
         if "to" in members:
             action = self._handing_over_to(name, members["to"])
         self._check_level(user, robot, "manage" if name == "take" else "drive", f"{name}")
@@ -153,10 +153,10 @@ class ControlApi:
         return user, self._access.visible_robot(user, request.match_info["name"])
 
     async def _changer(self, request: web.Request, *, stops: bool = False) -> RelayUser:
-        asked = request_of(request.headers, request.cookies, request.query)
-        asked = replace(asked, stops=stops)
+        access_request = request_of(request.headers, request.cookies, request.query)
+        access_request = replace(access_request, stops=stops)
         csrf_header = request.headers.get("X-CSRFToken", "")
-        return (await self._access.for_change(asked, csrf_header)).user
+        return (await self._access.for_change(access_request, csrf_header)).user
 
     def _managed_robots(self, user: RelayUser) -> list[RelayRobot]:
         snapshot = self._snapshot()
@@ -188,7 +188,7 @@ def _address(request: web.Request) -> str | None:
     return request.headers.get("X-Forwarded-For")
 
 
-async def _members(request: web.Request, known: Collection[str]) -> Mapping[str, Any]:
+async def _members(request: web.Request, names: Collection[str]) -> Mapping[str, Any]:
     """Read a body, which may be missing."""
     data = await request.read()
     if not data:
@@ -202,7 +202,7 @@ async def _members(request: web.Request, known: Collection[str]) -> Mapping[str,
     if not isinstance(members, dict):
         raise FieldInvalidError("cannot read the body: it must be an object")
     for name in members:
-        if name not in known:
+        if name not in names:
             raise FieldInvalidError(f"cannot use {name[:40]!r}: there is no such member here")
     return members
 

@@ -174,9 +174,9 @@ class Leasing:
         """Say why a claim was lost."""
         if (close_reason := self._stopped(robot)) is not None:
             return close_reason
-        kept = lease.reserved(now())
-        if kept is not None:
-            return close_reasons.lease_held(robot.name, kept.user.name, None)
+        reservation = lease.reserved(now())
+        if reservation is not None:
+            return close_reasons.lease_held(robot.name, reservation.user.name, None)
         return close_reasons.lease_unavailable(robot.name)
 
     async def _next_fence(self, connection: Connection) -> int | None:
@@ -184,9 +184,9 @@ class Leasing:
         robot = connection.robot
         await self._until_guard_reported(robot.id)
         above = self._newest_fence(robot.id)
-        asked = NewLease(robot.id, connection.user_id, connection.user, utc_now(), above)
+        lease = NewLease(robot.id, connection.user_id, connection.user, utc_now(), above)
         try:
-            return await self._database.next_fence(asked)
+            return await self._database.next_fence(lease)
         except (RecordMissingError, RecordRefusedError) as gone:
             # Robot or user was removed meanwhile, which the relay reads of only in its next look.
             log.info("robot %s: cannot number a drive: %s", robot.name, gone.detail)
@@ -248,12 +248,12 @@ class Leasing:
 
     def _due_at(self, robot_id: int) -> Iterator[float]:
         lease = self.of(robot_id)
-        passes_at, kept = lease.passes_at(), lease.reserved(now())
+        passes_at, reservation = lease.passes_at(), lease.reserved(now())
         if passes_at is not None:
             # At least every second: who waits sees that the driver's input put it off.
             yield min(passes_at.s, now().s + 1)
-        if kept is not None:
-            yield kept.until.s
+        if reservation is not None:
+            yield reservation.until.s
 
     def _disarm(self, robot_id: int) -> None:
         robot = self._registry.robot(robot_id)

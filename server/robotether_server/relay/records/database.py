@@ -97,15 +97,15 @@ class RelayDatabase:
         is_over = threading.Event()
 
         def answer_in_time(tx: Transaction) -> T:
-            found = question(tx)
+            result = question(tx)
             if is_over.is_set():
                 # Nobody would know of what it wrote.
                 raise StoreUnavailableError("cannot reach the database: its answer came too late")
-            return found
+            return result
 
         try:
             async with asyncio.timeout(within_s):
-                found = await self._in_thread(answer_in_time)
+                result = await self._in_thread(answer_in_time)
         except TimeoutError as exc:
             self._hangs = True
             self._database.close_kept()
@@ -115,7 +115,7 @@ class RelayDatabase:
         finally:
             is_over.set()
         self._hangs = False
-        return found
+        return result
 
     def _check_answers(self) -> None:
         if self._hangs:

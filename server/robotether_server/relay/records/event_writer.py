@@ -161,8 +161,8 @@ class EventWriter:
             log.error("too many entries wait for the database; from now on the oldest are dropped")
         # A stop must outlive the relay; there is at most one entry a robot. And nobody else ends what the relay before
         # this one left open; that is the oldest entry.
-        kept = StopEntry | FormerSessions
-        oldest = (key for key, each in self._waiting.items() if not isinstance(each, kept))
+        kinds = StopEntry | FormerSessions
+        oldest = (key for key, each in self._waiting.items() if not isinstance(each, kinds))
         if (key := next(oldest, None)) is not None:
             self.dropped += 1
             del self._waiting[key]

@@ -82,17 +82,17 @@ class Journal:
             self._fail(problem)
             return []
         self._lines = len(lines)
-        found: dict[tuple[object, ...], JournalEntry] = {}
+        entries: dict[tuple[object, ...], JournalEntry] = {}
         unread = 0
         for number, line in enumerate(lines):
             entry = _parse(line)
             if entry is None:
                 unread += 1
             else:
-                found[_key(entry, number)] = entry
+                entries[_key(entry, number)] = entry
         if unread:
             log.warning("%d lines of %s cannot be read; they are left out", unread, self._path)
-        return list(found.values())
+        return list(entries.values())
 
     def add(self, entry: JournalEntry) -> None:
         """Keep an entry, also when it is kept already in an older state."""

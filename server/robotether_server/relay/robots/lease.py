@@ -115,8 +115,8 @@ class Lease:
 
     def reserved(self, now: Instant) -> Reservation | None:
         """For whom the lease is kept now."""
-        kept = self._reserved
-        return kept if kept is not None and now.s < kept.until.s else None
+        reservation = self._reserved
+        return reservation if reservation is not None and now.s < reservation.until.s else None
 
     def claim(self, holder: Holder, now: Instant) -> Holder | None:
         """Keep everybody else out until the number is there; return this user's older claimant.
@@ -126,9 +126,9 @@ class Lease:
         present = self.driver.holder if self.driver is not None else self._claimant
         if present is not None and present.user_id != holder.user_id:
             raise HeldError(present.user, self.driver.since if self.driver is not None else None)
-        kept = self.reserved(now)
-        if kept is not None and kept.user.id != holder.user_id:
-            raise HeldError(kept.user.name, None)
+        reservation = self.reserved(now)
+        if reservation is not None and reservation.user.id != holder.user_id:
+            raise HeldError(reservation.user.name, None)
         older, self._claimant = self._claimant, holder
         return older
 
@@ -229,8 +229,8 @@ class Lease:
     def _is_for(self, user: RelayUser, now: Instant) -> bool:
         if self.driver is not None:
             return self.driver.holder.user_id == user.id
-        kept = self.reserved(now)
-        return kept is not None and kept.user.id == user.id
+        reservation = self.reserved(now)
+        return reservation is not None and reservation.user.id == user.id
 
     def _count_question(self, user: RelayUser, now: Instant) -> None:
         fresh = RateLimiter(now.s, per_s=1 / QUESTION_EVERY_S, at_once=QUESTIONS_AT_ONCE)
@@ -246,9 +246,11 @@ class Lease:
     def _driver_or_free(self, now: Instant) -> Driver:
         if self.driver is not None:
             return self.driver
-        kept = self.reserved(now)
-        if kept is not None:
-            raise AlreadyAskedError(f"cannot ask for control: it is reserved for {kept.user.name}")
+        reservation = self.reserved(now)
+        if reservation is not None:
+            raise AlreadyAskedError(
+                f"cannot ask for control: it is reserved for {reservation.user.name}"
+            )
         raise LeaseFreeError("cannot ask for control: nobody drives; just connect")
 
     def _asker_of(self, user: RelayUser, now: Instant) -> RelayUser:

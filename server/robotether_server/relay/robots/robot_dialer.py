@@ -77,13 +77,13 @@ class RobotDialer:
                 if fence is not None:
                     await self._until_quick(robot)
                 deadline = loop.time() + FORWARD_WITHIN_S
-                while not isinstance(found := await self._open(robot, headers), RobotSocket):
+                while not isinstance(answer := await self._open(robot, headers), RobotSocket):
                     # The last answer says more than that a later try had none.
-                    why = found
+                    why = answer
                     if loop.time() > deadline:
                         raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why))
                     await asyncio.sleep(RETRY_S)
-                return found
+                return answer
         except TimeoutError as exc:
             raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
 

@@ -280,8 +280,8 @@ class RobotLink:
                 self._checks.ask()
 
     async def _check(self) -> None:
-        found = await self._checker.check(self._robot, video=self._needs_media)
-        self._send(lines.checked_line(ros=found.ros, video=found.video, shell=found.shell))
+        report = await self._checker.check(self._robot, video=self._needs_media)
+        self._send(lines.checked_line(ros=report.ros, video=report.video, shell=report.shell))
 
     def _on_pong(self, seq: int) -> None:
         sent_at = self._pings.pop(seq, None)

@@ -166,8 +166,8 @@ def parse_line(line: bytes) -> Line | None:
 def parse_preface(line: bytes, session_key: str) -> Preface:
     """Read the first line of a connection; WrongKeyError before anything else is believed."""
     head = _parse_head(line)
-    given = head.session_key
-    if not isinstance(given, str) or not hmac.compare_digest(given.encode(), session_key.encode()):
+    key = head.session_key
+    if not isinstance(key, str) or not hmac.compare_digest(key.encode(), session_key.encode()):
         raise WrongKeyError
     if head.type != "preface":
         raise BrokenLineError("cannot read the first line: its type is not preface")

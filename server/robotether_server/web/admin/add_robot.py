@@ -71,7 +71,7 @@ def create_line(tx: Transaction, source: Source) -> Saved:
     # This may raise: without a certificate to pin there is no install line, and so no token.
     lines = enrolment_lines(context().site_certificates, request.host, text, name)
     # A name is unique among join tokens.
-    [token] = [one for one in join_tokens.list_all(tx) if one.name == label]
+    [token] = [token for token in join_tokens.list_all(tx) if token.name == label]
     return _page(tx, Invitation(token, place, name, text, lines))
 
 
@@ -102,7 +102,7 @@ def _page(
         waiting=pending.waiting(tx),
         rejected=pending.rejected(tx),
         refused=pending.refused(tx),
-        online={one.robot.name for one in everyone if one.online},
+        online={seen.robot.name for seen in everyone if seen.online},
         tokens=_usable(join_tokens.list_all(tx)),
         policy=context().join.policy,
         problem=problem,
@@ -121,19 +121,21 @@ def _arrived(
     """Return the robots that a token admitted; without one, the robot that an admin has just approved."""
     keys = join_tokens.admitted(tx, invitation.token.id) if invitation else set()
     approved = None if invitation else request.args.get("robot")
-    return [one for one in everyone if one.robot.fingerprint in keys or one.robot.name == approved]
+    return [
+        seen for seen in everyone if seen.robot.fingerprint in keys or seen.robot.name == approved
+    ]
 
 
 def _usable(listed: list[JoinToken]) -> list[JoinToken]:
     now = dt.datetime.now(dt.UTC)
-    return [one for one in listed if one.used < one.uses and one.expires_at > now]
+    return [token for token in listed if token.used < token.uses and token.expires_at > now]
 
 
 def _found_token(token_id: int) -> Words:
     with context().database.transaction() as tx:
-        found = join_tokens.list_all(tx)
+        records = join_tokens.list_all(tx)
     missing = "cannot find that join token: it was already revoked"
-    token = confirmation.pick(found, token_id, missing)
+    token = confirmation.pick(records, token_id, missing)
     return {"token": token, "uses_left": token.uses - token.used}
 
 

@@ -12,21 +12,21 @@ from robotether_server.web.filters import Asked, Offered
 blueprint = Blueprint("audit_log", __name__, url_prefix="/audit")
 
 
-def _find(tx: Transaction, asked: Asked) -> list[AuditEvent]:
-    return audit.find(tx, _search(asked), before=filters.before(), limit=filters.WANTED)
+def _find(tx: Transaction, query: Asked) -> list[AuditEvent]:
+    return audit.find(tx, _search(query), before=filters.before(), limit=filters.WANTED)
 
 
-def _send(asked: Asked, kind: Format) -> Response:
-    return download(_search(asked), kind)
+def _send(query: Asked, kind: Format) -> Response:
+    return download(_search(query), kind)
 
 
-def _search(asked: Asked) -> AuditSearch:
+def _search(query: Asked) -> AuditSearch:
     return AuditSearch(
-        robot=asked["robot"] or None,
-        actor=asked["actor"] or None,
-        kind=asked["kind"] or None,
-        since=filters.since(asked),
-        until=filters.until(asked),
+        robot=query["robot"] or None,
+        actor=query["actor"] or None,
+        kind=query["kind"] or None,
+        since=filters.since(query),
+        until=filters.until(query),
     )
 
 

@@ -11,5 +11,5 @@ blueprint = Blueprint("backups", __name__)
 @blueprint.get("/backups")
 def show() -> str:
     """Show when the last one was made and copied."""
-    found = last_backup(context().backup_record)
-    return render_template("admin/backups.html", last=found, age=age_s)
+    record = last_backup(context().backup_record)
+    return render_template("admin/backups.html", last=record, age=age_s)

@@ -52,28 +52,32 @@ Choices = list[tuple[str, list[tuple[str, str]]]]
 def for_robot(tx: Transaction, robot: RobotRow) -> list[Grant]:
     """Return the grants that reach a robot: its own, its site's and those for all."""
     return [
-        one
-        for one in db_grants.list_all(tx)
-        if one.is_for_all
-        or one.robot == robot.name
-        or (one.site is not None and one.site == robot.site)
+        grant
+        for grant in db_grants.list_all(tx)
+        if grant.is_for_all
+        or grant.robot == robot.name
+        or (grant.site is not None and grant.site == robot.site)
     ]
 
 
 def for_site(tx: Transaction, site: str) -> list[Grant]:
     """Return the grants that reach a site: its own and those for all."""
-    return [one for one in db_grants.list_all(tx) if one.is_for_all or one.site == site]
+    return [grant for grant in db_grants.list_all(tx) if grant.is_for_all or grant.site == site]
 
 
 def of_user(tx: Transaction, user: User) -> list[Grant]:
     """Return the grants that a user has, alone or in a group."""
     joined = {group.name for group in db_grants.list_groups(tx) if user.name in group.members}
-    return [one for one in db_grants.list_all(tx) if one.user == user.name or one.group in joined]
+    return [
+        grant
+        for grant in db_grants.list_all(tx)
+        if grant.user == user.name or grant.group in joined
+    ]
 
 
 def of_group(tx: Transaction, group: str) -> list[Grant]:
     """Return the grants that a group has."""
-    return [one for one in db_grants.list_all(tx) if one.group == group]
+    return [grant for grant in db_grants.list_all(tx) if grant.group == group]
 
 
 def holders(tx: Transaction) -> Choices:
@@ -117,9 +121,9 @@ def _give(tx: Transaction, source: Source) -> str:
     """Add the form's grant; return what is said of it."""
     to, scope = grantee(), _scope()
     level = forms.choice("level", "May", LEVELS)
-    given, _ = grants.give(tx, source, to, scope, level, ends_at=_ends_at())
-    words = f"{given.holder_words} may {level} {given.scope_words}"
-    return Markup("{}{}.").format(words[0].upper() + words[1:], _end_words(given.ends_at))
+    grant, _ = grants.give(tx, source, to, scope, level, ends_at=_ends_at())
+    words = f"{grant.holder_words} may {level} {grant.scope_words}"
+    return Markup("{}{}.").format(words[0].upper() + words[1:], _end_words(grant.ends_at))
 
 
 def _ends_at() -> dt.datetime | None:
@@ -156,11 +160,11 @@ def _scope() -> Scope:
 
 def _found(grant_id: int) -> Words:
     with context().database.transaction() as tx:
-        found = db_grants.get(tx, grant_id)
-    who, what, end = found.holder_words, found.scope_words, _end_words(found.ends_at)
-    words = {"who": who, "what": what, "page": _page_of(found, request.args.get("from", ""))}
-    named = words | {"level": found.level, "end": end}
-    texts = ENDED_TEXTS if found.has_ended else TEXTS
+        grant = db_grants.get(tx, grant_id)
+    who, what, end = grant.holder_words, grant.scope_words, _end_words(grant.ends_at)
+    words = {"who": who, "what": what, "page": _page_of(grant, request.args.get("from", ""))}
+    named = words | {"level": grant.level, "end": end}
+    texts = ENDED_TEXTS if grant.has_ended else TEXTS
     return words | {key: text.format_map(named) for key, text in texts.items()}
 
 
@@ -168,15 +172,15 @@ def _end_words(end: dt.datetime | None) -> str:
     return Markup(" until {}").format(time_element(end)) if end else ""
 
 
-def _page_of(found: Grant, about: str) -> str:
+def _page_of(grant: Grant, about: str) -> str:
     """Return the page that the question came from."""
-    if about == "site" and found.site is not None:
-        return f"/admin/sites/{found.site}"
-    if about == "robot" and found.robot is not None:
-        return page_of_robot(found.robot)
-    if found.group is not None:
-        return f"/admin/groups/{found.group}"
-    return f"/admin/users/{found.user}"
+    if about == "site" and grant.site is not None:
+        return f"/admin/sites/{grant.site}"
+    if about == "robot" and grant.robot is not None:
+        return page_of_robot(grant.robot)
+    if grant.group is not None:
+        return f"/admin/groups/{grant.group}"
+    return f"/admin/users/{grant.user}"
 
 
 confirmation.register(

@@ -22,8 +22,8 @@ blueprint = Blueprint("groups", __name__, url_prefix="/groups")
 def show_all(problem: RobotetherError | None = None) -> str:
     """Show every group."""
     with context().database.transaction() as tx:
-        found = db_grants.list_groups(tx)
-    return render_template("admin/groups.html", groups=found, problem=problem, values=request.form)
+        groups = db_grants.list_groups(tx)
+    return render_template("admin/groups.html", groups=groups, problem=problem, values=request.form)
 
 
 @form(blueprint, "", show_all)
@@ -43,7 +43,9 @@ def show(name: str, problem: RobotetherError | None = None) -> str:
             "admin/group.html",
             group=group,
             others=[
-                (one.name, one.name) for one in users.list_all(tx) if one.name not in group.members
+                (user.name, user.name)
+                for user in users.list_all(tx)
+                if user.name not in group.members
             ],
             grants=grants.of_group(tx, name),
             choices=grants.scopes(tx),

@@ -52,15 +52,15 @@ def _reject(tx: Transaction, source: Source, name: str) -> None:
 
 def _found_waiting(name: str) -> Words:
     with context().database.transaction() as tx:
-        for one in pending.waiting(tx):
-            if (one.robot, one.fingerprint) == (name, _shown()):
+        for key in pending.waiting(tx):
+            if (key.robot, key.fingerprint) == (name, _shown()):
                 stays = (
                     f"Robot {name} keeps the key that it has."
-                    if one.reason == "mac_in_use"
+                    if key.reason == "mac_in_use"
                     else "A robot that nobody announced is removed from the list; "
                     "an announced one waits for another key."
                 )
-                return {"key": one, "stays": stays}
+                return {"key": key, "stays": stays}
     raise RecordMissingError(
         f"cannot find that key of robot {name}: it no longer waits; see {add_robot.PAGE} for the keys that do"
     )
@@ -68,9 +68,9 @@ def _found_waiting(name: str) -> Words:
 
 def _found_rejected(rejected_id: int) -> Words:
     with context().database.transaction() as tx:
-        found = pending.rejected(tx)
+        keys = pending.rejected(tx)
     missing = "cannot find that rejected key: it may already ask again"
-    return {"key": confirmation.pick(found, rejected_id, missing)}
+    return {"key": confirmation.pick(keys, rejected_id, missing)}
 
 
 confirmation.register(

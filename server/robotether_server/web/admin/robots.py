@@ -85,14 +85,14 @@ def show_all() -> str:
         control = seen_robots.control_of_all(tx)
         sites = [site.name for site in db_grants.list_sites(tx)]
         holders = grants.holders(tx)
-    found = [seen for seen in everyone if search.finds(seen, control.get(seen.robot.id, FREE))]
+    hits = [seen for seen in everyone if search.finds(seen, control.get(seen.robot.id, FREE))]
     first = max(request.args.get("page", 1, type=int) - 1, 0) * filters.PER_PAGE
     return render_template(
         "admin/robots.html",
-        robots=found[first : first + filters.PER_PAGE],
+        robots=hits[first : first + filters.PER_PAGE],
         first=first,
-        pages=_pages(search, first, len(found)),
-        found=len(found),
+        pages=_pages(search, first, len(hits)),
+        found=len(hits),
         total=len(everyone),
         sites=sites,
         holders=holders,
@@ -104,7 +104,7 @@ def show_all() -> str:
     )
 
 
-def _pages(search: RobotSearch, first: int, found: int) -> list[tuple[str, str]]:
+def _pages(search: RobotSearch, first: int, count: int) -> list[tuple[str, str]]:
     """Return words and links of the pages before and after the one that begins with the robot at `first`."""
     words = {"q": search.words, "state": search.state}
     number = first // filters.PER_PAGE + 1
@@ -112,7 +112,7 @@ def _pages(search: RobotSearch, first: int, found: int) -> list[tuple[str, str]]
         (title, filters.link("/admin/robots", words, page=page))
         for title, page, is_there in (
             ("Previous", number - 1, first > 0),
-            ("Next", number + 1, first + filters.PER_PAGE < found),
+            ("Next", number + 1, first + filters.PER_PAGE < count),
         )
         if is_there
     ]

@@ -22,8 +22,8 @@ blueprint = Blueprint("sites", __name__, url_prefix="/sites")
 def show_all(problem: RobotetherError | None = None) -> str:
     """Show every site."""
     with context().database.transaction() as tx:
-        found = db_grants.list_sites(tx)
-    return render_template("admin/sites.html", sites=found, problem=problem, values=request.form)
+        sites = db_grants.list_sites(tx)
+    return render_template("admin/sites.html", sites=sites, problem=problem, values=request.form)
 
 
 @form(blueprint, "", show_all)
@@ -39,13 +39,13 @@ def show(name: str, problem: RobotetherError | None = None) -> str:
     """Show one site, with the problem of one of its forms."""
     with context().database.transaction() as tx:
         site = db_grants.get_site(tx, name)
-        robots = [one.robot for one in seen_robots.list_all(tx) if one.robot.site != name]
+        robots = [seen.robot for seen in seen_robots.list_all(tx) if seen.robot.site != name]
         return render_template(
             "admin/site.html",
             site=site,
             others=[
-                (one.name, f"{one.name} (now at {one.site})" if one.site else one.name)
-                for one in robots
+                (robot.name, f"{robot.name} (now at {robot.site})" if robot.site else robot.name)
+                for robot in robots
             ],
             grants=grants.for_site(tx, name),
             choices=grants.holders(tx),

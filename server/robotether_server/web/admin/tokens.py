@@ -17,15 +17,15 @@ blueprint = Blueprint("tokens", __name__)
 def show() -> str:
     """Show every API token."""
     with context().database.transaction() as tx:
-        found = credentials.list_tokens(tx)
-    return render_template("admin/tokens.html", tokens=found, now=dt.datetime.now(dt.UTC))
+        api_tokens = credentials.list_tokens(tx)
+    return render_template("admin/tokens.html", tokens=api_tokens, now=dt.datetime.now(dt.UTC))
 
 
 def _found(token_id: int) -> Words:
     with context().database.transaction() as tx:
-        found = credentials.list_tokens(tx)
+        api_tokens = credentials.list_tokens(tx)
     missing = "cannot find that API token: it was already deleted"
-    return {"token": confirmation.pick(found, token_id, missing)}
+    return {"token": confirmation.pick(api_tokens, token_id, missing)}
 
 
 confirmation.register(

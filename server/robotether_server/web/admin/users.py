@@ -59,7 +59,7 @@ def show(name: str, problem: RobotetherError | None = None) -> str:
             "admin/user.html",
             subject=user,
             grants=grants.of_user(tx, user),
-            groups=[one.name for one in db_grants.list_groups(tx) if name in one.members],
+            groups=[group.name for group in db_grants.list_groups(tx) if name in group.members],
             tokens=credentials.list_tokens_of(tx, user),
             choices=grants.scopes(tx),
             levels=LEVELS,

@@ -13,21 +13,21 @@ blueprint = Blueprint("drives", __name__, url_prefix="/drives")
 blueprint.before_request(current_user.require_user)
 
 
-def _find(tx: Transaction, asked: Asked) -> list[Drive]:
+def _find(tx: Transaction, query: Asked) -> list[Drive]:
     before, limit = filters.before(), filters.WANTED
-    return drives.find(tx, current_user.get(), _search(asked), before=before, limit=limit)
+    return drives.find(tx, current_user.get(), _search(query), before=before, limit=limit)
 
 
-def _send(asked: Asked, kind: Format) -> Response:
-    return download(current_user.get(), _search(asked), kind)
+def _send(query: Asked, kind: Format) -> Response:
+    return download(current_user.get(), _search(query), kind)
 
 
-def _search(asked: Asked) -> DriveSearch:
+def _search(query: Asked) -> DriveSearch:
     return DriveSearch(
-        robot=asked["robot"] or None,
-        user=asked["user"] or None,
-        since=filters.since(asked),
-        until=filters.until(asked),
+        robot=query["robot"] or None,
+        user=query["user"] or None,
+        since=filters.since(query),
+        until=filters.until(query),
     )
 
 
@@ -39,7 +39,7 @@ def _offer(tx: Transaction) -> Offered:
         "robot": filters.offered_names(
             seen.robot.name for seen in seen_robots.list_seen(tx, viewer)
         ),
-        "user": filters.offered_names(one.name for one in people),
+        "user": filters.offered_names(person.name for person in people),
     }
 
 

@@ -49,17 +49,17 @@ def package() -> Response:
     """Send the Debian package for `?arch=`."""
     architecture = request.args.get("arch", ARCHITECTURES[0])
     if architecture not in ARCHITECTURES:
-        known = " or ".join(ARCHITECTURES)
-        why = f"cannot send a package for this arch: it must be {known}"
+        names = " or ".join(ARCHITECTURES)
+        why = f"cannot send a package for this arch: it must be {names}"
         raise HttpError(HTTPStatus.NOT_FOUND, why)
-    found = sorted(context().agent_files_dir.glob(f"*_{architecture}.deb"))
-    if not found:
+    packages = sorted(context().agent_files_dir.glob(f"*_{architecture}.deb"))
+    if not packages:
         raise _missing(f"agent.deb for {architecture}")
     # In pieces: it is some 12 MB, and a robot's link may be slow.
     return send_file(
-        found[-1],
+        packages[-1],
         "application/vnd.debian.binary-package",
-        download_name=found[-1].name,
+        download_name=packages[-1].name,
         max_age=0,
     )
 

@@ -114,9 +114,9 @@ def _log_out_everywhere(tx: Transaction, source: Source) -> None:
 
 def _found_key(key_id: int) -> Words:
     with context().database.transaction() as tx:
-        found = list_ssh_keys(tx, current_user.get())
+        keys = list_ssh_keys(tx, current_user.get())
     missing = "cannot find that SSH key: it was already deleted, or is not yours"
-    return {"key": confirmation.pick(found, key_id, missing)}
+    return {"key": confirmation.pick(keys, key_id, missing)}
 
 
 def _delete_key(tx: Transaction, source: Source, key_id: int) -> None:
@@ -126,9 +126,9 @@ def _delete_key(tx: Transaction, source: Source, key_id: int) -> None:
 def _found_token(token_id: int) -> Words:
     """Return a token of this user, and nobody else's."""
     with context().database.transaction() as tx:
-        found = credentials.list_tokens_of(tx, current_user.get())
+        api_tokens = credentials.list_tokens_of(tx, current_user.get())
     missing = "cannot find that API token: it was already deleted, or is not yours"
-    return {"token": confirmation.pick(found, token_id, missing)}
+    return {"token": confirmation.pick(api_tokens, token_id, missing)}
 
 
 CHANGE_PASSWORD = ConfirmedAction(

@@ -85,8 +85,8 @@ class RosbridgeHandler:
         """Join an operator's WebSocket to the robot until one of them ends."""
         if not web.WebSocketResponse().can_prepare(request):
             raise HttpError(426, "cannot open rosbridge: connect with a WebSocket")
-        asked = request_of(request.headers, request.cookies, request.query)
-        permit = self._context.access.for_rosbridge(asked, request.match_info["name"])
+        access_request = request_of(request.headers, request.cookies, request.query)
+        permit = self._context.access.for_rosbridge(access_request, request.match_info["name"])
         observes = permit.use == "observe"
         operator = OperatorSocket(OBSERVER_LIMIT if observes else self._rules.message_limit)
         await self._serve(operator, permit, request)
@@ -101,13 +101,13 @@ class RosbridgeHandler:
         )
         if (why := self._context.connections.no_room(connection)) is not None:
             bridge.end(close_reasons.too_many_connections(why))
-        gone = partial(bridge.end, close_reasons.rights_ended(robot.name))
+        on_rights_ended = partial(bridge.end, close_reasons.rights_ended(robot.name))
         try:
             # Before anything waits: a right that ends in the meantime must end this connection. And before a lease: its
             # line comes to the agent behind the one that asks for quick heartbeats.
             with (
                 self._context.connections.joined(connection),
-                self._context.credentials.held(permit.credential, gone),
+                self._context.credentials.held(permit.credential, on_rights_ended),
                 self._context.registry.ensure_robot(robot.id).usage.counted(),
             ):
                 await operator.open(request)

@@ -329,8 +329,8 @@ class Subscriptions:
     def remove(self, topic: str, subscription_id: str | int | None) -> None:
         """Forget the subscription; without an id, all of the topic."""
         ids = self._ids.get(topic, set())
-        gone = set(ids) if subscription_id is None else ids & {subscription_id}
-        ids -= gone
-        self._count -= len(gone)
+        removals = set(ids) if subscription_id is None else ids & {subscription_id}
+        ids -= removals
+        self._count -= len(removals)
         if not ids:
             self._ids.pop(topic, None)

@@ -268,9 +268,9 @@ def _length(vector: Any) -> float:
     return _finite(math.hypot(*values))
 
 
-def _object(value: Any, known: frozenset[str]) -> Mapping[str, Any]:
-    if not isinstance(value, dict) or not value.keys() <= known:
-        raise FieldRefusedError(f"has a part that is no object of {', '.join(sorted(known))}")
+def _object(value: Any, names: frozenset[str]) -> Mapping[str, Any]:
+    if not isinstance(value, dict) or not value.keys() <= names:
+        raise FieldRefusedError(f"has a part that is no object of {', '.join(sorted(names))}")
     return value
 
 

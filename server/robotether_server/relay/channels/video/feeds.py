@@ -153,8 +153,8 @@ class Feed:
         if not frames:
             return None
         self._credits_open += frames
-        taken = None if self._taken is None else (self._taken - (self._shift or 0)) % SEQUENCES
-        return frames, taken
+        sequence = None if self._taken is None else (self._taken - (self._shift or 0)) % SEQUENCES
+        return frames, sequence
 
     def on_frame(self, data: bytes, now_s: float, clock: SenderClock) -> None:
         """A frame came, with a timestamp on the robot's clock."""

@@ -146,14 +146,14 @@ def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
     return request
 
 
-def combined(one: StreamRequest, other: StreamRequest) -> StreamRequest:
+def combined(request: StreamRequest, other: StreamRequest) -> StreamRequest:
     """Return what serves both: the best that either wants, and as quickly as either wants it."""
-    larger = max(one, other, key=pixels)
+    larger = max(request, other, key=pixels)
     return StreamRequest(
-        quality_min=min(one.quality_min, other.quality_min),
-        quality_max=max(one.quality_max, other.quality_max),
-        fps=max(one.fps, other.fps),
-        latency_ms=min(one.latency_ms, other.latency_ms),
+        quality_min=min(request.quality_min, other.quality_min),
+        quality_max=max(request.quality_max, other.quality_max),
+        fps=max(request.fps, other.fps),
+        latency_ms=min(request.latency_ms, other.latency_ms),
         width=larger.width,
         height=larger.height,
     )
@@ -166,10 +166,10 @@ def pixels(request: StreamRequest) -> int:
 
 def parse_credit(message: Mapping[str, Any]) -> tuple[int, int | None]:
     """Read how many more frames may come, and the number of the newest that was taken."""
-    taken = message.get("taken")
-    if taken is not None:
-        taken = _whole(message, "taken", 0, 0, SEQUENCES - 1)
-    return _whole(message, "frames", 1, 1, SEQUENCES - 1), taken
+    sequence = message.get("taken")
+    if sequence is not None:
+        sequence = _whole(message, "taken", 0, 0, SEQUENCES - 1)
+    return _whole(message, "frames", 1, 1, SEQUENCES - 1), sequence
 
 
 def parse_clock_sync(message: Mapping[str, Any]) -> float:
@@ -205,9 +205,9 @@ def stream_request_text(request: StreamRequest) -> bytes:
     return _written({"op": "stream_request", **asdict(request)})
 
 
-def credit_text(frames: int, taken: int | None) -> bytes:
+def credit_text(frames: int, sequence: int | None) -> bytes:
     """Write a credit."""
-    return _written({"op": "credit", "frames": frames, "taken": taken})
+    return _written({"op": "credit", "frames": frames, "taken": sequence})
 
 
 def clock_sync_text(t_ms: float) -> bytes:

@@ -56,8 +56,8 @@ class FramesHandler:
         if not web.WebSocketResponse().can_prepare(request):
             raise HttpError(426, "cannot open frames: connect with a WebSocket")
         topic = topic_of(request)
-        asked = request_of(request.headers, request.cookies, request.query)
-        permit = await self._context.access.for_frames(asked, request.match_info["name"])
+        access_request = request_of(request.headers, request.cookies, request.query)
+        permit = await self._context.access.for_frames(access_request, request.match_info["name"])
         socket = ViewerSocket(MAX_TEXT_BYTES)
         session = FramesSession(socket, permit, self._context, self._limits)
         connection = connection_of(permit, topic, session.end)
@@ -156,17 +156,17 @@ class FramesSession(OperatorConnection):
             self.stream_request = parse_stream_request(message)
             self._feed.due.set()
 
-    def _on_credit(self, frames: int, taken: int | None) -> None:
+    def _on_credit(self, frames: int, sequence: int | None) -> None:
         if self.stream_request is None:
             raise BrokenFramesError("stream_request comes before credit")
         self._credits = min(self._credits + frames, MAX_CREDITS)
-        if taken is None and self._under_way:
+        if sequence is None and self._under_way:
             # A client that does not say which.
-            taken = self._under_way[min(frames, len(self._under_way)) - 1]
-        if taken is not None and taken in self._under_way:
-            while self._under_way.popleft() != taken:
+            sequence = self._under_way[min(frames, len(self._under_way)) - 1]
+        if sequence is not None and sequence in self._under_way:
+            while self._under_way.popleft() != sequence:
                 pass
-            self._feed.taken(taken)
+            self._feed.taken(sequence)
 
     def _push(self) -> None:
         """Write what is due, unless something still waits in this program: then it would wait, too."""

@@ -68,8 +68,8 @@ class VideoHandler:
         if request.method not in {"GET", "HEAD"}:
             raise HttpError(405, f"cannot {request.method} video: it can only be read")
         check_destination(request.headers)
-        asked = request_of(request.headers, request.cookies, request.query)
-        permit = await self._context.access.for_video(asked, request.match_info["name"])
+        access_request = request_of(request.headers, request.cookies, request.query)
+        permit = await self._context.access.for_video(access_request, request.match_info["name"])
 
         def cut(_why: CloseReason | None = None) -> None:
             # aiohttp cancels the handler of a connection that is gone.
@@ -77,7 +77,7 @@ class VideoHandler:
                 request.transport.abort()
 
         # A ticket is what a page of another site asks with, which may then show the frame.
-        embeddable = asked.ticket is not None
+        embeddable = access_request.ticket is not None
         connection = connection_of(permit, request.query.get("topic", ""), cut)
         if (why := self._context.connections.no_room(connection)) is not None:
             raise TooManyConnectionsError(f"cannot show video of robot {permit.robot.name}: {why}")
@@ -174,9 +174,9 @@ def path_for_robot(raw_path: str, raw_query: str) -> str:
     return f"{path}?{ESCAPED_SLASH.sub('/', '&'.join(parts))}" if parts else path
 
 
-def _names(part: str, wanted: str) -> bool:
+def _names(part: str, parameter: str) -> bool:
     """Return whether a part of a query has this name as `access` reads it: in any spelling."""
-    return any(name == wanted for name, _ in parse_qsl(part, keep_blank_values=True))
+    return any(name == parameter for name, _ in parse_qsl(part, keep_blank_values=True))
 
 
 def _no_answer(

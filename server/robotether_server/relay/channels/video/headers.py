@@ -85,23 +85,23 @@ def headers_for_viewer(
 
     Raises DestinationRefusedError for the robot's own multipart answer where a document is shown.
     """
-    kept = _passing(headers, RESPONSE_HEADERS)
-    is_multipart = kept.get("Content-Type", "").strip().lower().startswith(MULTIPART)
+    response_headers = _passing(headers, RESPONSE_HEADERS)
+    is_multipart = response_headers.get("Content-Type", "").strip().lower().startswith(MULTIPART)
     if is_multipart and destination in OF_DOCUMENTS:
         raise DestinationRefusedError(
             f"cannot show this stream as {destination!r}: show it as an image of a page"
         )
-    if not PASSING_TYPE.fullmatch(kept.get("Content-Type", "")):
-        kept.update(UNKNOWN_TYPE)
-    kept.update(_our_headers(embeddable=embeddable))
-    return kept
+    if not PASSING_TYPE.fullmatch(response_headers.get("Content-Type", "")):
+        response_headers.update(UNKNOWN_TYPE)
+    response_headers.update(_our_headers(embeddable=embeddable))
+    return response_headers
 
 
 def _passing(headers: Mapping[str, str], names: Collection[str]) -> CIMultiDict[str]:
     """Keep these headers; but none that cannot be written again: bytes over 0x7F and control characters."""
-    found = ((name, headers[name]) for name in names if name in headers)
+    pairs = ((name, headers[name]) for name in names if name in headers)
     return CIMultiDict(
-        (name, text) for name, text in found if text.isascii() and text.isprintable()
+        (name, text) for name, text in pairs if text.isascii() and text.isprintable()
     )
 
 

@@ -172,16 +172,16 @@ class StreamSession:
 
 def stream_request_of(request: web.Request) -> StreamRequest:
     """Read out of a stream's query what is wanted; a quality is the best, and less on a narrow link."""
-    asked: dict[str, object] = {}
+    members: dict[str, object] = {}
     names = {"quality": "quality_max", "width": "width", "height": "height"}
     try:
         for name, member in names.items():
             if name in request.query:
-                asked[member] = int(request.query[name])
-        asked["quality_min"] = min(
+                members[member] = int(request.query[name])
+        members["quality_min"] = min(
             StreamRequest().quality_min, int(request.query.get("quality", "100"))
         )
-        return parse_stream_request(asked)
+        return parse_stream_request(members)
     except (ValueError, BrokenFramesError) as exc:
         raise FieldInvalidError(
             "cannot show a stream: quality is 1 to 100, width and height go together, in pixels up to 4096"

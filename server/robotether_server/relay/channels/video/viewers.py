@@ -48,11 +48,11 @@ def connection_of(permit: Permit, camera: str, end: Callable[[CloseReason], None
 @contextmanager
 def counted(context: VideoContext, permit: Permit, connection: Connection) -> Iterator[None]:
     """Count a viewer inside the block, have it ended when it may see no more, and the robot send video."""
-    gone = partial(connection.end, close_reasons.rights_ended(permit.robot.name))
+    on_rights_ended = partial(connection.end, close_reasons.rights_ended(permit.robot.name))
     robot = context.registry.ensure_robot(permit.robot.id)
     with (
         context.connections.joined(connection),
-        context.credentials.held(permit.credential, gone),
+        context.credentials.held(permit.credential, on_rights_ended),
         robot.usage.counted(),
         robot.media_demand.counted(),
     ):
