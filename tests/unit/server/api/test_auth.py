@@ -151,13 +151,6 @@ def test_others_are_refused_before_anything_is_looked_at(
     assert audit_kinds(database) == []
 
 
-def test_nobody_reaches_what_is_for_admins(program: Browser) -> None:
-    """401 before all else."""
-    for method, path in for_admins(program):
-        answer = program.ask(method, f"/api/v1{path}", json={"rubbish": 1})
-        assert (answer.status_code, answer.json["code"]) == (401, "login_missing"), path
-
-
 def test_login_changes_nothing_without_the_pages_token(app: Flask, program: Browser) -> None:
     """Another site could send the cookie along."""
     browser = Browser(app.test_client())

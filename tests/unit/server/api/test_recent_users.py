@@ -24,16 +24,6 @@ def test_a_user_is_found_by_the_credential_until_its_time_is_over() -> None:
     assert users.find(LOGIN) == ANN
 
 
-def test_what_is_denied_is_forgotten_alone() -> None:
-    users = RecentUsers(lambda: 0.0)
-    users.note(LOGIN, ANN)
-    users.note(TOKEN, ANN)
-    users.forget(TOKEN)
-    users.forget(TOKEN)
-    assert users.find(LOGIN) == ANN
-    assert users.find(TOKEN) is None
-
-
 def test_users_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """What was confirmed longest ago goes first."""
     monkeypatch.setattr(recent_users, "MAX_RECENT", 2)

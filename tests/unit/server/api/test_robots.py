@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 from api_visitor import Program, new_public_key
-from drive_settings import DOCK
 from robot_signer import RobotSigner
 from robotether_server.db import Database
 from web_visitor import Browser
@@ -100,13 +99,3 @@ def test_only_managers_may(root: Program, ann: Program, path: str) -> None:
     root.ask("PUT", "/grants/ann/sim1", {"level": "drive"})
     assert ann.refused("PUT", path, {"nonsense": 1}) == (403, "grant_missing")
     assert ann.refused("PUT", path.replace("sim1", "sim2"), {}) == (404, "robot_unknown")
-
-
-@pytest.mark.usefixtures("_ann_manages")
-def test_an_admin_may_not_take_a_buttons_right_away_unseen(root: Program, ann: Program) -> None:
-    """The refusal names the button, which goes first."""
-    ann.ask("PUT", BUTTONS, {"buttons": [DOCK]})
-    answer = root.ask("PATCH", "/robots/sim1", {"settings": {"buttons": [DOCK]}})
-    assert answer.status_code == 422
-    assert "cannot use button 'Dock'" in answer.json["detail"]
-    assert root.ask("PATCH", "/robots/sim1", {"settings": {}}).status_code == 200

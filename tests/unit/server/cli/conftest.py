@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from functools import partial
 from io import StringIO
 from pathlib import Path
 
@@ -23,24 +24,10 @@ class Terminal(StringIO):
         return True
 
 
-@pytest.fixture
-def run(
-    mariadb: MariaDb,
-    database: Database,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> Run:
-    """Run a command as in the web container; `stdin` is what it may read, `terminal` what a person types."""
-    settings = mariadb.settings("web")
-    for name, value in (
-        ("DB_HOST", settings.host),
-        ("DB_PORT", str(settings.port)),
-        ("DB_USER", settings.user),
-        ("DB_PASSWORD", settings.password),
-    ):
-        monkeypatch.setenv(name, value)
+def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Return what runs a command; `stdin` is what it may read, `terminal` what a person types."""
 
-    def run_command(*arguments: str, stdin: str = "", terminal: str | None = None) -> Done:
+    def run_command(*arguments: object, stdin: str = "", terminal: str | None = None) -> Done:
         monkeypatch.setattr(sys, "argv", ["robotether", *map(str, arguments)])
         typed = StringIO(stdin) if terminal is None else Terminal(terminal)
         monkeypatch.setattr(sys, "stdin", typed)
@@ -50,6 +37,26 @@ def run(
         return Done(int(ended.value.code or 0), printed.out, printed.err)
 
     return run_command
+
+
+@pytest.fixture
+def run(
+    mariadb: MariaDb,
+    database: Database,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Run:
+    """Run a command as in the web container."""
+    settings = mariadb.settings("web")
+    for name, value in (
+        ("DB_HOST", settings.host),
+        ("DB_PORT", str(settings.port)),
+        ("DB_USER", settings.user),
+        ("DB_PASSWORD", settings.password),
+    ):
+        monkeypatch.setenv(name, value)
+
+    return runner(monkeypatch, capsys)
 
 
 @pytest.fixture
@@ -65,16 +72,8 @@ def network(tmp_path: Path) -> Iterator[ShellNetwork]:
 
 @pytest.fixture
 def run_fleet(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run `robotether fleet ...`."""
-
-    def run(*arguments: object) -> Done:
-        monkeypatch.setattr(sys, "argv", ["robotether", "fleet", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return Done(int(ended.value.code or 0), printed.out, printed.err)
-
-    return run
+    """Run `robotether fleet ...`, which needs no setting."""
+    return partial(runner(monkeypatch, capsys), "fleet")
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import datetime as dt
 
 from robotether_server.cli import robot_texts
 from robotether_server.db.robots import RobotRow
-from robotether_server.db.seen_robots import RecordedSession, SeenRobot
+from robotether_server.db.seen_robots import SeenRobot
 
 AT = dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)
 ROBOT = RobotRow(7, "00:1b:44:11:3a:b7", "sim1", "pending", 20000, 20001, None, {})
@@ -18,16 +18,6 @@ def test_robot_that_has_not_joined_says_so() -> None:
     fields = dict(robot_texts.identity(ROBOT))
     assert fields["host name"] == fields["address"] == fields["joined"] == "not joined yet"
     assert fields["key"] == "none yet"
-
-
-def test_row_fits_its_heads() -> None:
-    """Each table has as many cells as heads."""
-    seen = SeenRobot(ROBOT, False, AT, "manage")
-    assert len(robot_texts.as_row(seen)) == len(robot_texts.HEADS)
-    session = RecordedSession(AT, None, None, "::1", None)
-    row = robot_texts.as_session_row(session)
-    assert row == ("2026-01-02 03:04:05", "ongoing", "-", "::1", "-")
-    assert len(row) == len(robot_texts.SESSION_HEADS)
 
 
 def test_presence_is_told_with_its_time() -> None:

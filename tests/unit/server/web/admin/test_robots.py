@@ -300,13 +300,6 @@ def test_action_is_done_and_audited(
     assert details.items() <= newest.details.items()
 
 
-@pytest.mark.parametrize("action", ["enable", "rotate-key"])
-def test_what_the_state_does_not_allow_is_said(admin: Browser, action: str) -> None:
-    """The page that asked says so."""
-    answer = send(admin, f"/admin/robots/sim1/{action}")
-    assert (answer.status_code, "it is pending" in answer.text) == (409, True)
-
-
 def test_form_of_the_mac_has_the_present_one(admin: Browser) -> None:
     """An admin sees what changes."""
     assert f'value="{MAC}"' in admin.ask("GET", "/admin/robots/sim1/mac").text
