@@ -16,7 +16,7 @@ from msgspec import Meta, Struct
 
 from robotether_server import schemas
 from robotether_server.problems import FieldInvalidError
-from robotether_server.schemas import RosName
+from robotether_server.schemas import RosName, setting
 
 Kind = Literal["publish", "call"]
 
@@ -66,28 +66,39 @@ def _text(fields: dict[str, Any]) -> str:
     return json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
-Fields = Annotated[dict[str, Any], Meta(extra={"read": _fields})]
-Name = Annotated[str, Meta(min_length=1, max_length=MAX_NAME_LENGTH)]
+Fields = Annotated[
+    dict[str, Any],
+    Meta(extra={"read": _fields}),
+    setting("Sends", 'The message or the arguments, as a JSON object: {"data": true}. Empty: {}.'),
+]
+Name = Annotated[
+    str,
+    Meta(min_length=1, max_length=MAX_NAME_LENGTH),
+    setting("Name", "Its label, such as Dock or Lights on."),
+]
+Target = Annotated[RosName, setting("Topic or service", "A full name, such as /lights or /dock.")]
+TYPE = setting("Type", "Such as std_msgs/Bool or std_srvs/Trigger. May be empty for a service.")
+Confirm = Annotated[bool, setting("Ask before it sends")]
 
 
 class PublishButton(Struct, forbid_unknown_fields=True, tag_field="kind", tag="publish"):
     """A button that publishes a message."""
 
     name: Name
-    topic: RosName
-    type: Annotated[str, Meta(min_length=1, extra={"read": _type})]
+    topic: Target
+    type: Annotated[str, Meta(min_length=1, extra={"read": _type}), TYPE]
     msg: Fields = {}
-    confirm: bool = False
+    confirm: Confirm = False
 
 
 class CallButton(Struct, forbid_unknown_fields=True, tag_field="kind", tag="call"):
     """A button that calls a service."""
 
     name: Name
-    service: RosName
-    type: Annotated[str, Meta(extra={"read": _type_or_nothing})] = ""
+    service: Target
+    type: Annotated[str, Meta(extra={"read": _type_or_nothing}), TYPE] = ""
     args: Fields = {}
-    confirm: bool = False
+    confirm: Confirm = False
 
 
 GivenButton = PublishButton | CallButton

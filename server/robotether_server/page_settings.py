@@ -14,7 +14,7 @@ from msgspec import Meta, Struct, structs
 
 from robotether_server import schemas
 from robotether_server.problems import FieldInvalidError
-from robotether_server.schemas import RosName
+from robotether_server.schemas import RosName, setting
 
 Kind = Literal["differential", "holonomic", "ackermann"]
 DriveType = Literal[
@@ -40,18 +40,20 @@ CameraTopic = Annotated[
         },
     ),
 ]
-# The guard's limits stay in force: the page offers the lower of both.
+# Of the guard, too; the page offers the lower limit of both. No robot needs more; the lowest is next to rest.
 Speed = Annotated[float, Meta(ge=0.001, le=100)]
 Percent = Annotated[int, Meta(ge=1, le=100)]
 Pixels = Annotated[int, Meta(ge=1, le=4096)]
+BY_TYPE = "found by its type"
+CAMERAS_OWN = "the camera's own"
 
 
 class Camera(Struct, frozen=True, forbid_unknown_fields=True):
     """A camera; the page shows them in this order."""
 
-    topic: CameraTopic
-    name: Annotated[str, Meta(min_length=1, max_length=MAX_LABEL_LENGTH)]
-    turned_deg: Turn = 0
+    topic: Annotated[CameraTopic, setting("Topic")]
+    name: Annotated[str, Meta(min_length=1, max_length=MAX_LABEL_LENGTH), setting("Name")]
+    turned_deg: Annotated[Turn, setting("Turned by")] = 0
 
 
 class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
@@ -62,27 +64,112 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
     because of old video.
     """
 
-    kind: Kind = "differential"
-    drive_topic: RosName | None = None
-    drive_type: DriveType | None = None
-    max_speed_m_s: Speed | None = None
-    max_turn_rad_s: Speed | None = None
-    wheelbase_m: Annotated[float, Meta(ge=0.01, le=100)] | None = None
+    kind: Annotated[
+        Kind,
+        setting(
+            "How it moves",
+            options={
+                "differential": "Drives and turns (differential)",
+                "holonomic": "Moves sideways too (holonomic)",
+                "ackermann": "Steers like a car (Ackermann)",
+            },
+        ),
+    ] = "differential"
+    drive_topic: Annotated[
+        RosName | None,
+        setting("Drive topic", "One of the guard's drive topics.", empty="the guard's first"),
+    ] = None
+    drive_type: Annotated[
+        DriveType | None,
+        setting(
+            "Type of drive commands",
+            "Used while the robot does not report the type of its drive topic.",
+            empty="automatic",
+            options={
+                "": "Automatic: TwistStamped from ROS 2 Jazzy on, else Twist",
+                "geometry_msgs/Twist": "Twist",
+                "geometry_msgs/TwistStamped": "TwistStamped",
+                "ackermann_msgs/AckermannDriveStamped": "AckermannDriveStamped",
+            },
+        ),
+    ] = None
+    max_speed_m_s: Annotated[
+        Speed | None,
+        setting(
+            "Driver's limit",
+            "Without either limit the page offers 1 m/s.",
+            unit="m/s",
+            empty="the robot's limit",
+            beside="guard.max_speed_m_s",
+        ),
+    ] = None
+    max_turn_rad_s: Annotated[
+        Speed | None,
+        setting(
+            "Driver's turn limit",
+            "Without either limit the page offers 86 °/s.",
+            unit="°/s",
+            empty="the robot's limit",
+            beside="guard.max_turn_rad_s",
+        ),
+    ] = None
+    wheelbase_m: Annotated[
+        Annotated[float, Meta(ge=0.01, le=100)] | None,
+        setting("Wheelbase", "For robots that steer like a car.", unit="m", empty="not known"),
+    ] = None
     cameras: Annotated[tuple[Camera, ...], Meta(max_length=MAX_CAMERAS)] = ()
     # The stream request (docs/reference/media.md).
-    quality_min: Percent = 20
-    quality_max: Percent = 80
-    fps: Annotated[float, Meta(ge=0.1, le=60)] = 15
-    latency_ms: Annotated[int, Meta(ge=50, le=5000)] = 300
-    width: Pixels | None = None
-    height: Pixels | None = None
-    hold_after_ms: Annotated[int, Meta(ge=300, le=10_000)] | None = 1000
-    odometry_topic: RosName | None = None
-    scan_topic: RosName | None = None
-    map_topic: RosName | None = None
-    battery_topic: RosName | None = None
-    battery_unit: BatteryUnit | None = None
-    diagnostics_topic: RosName | None = None
+    quality_min: Annotated[
+        Percent, setting("Lowest quality", "On a slow link, quality falls to this.")
+    ] = 20
+    quality_max: Annotated[
+        Percent, setting("Highest quality", "On a good link, quality rises to this.")
+    ] = 80
+    fps: Annotated[float, Meta(ge=0.1, le=60), setting("Frames a second")] = 15
+    latency_ms: Annotated[
+        int, Meta(ge=50, le=5000), setting("Highest age to aim for", unit="ms")
+    ] = 300
+    width: Annotated[Pixels | None, setting("Width", unit="pixels", empty=CAMERAS_OWN)] = None
+    height: Annotated[Pixels | None, setting("Height", unit="pixels", empty=CAMERAS_OWN)] = None
+    hold_after_ms: Annotated[
+        Annotated[int, Meta(ge=300, le=10_000)] | None,
+        setting(
+            "Frozen after",
+            unit="ms",
+            empty="never",
+            box="Stop driving when the video freezes",
+            box_hint="If it is off, people may drive by a frozen picture. A driver can also choose once to drive "
+            "without video.",
+        ),
+    ] = 1000
+    odometry_topic: Annotated[
+        RosName | None, setting("Odometry", "For the path.", empty=BY_TYPE)
+    ] = None
+    scan_topic: Annotated[
+        RosName | None, setting("Laser scan", "Drawn around the robot.", empty=BY_TYPE)
+    ] = None
+    map_topic: Annotated[
+        RosName | None, setting("Map", "Drawn under the robot.", empty=BY_TYPE)
+    ] = None
+    battery_topic: Annotated[
+        RosName | None, setting("Battery", "How full it is.", empty=BY_TYPE)
+    ] = None
+    battery_unit: Annotated[
+        BatteryUnit | None,
+        setting(
+            "Battery counts",
+            "Set this if the battery shows ? or a wrong level.",
+            empty="automatic",
+            options={
+                "": "Automatic: by what the robot has shown",
+                "fraction": "From 0 to 1",
+                "percent": "From 0 to 100",
+            },
+        ),
+    ] = None
+    diagnostics_topic: Annotated[
+        RosName | None, setting("Diagnostics", "What its parts say.", empty=BY_TYPE)
+    ] = None
 
     def as_dict(self) -> dict[str, object]:
         """Return the JSON members, all of them."""

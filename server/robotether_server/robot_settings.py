@@ -20,9 +20,9 @@ from robotether_common.ros import Globs
 from robotether_server import buttons as button_settings
 from robotether_server import page_settings, schemas
 from robotether_server.buttons import Button, GivenButtons
-from robotether_server.page_settings import PageSettings
+from robotether_server.page_settings import PageSettings, Speed
 from robotether_server.problems import FieldInvalidError
-from robotether_server.schemas import GLOBS_SCHEMA, GivenGlobs, Level
+from robotether_server.schemas import GLOBS_SCHEMA, GivenGlobs, Level, setting
 
 SHELL_USER_PATTERN = "^[a-z_][a-z0-9_-]*$"
 MAX_SHELL_USER_LENGTH = 32
@@ -64,25 +64,86 @@ Region = Annotated[
 DriveTopics = Annotated[
     Globs,
     Meta(extra_json_schema=GLOBS_SCHEMA | {"minItems": 1}, extra={"read": _drive_topics}),
+    setting(
+        "Drive topics",
+        "Topics that move the robot: Twist, TwistStamped or AckermannDriveStamped.",
+        typed="Full names, one a line; * stands for any text.",
+    ),
 ]
 GuardTime = Annotated[int, Meta(ge=TIMES_MS[0], le=TIMES_MS[1])]
-# No robot needs more; so small a limit as the lowest is next to rest.
-Speed = Annotated[float, Meta(ge=0.001, le=100)]
 Acceleration = Annotated[float, Meta(ge=0.001, le=1000)]
 Angle = Annotated[float, Meta(ge=0.001, le=3.2)]
+Publish = Annotated[GivenGlobs, setting("Publish to", "Topics in addition to the drive topics.")]
+Call = Annotated[
+    GivenGlobs, setting("Call", "Services and actions, in addition to the look-ups of /rosapi.")
+]
+NO_LIMIT = "no limit"
 
 
 class GuardSettings(Struct, frozen=True, forbid_unknown_fields=True):
     """The limits of the guard on the robot for drive commands; null: no limit."""
 
     drive_topics: DriveTopics = field(default_factory=lambda: Globs(DEFAULT_TOPICS))
-    deadman_ms: GuardTime = DEFAULT_MS
-    max_age_ms: GuardTime = DEFAULT_MS
-    max_speed_m_s: Speed | None = None
-    max_turn_rad_s: Speed | None = None
-    max_acceleration_m_s2: Acceleration | None = None
-    max_turn_acceleration_rad_s2: Acceleration | None = None
-    max_steering_rad: Angle | None = None
+    deadman_ms: Annotated[
+        GuardTime,
+        setting(
+            "Stop if no command arrives for",
+            "Counted from the last command that moves the robot.",
+            unit="ms",
+        ),
+    ] = DEFAULT_MS
+    max_age_ms: Annotated[
+        GuardTime,
+        setting(
+            "Ignore commands older than",
+            "Their age is checked when they arrive. A change stops the robot and disconnects everyone.",
+            unit="ms",
+        ),
+    ] = DEFAULT_MS
+    max_speed_m_s: Annotated[
+        Speed | None,
+        setting(
+            "Robot's limit",
+            "Faster commands are reduced to it.",
+            unit="m/s",
+            empty=NO_LIMIT,
+            beside="page.max_speed_m_s",
+        ),
+    ] = None
+    max_turn_rad_s: Annotated[
+        Speed | None,
+        setting(
+            "Robot's turn limit",
+            "Faster turns are reduced to it.",
+            unit="°/s",
+            empty=NO_LIMIT,
+            beside="page.max_turn_rad_s",
+        ),
+    ] = None
+    max_acceleration_m_s2: Annotated[
+        Acceleration | None,
+        setting(
+            "Top acceleration",
+            "Limited only while the speed grows; braking is never delayed.",
+            unit="m/s²",
+            empty=NO_LIMIT,
+        ),
+    ] = None
+    max_turn_acceleration_rad_s2: Annotated[
+        Acceleration | None,
+        setting(
+            "Top turn acceleration",
+            "Limited only while the turn grows.",
+            unit="°/s²",
+            empty=NO_LIMIT,
+        ),
+    ] = None
+    max_steering_rad: Annotated[
+        Angle | None,
+        setting(
+            "Maximum steering angle", "For robots that steer like a car.", unit="°", empty=NO_LIMIT
+        ),
+    ] = None
 
     def as_dict(self) -> dict[str, object]:
         """Return the JSON members, all of them, as they go to the agent."""
@@ -103,30 +164,34 @@ class LevelPolicy(Struct, frozen=True):
 class Limits(Struct, frozen=True, forbid_unknown_fields=True):
     """Limits of one connection."""
 
-    subscriptions: Annotated[int, Meta(ge=1, le=10_000)] = 100
-    messages_per_s: Annotated[int, Meta(ge=1, le=100_000)] = 2000
-    message_kb: Annotated[int, Meta(ge=1, le=10_240)] = 1024
+    subscriptions: Annotated[int, Meta(ge=1, le=10_000), setting("Subscriptions")] = 100
+    messages_per_s: Annotated[int, Meta(ge=1, le=100_000), setting("Messages a second")] = 2000
+    message_kb: Annotated[int, Meta(ge=1, le=10_240), setting("Largest message", unit="KB")] = 1024
 
 
 class ObserveNames(Struct, frozen=True, forbid_unknown_fields=True):
     """The names that observers may use. A level can never do what it has no member for."""
 
-    subscribe: GivenGlobs = field(default_factory=lambda: EVERYTHING)
+    subscribe: Annotated[
+        GivenGlobs, setting("Subscribe to", "Topics that they may subscribe to.")
+    ] = field(default_factory=lambda: EVERYTHING)
 
 
 class DriveNames(ObserveNames, frozen=True):
     """The names that drivers may use, beside the drive topics."""
 
-    publish: GivenGlobs = field(default_factory=lambda: NOTHING)
-    call: GivenGlobs = field(default_factory=lambda: NOTHING)
+    publish: Publish = field(default_factory=lambda: NOTHING)
+    call: Call = field(default_factory=lambda: NOTHING)
 
 
 class ManageNames(ObserveNames, frozen=True):
     """The names that managers may use, beside the drive topics."""
 
-    publish: GivenGlobs = field(default_factory=lambda: EVERYTHING)
-    call: GivenGlobs = field(default_factory=lambda: EVERYTHING)
-    serve: GivenGlobs = field(default_factory=lambda: EVERYTHING)
+    publish: Publish = field(default_factory=lambda: EVERYTHING)
+    call: Call = field(default_factory=lambda: EVERYTHING)
+    serve: Annotated[
+        GivenGlobs, setting("Serve", "Services and actions that they may offer to the robot.")
+    ] = field(default_factory=lambda: EVERYTHING)
 
 
 class GivenPolicy(Struct, frozen=True, forbid_unknown_fields=True):

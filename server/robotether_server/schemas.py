@@ -115,6 +115,11 @@ GivenTimestamp = Annotated[
 ]
 
 
+def setting(title: str, description: str | None = None, **extra: object) -> Meta:
+    """Return what forms and the API's description say of a setting; `extra` is for web/pages/setting_fields.py."""
+    return Meta(title=title, description=description, extra=extra)
+
+
 def read_globs(given: object, path: str) -> Globs:
     """Return patterns for names; raise FieldInvalidError."""
     if not isinstance(given, list | tuple) or len(given) > MAX_GLOBS:
@@ -156,11 +161,12 @@ AT_LEAST_ONE = Meta(extra_json_schema={"minProperties": 1})
 
 
 class StructField(NamedTuple):
-    """A member of a Struct: its name outside, its type, and what msgspec and `extra` know of that type."""
+    """A member of a Struct: its name outside, its type, its `words` for JSON Schema, and the `extra` of that type."""
 
     name: str
     hint: Any
-    kind: inspect.Type
+    kind: Any
+    words: Mapping[str, Any]
     extra: Mapping[str, Any]
     may_be_null: bool
     is_required: bool
@@ -221,6 +227,18 @@ def check(name: str, given: object, hint: Any) -> None:
         raise _refusal(name, field)
 
 
+def member(kind: type[msgspec.Struct], path: str) -> StructField:
+    """Return a member of a Struct or of those in it, by a path such as guard.deadman_ms."""
+    first, dot, rest = path.partition(".")
+    field = _fields(kind)[first]
+    return member(field.kind.cls, rest) if dot else field
+
+
+def words(kind: type[msgspec.Struct]) -> Mapping[str, Mapping[str, Any]]:
+    """Return the words of a Struct's members, such as their `title`."""
+    return {name: field.words for name, field in _fields(kind).items()}
+
+
 def _check_known(given: Mapping[str, object], known: list[str], of: str) -> None:
     """Raise FieldInvalidError for a member that nobody would read, such as a misspelt one."""
     for key in given:
@@ -248,17 +266,19 @@ def _info(hint: Any) -> Any:
 
 
 def _field(name: str, hint: Any, kind: inspect.Type, *, is_required: bool) -> StructField:
+    words: dict[str, Any] = {}
     extra: dict[str, Any] = {}
     may_be_null = False
     while True:
         if isinstance(kind, inspect.Metadata):
+            words |= kind.extra_json_schema or {}
             extra |= kind.extra or {}
             kind = kind.type
         elif isinstance(kind, inspect.UnionType) and kind.includes_none:
             [kind] = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
             may_be_null = True
         else:
-            return StructField(name, hint, kind, extra, may_be_null, is_required)
+            return StructField(name, hint, kind, words, extra, may_be_null, is_required)
 
 
 def _read_field(given: object, field: StructField, path: str) -> object:
@@ -350,7 +370,7 @@ def _longest(field: StructField) -> int:
     if isinstance(field.kind, inspect.DateTimeType):
         return times.MAX_TEXT_LENGTH
     # A text without either is a mistake in its type.
-    return int(field.extra.get("longest") or field.kind.max_length)  # type: ignore[attr-defined] # it is a StrType
+    return int(field.extra.get("longest") or field.kind.max_length)
 
 
 def _number(text: str, field: StructField) -> object:

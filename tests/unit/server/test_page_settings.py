@@ -5,23 +5,10 @@ from __future__ import annotations
 import json
 
 import pytest
-from robotether_server.page_settings import DEFAULTS, MAX_CAMERAS, Camera, parse
+from robotether_server.page_settings import MAX_CAMERAS, Camera, parse
 from robotether_server.problems import FieldInvalidError
 
-# As docs/reference/robot-settings.md shows them.
-DOCUMENTED = """
-{"kind": "differential", "drive_topic": null, "drive_type": null, "max_speed_m_s": null, "max_turn_rad_s": null,
- "wheelbase_m": null, "cameras": [], "quality_min": 20, "quality_max": 80, "fps": 15, "latency_ms": 300, "width": null,
- "height": null, "hold_after_ms": 1000, "odometry_topic": null, "scan_topic": null, "map_topic": null,
- "battery_topic": null, "battery_unit": null, "diagnostics_topic": null}
-"""
 FRONT = {"topic": "/camera/image_raw", "name": "Front", "turned_deg": 180}
-
-
-def test_the_defaults_are_the_documented_ones():
-    """A robot without settings has what the page on protocols says, and what is wanted of video is in its bounds."""
-    assert DEFAULTS.as_dict() == json.loads(DOCUMENTED)
-    assert parse(DEFAULTS.as_dict()) == parse({}) == DEFAULTS
 
 
 def test_everything_comes_back_as_it_was_given():

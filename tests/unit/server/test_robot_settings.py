@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
+from typing import Any
 
 import pytest
 from drive_settings import DOCK, LIGHTS
@@ -12,20 +14,7 @@ from robotether_common.ros import MAX_GLOBS, Globs
 from robotether_server.problems import FieldInvalidError
 from robotether_server.robot_settings import DEFAULTS, get_path, is_in, parse, put_path, remove_path
 
-# As docs/reference/robot-settings.md shows them.
-DOCUMENTED_POLICY = """
-{"observe": {"subscribe": ["*"]},
- "drive":   {"subscribe": ["*"], "publish": [], "call": []},
- "manage":  {"subscribe": ["*"], "publish": ["*"], "call": ["*"], "serve": ["*"]},
- "limits":  {"subscriptions": 100, "messages_per_s": 2000, "message_kb": 1024}}
-"""
-DOCUMENTED_GUARD = """
-{"drive_topics": ["/cmd_vel", "*/cmd_vel"], "deadman_ms": 500, "max_age_ms": 500, "max_speed_m_s": null,
- "max_turn_rad_s": null, "max_acceleration_m_s2": null, "max_turn_acceleration_rad_s2": null,
- "max_steering_rad": null}
-"""
-
-
+DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "reference" / "robot-settings.md"
 BUTTONS_POLICY = {"drive": {"publish": ["/lights"], "call": ["/dock"]}}
 NAMES = [
     "page",
@@ -53,12 +42,24 @@ VALUES = st.recursive(
 SETTINGS = {"shell_user": "pi", "guard": {"max_speed_m_s": None, "deadman_ms": 300}}
 
 
-def test_the_defaults_are_the_documented_ones():
-    """A robot without settings has what the page on protocols says."""
-    assert parse({}) == DEFAULTS
-    assert DEFAULTS.policy.as_dict() == json.loads(DOCUMENTED_POLICY)
-    assert DEFAULTS.guard.as_dict() == json.loads(DOCUMENTED_GUARD)
-    assert DEFAULTS.as_given() == {}
+def documented(part: str) -> Any:
+    """The first JSON of a part's section in the reference."""
+    section = DOCUMENT.read_text().split(f"\n## {part}\n", 1)[1]
+    return json.loads(section.split("```json\n", 1)[1].split("```", 1)[0])
+
+
+@pytest.mark.parametrize("part", ["policy", "guard", "page"])
+def test_the_defaults_are_the_documented_ones(part: str) -> None:
+    """All members, as the reference shows them, and what it shows can be set."""
+    assert get_path(DEFAULTS.as_dict(), part) == documented(part)
+    assert parse({part: documented(part)}) == parse({}) == DEFAULTS
+
+
+def test_documented_buttons_can_be_set() -> None:
+    """As they are; one that does not ask first need not say so."""
+    shown = documented("buttons")
+    given = {"policy": BUTTONS_POLICY, "buttons": shown}
+    assert parse(given).as_given()["buttons"] == [{"confirm": False, **one} for one in shown]
 
 
 def test_settings_name_only_what_differs():

@@ -7,9 +7,15 @@ from flask import Blueprint, redirect, render_template, request
 from robotether_common import ros
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server import buttons, robot_settings
+from robotether_server import buttons, robot_settings, schemas
 from robotether_server.api.context import context
-from robotether_server.buttons import MAX_FIELDS_BYTES, MAX_NAME_LENGTH, MEMBERS, Button
+from robotether_server.buttons import (
+    MAX_FIELDS_BYTES,
+    MAX_NAME_LENGTH,
+    MEMBERS,
+    Button,
+    PublishButton,
+)
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalidError, NotPossibleError, RobotetherError
@@ -35,6 +41,8 @@ FORM_NAMES = {
     "button.msg": "sends",
     "button.args": "sends",
 }
+# Those of a button that calls are the same.
+WORDS = schemas.words(PublishButton)
 EMPTY = {"name": "", "kind": "publish", "target": "", "type": "", "sends": "{}", "confirm": ""}
 
 
@@ -159,6 +167,8 @@ def _page(
         was=was,
         problem=problem,
         kinds=KINDS,
+        words=WORDS,
+        longest_target=ros.MAX_NAME_LENGTH,
         longest_name=MAX_NAME_LENGTH,
         longest_sends=MAX_FIELDS_BYTES,
     )
@@ -170,10 +180,10 @@ def _sent() -> Button:
     target, sent = MEMBERS[kind]
     return buttons.parse_one(
         {
-            "name": forms.text("name", "Name", MAX_NAME_LENGTH),
+            "name": forms.text("name", WORDS["name"]["title"], MAX_NAME_LENGTH),
             "kind": kind,
-            target: forms.text("target", "Topic or service", ros.MAX_NAME_LENGTH),
-            "type": forms.optional_text("type", "Type", MAX_TYPE_LENGTH) or "",
+            target: forms.text("target", WORDS["topic"]["title"], ros.MAX_NAME_LENGTH),
+            "type": forms.optional_text("type", WORDS["type"]["title"], MAX_TYPE_LENGTH) or "",
             sent: drive_pages.read(request.form.get("sends", "").strip()),
             "confirm": forms.is_ticked("confirm"),
         }

@@ -19,7 +19,7 @@ from robotether_server import robot_settings, schemas
 from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
-from robotether_server.page_settings import MAX_CAMERAS, TURNS
+from robotether_server.page_settings import MAX_CAMERAS, MAX_LABEL_LENGTH, TURNS, Camera
 from robotether_server.problems import (
     FieldInvalidError,
     FieldsInvalidError,
@@ -97,6 +97,8 @@ def show(tab: Tab, name: str, problem: RobotetherError | None = None) -> str:
         usual={field.path: line_of(field, get_path(DEFAULTS, field.path)) for field in tab.fields},
         ticked=[field.path for field in tab.fields if field.box and _is_ticked(field, present)],
         cameras=_camera_rows(present),
+        camera_words=schemas.words(Camera),
+        longest_name=MAX_LABEL_LENGTH,
         turns=[(turn, f"{turn}°") for turn in TURNS],
         was=request.form.get("was") or _shown(tab, present),
         problem=problem,

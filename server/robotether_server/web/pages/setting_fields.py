@@ -8,31 +8,30 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_server import robot_settings
-from robotether_server.page_settings import BatteryUnit, DriveType, Kind
+from msgspec import inspect
+
+from robotether_server import robot_settings, schemas
 from robotether_server.problems import FieldInvalidError
-from robotether_server.robot_settings import get_path, is_in
+from robotether_server.robot_settings import GivenSettings, get_path, is_in
+from robotether_server.schemas import Level
 from robotether_server.web import forms
 
-KIND_WORDS: tuple[tuple[Kind, str], ...] = (
-    ("differential", "Drives and turns (differential)"),
-    ("holonomic", "Moves sideways too (holonomic)"),
-    ("ackermann", "Steers like a car (Ackermann)"),
-)
-TYPE_WORDS: tuple[tuple[DriveType | Literal[""], str], ...] = (
-    ("", "Automatic: TwistStamped from ROS 2 Jazzy on, else Twist"),
-    ("geometry_msgs/Twist", "Twist"),
-    ("geometry_msgs/TwistStamped", "TwistStamped"),
-    ("ackermann_msgs/AckermannDriveStamped", "AckermannDriveStamped"),
-)
-BATTERY_WORDS: tuple[tuple[BatteryUnit | Literal[""], str], ...] = (
-    ("", "Automatic: by what the robot has shown"),
-    ("fraction", "From 0 to 1"),
-    ("percent", "From 0 to 100"),
-)
 CAMERAS_PATH = "page.cameras"
+LEVELS: tuple[tuple[Level, str, str], ...] = (
+    ("observe", "Observers", "What people who only watch may read."),
+    ("drive", "Drivers", "What drivers may read, publish and call."),
+    ("manage", "Managers", "What managers may read, publish and call while driving."),
+)
 # Number of digits after the point of an angle in degrees.
 DEGREES_DIGITS = 3
+Kind = Literal["globs", "number", "whole", "topic", "choice"]
+KINDS: Mapping[type[inspect.Type], Kind] = {
+    inspect.CustomType: "globs",
+    inspect.FloatType: "number",
+    inspect.IntType: "whole",
+    inspect.StrType: "topic",
+    inspect.LiteralType: "choice",
+}
 
 
 @dataclass(frozen=True)
@@ -45,9 +44,10 @@ class SettingField:
     """
 
     path: str
+    title: str
     label: str
     hint: str
-    kind: Literal["globs", "number", "whole", "topic", "choice"] = "number"
+    kind: Kind
     empty: str = ""
     box: str = ""
     box_hint: str = ""
@@ -65,6 +65,29 @@ class SettingField:
         """Return the number that a text means; one that is none stays a text."""
         value = forms.number_or_text(text, whole=self.kind == "whole")
         return math.radians(value) if self.in_degrees and isinstance(value, float) else value
+
+
+def _field(path: str) -> SettingField:
+    """Return the field of a setting, as its Struct describes it."""
+    member = schemas.member(GivenSettings, path)
+    kind, extra = KINDS[type(member.kind)], member.extra
+    title, unit = member.words["title"], extra.get("unit", "")
+    has_bounds = kind == "whole" or (kind == "number" and not member.may_be_null)
+    bounds = f"{member.kind.ge} to {member.kind.le}." if has_bounds else ""
+    hint = (bounds, member.words.get("description", ""), extra.get("typed", ""))
+    return SettingField(
+        path,
+        title,
+        f"{title} ({unit})" if unit else title,
+        " ".join(filter(None, hint)),
+        kind,
+        extra.get("empty", "none" if kind == "globs" else ""),
+        extra.get("box", ""),
+        extra.get("box_hint", ""),
+        tuple(extra.get("options", {}).items()),
+        extra.get("beside", ""),
+        in_degrees=unit.startswith("°"),
+    )
 
 
 @dataclass(frozen=True)
@@ -95,40 +118,8 @@ class Tab:
         return (field for section in (*self.sections, *self.more) for field in section.fields)
 
 
-def _globs(path: str, label: str, hint: str) -> SettingField:
-    return SettingField(path, label, hint, "globs", "none")
-
-
-def _limit(
-    path: str, label: str, hint: str, *, beside: str = "", in_degrees: bool = False
-) -> SettingField:
-    return SettingField(path, label, hint, empty="no limit", beside=beside, in_degrees=in_degrees)
-
-
-def _whole(path: str, label: str, hint: str, empty: str = "") -> SettingField:
-    return SettingField(path, label, hint, "whole", empty)
-
-
-def _topic(path: str, label: str, hint: str) -> SettingField:
-    return SettingField(path, label, hint, "topic", "found by its type")
-
-
-def _level(name: str, title: str, about: str, *more: SettingField) -> Section:
-    subscribe = _globs(
-        f"policy.{name}.subscribe", "Subscribe to", "Topics that they may subscribe to."
-    )
-    return Section(title, about, (subscribe, *more))
-
-
-def _publish_and_call(name: str) -> tuple[SettingField, SettingField]:
-    return (
-        _globs(f"policy.{name}.publish", "Publish to", "Topics in addition to the drive topics."),
-        _globs(
-            f"policy.{name}.call",
-            "Call",
-            "Services and actions, in addition to the look-ups of /rosapi.",
-        ),
-    )
+def _section(title: str, about: str, part: str, names: str) -> Section:
+    return Section(title, about, tuple(_field(f"{part}.{name}") for name in names.split()))
 
 
 SAFETY = Tab(
@@ -136,73 +127,23 @@ SAFETY = Tab(
     "",
     "The guard on the robot enforces these limits, whatever happens to the link. A change applies at once.",
     sections=(
-        Section(
-            "Speed and stops",
-            "",
-            (
-                _limit(
-                    "guard.max_speed_m_s",
-                    "Robot's limit (m/s)",
-                    "Faster commands are reduced to it.",
-                    beside="page.max_speed_m_s",
-                ),
-                _limit(
-                    "guard.max_turn_rad_s",
-                    "Robot's turn limit (°/s)",
-                    "Faster turns are reduced to it.",
-                    beside="page.max_turn_rad_s",
-                    in_degrees=True,
-                ),
-                _whole(
-                    "guard.deadman_ms",
-                    "Stop if no command arrives for (ms)",
-                    "200 to 2000. Counted from the last command that moves the robot.",
-                ),
-                _whole(
-                    "guard.max_age_ms",
-                    "Ignore commands older than (ms)",
-                    "200 to 2000. Their age is checked when they arrive. A change stops the robot and disconnects "
-                    "everyone.",
-                ),
-            ),
+        _section(
+            "Speed and stops", "", "guard", "max_speed_m_s max_turn_rad_s deadman_ms max_age_ms"
         ),
     ),
     more_words="drive topics, acceleration, steering",
     more=(
-        Section(
+        _section(
             "Acceleration and steering",
             "",
-            (
-                _limit(
-                    "guard.max_acceleration_m_s2",
-                    "Top acceleration (m/s²)",
-                    "Limited only while the speed grows; braking is never delayed.",
-                ),
-                _limit(
-                    "guard.max_turn_acceleration_rad_s2",
-                    "Top turn acceleration (°/s²)",
-                    "Limited only while the turn grows.",
-                    in_degrees=True,
-                ),
-                _limit(
-                    "guard.max_steering_rad",
-                    "Maximum steering angle (°)",
-                    "For robots that steer like a car.",
-                    in_degrees=True,
-                ),
-            ),
+            "guard",
+            "max_acceleration_m_s2 max_turn_acceleration_rad_s2 max_steering_rad",
         ),
-        Section(
+        _section(
             "Topics that the guard watches",
             "A change stops the robot and disconnects everyone. They must reopen the page.",
-            (
-                _globs(
-                    "guard.drive_topics",
-                    "Drive topics",
-                    "Topics that move the robot: Twist, TwistStamped or AckermannDriveStamped. Full names, one a line; "
-                    "* stands for any text.",
-                ),
-            ),
+            "guard",
+            "drive_topics",
         ),
     ),
     saved="The safety settings of robot {name} are saved.",
@@ -212,53 +153,21 @@ CAMERAS = Tab(
     "Cameras",
     "/cameras",
     sections=(
-        Section(
+        _section(
             "Video",
             "What the drive page requests. Quality and size follow the link within these bounds.",
-            (
-                _whole(
-                    "page.quality_min",
-                    "Lowest quality",
-                    "1 to 100. On a slow link, quality falls to this.",
-                ),
-                _whole(
-                    "page.quality_max",
-                    "Highest quality",
-                    "1 to 100. On a good link, quality rises to this.",
-                ),
-                SettingField("page.fps", "Frames a second", "0.1 to 60."),
-                _whole("page.latency_ms", "Highest age to aim for (ms)", "50 to 5000."),
-            ),
+            "page",
+            "quality_min quality_max fps latency_ms",
         ),
     ),
     more_words="size of the video, topics of map and readings",
     more=(
-        Section(
-            "Size of the video",
-            "Both, or neither.",
-            (
-                _whole("page.width", "Width (pixels)", "1 to 4096.", "the camera's own"),
-                _whole("page.height", "Height (pixels)", "1 to 4096.", "the camera's own"),
-            ),
-        ),
-        Section(
+        _section("Size of the video", "Both, or neither.", "page", "width height"),
+        _section(
             "Topics",
             "Full names.",
-            (
-                _topic("page.odometry_topic", "Odometry", "For the path."),
-                _topic("page.scan_topic", "Laser scan", "Drawn around the robot."),
-                _topic("page.map_topic", "Map", "Drawn under the robot."),
-                _topic("page.battery_topic", "Battery", "How full it is."),
-                SettingField(
-                    "page.battery_unit",
-                    "Battery counts",
-                    "Set this if the battery shows ? or a wrong level.",
-                    "choice",
-                    "automatic",
-                    options=BATTERY_WORDS,
-                ),
-                _topic("page.diagnostics_topic", "Diagnostics", "What its parts say."),
-            ),
+            "page",
+            "odometry_topic scan_topic map_topic battery_topic battery_unit diagnostics_topic",
         ),
     ),
     saved="The cameras of robot {name} are saved. Open pages keep the old ones.",
@@ -267,71 +176,14 @@ DRIVING = Tab(
     "Driving",
     "/driving",
     sections=(
-        Section(
-            "The robot",
-            "",
-            (
-                SettingField("page.kind", "How it moves", "", "choice", options=KIND_WORDS),
-                SettingField(
-                    "page.wheelbase_m",
-                    "Wheelbase (m)",
-                    "For robots that steer like a car.",
-                    empty="not known",
-                ),
-                SettingField(
-                    "page.drive_topic",
-                    "Drive topic",
-                    "One of the guard's drive topics.",
-                    "topic",
-                    "the guard's first",
-                ),
-                SettingField(
-                    "page.drive_type",
-                    "Type of drive commands",
-                    "Used while the robot does not report the type of its drive topic.",
-                    "choice",
-                    "automatic",
-                    options=TYPE_WORDS,
-                ),
-            ),
-        ),
-        Section(
+        _section("The robot", "", "page", "kind wheelbase_m drive_topic drive_type"),
+        _section(
             "Speed of the controls",
             "The most that the drive page offers. The guard's own limits always hold.",
-            (
-                SettingField(
-                    "page.max_speed_m_s",
-                    "Driver's limit (m/s)",
-                    "Without either limit the page offers 1 m/s.",
-                    empty="the robot's limit",
-                    beside="guard.max_speed_m_s",
-                ),
-                SettingField(
-                    "page.max_turn_rad_s",
-                    "Driver's turn limit (°/s)",
-                    "Without either limit the page offers 86 °/s.",
-                    empty="the robot's limit",
-                    beside="guard.max_turn_rad_s",
-                    in_degrees=True,
-                ),
-            ),
+            "page",
+            "max_speed_m_s max_turn_rad_s",
         ),
-        Section(
-            "Frozen video",
-            "",
-            (
-                SettingField(
-                    "page.hold_after_ms",
-                    "Frozen after (ms)",
-                    "300 to 10000.",
-                    "whole",
-                    "never",
-                    box="Stop driving when the video freezes",
-                    box_hint="If it is off, people may drive by a frozen picture. A driver can also choose once to "
-                    "drive without video.",
-                ),
-            ),
-        ),
+        _section("Frozen video", "", "page", "hold_after_ms"),
     ),
     saved="The driving settings of robot {name} are saved. Open pages keep the old ones.",
 )
@@ -342,36 +194,17 @@ PERMISSIONS = Tab(
     "What people may read from the robot and send to it, by their grant. Full names of topics and services, one a "
     "line; * stands for any text: /arm/*, */cmd_vel, *. A change stops the robot and disconnects everyone. They must "
     "reopen the page.",
-    sections=(
-        _level("observe", "Observers", "What people who only watch may read."),
-        _level(
-            "drive",
-            "Drivers",
-            "What drivers may read, publish and call.",
-            *_publish_and_call("drive"),
-        ),
-        _level(
-            "manage",
-            "Managers",
-            "What managers may read, publish and call while driving.",
-            *_publish_and_call("manage"),
-            _globs(
-                "policy.manage.serve",
-                "Serve",
-                "Services and actions that they may offer to the robot.",
-            ),
-        ),
+    sections=tuple(
+        _section(title, about, f"policy.{level}", " ".join(robot_settings.LEVEL_MEMBERS[level]))
+        for level, title, about in LEVELS
     ),
     more_words="limits of each connection",
     more=(
-        Section(
+        _section(
             "Limits of each connection",
             "What exceeds them is refused, and counted in the list of drives.",
-            (
-                _whole("policy.limits.subscriptions", "Subscriptions", "1 to 10000."),
-                _whole("policy.limits.messages_per_s", "Messages a second", "1 to 100000."),
-                _whole("policy.limits.message_kb", "Largest message (KB)", "1 to 10240."),
-            ),
+            "policy.limits",
+            "subscriptions messages_per_s message_kb",
         ),
     ),
     saved="The permissions of robot {name} are saved.",
@@ -409,4 +242,4 @@ def line_of(field: SettingField, value: object) -> str:
 def beside(field: SettingField, settings: Mapping[str, object]) -> str:
     """Return the setting that belongs beside this one, with its value."""
     other = _FIELDS[field.beside]
-    return f"{other.label.partition(' (')[0]}: {line_of(other, get_path(settings, other.path))}."
+    return f"{other.title}: {line_of(other, get_path(settings, other.path))}."

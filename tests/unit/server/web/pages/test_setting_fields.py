@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import get_args
 
 import pytest
-from robotether_server.page_settings import DriveType, Kind
-from robotether_server.robot_settings import DEFAULTS, get_path
+from robotether_server import schemas
+from robotether_server.robot_settings import DEFAULTS, GivenSettings, get_path
 from robotether_server.web.pages.setting_fields import (
     CAMERAS,
     CAMERAS_PATH,
     DRIVING,
-    KIND_WORDS,
     PERMISSIONS,
     SAFETY,
     TABS,
-    TYPE_WORDS,
     SettingField,
     Tab,
     summary,
@@ -61,10 +58,11 @@ def test_field_is_of_the_kind_of_its_default(field: SettingField) -> None:
     assert not field.hint or field.hint.endswith(".")
 
 
-def test_choices_are_all_there() -> None:
-    """Each with its words."""
-    assert tuple(kind for kind, _ in KIND_WORDS) == get_args(Kind)
-    assert tuple(one for one, _ in TYPE_WORDS) == ("", *get_args(DriveType))
+@pytest.mark.parametrize("field", [one for one in FIELDS if one.kind == "choice"])
+def test_choices_are_all_there(field: SettingField) -> None:
+    """Each with its words, and one for no value if there may be none."""
+    values = schemas.member(GivenSettings, field.path).kind.values
+    assert {value for value, _ in field.options} == {*values, *([""] if field.empty else [])}
 
 
 def test_summary_has_what_differs() -> None:
