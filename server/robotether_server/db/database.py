@@ -208,9 +208,9 @@ class Database:
                 (connection for connection in reversed(good) if connection.briefly == briefly), None
             )
             self._kept = [other for other in good if other is not connection]
-        for connection in connections:
-            if connection not in good:
-                connection.mysql.close()
+        for other in connections:
+            if other not in good:
+                other.mysql.close()
         return connection
 
     def _keep_for_next(self, connection: _Connection) -> bool:
