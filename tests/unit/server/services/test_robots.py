@@ -446,19 +446,3 @@ def test_admin_who_approves_while_others_join_is_heard(database: Database) -> No
     with site.database.transaction() as tx:
         assert len(audit.find(tx, audit.AuditSearch(kind="robot_approved"))) == 1
         assert len(seen_robots.list_all(tx)) == 1
-
-
-def test_playbooks_at_once_make_a_robot_each(database: Database) -> None:
-    """With the last use of a token, one of them."""
-    site = Site(database)
-    signers = [RobotSigner() for _ in range(4)]
-    token = site.join_token(3)
-
-    def run(number: int) -> Answer:
-        mac = f"00:1b:44:00:74:0{number}"
-        made, _ = register(site, signers[number], f"r{number}", mac, token=token)
-        return Answer(made.name, "active")
-
-    answers, problems = all_at_once(4, run)
-    assert (len(answers), {type(problem) for problem in problems}) == (3, {TokenUsedUpError})
-    assert len(site.names()) == 3

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 from admin_visitor import send
 from flask import Flask
 from robotether_server.db import Database, robots
-from web_visitor import Browser, audit_kinds, paths
+from web_visitor import PASSWORD, Browser, audit_kinds, paths
 
 
 def test_nothing_but_a_post_changes_anything(
@@ -34,6 +36,26 @@ def test_no_action_on_what_is_not_there(app: Flask, admin: Browser) -> None:
         if not path.endswith("/move"):  # it leads back to the robot's form, which says so
             assert admin.ask("GET", path).status_code == 404, path
         assert send(admin, path, to="up").status_code == 404, path
+
+
+def test_every_form_with_a_wrong_field_comes_back(
+    app: Flask, admin: Browser, database: Database
+) -> None:
+    """The page has the sentence, and nothing is changed; a form that asks for nothing has no wrong field."""
+    for path in ("users", "groups", "sites"):  # of the robot's name, as it stands for each in paths
+        send(admin, f"/admin/{path}", name="sim1", role="user", password=PASSWORD)
+    send(admin, "/admin/robots/sim1/region", region="eu")
+    before, wrong = audit_kinds(database), 0
+    for path in paths(app, "/admin", "POST") + paths(app, "/profile", "POST"):
+        page = admin.ask("GET", path).text
+        names = set(re.findall(r'<(?:input|select|textarea)\b[^>]* name="(\w+)"', page))
+        if names - {"csrf_token"}:
+            answer = send(admin, path, **dict.fromkeys(names - {"csrf_token"}, "\a"))
+            assert (answer.status_code >= 400, "form-problem" in answer.text) == (True, True), path
+            wrong += 1
+    assert wrong > 15
+    # The present password on the profile is wrong, too.
+    assert audit_kinds(database) == [*before, ("login_failed", "root", "198.51.100.7")]
 
 
 def test_question_names_what_it_affects_and_how_to_undo_it(admin: Browser) -> None:

@@ -37,22 +37,6 @@ def test_group_is_added_filled_and_removed(admin: Browser, database: Database) -
     ]
 
 
-def test_mistakes_come_back_with_the_page(admin: Browser) -> None:
-    """The page comes back with the sentence."""
-    send(admin, "/admin/groups", name="crew")
-    for path, form in (
-        ("/admin/groups", {"name": "crew"}),
-        ("/admin/groups", {"name": "The Crew"}),
-        ("/admin/groups", {"name": ""}),
-        ("/admin/groups/crew/members", {"user": "ghost"}),
-        ("/admin/groups/crew/members", {"user": ""}),
-        ("/admin/groups/crew/members/ann/remove", {}),
-    ):
-        answer = send(admin, path, **form)
-        assert (answer.status_code >= 400, "form-problem" in answer.text) == (True, True), path
-    assert admin.ask("GET", "/admin/groups/ghost").status_code == 404
-
-
 def test_wrong_field_is_marked(admin: Browser) -> None:
     """What to enter stands at its label, the focus is there, and the summary leads to it."""
     page = send(admin, "/admin/groups", name="The Crew").text

@@ -334,22 +334,6 @@ def test_region_is_set_and_cleared(admin: Browser, database: Database) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "form"),
-    [
-        ("rename", {"new_name": ""}),
-        ("rename", {"new_name": "a b"}),
-        ("mac", {"mac": "ff:ff:ff:ff:ff:ff"}),
-        ("ports", {"ros_port": "x", "video_port": "20101"}),
-        ("shell-user", {"shell_user": "a b"}),
-    ],
-)
-def test_what_is_wrong_comes_back(admin: Browser, path: str, form: dict[str, str]) -> None:
-    """The page comes back with the form and the sentence."""
-    answer = send(admin, f"/admin/robots/sim1/{path}", **form)
-    assert (answer.status_code, "form-problem" in answer.text) == (422, True)
-
-
-@pytest.mark.parametrize(
     ("action", "form", "kind"),
     [
         ("disable", {}, "robot_disabled"),

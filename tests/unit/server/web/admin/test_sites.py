@@ -67,17 +67,3 @@ def test_robot_is_taken_out_after_a_question(admin: Browser, database: Database)
     answer = send(admin, path)
     assert (answer.status_code, "it is not there" in answer.text) == (409, True)
     assert send(admin, "/admin/sites/lab/robots/ghost/take-out").status_code == 404
-
-
-def test_mistakes_come_back_with_the_page(admin: Browser) -> None:
-    """The page comes back with the sentence."""
-    send(admin, "/admin/sites", name="lab")
-    for path, form in (
-        ("/admin/sites", {"name": "lab"}),
-        ("/admin/sites", {"name": "a b"}),
-        ("/admin/sites/lab/robots", {"robot": "ghost"}),
-        ("/admin/robots/sim1/site", {"site": "ghost"}),
-    ):
-        answer = send(admin, path, **form)
-        assert (answer.status_code >= 400, "form-problem" in answer.text) == (True, True), path
-    assert admin.ask("GET", "/admin/sites/ghost").status_code == 404

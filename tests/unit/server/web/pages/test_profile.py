@@ -153,13 +153,6 @@ def test_a_token_is_shown_once_and_works_until_it_is_deleted(
     assert program.ask("GET", "/api/v1/me", headers=header).status_code == 401
 
 
-@pytest.mark.parametrize("wrong", [{"name": ""}, {"days": "0"}, {"days": "3651"}])
-def test_a_wrong_form_comes_back(ann: Browser, wrong: dict[str, str]) -> None:
-    """With the sentence, beside the form that it belongs to."""
-    answer = send(ann, "/profile/tokens", **({"name": "notebook", "days": ""} | wrong))
-    assert (answer.status_code, answer.text.count("form-problem")) == (422, 1)
-
-
 def test_another_users_token_is_out_of_reach(ann: Browser, database: Database) -> None:
     """Even an admin's profile has the admin's own alone."""
     bearer(database, "root")
