@@ -245,6 +245,10 @@ class MacElsewhereError(RobotetherError, code="mac_elsewhere", status=409):
     """The robot is online on another machine; who asks is a copy of its disk."""
 
 
+class ProtocolError(RobotetherError, code="protocol_error"):
+    """A robot, a client or another cell sent what its protocol does not allow."""
+
+
 class NotPossibleError(RobotetherError, code="not_possible", status=409):
     """An admin asks for what the record's present state does not allow."""
 

@@ -86,7 +86,14 @@ def public_app(
         except RobotetherError as problem:
             metrics.refusals.labels(problem.code).inc()
             # Paths and details hold what came from outside, which must not write a line of its own.
-            log.info("%r refused: %s: %r", request.path[:200], problem.code, problem.detail)
+            log.info(
+                "%r refused: %s: %r",
+                request.path[:200],
+                problem.code,
+                problem.detail,
+                # By design no request ends so.
+                exc_info=problem.code == RobotetherError.code,
+            )
             return problem_answer(problem)
         except web.HTTPException as exc:
             return problem_answer(HttpError(exc.status, f"cannot serve {request.path[:200]}"))

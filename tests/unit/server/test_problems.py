@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import builtins
 import re
 import ssl
+from pathlib import Path
 
 import pytest
 from robotether_server import problems
@@ -21,6 +23,18 @@ def test_codes_are_unique() -> None:
     """A code in a log leads to one class."""
     codes = [kind.code for kind in OURS if "code" in vars(kind)]
     assert len(codes) == len(set(codes)) > 1
+
+
+def test_every_exception_of_the_server_is_in_the_tree() -> None:
+    """Each has a sentence for people, and a code or one from above."""
+    texts = [path.read_text("utf-8") for path in Path(problems.__file__).parent.rglob("*.py")]
+    classes = [found for text in texts for found in re.findall(r"^class (\w+)\((\w+)", text, re.M)]
+    roots = [
+        name
+        for name, base in classes
+        if base.endswith(("Error", "Exception")) and hasattr(builtins, base)
+    ]
+    assert roots == ["RobotetherError"]
 
 
 def test_problem_is_rendered_as_in_the_contract() -> None:

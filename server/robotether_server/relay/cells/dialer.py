@@ -11,10 +11,11 @@ import socket
 
 from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, TCPConnector
 
+from robotether_server.problems import ProtocolError
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.feed import FLEET_PATH, receive
 from robotether_server.relay.cells.keys import SERVER_NAME, PeerKeys
-from robotether_server.relay.cells.messages import BrokenPeerMessageError, PeerHello, parse
+from robotether_server.relay.cells.messages import PeerHello, parse
 from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.http.timing import delays
 
@@ -23,10 +24,6 @@ log = logging.getLogger(__name__)
 CONNECT_WITHIN_S = 3.0
 FIRST_RETRY_S = 0.25
 MAX_RETRY_S = 1.0
-
-
-class PeerLostError(Exception):
-    """There is no connection to a cell, or not to the one that was meant; the text says why."""
 
 
 class PeerDialer:
@@ -76,7 +73,7 @@ class PeerDialer:
             try:
                 await self._connect(client, name, address)
                 pauses, why = delays(FIRST_RETRY_S, MAX_RETRY_S), ""
-            except (PeerLostError, BrokenPeerMessageError, ClientError, OSError) as exc:
+            except (ProtocolError, ClientError, OSError) as exc:
                 why = str(exc) or type(exc).__name__
             except Exception:
                 log.exception("the connection to cell %s failed", name)
@@ -88,7 +85,7 @@ class PeerDialer:
 
     async def _connect(self, client: ClientSession, name: str, address: str) -> None:
         """Follow the cell at the first of its addresses that answers; return when it no longer does."""
-        problem: Exception = PeerLostError("its name has no address")
+        problem: Exception
         for endpoint in await _resolve(address):
             connection = await self._open(client, endpoint)
             if not isinstance(connection, Exception):
@@ -117,7 +114,7 @@ class PeerDialer:
         hello = None if text is None else parse(text)
         if not isinstance(hello, PeerHello) or hello.cell != name:
             who = hello.cell if isinstance(hello, PeerHello) else "no cell"
-            raise PeerLostError(f"{who} answers there; check PEER_ADDRESS of each cell")
+            raise ProtocolError(f"{who} answers there; check PEER_ADDRESS of each cell")
         peer = self._peers.connected(name, endpoint)
         try:
             while (text := await receive(connection)) is not None:

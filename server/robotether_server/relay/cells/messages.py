@@ -13,6 +13,7 @@ from msgspec import Struct
 
 from robotether_server.contract.robots import LiveState
 from robotether_server.db.control import Stop, StopId
+from robotether_server.problems import ProtocolError
 
 
 class PeerHello(Struct, frozen=True, tag="hello"):
@@ -70,18 +71,14 @@ class _PeerHead(Struct):
 _HEAD = msgspec.json.Decoder(_PeerHead)
 
 
-class BrokenPeerMessageError(ValueError):
-    """A message of another cell that breaks the contract."""
-
-
 def parse(text: str) -> PeerMessage | None:
-    """Read a message; None: its type is not known here. Raises BrokenPeerMessageError."""
+    """Read a message; None: its type is not known here. Raises ProtocolError."""
     try:
         return _DECODER.decode(text)
     except (ValueError, RecursionError) as exc:
         if _is_unknown(text):
             return None
-        raise BrokenPeerMessageError(f"cannot read a message: {exc}") from exc
+        raise ProtocolError(f"cannot read a message: {exc}") from exc
 
 
 def build(message: PeerMessage) -> str:

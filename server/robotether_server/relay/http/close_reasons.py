@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timezone
 
+from robotether_server.problems import RobotetherError
+
 # Maximum size of a close reason: a control frame carries 125 bytes, two of them the code (RFC
 # 6455).
 MAX_REASON_BYTES = 123
@@ -31,7 +33,7 @@ class CloseReason:
         return raw.decode(errors="ignore").encode()
 
 
-class ConnectionClosedError(Exception):
+class ConnectionClosedError(RobotetherError):
     """Carries an ending out of code that connects."""
 
     def __init__(self, close_reason: CloseReason) -> None:

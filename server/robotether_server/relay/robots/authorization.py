@@ -11,16 +11,18 @@ from robotether_common.services import BY_CONNECTION
 from robotether_common.session import ByeCode, Kind
 
 from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.problems import RobotetherError
 from robotether_server.relay.robots.session_messages import Preface
 
 
-class NotAuthorizedError(Exception):
+class NotAuthorizedError(RobotetherError):
     """The robot may not connect, or stay; the agent is sent why."""
+
+    code: ByeCode
 
     def __init__(self, code: ByeCode, detail: str) -> None:
         super().__init__(detail)
         self.code = code
-        self.detail = detail
 
 
 def authorize(snapshot: Snapshot, preface: Preface) -> RelayRobot:

@@ -19,6 +19,7 @@ from robotether_server.problems import (
     LeaseFreeError,
     LeaseNotYoursError,
     NobodyAsksError,
+    RobotetherError,
     ThrottledError,
 )
 from robotether_server.relay.http.timing import RateLimiter
@@ -93,7 +94,7 @@ class Handover:
     to: RelayUser
 
 
-class HeldError(Exception):
+class HeldError(RobotetherError):
     """Somebody else drives, or the lease is kept for somebody else."""
 
     def __init__(self, user: str, since: Instant | None) -> None:

@@ -18,12 +18,13 @@ from robotether_common.session import ByeCode, Kind
 
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.problems import ProtocolError
 from robotether_server.relay.http.timing import RateLimiter, RobotClock
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import needs_config, port_of
 from robotether_server.relay.robots.port_checks import LinkChecks, PortChecker, wait_released
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.session_messages import BrokenLineError, Preface
+from robotether_server.relay.robots.session_messages import Preface
 
 log = logging.getLogger(__name__)
 
@@ -130,7 +131,7 @@ class RobotLink:
                 self._registry.established(self)
                 self._heartbeat()
                 await self._listen()
-        except BrokenLineError as exc:
+        except ProtocolError as exc:
             log.warning("robot %s: %s broke the protocol: %s", self._robot.name, self.kind, exc)
             self.end("protocol_error", str(exc))
         except ConnectionError as exc:
@@ -247,12 +248,12 @@ class RobotLink:
             try:
                 line = await self._reader.readline()
             except ValueError as exc:
-                raise BrokenLineError("cannot read a line: it is over 64 KiB") from exc
+                raise ProtocolError("cannot read a line: it is over 64 KiB") from exc
             if not line.endswith(b"\n"):
                 return
             self._received_at = self._loop.time()
             if not limiter.allow(self._received_at):
-                raise BrokenLineError(f"cannot continue: more than {LINES_PER_S} lines a second")
+                raise ProtocolError(f"cannot continue: more than {LINES_PER_S} lines a second")
             if (message := lines.parse_line(line)) is not None:
                 self._handle(message)
 

@@ -27,6 +27,7 @@ from robotether_common.session import (
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.control import MAX_NAME
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.problems import ProtocolError, RobotetherError
 from robotether_server.relay.robots.robot import GuardMode, GuardReport
 
 T = TypeVar("T")
@@ -41,11 +42,7 @@ Count = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
 Epoch = Annotated[int, Meta(ge=0, le=MAX_EPOCH)]
 
 
-class BrokenLineError(ValueError):
-    """A line that breaks the contract; the text names the field."""
-
-
-class WrongKeyError(Exception):
+class WrongKeyError(RobotetherError):
     """The preface has not this stack's session key."""
 
 
@@ -158,7 +155,7 @@ _LINES: dict[object, msgspec.json.Decoder[Line]] = {
 
 
 def parse_line(line: bytes) -> Line | None:
-    """Read one line; None: its type is not known here. Raises BrokenLineError."""
+    """Read one line; None: its type is not known here. Raises ProtocolError."""
     kind = _parse_head(line).type
     return _parse(_LINES[kind], line, kind) if kind in _LINES else None
 
@@ -168,9 +165,11 @@ def parse_preface(line: bytes, session_key: str) -> Preface:
     head = _parse_head(line)
     key = head.session_key
     if not isinstance(key, str) or not hmac.compare_digest(key.encode(), session_key.encode()):
-        raise WrongKeyError
+        raise WrongKeyError(
+            "its session key is wrong; sshd and relay must have the same SESSION_KEY"
+        )
     if head.type != "preface":
-        raise BrokenLineError("cannot read the first line: its type is not preface")
+        raise ProtocolError("cannot read the first line: its type is not preface")
     return _parse(_PREFACE, line, "preface")
 
 
@@ -178,9 +177,9 @@ def _parse_head(line: bytes) -> _Head:
     try:
         return _HEAD.decode(line)
     except msgspec.ValidationError as exc:
-        raise BrokenLineError("cannot read a line: it is no object with a type") from exc
+        raise ProtocolError("cannot read a line: it is no object with a type") from exc
     except (ValueError, RecursionError) as exc:
-        raise BrokenLineError("cannot read a line: it is not JSON in UTF-8") from exc
+        raise ProtocolError("cannot read a line: it is not JSON in UTF-8") from exc
 
 
 def _parse(decoder: msgspec.json.Decoder[T], line: bytes, kind: str) -> T:
@@ -188,7 +187,7 @@ def _parse(decoder: msgspec.json.Decoder[T], line: bytes, kind: str) -> T:
         return decoder.decode(line)
     except (ValueError, RecursionError) as exc:
         # It may contain a robot's own words.
-        raise BrokenLineError(f"cannot read {kind}: {exc}"[:MAX_DETAIL]) from exc
+        raise ProtocolError(f"cannot read {kind}: {exc}"[:MAX_DETAIL]) from exc
 
 
 def _check_printable(name: str, value: str) -> None:

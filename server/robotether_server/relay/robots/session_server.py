@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 from robotether_common.session import MAX_LINE_BYTES, ByeCode
 
 from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.problems import StoreUnavailableError
+from robotether_server.problems import ProtocolError, StoreUnavailableError
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import NotAuthorizedError, authorize
 from robotether_server.relay.robots.port_checks import PortChecker
@@ -101,7 +101,7 @@ class SessionServer:
             async with asyncio.timeout(PREFACE_WITHIN_S):
                 preface = await self._read_preface(reader)
             robot = await self._authorize(preface)
-        except (TimeoutError, ConnectionError, ValueError, WrongKeyError) as exc:
+        except (TimeoutError, ConnectionError, ValueError, ProtocolError, WrongKeyError) as exc:
             self._refused("preface")
             log.warning("a connection to the session port is closed: %s", _describe_error(exc))
         except NotAuthorizedError as refusal:
@@ -165,8 +165,6 @@ async def _say_bye(writer: asyncio.StreamWriter, code: ByeCode, detail: str) -> 
 
 
 def _describe_error(error: Exception) -> str:
-    if isinstance(error, WrongKeyError):
-        return "its session key is wrong; sshd and relay must have the same SESSION_KEY"
     if isinstance(error, TimeoutError):
         return f"no preface in {PREFACE_WITHIN_S:g} s"
     return str(error) or "it broke"

@@ -24,6 +24,7 @@ from typing import Any, Literal, NamedTuple
 from robotether_common.guard import STAMP
 from robotether_common.ros import Globs
 
+from robotether_server.problems import RobotetherError
 from robotether_server.relay.channels.rosbridge.operations import (
     OPERATIONS,
     ROSAPI_LOOKUPS,
@@ -65,7 +66,7 @@ HIDING = frozenset(("fragment", "png"))
 TOO_MUCH: Collection[Kind] = ("rate", "size")
 
 
-class MessageRefusedError(Exception):
+class MessageRefusedError(RobotetherError):
     """The message may not go to the robot.
 
     `answer` is the status message for the client, None when it had enough of them this second; `floods` says that
@@ -92,13 +93,12 @@ class ValidatedMessage(NamedTuple):
     own: Mapping[str, Any] | None = None
 
 
-class _RefusalError(Exception):
+class _RefusalError(RobotetherError):
     """What is wrong, before it is known whether the client is notified."""
 
     def __init__(self, kind: Kind, why: str, message_id: object = None) -> None:
         super().__init__(why)
         self.kind: Kind = kind
-        self.why = why
         self.message_id = message_id
 
 
@@ -139,10 +139,10 @@ class MessageValidator:
         except _RefusalError as refusal:
             now = self._clock()
             answered = self._answers.allow(now)
-            answer = status_error(refusal.why, refusal.message_id) if answered else None
+            answer = status_error(refusal.detail, refusal.message_id) if answered else None
             is_too_much = refusal.kind in TOO_MUCH
             floods = is_too_much and self._refused.add(now, 1 + len(data) // KB)
-            raise MessageRefusedError(refusal.kind, refusal.why, answer, floods=floods) from None
+            raise MessageRefusedError(refusal.kind, refusal.detail, answer, floods=floods) from None
 
     def _check(self, data: bytes) -> ValidatedMessage:
         passes = self._check_amount(data)

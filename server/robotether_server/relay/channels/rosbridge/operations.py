@@ -25,6 +25,8 @@ from robotether_common.ros import (
     full_name,
 )
 
+from robotether_server.problems import RobotetherError
+
 Check = Callable[[Any], object]
 # Whose globs of the level's policy the operation's name must match.
 Right = Literal["subscribe", "publish", "call", "serve"]
@@ -60,7 +62,7 @@ _AXES = frozenset(AXES)
 _NUMBERS = frozenset((int, float))
 
 
-class NotJsonError(ValueError):
+class NotJsonError(RobotetherError):
     """A message is no JSON object, or none that all parsers read alike; the text says why."""
 
 
@@ -109,7 +111,7 @@ def _check_inside(message: dict[str, Any]) -> None:
     raise NotJsonError(f"it is nested more than {MAX_DEPTH} deep")
 
 
-class FieldRefusedError(ValueError):
+class FieldRefusedError(RobotetherError):
     """A field may not go on; the text goes on where its name ends: "is ..."."""
 
 

@@ -21,9 +21,9 @@ from aiohttp import (
 from robotether_common.frames import HEADER, MAX_FRAME_BYTES, PATH, StreamRequest
 from yarl import URL
 
+from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video.feeds import Feed
 from robotether_server.relay.channels.video.frame_protocol import (
-    BrokenFramesError,
     SenderClock,
     clock_sync_text,
     credit_text,
@@ -123,7 +123,7 @@ class FeedLink:
             log.info("robot %s: the connection of a feed broke", name)
         except ConnectionError as exc:
             log.info("robot %s: the connection of a feed broke: %r", name, exc)
-        except BrokenFramesError as exc:
+        except ProtocolError as exc:
             log.warning("robot %s: broke the frames protocol: %s", name, exc)
         finally:
             sending.cancel()
@@ -139,7 +139,7 @@ class FeedLink:
                 self._feed.on_frame(message.data, now_s, self._clock)
                 continue
             if not limiter.allow(now_s):
-                raise BrokenFramesError(f"more than {MESSAGES_PER_S} messages a second")
+                raise ProtocolError(f"more than {MESSAGES_PER_S} messages a second")
             if message.type is WSMsgType.TEXT:
                 self._on_text(message.data, now_s)
             elif message.type is WSMsgType.PING:

@@ -19,8 +19,8 @@ from robotether_common.codecs import CODECS
 from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest
 
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video.frame_protocol import (
-    BrokenFramesError,
     Frame,
     SenderClock,
     combined,
@@ -160,7 +160,7 @@ class Feed:
         """A frame came, with a timestamp on the robot's clock."""
         codec, sequence, timestamp_ms = parse_frame(data)
         if not self._credits_open:
-            raise BrokenFramesError("more frames came than were requested")
+            raise ProtocolError("more frames came than were requested")
         self._credits_open -= 1
         timestamp_s = clock.ours(now_s, timestamp_ms)
         if self._shift is None:

@@ -29,6 +29,7 @@ from robotether_common.frames import (
     StreamRequest,
 )
 
+from robotether_server.problems import ProtocolError
 from robotether_server.relay.http.timing import WindowedMaximum
 
 CLOCK_SYNCS_KEPT_S = 30.0
@@ -37,10 +38,6 @@ MAX_DETAIL = 200
 MAX_UPTIME_MS = 1e12
 WHOLE_TEXT, WHOLE_BINARY = 0x81, 0x82
 STATES, SOURCES = get_args(State), get_args(Source)
-
-
-class BrokenFramesError(ValueError):
-    """The other side broke the frames protocol; the text says how."""
 
 
 class Frame:
@@ -107,24 +104,24 @@ class SenderClock:
 def parse_frame(data: bytes) -> tuple[int, int, float]:
     """Read a frame's codec, number and timestamp in ms."""
     if not HEADER.size < len(data) <= HEADER.size + MAX_FRAME_BYTES:
-        raise BrokenFramesError("a frame has no header, nothing after it, or more than 10 MiB")
+        raise ProtocolError("a frame has no header, nothing after it, or more than 10 MiB")
     codec, _, _, sequence, timestamp_ms = HEADER.unpack_from(data)
     # Not a number is in no range.
     if not -MAX_UPTIME_MS <= timestamp_ms <= MAX_UPTIME_MS:
-        raise BrokenFramesError("a frame's timestamp is not a number")
+        raise ProtocolError("a frame's timestamp is not a number")
     return codec, sequence, timestamp_ms
 
 
 def parse_text(data: bytes) -> dict[str, Any]:
     """Read a text as an object with an `op`."""
     if len(data) > MAX_TEXT_BYTES:
-        raise BrokenFramesError("a text is over 4 KiB")
+        raise ProtocolError("a text is over 4 KiB")
     try:
         message = json.loads(data)
     except (ValueError, RecursionError) as exc:
-        raise BrokenFramesError("a text is no JSON") from exc
+        raise ProtocolError("a text is no JSON") from exc
     if not isinstance(message, dict) or not isinstance(message.get("op"), str):
-        raise BrokenFramesError("a text is no object with an op")
+        raise ProtocolError("a text is no object with an op")
     return message
 
 
@@ -140,9 +137,9 @@ def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
         height=_side(message, "height"),
     )
     if request.quality_min > request.quality_max:
-        raise BrokenFramesError("quality_min is over quality_max")
+        raise ProtocolError("quality_min is over quality_max")
     if (request.width is None) != (request.height is None):
-        raise BrokenFramesError("width and height go together")
+        raise ProtocolError("width and height go together")
     return request
 
 
@@ -187,7 +184,7 @@ def parse_status(message: Mapping[str, Any]) -> dict[str, object]:
     """Keep of a status what viewers know, and nothing that is none of it."""
     state, source, detail = message.get("state"), message.get("source"), message.get("detail", "")
     if state not in STATES or not isinstance(detail, str):
-        raise BrokenFramesError("a status has no state")
+        raise ProtocolError("a status has no state")
     return {
         "op": "status",
         "state": state,
@@ -244,14 +241,14 @@ def _number(
     value = message.get(name, default)
     # Not a number is in no range.
     if not _is_number(value) or not low <= value <= high:
-        raise BrokenFramesError(f"{name} is no number from {low:g} to {high:g}")
+        raise ProtocolError(f"{name} is no number from {low:g} to {high:g}")
     return value
 
 
 def _whole(message: Mapping[str, Any], name: str, default: int, low: int, high: int) -> int:
     value = _number(message, name, default, low, high)
     if value != int(value):
-        raise BrokenFramesError(f"{name} is no whole number")
+        raise ProtocolError(f"{name} is no whole number")
     return int(value)
 
 

@@ -15,11 +15,10 @@ from typing import Any
 from aiohttp import WSMsgType, web
 from robotether_common.frames import MAX_CREDITS, MAX_TEXT_BYTES, StreamRequest
 
-from robotether_server.problems import HttpError
+from robotether_server.problems import HttpError, ProtocolError
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.channels.video.feeds import Feed
 from robotether_server.relay.channels.video.frame_protocol import (
-    BrokenFramesError,
     parse_clock_sync,
     parse_credit,
     parse_stream_request,
@@ -142,7 +141,7 @@ class FramesSession(OperatorConnection):
     def _on_text(self, data: bytes) -> None:
         try:
             self._handle(parse_text(data))
-        except BrokenFramesError as exc:
+        except ProtocolError as exc:
             raise ConnectionClosedError(close_reasons.frames_broken(str(exc))) from exc
         self._push()
 
@@ -158,7 +157,7 @@ class FramesSession(OperatorConnection):
 
     def _on_credit(self, frames: int, sequence: int | None) -> None:
         if self.stream_request is None:
-            raise BrokenFramesError("stream_request comes before credit")
+            raise ProtocolError("stream_request comes before credit")
         self._credits = min(self._credits + frames, MAX_CREDITS)
         if sequence is None and self._under_way:
             # A client that does not say which.

@@ -17,17 +17,14 @@ from robotether_common.frames import QOS_NAME, StreamRequest
 from robotether_server.problems import (
     FieldInvalidError,
     NoFramesError,
+    ProtocolError,
     RobotetherError,
     RobotOfflineError,
     VideoDownError,
 )
 from robotether_server.relay.auth.access import Permit
 from robotether_server.relay.channels.video.feeds import Feed
-from robotether_server.relay.channels.video.frame_protocol import (
-    BrokenFramesError,
-    Frame,
-    parse_stream_request,
-)
+from robotether_server.relay.channels.video.frame_protocol import Frame, parse_stream_request
 from robotether_server.relay.channels.video.headers import headers_of_stream
 from robotether_server.relay.channels.video.viewers import Cursor, VideoContext, topic_of
 from robotether_server.relay.http import close_reasons
@@ -182,7 +179,7 @@ def stream_request_of(request: web.Request) -> StreamRequest:
             StreamRequest().quality_min, int(request.query.get("quality", "100"))
         )
         return parse_stream_request(members)
-    except (ValueError, BrokenFramesError) as exc:
+    except (ValueError, ProtocolError) as exc:
         raise FieldInvalidError(
             "cannot show a stream: quality is 1 to 100, width and height go together, in pixels up to 4096"
         ) from exc

@@ -8,8 +8,8 @@ import pytest
 from relay_server import utc
 from robotether_server.contract.robots import LiveState
 from robotether_server.db.control import Stop
+from robotether_server.problems import ProtocolError
 from robotether_server.relay.cells.messages import (
-    BrokenPeerMessageError,
     PeerHello,
     PeerRobot,
     PeerStop,
@@ -75,5 +75,5 @@ def test_what_a_newer_cell_says_is_passed_over():
 )
 def test_what_breaks_the_contract_is_no_message(text):
     """It must not be taken for one of a newer cell."""
-    with pytest.raises(BrokenPeerMessageError):
+    with pytest.raises(ProtocolError):
         parse(text)

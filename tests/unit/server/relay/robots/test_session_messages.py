@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_common.session import Battery
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.problems import ProtocolError
 from robotether_server.relay.robots.robot import GuardReport
 from robotether_server.relay.robots.session_messages import (
     MAX_DETAIL,
-    BrokenLineError,
     Line,
     Preface,
     WrongKeyError,
@@ -81,7 +81,7 @@ def test_a_wrong_key_is_found_first(key):
 )
 def test_a_wrong_field_is_named(field, value):
     """The problem says which field it is."""
-    with pytest.raises(BrokenLineError, match=field):
+    with pytest.raises(ProtocolError, match=field):
         parse_preface(preface(**{field: value}), "the key")
 
 
@@ -152,14 +152,14 @@ def test_a_battery_is_known_in_whole_percent(battery, known):
 )
 def test_a_wrong_field_of_a_line_is_named(line, field, value):
     """With what is allowed there; whatever the robot writes, the text is short and steers no terminal."""
-    with pytest.raises(BrokenLineError, match=field) as refusal:
+    with pytest.raises(ProtocolError, match=field) as refusal:
         parse(line, **{field: value})
     assert str(refusal.value).isprintable()
 
 
 def test_what_a_robot_writes_does_not_fill_the_log():
     """Its own words stand in the text, up to a length."""
-    with pytest.raises(BrokenLineError) as refusal:
+    with pytest.raises(ProtocolError) as refusal:
         parse(HEALTH, ros="x" * 10_000)
     assert len(str(refusal.value)) == MAX_DETAIL
 
@@ -170,14 +170,14 @@ def test_what_a_robot_writes_does_not_fill_the_log():
 )
 def test_a_line_lacks_no_field(line, missing):
     """What is not said is not guessed."""
-    with pytest.raises(BrokenLineError, match=missing):
+    with pytest.raises(ProtocolError, match=missing):
         parse({name: value for name, value in line.items() if name != missing})
 
 
 @pytest.mark.parametrize("text", ["\\ud800", "\\udfff", "\\ud800x"])
 def test_half_a_character_is_not_read(text):
     """It would spoil the write of a whole batch of records."""
-    with pytest.raises(BrokenLineError):
+    with pytest.raises(ProtocolError):
         parse_line(json.dumps(GUARD | {"by": "@"}).replace("@", text).encode())
 
 
@@ -211,6 +211,6 @@ def test_lines_end_where_they_should():
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_message_or_a_named_problem(data):
-    """Nothing but BrokenLineError comes out of rubbish."""
-    with contextlib.suppress(BrokenLineError):
+    """Nothing but ProtocolError comes out of rubbish."""
+    with contextlib.suppress(ProtocolError):
         assert parse_line(data) is None

@@ -9,12 +9,10 @@ import time
 import pytest
 from relay_server import until
 from robotether_common.frames import StreamRequest
+from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video import feeds as feeds_module
 from robotether_server.relay.channels.video.feeds import Feed, Feeds, FeedTraffic
-from robotether_server.relay.channels.video.frame_protocol import (
-    BrokenFramesError,
-    SenderClock,
-)
+from robotether_server.relay.channels.video.frame_protocol import SenderClock
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.registry import SessionRegistry
@@ -92,7 +90,7 @@ async def test_more_frames_than_credits_break_the_protocol(feed):
     """A robot cannot fill the relay."""
     come(feed, 1)
     come(feed, 2)
-    with pytest.raises(BrokenFramesError, match="more frames"):
+    with pytest.raises(ProtocolError, match="more frames"):
         come(feed, 3)
 
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_common.frames import HEADER, MAX_FRAME_BYTES, StreamRequest
+from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video.frame_protocol import (
-    BrokenFramesError,
     Frame,
     SenderClock,
     combined,
@@ -80,7 +80,7 @@ def test_a_part_says_when_and_which():
 )
 def test_what_is_no_frame_is_refused(data):
     """Nothing after the header, a moment that is none, or too much."""
-    with pytest.raises(BrokenFramesError):
+    with pytest.raises(ProtocolError):
         parse_frame(data)
 
 
@@ -94,7 +94,7 @@ def test_a_frame_is_read():
 )
 def test_what_is_no_text_of_the_protocol_is_refused(data):
     """It must be an object with an op, in JSON, within 4 KiB."""
-    with pytest.raises(BrokenFramesError):
+    with pytest.raises(ProtocolError):
         parse_text(data)
 
 
@@ -128,7 +128,7 @@ def test_each_member_of_a_request_has_a_default():
 )
 def test_a_request_out_of_bounds_is_refused(member):
     """Nothing is bent into what it might have meant."""
-    with pytest.raises(BrokenFramesError):
+    with pytest.raises(ProtocolError):
         parse_stream_request(member)
 
 
@@ -174,7 +174,7 @@ def test_a_credit_is_read(message, expected):
 )
 def test_a_credit_for_nothing_is_refused(message):
     """Credits and numbers are whole and within bounds."""
-    with pytest.raises(BrokenFramesError):
+    with pytest.raises(ProtocolError):
         parse_credit(message)
 
 
@@ -183,7 +183,7 @@ def test_clock_syncs_are_read():
     assert parse_clock_sync({"t_ms": 81.2}) == 81.2
     assert parse_clock_sync_answer({"t_ms": 81.2, "sender_ms": 5}) == (81.2, 5)
     for message in ({}, {"t_ms": None}, {"t_ms": math.nan, "sender_ms": 1}, {"t_ms": 1}):
-        with pytest.raises(BrokenFramesError):
+        with pytest.raises(ProtocolError):
             parse_clock_sync_answer(message)
 
 
@@ -204,7 +204,7 @@ def test_a_status_keeps_what_viewers_know():
         "fps": None,
     }
     for message in ({}, {"state": "fine"}, {"state": ["live"]}, {"state": "live", "detail": 5}):
-        with pytest.raises(BrokenFramesError):
+        with pytest.raises(ProtocolError):
             parse_status(message)
 
 
