@@ -98,10 +98,10 @@ class UnitMemory:
     def _read(self, topic: str) -> Unit | None:
         try:
             text = read_text(self._path)
-            kept = None if text is None else parse_object(text, MEMORY_FILE)
-            if kept is None or get_text(kept, "topic") != topic:
+            memory = None if text is None else parse_object(text, MEMORY_FILE)
+            if memory is None or get_text(memory, "topic") != topic:
                 return None
-            unit = get_text(kept, "unit")
+            unit = get_text(memory, "unit")
         except (StateUnusableError, FieldError) as error:
             log.warning("cannot read how the battery counts: %s", error)
             return None
@@ -179,12 +179,14 @@ class Vitals:
             trend = LevelTrend()
             while settings() == current:
                 message = await within(SILENT_S, rosbridge.message())
-                shown = trend.unit_shown(message, asyncio.get_running_loop().time())
-                self._read(message, topic, current.unit, unit_shown(message) or shown)
+                trend_unit = trend.unit_shown(message, asyncio.get_running_loop().time())
+                self._read(message, topic, current.unit, unit_shown(message) or trend_unit)
 
-    def _read(self, message: JsonObject, topic: str, unit: Unit | None, shown: Unit | None) -> None:
-        if shown is not None:
-            self._memory.keep(topic, shown)
+    def _read(
+        self, message: JsonObject, topic: str, unit: Unit | None, detected_unit: Unit | None
+    ) -> None:
+        if detected_unit is not None:
+            self._memory.keep(topic, detected_unit)
         self._set(battery_in(message, unit or self._memory.of(topic)))
 
     def _set(self, battery: Battery | None) -> None:

@@ -40,7 +40,7 @@ from robotether_agent.problems import (
     SettingsInvalidError,
     StateUnusableError,
 )
-from robotether_agent.settings import DEFAULT_FILE, Settings, load, shown
+from robotether_agent.settings import DEFAULT_FILE, Settings, load, settings_lines
 from robotether_agent.status import CONNECTED, is_alive, read_status, render
 from robotether_agent.systemd import Notifier, set_up_log
 from robotether_agent.tasks import within
@@ -160,13 +160,13 @@ def identity(settings: Settings, *, as_json: bool, root: Path = Path("/")) -> in
         act_as_agent(settings.state_dir)
         ensure_directory(settings.state_dir, "state_dir", 0o700)
     store = IdentityStore(settings, root)
-    known = EnrolmentStore(settings.state_dir).load(settings.server)
-    found = store.identity(known.mac if known else None)
+    enrolment = EnrolmentStore(settings.state_dir).load(settings.server)
+    identity = store.identity(enrolment.mac if enrolment else None)
     if as_json:
-        print(json.dumps({**asdict(found), "is_kept": store.is_kept(found)}))
+        print(json.dumps({**asdict(identity), "is_kept": store.is_kept(identity)}))
     else:
-        absent = "" if found.is_present else " (no interface of this machine has it now)"
-        print(f"{found.mac} {found.interface or '-'}{absent}")
+        absent = "" if identity.is_present else " (no interface of this machine has it now)"
+        print(f"{identity.mac} {identity.interface or '-'}{absent}")
     return 0
 
 
@@ -187,8 +187,8 @@ async def _join(enroller: Enroller) -> int:
         enrolment = await enroller.join()
     except NotEnrolledError as problem:
         # Whoever approves it compares this with what the server got.
-        shown = await enroller.next_key() or key
-        print(f"pending: {problem.message} (key {shown.fingerprint})")
+        newest_key = await enroller.next_key() or key
+        print(f"pending: {problem.message} (key {newest_key.fingerprint})")
         if problem.advice:
             print(problem.advice)
         return PENDING
@@ -275,16 +275,16 @@ def _cancel_once(agent: asyncio.Future[int]) -> None:
 
 def status(settings: Settings, *, as_json: bool) -> int:
     """Print the status, and return 0 only when the robot is connected."""
-    found, now = read_status(settings.run_dir), time.time()
-    alive = found is not None and is_alive(found, now)
+    report, now = read_status(settings.run_dir), time.time()
+    alive = report is not None and is_alive(report, now)
     if as_json:
-        print(json.dumps({**(asdict(found) if found else {}), "is_running": alive}))
-    elif found is None:
+        print(json.dumps({**(asdict(report) if report else {}), "is_running": alive}))
+    elif report is None:
         print(f"state         not running (no status in {settings.run_dir})")
         print("what to do    start it: sudo systemctl start robotether-agent")
     else:
-        print(render(found, now))
-    return 0 if found is not None and alive and found.state == CONNECTED else 1
+        print(render(report, now))
+    return 0 if report is not None and alive and report.state == CONNECTED else 1
 
 
 def switch(settings: Settings, directory: Path, wait_s: float) -> int:
@@ -329,7 +329,7 @@ def main(arguments: Sequence[str] | None = None, environ: Mapping[str, str] = os
 
 
 def _show_settings(settings: Settings) -> int:
-    print("\n".join(shown(settings)))
+    print("\n".join(settings_lines(settings)))
     return 0
 
 
@@ -375,10 +375,10 @@ def _parser() -> argparse.ArgumentParser:
         "key", help="create the robot's key if there is none, print its public half"
     )
     public.add_argument("--prove", action="store_true", help="print its signature over MAC and key")
-    gone = commands.add_parser(
+    forget_parser = commands.add_parser(
         "forget", help="remove key and enrolment, so that a disk can be copied"
     )
-    gone.add_argument("--yes", action="store_true", help="do not ask")
+    forget_parser.add_argument("--yes", action="store_true", help="do not ask")
     other = commands.add_parser("switch", help="switch to another version, or roll back by itself")
     other.add_argument("directory", type=Path, help="such as /opt/robotether-agent/versions/NAME")
     other.add_argument("--wait", type=float, default=60.0, metavar="S", help="usually 60 s")

@@ -275,13 +275,13 @@ class Agent:
     async def _show_key(self) -> None:
         """Show the key that an admin compares with what the server got."""
         key = await self._enroller.key()
-        shown = await self._enroller.next_key() or key
-        self._status_writer.set(fingerprint=shown.fingerprint)
+        newest_key = await self._enroller.next_key() or key
+        self._status_writer.set(fingerprint=newest_key.fingerprint)
 
     def _show_identity(self) -> None:
-        found = self._enroller.identity()
-        has_it = found.interface or "by the settings"
-        self._status_writer.set(mac=found.mac, interface=has_it if found.is_present else "")
+        identity = self._enroller.identity()
+        has_it = identity.interface or "by the settings"
+        self._status_writer.set(mac=identity.mac, interface=has_it if identity.is_present else "")
 
     def _session_is_up(
         self, uptime: Uptime, target: SshAddress, config: SessionConfig, session: Session

@@ -57,7 +57,7 @@ def line_of(message: JsonObject) -> bytes:
 def as_object(value: object, what: str) -> JsonObject:
     """Return `value` if it is a JSON object; `what` names it in errors."""
     if not isinstance(value, dict):
-        raise FieldError(f"{what} must be a JSON object, not {_shown(value)}")
+        raise FieldError(f"{what} must be a JSON object, not {_excerpt(value)}")
     return cast("JsonObject", value)
 
 
@@ -95,7 +95,7 @@ def get_flag(obj: JsonObject, name: str, *, default: bool) -> bool:
     """Return the truth value at `name`."""
     value = obj.get(name, default)
     if not isinstance(value, bool):
-        raise FieldError(f"field {name} must be true or false, not {_shown(value)}")
+        raise FieldError(f"field {name} must be true or false, not {_excerpt(value)}")
     return value
 
 
@@ -103,10 +103,10 @@ def get_number(obj: JsonObject, name: str, low: float, high: float) -> float:
     """Return the finite number at `name`, from `low` to `high`."""
     value = _present(obj, name)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise FieldError(f"field {name} must be a number, not {_shown(value)}")
+        raise FieldError(f"field {name} must be a number, not {_excerpt(value)}")
     # Not true of NaN either. A whole number may be larger than any float, which only a comparison bears.
     if not low <= value <= high:
-        raise FieldError(f"field {name} must be from {low:g} to {high:g}, not {_shown(value)}")
+        raise FieldError(f"field {name} must be from {low:g} to {high:g}, not {_excerpt(value)}")
     return float(value)
 
 
@@ -132,7 +132,7 @@ def get_cells(obj: JsonObject, name: str) -> tuple[ListedCell, ...]:
     if values is None:
         return ()
     if not isinstance(values, list):
-        raise FieldError(f"field {name} must be a list of cells, not {_shown(values)}")
+        raise FieldError(f"field {name} must be a list of cells, not {_excerpt(values)}")
     return tuple(_cell(as_object(value, f"{name}[{at}]")) for at, value in enumerate(values))[
         :MAX_CELLS
     ]
@@ -155,10 +155,10 @@ class MacError(ValueError):
 
 def normalise_mac(text: str, *, allow_local: bool = False) -> str:
     """Return `text`, a MAC in any usual spelling, as aa:bb:cc:dd:ee:ff; raise MacError."""
-    given = text.strip().lower()
-    if SIX_PARTS.fullmatch(given):
-        given = ":".join(part.zfill(2) for part in SEPARATORS.split(given))
-    digits = SEPARATORS.sub("", given)
+    spelling = text.strip().lower()
+    if SIX_PARTS.fullmatch(spelling):
+        spelling = ":".join(part.zfill(2) for part in SEPARATORS.split(spelling))
+    digits = SEPARATORS.sub("", spelling)
     if not HEX12.fullmatch(digits):
         raise MacError(f"{text!r} is not a MAC address such as 00:1b:44:11:3a:b7")
     if digits == "0" * 12:
@@ -180,23 +180,23 @@ def _present(obj: JsonObject, name: str) -> object:
 def _list(obj: JsonObject, name: str, limit: int) -> list[object]:
     value = _present(obj, name)
     if not isinstance(value, list) or not 1 <= len(value) <= limit:
-        raise FieldError(f"field {name} must be a list of 1 to {limit}, not {_shown(value)}")
+        raise FieldError(f"field {name} must be a list of 1 to {limit}, not {_excerpt(value)}")
     return value
 
 
 def _str(value: object, name: str) -> str:
     if not isinstance(value, str):
-        raise FieldError(f"field {name} must be text, not {_shown(value)}")
+        raise FieldError(f"field {name} must be text, not {_excerpt(value)}")
     return value
 
 
 def _int(value: object, name: str, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         raise FieldError(
-            f"field {name} must be a whole number from {low} to {high}, not {_shown(value)}"
+            f"field {name} must be a whole number from {low} to {high}, not {_excerpt(value)}"
         )
     return value
 
 
-def _shown(value: object) -> str:
+def _excerpt(value: object) -> str:
     return printable(repr(value), 80)

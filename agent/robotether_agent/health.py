@@ -89,10 +89,10 @@ class Health:
                 self._watch_exposure(),
             )
 
-    async def changed(self, known: HealthReport) -> HealthReport:
-        """Return the report as soon as it is another one than `known`."""
+    async def changed(self, report: HealthReport) -> HealthReport:
+        """Return the report as soon as it is another one than `report`."""
         async with self._condition:
-            await self._condition.wait_for(lambda: self.report != known)
+            await self._condition.wait_for(lambda: self.report != report)
             return self.report
 
     async def _again(

@@ -314,8 +314,8 @@ async def connected(url: str, *, max_message_bytes: int) -> AsyncIterator[Rosbri
     be the notice to the guard that the session is lost.
     """
     # As in guard/rosbridge.py: aiohttp's own socket cannot be dropped.
-    made = cast("type[aiohttp.ClientWebSocketResponse]", _Socket)
-    async with aiohttp.ClientSession(ws_response_class=made) as http:
+    socket_class = cast("type[aiohttp.ClientWebSocketResponse]", _Socket)
+    async with aiohttp.ClientSession(ws_response_class=socket_class) as http:
         socket = await within(CONNECT_WITHIN_S, _open(http, url, max_message_bytes))
         try:
             yield Rosbridge(socket)

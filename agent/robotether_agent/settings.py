@@ -100,10 +100,10 @@ def _text(value: object) -> str:
     return value.strip()
 
 
-def _one_of(known: tuple[str, ...], value: object) -> str:
+def _one_of(names: tuple[str, ...], value: object) -> str:
     name = _text(value).lower()
-    if name not in known:
-        raise RefusedValueError(", ".join(f'"{one}"' for one in known))
+    if name not in names:
+        raise RefusedValueError(", ".join(f'"{name}"' for name in names))
     return name
 
 
@@ -177,11 +177,11 @@ def _ports(value: object) -> tuple[int, ...]:
 
 
 def _flag(value: object) -> bool:
-    known = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+    values = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
     if isinstance(value, bool):
         return value
-    if isinstance(value, str) and value.strip().lower() in known:
-        return known[value.strip().lower()]
+    if isinstance(value, str) and value.strip().lower() in values:
+        return values[value.strip().lower()]
     raise RefusedValueError("true or false")
 
 
@@ -274,8 +274,8 @@ def _http_proxy(value: object) -> str:
 
 def _on_off(value: object) -> str:
     # YAML makes true and false of the bare words.
-    given = {True: "on", False: "off"}[value] if isinstance(value, bool) else value
-    return _one_of(("on", "off"), given)
+    word = {True: "on", False: "off"}[value] if isinstance(value, bool) else value
+    return _one_of(("on", "off"), word)
 
 
 def _path(value: object) -> Path:
@@ -327,7 +327,7 @@ PARSERS: dict[str, Callable[[object], Any]] = {
 
 
 @dataclass(frozen=True)
-class _Given:
+class _Value:
     """One value as it was given, and where."""
 
     key: str
@@ -338,9 +338,9 @@ class _Given:
         hidden = self.key in SECRETS | URLS_WITH_LOGIN
         # Any URL may contain a password, and in most of them it is what is refused.
         value = _without_login(self.value) if isinstance(self.value, str) else self.value
-        shown = "(hidden)" if hidden else repr(value)
+        text = "(hidden)" if hidden else repr(value)
         return SettingsInvalidError(
-            f"cannot use {self.source} = {shown}: {why}", advice="correct it"
+            f"cannot use {self.source} = {text}: {why}", advice="correct it"
         )
 
 
@@ -350,29 +350,29 @@ def load(file: Path | None, environ: Mapping[str, str], *, needs_server: bool = 
     Without `needs_server` the server may be missing, and is then the empty text.
     """
     source = DEFAULT_FILE if file is None else file
-    given = _from_file(source, must_exist=file is not None)
-    given.update(_from_environment(environ))
-    if "server" not in given and needs_server:
+    values = _from_file(source, must_exist=file is not None)
+    values.update(_from_environment(environ))
+    if "server" not in values and needs_server:
         raise SettingsInvalidError(
             f"cannot start: server is set neither in {source} nor as {PREFIX}SERVER",
             advice="set it to the server's host name or address, or HOST:PORT",
         )
-    _refuse_both(given)
-    settings = Settings(**{"server": "", **{key: _parsed(item) for key, item in given.items()}})
+    _refuse_both(values)
+    settings = Settings(**{"server": "", **{key: _parsed(item) for key, item in values.items()}})
     if settings.mac is not None:
-        _check_mac(given["mac"], settings)
+        _check_mac(values["mac"], settings)
     return settings
 
 
-def shown(settings: Settings) -> list[str]:
+def settings_lines(settings: Settings) -> list[str]:
     """Return one line "key = value" for each setting in force, secrets masked."""
     return [
-        f"{item.name} = {_shown(item.name, getattr(settings, item.name))}"
+        f"{item.name} = {_masked(item.name, getattr(settings, item.name))}"
         for item in fields(settings)
     ]
 
 
-def _from_file(path: Path, *, must_exist: bool) -> dict[str, _Given]:
+def _from_file(path: Path, *, must_exist: bool) -> dict[str, _Value]:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
@@ -396,51 +396,51 @@ def _from_file(path: Path, *, must_exist: bool) -> dict[str, _Given]:
     for key in table:
         if key not in PARSERS:
             raise _unknown(f"the key {key!r} in {path}", ", ".join(PARSERS))
-    return {key: _Given(key, value, f"{path}: {key}") for key, value in table.items()}
+    return {key: _Value(key, value, f"{path}: {key}") for key, value in table.items()}
 
 
-def _from_environment(environ: Mapping[str, str]) -> dict[str, _Given]:
-    given = {}
+def _from_environment(environ: Mapping[str, str]) -> dict[str, _Value]:
+    values = {}
     for name, value in environ.items():
         # Empty is not set: compose files can pass an optional variable on in no other way.
         if not name.startswith(PREFIX) or not value:
             continue
         key = name.removeprefix(PREFIX).lower()
         if key not in PARSERS:
-            known = ", ".join(f"{PREFIX}{known.upper()}" for known in PARSERS)
-            raise _unknown(f"the environment variable {name}", known)
-        given[key] = _Given(key, value, name)
-    return given
+            variables = ", ".join(f"{PREFIX}{key.upper()}" for key in PARSERS)
+            raise _unknown(f"the environment variable {name}", variables)
+        values[key] = _Value(key, value, name)
+    return values
 
 
-def _unknown(what: str, known: str) -> SettingsInvalidError:
-    return SettingsInvalidError(f"cannot start: {what} is not known", advice=f"allowed are {known}")
+def _unknown(what: str, names: str) -> SettingsInvalidError:
+    return SettingsInvalidError(f"cannot start: {what} is not known", advice=f"allowed are {names}")
 
 
-def _refuse_both(given: Mapping[str, _Given]) -> None:
-    for one, other in EXCLUSIVE:
-        if one in given and other in given:
+def _refuse_both(values: Mapping[str, _Value]) -> None:
+    for key, other in EXCLUSIVE:
+        if key in values and other in values:
             raise SettingsInvalidError(
-                f"cannot use both {given[one].source} and {given[other].source}",
+                f"cannot use both {values[key].source} and {values[other].source}",
                 advice="remove one of them",
             )
 
 
-def _parsed(item: _Given) -> Any:
+def _parsed(item: _Value) -> Any:
     try:
         return PARSERS[item.key](item.value)
     except RefusedValueError as error:
         raise item.refuse(f"allowed is {error}") from error
 
 
-def _check_mac(item: _Given, settings: Settings) -> None:
+def _check_mac(item: _Value, settings: Settings) -> None:
     try:
         normalise_mac(str(settings.mac), allow_local=settings.allow_local_mac)
     except MacError as error:
         raise item.refuse(f"{error}; allowed with allow_local_mac = true") from error
 
 
-def _shown(key: str, value: object) -> str:
+def _masked(key: str, value: object) -> str:
     if value is None:
         return "(not set)"
     if key in SECRETS:

@@ -196,9 +196,9 @@ class Upgrade:
 
         def report(result: str, detail: str) -> UpgradeReport:
             took_s = round(time.time() - began, 1)
-            made = UpgradeReport(result, was.name, target.name, detail, began, took_s)
-            self._layout.write(made)
-            return made
+            outcome = UpgradeReport(result, was.name, target.name, detail, began, took_s)
+            self._layout.write(outcome)
+            return outcome
 
         return report
 
@@ -215,12 +215,12 @@ class Upgrade:
         else:
             result, detail = "done", f"{target.name} is in use"
         try:
-            made = report(result, detail)
+            outcome = report(result, detail)
         finally:
             # A full disk takes no report, and is no reason to do it all again at the next boot.
             self._pending.clear()
         self._layout.keep_only(was, target)
-        return made
+        return outcome
 
     def _go_back(self, was: Path, before: str, why: AgentError) -> str:
         text = f"{why.message}; {was.name} is in use again"
@@ -246,13 +246,13 @@ class Upgrade:
             return status.state
         return SILENT if systemd.state() in RUNS else STOPPED
 
-    def _wait(self, version: Path, wanted: frozenset[str], old_pid: float) -> None:
-        """Wait until an agent of another process is in one of the `wanted` states."""
+    def _wait(self, version: Path, goal_states: frozenset[str], old_pid: float) -> None:
+        """Wait until an agent of another process is in one of the `goal_states`."""
         now = time.monotonic()
         deadline, good_since, good_pid = now + self._wait_s, now, 0.0
         while now < deadline:
             status = self._alive()
-            good = status is not None and status.state in wanted and status.pid != old_pid
+            good = status is not None and status.state in goal_states and status.pid != old_pid
             pid = status.pid if status is not None and good else 0.0
             if pid != good_pid:
                 good_since, good_pid = now, pid
@@ -260,13 +260,13 @@ class Upgrade:
                 return
             time.sleep(POLL_S)
             now = time.monotonic()
-        raise UpgradeFailedError(self._why_not(version, wanted))
+        raise UpgradeFailedError(self._why_not(version, goal_states))
 
-    def _why_not(self, version: Path, wanted: frozenset[str]) -> str:
+    def _why_not(self, version: Path, goal_states: frozenset[str]) -> str:
         status = self._alive()
         is_now = "it does not run" if status is None else f"it is {status.state}"
         problem = f" ({status.problem})" if status is not None and has_problem(status) else ""
-        states = " or ".join(sorted(wanted))
+        states = " or ".join(sorted(goal_states))
         return f"{version.name} was not {states} within {self._wait_s:g} s: {is_now}{problem}"
 
     def _alive(self) -> Status | None:

@@ -47,8 +47,10 @@ class Globs:
 
     def __init__(self, patterns: Iterable[str] = ()) -> None:
         self.patterns = tuple(patterns)
-        self._plain = frozenset(one for one in self.patterns if "*" not in one)
-        self._split = tuple(tuple(one.split("*")) for one in self.patterns if "*" in one)
+        self._plain = frozenset(pattern for pattern in self.patterns if "*" not in pattern)
+        self._split = tuple(
+            tuple(pattern.split("*")) for pattern in self.patterns if "*" in pattern
+        )
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Globs) and self.patterns == other.patterns
@@ -76,8 +78,8 @@ def _matches(parts: tuple[str, ...], name: str) -> bool:
     place = len(first)
     for part in middle:
         # The earliest place leaves most to the parts that follow, so there is nothing to try again.
-        found = name.find(part, place, end)
-        if found < 0:
+        start = name.find(part, place, end)
+        if start < 0:
             return False
-        place = found + len(part)
+        place = start + len(part)
     return True

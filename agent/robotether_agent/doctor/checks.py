@@ -90,17 +90,17 @@ def check_disk(settings: Settings) -> Finding:
 def check_mac(settings: Settings, root: Path = Path("/")) -> Finding:
     """Which MAC names this robot, and whether this machine has it."""
     try:
-        known = EnrolmentStore(settings.state_dir).load(settings.server)
+        enrolment = EnrolmentStore(settings.state_dir).load(settings.server)
         store = IdentityStore(settings, root, keeps=False)
-        found = store.identity(known.mac if known else None)
+        identity = store.identity(enrolment.mac if enrolment else None)
     except AgentError as problem:
         return fail("mac", problem.message, problem.advice)
-    if not found.is_present:
-        had = found.interface or "another interface"
-        reason = f"no interface of this machine has {found.mac}, by which the server knows it ({had} had it)"
+    if not identity.is_present:
+        had = identity.interface or "another interface"
+        reason = f"no interface of this machine has {identity.mac}, by which the server knows it ({had} had it)"
         return fail("mac", reason, f"put the network card back; {FORGET}")
-    where = interface_with(found.mac, root) or "set in agent.toml"
-    return ok("mac", f"{found.mac} ({where})")
+    where = interface_with(identity.mac, root) or "set in agent.toml"
+    return ok("mac", f"{identity.mac} ({where})")
 
 
 async def check_key(settings: Settings) -> Finding:

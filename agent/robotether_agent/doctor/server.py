@@ -173,16 +173,16 @@ def check_certificate(seen: ServerView, pinned: bytes | None) -> Finding:
     if seen.no_tls:
         why = f"{seen.host} port {seen.port} accepts, but there is no TLS: {seen.no_tls.sentence}"
         return fail("certificate", why, seen.no_tls.advice or MITM_ADVICE)
-    shown = hashlib.sha256(seen.certificate).hexdigest()
+    fingerprint = hashlib.sha256(seen.certificate).hexdigest()
     if pinned is None:
-        return _check_authority(seen, shown)
-    if shown != pinned.hex():
+        return _check_authority(seen, fingerprint)
+    if fingerprint != pinned.hex():
         return fail(
             "certificate",
-            f"the server shows {shown}, and tls_fingerprint is {pinned.hex()}",
+            f"the server shows {fingerprint}, and tls_fingerprint is {pinned.hex()}",
             "ask the server's administrator which one is right: correct tls_fingerprint, or find out who is in between",
         )
-    return ok("certificate", f"it is the pinned one, {shown}")
+    return ok("certificate", f"it is the pinned one, {fingerprint}")
 
 
 def check_clock(seen: ServerView, now: datetime, *, is_pinned: bool) -> Finding:
@@ -190,15 +190,15 @@ def check_clock(seen: ServerView, now: datetime, *, is_pinned: bool) -> Finding:
     advice = CLOCK_ADVICE + (
         "; with tls_fingerprint set the tunnel works all the same" if is_pinned else ""
     )
-    says = f"this robot's clock says {_shown(now)}"
+    says = f"this robot's clock says {_date_text(now)}"
     if seen.date is not None:
         if abs(now - seen.date) > CLOCK_TOLERANCE:
-            return fail("clock", f"{says}, and the server's {_shown(seen.date)}", advice)
+            return fail("clock", f"{says}, and the server's {_date_text(seen.date)}", advice)
         return ok("clock", f"{says}, as the server's")
     with suppress(CertificateError):
         begin, end = validity(seen.certificate)
         if not begin <= now <= end:
-            dates = f"{_shown(begin)} to {_shown(end)}"
+            dates = f"{_date_text(begin)} to {_date_text(end)}"
             return fail("clock", f"{says}, and the server's certificate is for {dates}", advice)
     if now < BUILT:
         return fail("clock", f"{says}, which is before this program was built", advice)
@@ -222,20 +222,20 @@ def check_answer(seen: ServerView) -> Finding:
     return ok(step, f"a Robotether server answers at {seen.host}")
 
 
-def _check_authority(seen: ServerView, shown: str) -> Finding:
+def _check_authority(seen: ServerView, fingerprint: str) -> Finding:
     if seen.distrust:
         return fail(
             "certificate",
-            f"this robot does not trust {shown}: {seen.distrust.sentence}",
+            f"this robot does not trust {fingerprint}: {seen.distrust.sentence}",
             f"{seen.distrust.advice or 'set tls_fingerprint or ca_file'}; and see that the clock is right",
         )
-    return ok("certificate", f"an authority has signed it ({shown})")
+    return ok("certificate", f"an authority has signed it ({fingerprint})")
 
 
 async def _resolve(host: str, port: int) -> tuple[str, ...]:
     loop = asyncio.get_running_loop()
-    found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    return tuple(dict.fromkeys(str(address[0]) for *_, address in found))
+    infos = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    return tuple(dict.fromkeys(str(address[0]) for *_, address in infos))
 
 
 async def _connect(settings: Settings, context: ssl.SSLContext | None) -> bytes:
@@ -337,5 +337,5 @@ def _blind() -> ssl.SSLContext:
     return context
 
 
-def _shown(time: datetime) -> str:
+def _date_text(time: datetime) -> str:
     return f"{time:%Y-%m-%d %H:%M:%S} UTC"

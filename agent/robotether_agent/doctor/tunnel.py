@@ -51,17 +51,19 @@ AS_ABOVE = "what stands above"
 def check_join(settings: Settings, status: Status | None) -> Finding:
     """Whether the server has let this robot in."""
     try:
-        known = EnrolmentStore(settings.state_dir).load(settings.server)
+        enrolment = EnrolmentStore(settings.state_dir).load(settings.server)
     except AgentError as problem:
         return fail("join", problem.message, problem.advice)
     if status is not None and status.state == "pending":
         return fail(
             "join", f"{status.problem} (key {status.fingerprint})", "approve it on the server"
         )
-    if known is None:
+    if enrolment is None:
         why = f"this robot is not enrolled at {settings.server}"
         return fail("join", why, "run: sudo robotether-agent join")
-    return ok("join", f"{known.server} knows this robot as {known.robot} (MAC {known.mac})")
+    return ok(
+        "join", f"{enrolment.server} knows this robot as {enrolment.robot} (MAC {enrolment.mac})"
+    )
 
 
 async def check_ssh(
@@ -73,10 +75,10 @@ async def check_ssh(
     """
     store = EnrolmentStore(settings.state_dir)
     try:
-        known, pinned = store.load(settings.server), keys.pinned_host_keys(store.known_hosts)
+        enrolment, pinned = store.load(settings.server), keys.pinned_host_keys(store.known_hosts)
     except AgentError as problem:
         return [fail("ssh", problem.message, problem.advice)]
-    access = known.ssh if known else announced
+    access = enrolment.ssh if enrolment else announced
     if access is None and settings.ssh_ports:
         access = SshAccess("tunnel", None, settings.ssh_ports)
     if access is None:
@@ -86,8 +88,8 @@ async def check_ssh(
     one_works = any(isinstance(problem, KeyRefusedError) for problem in problems)
     # Ports of which the same is to be said stand in one line.
     alike: dict[str, list[tuple[SshAddress, AgentError]]] = {}
-    for target, found in zip(targets, problems, strict=True):
-        alike.setdefault(_reason_of(found, target), []).append((target, found))
+    for target, answer in zip(targets, problems, strict=True):
+        alike.setdefault(_reason_of(answer, target), []).append((target, answer))
     return [_finding(group, pinned, above, one_works=one_works) for group in alike.values()]
 
 
@@ -264,10 +266,10 @@ def _finding(
         return ok(step, f"{target.host} answers with the pinned host key")
     if isinstance(problem, ServerKeyChangedError) and not pinned:
         return skipped(step, f"{target.host} answers; no host key is pinned before the first join")
-    message = said_once(one.message for _, one in alike)
+    message = said_once(problem.message for _, problem in alike)
     if isinstance(problem, ServerKeyChangedError):
-        known = ", ".join(key.fingerprint for key in pinned)
-        return fail(step, f"{message}; pinned is {known}", problem.advice)
+        fingerprints = ", ".join(key.fingerprint for key in pinned)
+        return fail(step, f"{message}; pinned is {fingerprints}", problem.advice)
     if one_works:
         return skipped(step, f"{message}; another address is enough")
     if is_said(message, above):

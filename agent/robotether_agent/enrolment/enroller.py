@@ -125,10 +125,14 @@ class EnrolmentStore:
 
     def load(self, server: str) -> Enrolment | None:
         """Return the enrolment at `server`, or None: never joined, or with another server."""
-        found = self._read()
-        if found is None or found.server != server or not keys.pinned_host_keys(self.known_hosts):
+        enrolment = self._read()
+        if (
+            enrolment is None
+            or enrolment.server != server
+            or not keys.pinned_host_keys(self.known_hosts)
+        ):
             return None
-        return found
+        return enrolment
 
     def keep(self, enrolment: Enrolment, host_keys: list[HostKey]) -> None:
         """Keep `enrolment`; pin `host_keys` if nothing is pinned for this server yet, else compare."""
@@ -147,8 +151,8 @@ class EnrolmentStore:
 
     def is_of_other_server(self, server: str) -> bool:
         """Return whether the settings name another server now than when the robot was enrolled."""
-        found = self._read()
-        return found is not None and found.server != server
+        enrolment = self._read()
+        return enrolment is not None and enrolment.server != server
 
     def _read(self) -> Enrolment | None:
         try:
@@ -202,30 +206,30 @@ class Enroller:
     def identity(self) -> Identity:
         """Return the MAC that names this robot, and whether this machine has it."""
         self._state_dir()
-        known = self._store.load(self._settings.server)
-        found = self._identities.identity(known.mac if known else None)
-        if not found.is_present and not self._absence_logged:
+        enrolment = self._store.load(self._settings.server)
+        identity = self._identities.identity(enrolment.mac if enrolment else None)
+        if not identity.is_present and not self._absence_logged:
             log.warning(
                 "no interface of this machine has the MAC %s (%s had it): this stays the same robot, and the "
                 "server is asked first; a copied disk becomes a robot of its own with: sudo robotether-agent forget",
-                found.mac,
-                found.interface or "another interface",
+                identity.mac,
+                identity.interface or "another interface",
             )
-        self._absence_logged = not found.is_present
-        return found
+        self._absence_logged = not identity.is_present
+        return identity
 
     async def enrolment(self) -> Enrolment:
         """Return what is known, or what the server answers to a join."""
         identity = self.identity()
-        known = self._known()
+        enrolment = self._kept_enrolment()
         # Only the server can tell a new network card from a copied disk.
         may_be_copy = not (identity.is_present or self._absence_reported)
-        usable = known is not None and known.mac == identity.mac and not may_be_copy
+        usable = enrolment is not None and enrolment.mac == identity.mac and not may_be_copy
         # A change of keys that was cut short is brought to its end first.
         asks = self._doubted or await self.next_key() is not None
-        if known is not None and usable and not asks:
-            return known
-        if known is None or not usable:
+        if enrolment is not None and usable and not asks:
+            return enrolment
+        if enrolment is None or not usable:
             return await self.join()
         try:
             # A web that does not answer must not keep a robot waiting whose tunnel may soon be up.
@@ -235,7 +239,7 @@ class Enroller:
         except asyncio.TimeoutError:
             log.debug("the web did not answer in %g s: using the kept enrolment", QUICK_ANSWER_S)
             self._doubted = False
-        return known
+        return enrolment
 
     def keep_cells(self, cells: tuple[ListedCell, ...]) -> None:
         """Keep the server's newest list of its cells; a disk that takes none must not cost the session."""
@@ -243,9 +247,9 @@ class Enroller:
             return
         self._cells = cells
         try:
-            if (known := self._known()) is not None:
+            if (enrolment := self._kept_enrolment()) is not None:
                 # Not synced: somebody may drive, and the guard stops a robot whose agent waits for a slow disk.
-                self._store.write(known, lasts=False)
+                self._store.write(enrolment, lasts=False)
         except StateUnusableError as problem:
             self._repeats.log_problem("list of cells", problem)
 
@@ -288,12 +292,12 @@ class Enroller:
         if monotonic() - self._asked_at >= ASK_ADDRESS_EVERY_S:
             self.doubt()
 
-    def _known(self) -> Enrolment | None:
+    def _kept_enrolment(self) -> Enrolment | None:
         """Return the kept enrolment with the newest list of cells."""
-        known = self._store.load(self._settings.server)
-        if known is None or not self._cells:
-            return known
-        return replace(known, ssh=replace(known.ssh, cells=self._cells))
+        enrolment = self._store.load(self._settings.server)
+        if enrolment is None or not self._cells:
+            return enrolment
+        return replace(enrolment, ssh=replace(enrolment.ssh, cells=self._cells))
 
     def _state_dir(self) -> Path:
         ensure_directory(self._settings.state_dir, "state_dir", 0o700)
@@ -302,8 +306,8 @@ class Enroller:
     async def _join(self) -> Enrolment:
         self._asked_at = monotonic()
         settings, identity = self._settings, self.identity()
-        known = self._store.load(settings.server)
-        answer = await self._ask(identity, is_enrolled=known is not None)
+        before = self._store.load(settings.server)
+        answer = await self._ask(identity, is_enrolled=before is not None)
         if self._store.is_of_other_server(settings.server):
             log.warning(
                 "the settings name another server now, %s: pinning its host keys", settings.server
@@ -314,7 +318,7 @@ class Enroller:
         self._doubted = False
         self._absence_reported = not identity.is_present
         self._repeats.forget()
-        if enrolment != known:
+        if enrolment != before:
             log.info(
                 "%s knows this robot as %s (MAC %s)", settings.server, answer.robot, identity.mac
             )

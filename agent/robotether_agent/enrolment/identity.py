@@ -73,17 +73,17 @@ class IdentityStore:
         if settings.mac is not None:
             # A person said so; in a container no interface may have it.
             return Identity(settings.mac, interface_with(settings.mac, self._root))
-        kept = self._read() or self._adopted(enrolled_mac)
-        if kept is None:
+        identity = self._read() or self._adopted(enrolled_mac)
+        if identity is None:
             return self._keep(self._find())
-        if settings.interface not in {None, kept.interface}:
-            return self._moved(kept)
-        return self._as_it_is_now(kept)
+        if settings.interface not in {None, identity.interface}:
+            return self._moved(identity)
+        return self._as_it_is_now(identity)
 
     def is_kept(self, identity: Identity) -> bool:
         """Return whether `identity` will be the same after a restart."""
-        kept = self._read()
-        return self._settings.mac is not None or (kept is not None and kept.mac == identity.mac)
+        record = self._read()
+        return self._settings.mac is not None or (record is not None and record.mac == identity.mac)
 
     def _find(self) -> Interface:
         settings = self._settings
@@ -91,16 +91,16 @@ class IdentityStore:
             settings.interface, allow_local=settings.allow_local_mac, root=self._root
         )
 
-    def _moved(self, kept: Identity) -> Identity:
+    def _moved(self, identity: Identity) -> Identity:
         """Follow the setting `interface` to another one, as soon as that is there."""
         try:
             return self._keep(self._find())
         except InterfaceMissingError:
-            return self._as_it_is_now(kept)
+            return self._as_it_is_now(identity)
 
-    def _as_it_is_now(self, kept: Identity) -> Identity:
-        now = interface_with(kept.mac, self._root)
-        return Identity(kept.mac, now or kept.interface, bool(now))
+    def _as_it_is_now(self, identity: Identity) -> Identity:
+        now = interface_with(identity.mac, self._root)
+        return Identity(identity.mac, now or identity.interface, bool(now))
 
     def _adopted(self, enrolled_mac: str | None) -> Identity | None:
         if enrolled_mac is None:
@@ -109,9 +109,9 @@ class IdentityStore:
         self._write(enrolled_mac, has_it)
         return Identity(enrolled_mac, has_it)
 
-    def _keep(self, found: Interface) -> Identity:
-        self._write(found.mac, found.name)
-        return Identity(found.mac, found.name)
+    def _keep(self, interface: Interface) -> Identity:
+        self._write(interface.mac, interface.name)
+        return Identity(interface.mac, interface.name)
 
     def _write(self, mac: str, interface: str) -> None:
         text = json.dumps({"interface": interface, "mac": mac}) + "\n"
@@ -167,15 +167,15 @@ def choose(interfaces: list[Interface], routes: list[str]) -> Interface | None:
 
 def physical_interfaces(root: Path, *, allow_local: bool) -> list[Interface]:
     """Return the Ethernet-like interfaces that are hardware and have a usable MAC."""
-    found = []
+    interfaces = []
     for path in _interfaces(root):
         if not _is_hardware(path) or _number(path / "type") != ARPHRD_ETHER:
             continue
         try:
-            found.append(_interface(path, allow_local=allow_local))
+            interfaces.append(_interface(path, allow_local=allow_local))
         except MacError:
             continue
-    return found
+    return interfaces
 
 
 def default_routes(root: Path) -> list[str]:

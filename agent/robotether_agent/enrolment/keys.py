@@ -142,7 +142,7 @@ def discard_next(state_dir: Path) -> None:
 async def sign(key: KeyPair, namespace: str, text: str) -> str:
     """Return the signature that proves to the server that this robot has `key`, as one text."""
     words = ("-Y", "sign", "-n", namespace, "-f", str(key.path))
-    return await _keygen(*words, given=text.encode())
+    return await _keygen(*words, stdin=text.encode())
 
 
 def _public(path: Path) -> Path:
@@ -167,24 +167,24 @@ async def _read(path: Path) -> KeyPair | None:
     if read_text(path) is None:
         return None
     public = read_text(_public(path)) or await _keygen("-y", "-f", str(path))
-    found = PUBLIC.match(public)
-    if found is None:
+    match = PUBLIC.match(public)
+    if match is None:
         raise KeyUnusableError(
             f"cannot use the key {path}: its public half is not ssh-ed25519",
             advice=f"remove {path} and {path}.pub; the robot then joins with a new key",
         )
-    return KeyPair(path, found.group())
+    return KeyPair(path, match.group())
 
 
 async def _make(path: Path, what: str) -> None:
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".key.") as place:
-            made = Path(place) / NAME
-            await _keygen("-q", "-t", "ed25519", "-N", "", "-C", "robotether", "-f", str(made))
+            new_key = Path(place) / NAME
+            await _keygen("-q", "-t", "ed25519", "-N", "", "-C", "robotether", "-f", str(new_key))
             # The server may soon know only this key, so a power cut must not lose it. In a thread: a memory card takes
             # seconds, and the guard stops a robot whose agent is silent for one.
-            await asyncio.to_thread(_flush, made)
-            _put(made, path)
+            await asyncio.to_thread(_flush, new_key)
+            _put(new_key, path)
             await asyncio.to_thread(_flush, path.parent)
             log.info("made %s %s", what, path)
     except FileExistsError:
@@ -196,11 +196,11 @@ async def _make(path: Path, what: str) -> None:
         ) from error
 
 
-def _put(made: Path, path: Path) -> None:
+def _put(new_key: Path, path: Path) -> None:
     _public(path).unlink(missing_ok=True)
     # A link, since it refuses to replace what another process of this robot has made meanwhile.
-    path.hardlink_to(made)
-    _public(made).replace(_public(path))
+    path.hardlink_to(new_key)
+    _public(new_key).replace(_public(path))
 
 
 def _flush(path: Path) -> None:
@@ -224,7 +224,7 @@ def _protect(path: Path) -> None:
         ) from error
 
 
-async def _keygen(*arguments: str, given: bytes = b"") -> str:
+async def _keygen(*arguments: str, stdin: bytes = b"") -> str:
     try:
         process = await asyncio.create_subprocess_exec(
             "ssh-keygen",
@@ -238,7 +238,7 @@ async def _keygen(*arguments: str, given: bytes = b"") -> str:
     except OSError as error:
         raise KeyUnusableError(f"cannot run ssh-keygen: {error.strerror}") from error
     try:
-        out, err = await within(KEYGEN_TIMEOUT_S, process.communicate(given))
+        out, err = await within(KEYGEN_TIMEOUT_S, process.communicate(stdin))
     except asyncio.TimeoutError as error:
         raise KeyUnusableError(
             f"cannot run ssh-keygen: no end after {KEYGEN_TIMEOUT_S:g} s"
@@ -258,18 +258,18 @@ async def _keygen(*arguments: str, given: bytes = b"") -> str:
 
 def parse_host_key(text: str) -> HostKey:
     """Return the key in `text` ("ssh-ed25519 AAAA... comment"); raise FieldError."""
-    shown = printable(text, 60)
+    excerpt = printable(text, 60)
     kind, _, rest = text.strip().partition(" ")
     text_of_blob = rest.partition(" ")[0]
     if not KEY_TYPE.fullmatch(kind):
-        raise FieldError(f"field host_keys must hold SSH public keys, not {shown!r}")
+        raise FieldError(f"field host_keys must hold SSH public keys, not {excerpt!r}")
     try:
         blob = base64.b64decode(text_of_blob, validate=True)
     except (ValueError, binascii.Error) as error:
-        raise FieldError(f"field host_keys holds a broken key {shown!r}") from error
+        raise FieldError(f"field host_keys holds a broken key {excerpt!r}") from error
     name = kind.encode()
     if not blob.startswith(len(name).to_bytes(4, "big") + name):
-        raise FieldError(f"field host_keys holds a key of another type than it says: {shown!r}")
+        raise FieldError(f"field host_keys holds a key of another type than it says: {excerpt!r}")
     return HostKey(kind, text_of_blob)
 
 
@@ -309,9 +309,10 @@ def check_host_keys(path: Path, before: Collection[HostKey], now: Collection[Hos
     changed = {key.type for key in set(before) ^ set(now)} & common
     if common and not changed:
         return
-    shown = ", ".join(sorted(key.fingerprint for key in now))
-    known = ", ".join(sorted(key.fingerprint for key in before))
+    new_fingerprints = ", ".join(sorted(key.fingerprint for key in now))
+    old_fingerprints = ", ".join(sorted(key.fingerprint for key in before))
     raise ServerKeyChangedError(
-        f"cannot trust the server: its SSH host keys are now {shown}, and at the first join were {known}",
+        f"cannot trust the server: its SSH host keys are now {new_fingerprints}, "
+        f"and at the first join were {old_fingerprints}",
         advice=HOST_KEY_ADVICE.format(known_hosts=path),
     )

@@ -135,19 +135,19 @@ def _config(fields: JsonObject) -> GuardConfig:
     if fields.get("guard") is None:
         return GuardConfig(url, direct=direct)
     guard = get_object(fields, "guard")
-    given = {name: value for name, value in guard.items() if value is not None}
+    values = {name: value for name, value in guard.items() if value is not None}
     return GuardConfig(
         url,
-        key=get_text(given, "key", default="", limit=MAX_KEY_LENGTH),
-        topics=_topics(given),
-        deadman_s=_seconds(given, "deadman_ms"),
-        max_age_s=_seconds(given, "max_age_ms"),
+        key=get_text(values, "key", default="", limit=MAX_KEY_LENGTH),
+        topics=_topics(values),
+        deadman_s=_seconds(values, "deadman_ms"),
+        max_age_s=_seconds(values, "max_age_ms"),
         limits=DriveLimits(
-            max_speed_m_s=_limit(given, "max_speed_m_s"),
-            max_turn_rad_s=_limit(given, "max_turn_rad_s"),
-            max_acceleration_m_s2=_limit(given, "max_acceleration_m_s2"),
-            max_turn_acceleration_rad_s2=_limit(given, "max_turn_acceleration_rad_s2"),
-            max_steering_rad=_limit(given, "max_steering_rad"),
+            max_speed_m_s=_limit(values, "max_speed_m_s"),
+            max_turn_rad_s=_limit(values, "max_turn_rad_s"),
+            max_acceleration_m_s2=_limit(values, "max_acceleration_m_s2"),
+            max_turn_acceleration_rad_s2=_limit(values, "max_turn_acceleration_rad_s2"),
+            max_steering_rad=_limit(values, "max_steering_rad"),
         ),
         direct=direct,
     )

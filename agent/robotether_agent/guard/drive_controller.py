@@ -285,25 +285,25 @@ class DriveController:
         await self._announce(topic)
 
     async def _publish(self, source: CommandSource, message: DriveMessage) -> None:
-        now, given = self._clock(), message.fields.get(STAMP)
-        stamp: Mapping[str, object] = given if isinstance(given, dict) else {}
+        now, raw_stamp = self._clock(), message.fields.get(STAMP)
+        stamp: Mapping[str, object] = raw_stamp if isinstance(raw_stamp, dict) else {}
         self._authorizer.check(source.authorization, stamp.get("fence"), now)
-        known = self._topics.find(message.topic)
-        wanted = read_command(message.fields.get("msg", {}), known.declared if known else None)
+        topic = self._topics.find(message.topic)
+        command = read_command(message.fields.get("msg", {}), topic.declared if topic else None)
         try:
             old_at = self._old_at(source, stamp.get("t_ms"), now)
         except DriveMessageRefusedError:
-            if known is not None and not wanted.moves:
+            if topic is not None and not command.moves:
                 # However late it comes, the driver wants to stop.
-                known.waiting = None
-                self._begin_zeros([known.name])
+                topic.waiting = None
+                self._begin_zeros([topic.name])
             raise
         topic = self._topic_for(source, message.topic)
-        self._check_shape(topic, wanted.shape)
-        if now < topic.withheld_until or (wanted.moves and topic.name in (self.unheard or ())):
+        self._check_shape(topic, command.shape)
+        if now < topic.withheld_until or (command.moves and topic.name in (self.unheard or ())):
             raise DriveMessageRefusedError("held", f"nothing on the robot listens to {topic.name}")
         before = topic.sent if self._deadman.is_moving(topic.name) else None
-        command = limited(wanted, before, now - topic.sent_at, self._config.limits)
+        command = limited(command, before, now - topic.sent_at, self._config.limits)
         if topic.waiting is not None:
             self.refusals["old"] += 1
         topic.waiting = PendingCommand(command, source, old_at, message_id(message.fields))

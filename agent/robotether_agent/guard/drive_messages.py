@@ -150,8 +150,8 @@ def _topic(fields: Mapping[str, Any], topics: DriveTopics) -> str | None:
     name = fields.get("topic")
     full = full_name(name)
     if full is None:
-        shown = printable(str(name), 80)
-        raise DriveMessageUnclearError(f"{shown!r} is no name like /a/b_1", message_id(fields))
+        excerpt = printable(str(name), 80)
+        raise DriveMessageUnclearError(f"{excerpt!r} is no name like /a/b_1", message_id(fields))
     if topics.match(full):
         return full
     if name != full and topics.might_be(full[1:]):
@@ -184,11 +184,11 @@ class _Parser:
         return value
 
     def _object(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        made = dict(pairs)
-        if len(made) != len(pairs):
+        obj = dict(pairs)
+        if len(obj) != len(pairs):
             raise DriveMessageUnclearError("a key appears twice")
-        self._guarded += _is_guarded(made)
-        return made
+        self._guarded += _is_guarded(obj)
+        return obj
 
 
 def _parse(data: bytes) -> Mapping[str, Any]:
@@ -352,8 +352,8 @@ def _object(value: object, name: str) -> Mapping[str, Any]:
     return value
 
 
-def _only(members: Mapping[str, Any], known: frozenset[str], name: str) -> None:
-    if not members.keys() <= known:
+def _only(members: Mapping[str, Any], names: frozenset[str], name: str) -> None:
+    if not members.keys() <= names:
         raise DriveMessageRefusedError("shape", f"its {name} has members that no drive message has")
 
 
@@ -399,18 +399,18 @@ def limited(
 
 
 def _limited_vector(
-    wanted: Vector, before: Vector, most: float | None, growth: float | None, step_s: float
+    command: Vector, before: Vector, most: float | None, growth: float | None, step_s: float
 ) -> Vector:
-    length = math.hypot(*wanted)
+    length = math.hypot(*command)
     allowed = length if most is None else min(length, most)
     if growth is not None and length > 0:
-        allowed = min(allowed, _along(before, wanted, length) + growth * step_s)
-    return wanted if allowed >= length else _scaled(wanted, allowed / length)
+        allowed = min(allowed, _along(before, command, length) + growth * step_s)
+    return command if allowed >= length else _scaled(command, allowed / length)
 
 
-def _along(before: Vector, wanted: Vector, length: float) -> float:
+def _along(before: Vector, command: Vector, length: float) -> float:
     """Return how fast the robot is in the wanted direction already; the other way counts as at rest."""
-    return max(0.0, sum(old * (new / length) for old, new in zip(before, wanted, strict=True)))
+    return max(0.0, sum(old * (new / length) for old, new in zip(before, command, strict=True)))
 
 
 def _scaled(vector: Vector, factor: float) -> Vector:

@@ -54,21 +54,21 @@ class FenceStore:
     def __init__(self, file: FenceFile) -> None:
         self._file = file
         # What the disk has.
-        self.kept = file.read()
-        self._newest = self.kept
+        self.on_disk = file.read()
+        self._newest = self.on_disk
         self._writing: asyncio.Task[StateUnusableError | None] | None = None
 
     def note(self, fence: int) -> None:
         """Begin to write a number that is newer."""
         self._newest = max(self._newest, fence)
         is_busy = self._writing is not None and not self._writing.done()
-        if self._newest > self.kept and not is_busy:
+        if self._newest > self.on_disk and not is_busy:
             self._writing = asyncio.create_task(self._write())
 
     async def keep(self, fence: int) -> None:
         """Return once the disk has this number or a newer one; StateUnusableError when it cannot be written."""
         self.note(fence)
-        if fence > self.kept and self._writing is not None:
+        if fence > self.on_disk and self._writing is not None:
             # A client that leaves meanwhile must not leave a thread behind that writes beside the next one.
             problem = await asyncio.shield(self._writing)
             if problem is not None:
@@ -80,11 +80,11 @@ class FenceStore:
             await asyncio.wait({self._writing})
 
     async def _write(self) -> StateUnusableError | None:
-        while (newest := self._newest) > self.kept:
+        while (newest := self._newest) > self.on_disk:
             try:
                 await asyncio.to_thread(self._file.write, newest)
             except StateUnusableError as problem:
                 log.error("%s; nobody can drive with lease %d", problem, newest)  # noqa: TRY400 - no defect
                 return problem
-            self.kept = newest
+            self.on_disk = newest
         return None

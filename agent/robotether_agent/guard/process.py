@@ -59,7 +59,7 @@ class Guard:
         self._config: GuardConfig | None = None
         self._exiting = asyncio.Event()
         self._fences = FenceStore(FenceFile(state_dir))
-        self._authorizer = Authorizer(self._clock(), self._fences.kept)
+        self._authorizer = Authorizer(self._clock(), self._fences.on_disk)
         self._controller = DriveController(
             self._authorizer, MotionFile(run_dir), self._clock, self._report_state
         )

@@ -287,10 +287,10 @@ class Deadman:
         self.stop([name for name in self.moving() if self._topics[name].due <= now], now)
         return [n for n, t in self._topics.items() if t.state == "zeroing" and t.due <= now]
 
-    def forget(self, known: Container[str]) -> None:
-        """Forget the topics that are at rest and are not `known` any more."""
-        gone = [n for n in self._topics if n not in known and self.is_at_rest(n)]
-        for name in gone:
+    def forget(self, names: Container[str]) -> None:
+        """Forget the topics that are at rest and not among `names`."""
+        idle_names = [n for n in self._topics if n not in names and self.is_at_rest(n)]
+        for name in idle_names:
             del self._topics[name]
 
     def zeroed(self, name: str, now: float) -> None:
@@ -409,14 +409,14 @@ class MotionTracker:
 
     def adopt(self, driven: Iterable[Driven]) -> None:
         """Keep what the last guard left as this one's own."""
-        self._recorded = {one.topic: one for one in driven}
+        self._recorded = {entry.topic: entry for entry in driven}
 
-    def ensure(self, moving: Driven, known: Container[str]) -> bool:
-        """Write that a topic moves, before it does; False: it cannot. Others that are not `known` are left out."""
+    def ensure(self, moving: Driven, names: Container[str]) -> bool:
+        """Write that a topic moves, before it does; False: it cannot. Others than `names` are left out."""
         if self._recorded.get(moving.topic) == moving:
             return True
-        kept = {name: one for name, one in self._recorded.items() if name in known}
-        recorded = {**kept, moving.topic: moving}
+        others = {name: entry for name, entry in self._recorded.items() if name in names}
+        recorded = {**others, moving.topic: moving}
         try:
             self._file.write(list(recorded.values()))
         except StateUnusableError as problem:

@@ -155,15 +155,15 @@ class HappyEyeballs(Generic[T]):
 def combined_problem(failed: Sequence[AgentError]) -> AgentError:
     """Return one problem for all: that nothing answered only if really nothing did; a server's own word counts most."""
     for kind in (ServerBusyError, ServerUnreachableError):
-        found = [problem for problem in failed if isinstance(problem, kind)]
-        if found:
-            return _one(kind, found)
-    return _one(NoAnswerError, failed)
+        problems = [problem for problem in failed if isinstance(problem, kind)]
+        if problems:
+            return _merged(kind, problems)
+    return _merged(NoAnswerError, failed)
 
 
-def _one(kind: type[AgentError], found: Sequence[AgentError]) -> AgentError:
-    message = said_once(problem.message for problem in found)
-    advice = next((problem.advice for problem in found if problem.advice), None)
+def _merged(kind: type[AgentError], problems: Sequence[AgentError]) -> AgentError:
+    message = said_once(problem.message for problem in problems)
+    advice = next((problem.advice for problem in problems if problem.advice), None)
     return kind(message or "cannot connect: nothing answers", advice=advice)
 
 
@@ -194,4 +194,4 @@ def _listed(names: Sequence[str]) -> str:
     words = [name.split(" ") for name in names]
     columns = takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))
     shared = len(list(columns))
-    return ", ".join([names[0], *(" ".join(one[shared:]) for one in words[1:])])
+    return ", ".join([names[0], *(" ".join(parts[shared:]) for parts in words[1:])])

@@ -107,8 +107,8 @@ def refusal(head: bytes, proxy: Proxy, where: str) -> AgentError | None:
     status = int(line[1])
     if HTTPStatus.OK <= status < HTTPStatus.MULTIPLE_CHOICES:
         return None
-    said = printable((line[2] or b"").decode("latin-1"), 80)
-    why = f"{proxy} answers {status} {said}".rstrip()
+    reason = printable((line[2] or b"").decode("latin-1"), 80)
+    why = f"{proxy} answers {status} {reason}".rstrip()
     if status in GATEWAY_FAILURES:
         why = f"{why}: it cannot reach that itself"
     kind = NoAnswerError if status == HTTPStatus.GATEWAY_TIMEOUT else ServerUnreachableError

@@ -35,16 +35,16 @@ log = logging.getLogger(__name__)
 
 def kinds_of(data: bytes) -> set[str]:
     """Return what the messages in one datagram are about; what is cut short or unknown is left out."""
-    found = set()
+    kinds = set()
     at = 0
     while at + HEADER.size <= len(data):
         length, number, *_ = HEADER.unpack_from(data, at)
         if length < HEADER.size or at + length > len(data):
             break
         if number in KINDS:
-            found.add(KINDS[number])
+            kinds.add(KINDS[number])
         at += -(-length // ALIGNMENT) * ALIGNMENT
-    return found
+    return kinds
 
 
 class Network:

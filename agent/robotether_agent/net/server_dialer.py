@@ -118,9 +118,9 @@ def _no_ssh(name: str, words: bytes) -> AgentError:
         return ServerBusyError(
             f"cannot log in at {name} now: it already handles as many log-ins as it accepts at once"
         )
-    said = printable(words.decode("ascii", errors="replace").split("\r\n")[0], 60)
+    line = printable(words.decode("ascii", errors="replace").split("\r\n")[0], 60)
     return ServerUnreachableError(
-        f"cannot reach SSH at {name}: what answers there is no SSH server ({said!r})",
+        f"cannot reach SSH at {name}: what answers there is no SSH server ({line!r})",
         advice="find out what is in between, such as a captive portal, and log in to it",
     )
 
@@ -143,7 +143,7 @@ class SshAddress:
 
 
 @dataclass
-class _Probed:
+class _Probe:
     """An SSH server answers at `target`; the connection is there if nobody has said a word on it."""
 
     target: SshAddress
@@ -185,7 +185,7 @@ class ServerDialer:
         self._rng = rng or Random()  # noqa: S311 - spreads a fleet, keeps no secret
         self._resolver = resolver or Resolver()
         self._banner = Banner(https_port)
-        self._spares: list[_Probed] = []
+        self._spares: list[_Probe] = []
         # Connections that the other end has taken, and on which it has said nothing yet.
         self._silent_connections = 0
         self._none_silent = asyncio.Event()
@@ -208,7 +208,7 @@ class ServerDialer:
         """
         cells = [
             _Candidate(list(addresses))
-            for _, addresses in groupby(targets, key=lambda one: one.cell)
+            for _, addresses in groupby(targets, key=lambda target: target.cell)
         ]
         for spare in self._spares:
             if spare.target in targets and spare.is_fresh():
@@ -217,18 +217,18 @@ class ServerDialer:
             happy_eyeballs = HappyEyeballs(
                 repeat(partial(self._probe_any, cells, unreached_s)),
                 pause=partial(self._pause, network),
-                drop=_Probed.drop,
+                drop=_Probe.drop,
                 eager=False,
             )
-            found: list[SshAddress] = []
+            answers: list[SshAddress] = []
 
             async def find() -> None:
-                found.append(await self._keep_winner(happy_eyeballs))
+                answers.append(await self._keep_winner(happy_eyeballs))
 
             await first_of(find(), self._give_up(len(cells)))
-            if not found:
+            if not answers:
                 raise happy_eyeballs.problem
-            return found[0]
+            return answers[0]
 
     async def open(self, target: SshAddress) -> socket.socket:
         """Return a connection to `target`: the one in hand, or a new one."""
@@ -239,48 +239,48 @@ class ServerDialer:
             spare.drop()
         return await self._connect(target)
 
-    async def _keep_winner(self, happy_eyeballs: HappyEyeballs[_Probed]) -> SshAddress:
+    async def _keep_winner(self, happy_eyeballs: HappyEyeballs[_Probe]) -> SshAddress:
         probed = await happy_eyeballs.winner()
         _drop_all(self._spares)
         self._spares.append(probed)
         asyncio.get_running_loop().call_later(SPARE_S, self._expire, probed)
         return probed.target
 
-    def _expire(self, spare: _Probed) -> None:
+    def _expire(self, spare: _Probe) -> None:
         if spare in self._spares:
             self._spares.remove(spare)
             spare.drop()
 
-    async def _probe_any(self, cells: Sequence[_Candidate], unreached_s: float) -> _Probed:
+    async def _probe_any(self, cells: Sequence[_Candidate], unreached_s: float) -> _Probe:
         first_s = max(0.0, NEXT_CELL_AFTER_S - unreached_s)
         pauses_s = chain([first_s], repeat(NEXT_CELL_AFTER_S))
         happy_eyeballs = HappyEyeballs(
             [partial(self._probe_cell, cell) for cell in cells],
             pause=lambda: self._pause_before_cell(next(pauses_s)),
-            drop=_Probed.drop,
+            drop=_Probe.drop,
             # Another cell is another machine, which may have room.
             ends=(),
         )
         return await happy_eyeballs.winner()
 
-    async def _probe_cell(self, cell: _Candidate) -> _Probed:
+    async def _probe_cell(self, cell: _Candidate) -> _Probe:
         if cell.refusal is not None:
             raise cell.refusal
         attempts = [partial(self._probe, address) for address in cell.addresses]
-        happy_eyeballs = HappyEyeballs(attempts, pause=self._pause_before_port, drop=_Probed.drop)
+        happy_eyeballs = HappyEyeballs(attempts, pause=self._pause_before_port, drop=_Probe.drop)
         try:
             return await happy_eyeballs.winner()
         except ServerUnreachableError as problem:
             cell.refusal = problem
             raise
 
-    async def _probe(self, target: SshAddress) -> _Probed:
+    async def _probe(self, target: SshAddress) -> _Probe:
         connection = await self._connect(target)
         with _closed_on_failure(connection), self._counted_silent():
             is_unused = await self._banner.check(connection, target.port, self._name(target))
         if not is_unused:
             connection.close()
-        return _Probed(target, connection if is_unused else None)
+        return _Probe(target, connection if is_unused else None)
 
     async def _connect(self, target: SshAddress) -> socket.socket:
         if self._proxy is None:
@@ -347,6 +347,6 @@ def _closed_on_failure(connection: socket.socket) -> Iterator[None]:
         unless_done.pop_all()
 
 
-def _drop_all(spares: list[_Probed]) -> None:
+def _drop_all(spares: list[_Probe]) -> None:
     while spares:
         spares.pop().drop()

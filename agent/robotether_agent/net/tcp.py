@@ -98,8 +98,8 @@ def _set(connection: socket.socket, option: int, value: int | bytes) -> None:
 
 def resolve(host: str, port: int) -> list[Address]:
     """Ask the system's resolver; raises OSError."""
-    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    return [(family, address) for family, _, _, _, address in found]
+    infos = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    return [(family, address) for family, _, _, _, address in infos]
 
 
 def _is_address(host: str) -> bool:
@@ -152,15 +152,15 @@ class Resolver:
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[list[Address]] = loop.create_future()
 
-        def on_answer(found: list[Address] | OSError) -> None:
-            if isinstance(found, OSError):
+        def on_answer(result: list[Address] | OSError) -> None:
+            if isinstance(result, OSError):
                 if not answer.done():
-                    answer.set_exception(found)
+                    answer.set_exception(result)
                 return
             # An answer that comes too late for this question still helps the next one.
-            self._last[host, port] = found
+            self._last[host, port] = result
             if not answer.done():
-                answer.set_result(found)
+                answer.set_result(result)
 
         asker = threading.Thread(target=self._run, args=(host, port, loop, on_answer), daemon=True)
         try:
@@ -179,17 +179,17 @@ class Resolver:
         loop: asyncio.AbstractEventLoop,
         on_answer: Callable[[list[Address] | OSError], None],
     ) -> None:
-        found: list[Address] | OSError
+        result: list[Address] | OSError
         try:
-            found = interleaved(self._resolve(host, port))
+            result = interleaved(self._resolve(host, port))
         except OSError as error:
-            found = error
+            result = error
         except UnicodeError as error:
-            found = NameUnknownError(cause_of(error, RESOLVE_TIMEOUT_S).sentence)
+            result = NameUnknownError(cause_of(error, RESOLVE_TIMEOUT_S).sentence)
         finally:
             self._threads.release()
         try:
-            loop.call_soon_threadsafe(on_answer, found)
+            loop.call_soon_threadsafe(on_answer, result)
         except RuntimeError:
             log.debug("the name service answered for %s after the agent's end", host)
 

@@ -131,17 +131,17 @@ async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Ss
     tunnel.on_connected()
     while True:
         role.moved.clear()
-        wanted = _forward(role, config)
-        if wanted != open_now:
+        forward = _forward(role, config)
+        if forward != open_now:
             if open_now is not None:
                 await tunnel.cancel(open_now)
-            if wanted is not None:
-                await tunnel.add(wanted)
-                _log_forward(config, wanted)
-        open_now = wanted
-        if reported != (config, wanted):
+            if forward is not None:
+                await tunnel.add(forward)
+                _log_forward(config, forward)
+        open_now = forward
+        if reported != (config, forward):
             role.on_up(target, config, session)
-            reported = (config, wanted)
+            reported = (config, forward)
         config = await _next_config(session, config, role.moved)
 
 
@@ -151,18 +151,18 @@ def _forward(role: Role, config: SessionConfig) -> Forward | None:
 
 
 async def _next_config(
-    session: Session, known: SessionConfig, moved: asyncio.Event
+    session: Session, config: SessionConfig, moved: asyncio.Event
 ) -> SessionConfig:
     """Return the newest configuration when it, or where its forward leads, is another one."""
 
     async def new_config() -> None:
-        await session.new_config(known)
+        await session.new_config(config)
 
     async def has_moved() -> None:
         await moved.wait()
 
     await first_of(new_config(), has_moved())
-    return session.config or known
+    return session.config or config
 
 
 def _log_forward(config: SessionConfig, forward: Forward) -> None:

@@ -99,10 +99,10 @@ class Connector:
             failed.append(await self._unless_unreachable(target, files, role, ssh))
             left.remove(target)
             if isinstance(failed[-1], ServerKeyChangedError):
-                left = [one for one in left if one.cell != target.cell]
+                left = [other for other in left if other.cell != target.cell]
             elif monotonic() - began > HANGS_AFTER_S:
                 # Its other ports lead to the same sshd.
-                left.sort(key=lambda one: one.cell == target.cell)
+                left.sort(key=lambda other: other.cell == target.cell)
         raise _why_nowhere(failed, len(ssh.in_order(self._settings)))
 
     def targets(self, ssh: SshAccess, kind: Kind) -> list[SshAddress]:
@@ -141,10 +141,10 @@ class Connector:
         cell, at = self._fell_silent
         is_silent = cell == targets[0].cell and monotonic() - at < JUST_SILENT_S
         unreached_s = NEXT_CELL_AFTER_S if is_silent else 0.0
-        found: list[SshAddress] = []
+        answers: list[SshAddress] = []
 
         async def find() -> None:
-            found.append(await self._server_dialer.find(targets, unreached_s=unreached_s))
+            answers.append(await self._server_dialer.find(targets, unreached_s=unreached_s))
 
         try:
             await first_of(find(), *([self._ask_web()] if self._is_silent_for_long() else []))
@@ -155,7 +155,7 @@ class Connector:
             self._silent_since = None
             raise
         self._silent_since = None
-        return found[0]
+        return answers[0]
 
     def _is_silent_for_long(self) -> bool:
         now, since = monotonic(), self._silent_since
@@ -214,7 +214,7 @@ class Connector:
                 role.on_config(config)
 
         def elsewhere() -> list[SshAddress]:
-            return [one for one in self.targets(ssh, "session") if one.cell != target.cell]
+            return [other for other in self.targets(ssh, "session") if other.cell != target.cell]
 
         return replace(role, on_config=on_config, elsewhere=elsewhere)
 

@@ -264,8 +264,8 @@ class _Watch:
         answered: list[SshAddress] = []
 
         async def find() -> None:
-            found = await self._dialer.find([self._target, *others], unreached_s=unreached_s)
-            answered.append(found)
+            target = await self._dialer.find([self._target, *others], unreached_s=unreached_s)
+            answered.append(target)
 
         try:
             await first_of(find(), self._until_clear())

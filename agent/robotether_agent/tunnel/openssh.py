@@ -216,13 +216,13 @@ def why_not_connected(
             words = {"target": target, "line": line.removeprefix(SESSION_COMMAND_PREFIX)}
             words |= {"key": files.keys[0] if files.keys else "", "known_hosts": files.known_hosts}
             return kind(why.format(**words), advice=advice and advice.format(**words))
-    said = _last(stderr)
+    last_line = _last(stderr)
     if status != SSH_FAILED:
-        why = said or f"status {status}, and no message"
+        why = last_line or f"status {status}, and no message"
         return SessionRefusedError(
             f"cannot open the session at {target}: the server's command ended: {why}"
         )
-    return LinkLostError(f"cannot connect to {target}: {said or 'ssh ended silently'}")
+    return LinkLostError(f"cannot connect to {target}: {last_line or 'ssh ended silently'}")
 
 
 def why_ended(stderr: Sequence[str], status: int | None, target: SshAddress) -> AgentError:
@@ -245,8 +245,8 @@ def why_no_forward(stderr: Sequence[str], forward: Forward, action: str) -> Agen
             f"cannot open port {forward.listen_port} on the server: it refuses the port to this robot",
             advice="another connection still holds it, or the robot's ports have changed; this is tried again",
         )
-    said = _last(stderr) or "without a word"
-    return ForwardFailedError(f"cannot {action} the forward {forward.spec}: {said}")
+    last_line = _last(stderr) or "without a word"
+    return ForwardFailedError(f"cannot {action} the forward {forward.spec}: {last_line}")
 
 
 # The order counts: a refused host key or key file also ends in lines that later patterns match.
@@ -293,8 +293,8 @@ _BEFORE_CONFIG: tuple[tuple[re.Pattern[str], type[AgentError], str, str | None],
 
 
 def _first(stderr: Sequence[str], pattern: re.Pattern[str]) -> str | None:
-    found = next((line for line in stderr if pattern.search(line)), None)
-    return None if found is None else printable(found.strip("@ \t\r"), 200)
+    line = next((line for line in stderr if pattern.search(line)), None)
+    return None if line is None else printable(line.strip("@ \t\r"), 200)
 
 
 def _last(stderr: Sequence[str]) -> str:

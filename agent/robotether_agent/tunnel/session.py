@@ -260,9 +260,9 @@ class Session:
         """Serve until the stream ends; raise why if the server or a time-out ended it."""
         await first_of(self._listen(), self._send_heartbeats(), self._end_silence())
 
-    async def new_config(self, known: SessionConfig | None) -> SessionConfig:
-        """Return the newest configuration as soon as it is another one than `known`."""
-        while self.config is None or self.config == known:
+    async def new_config(self, config: SessionConfig | None) -> SessionConfig:
+        """Return the newest configuration as soon as it is another one than `config`."""
+        while self.config is None or self.config == config:
             self._configured.clear()
             await self._configured.wait()
         return self.config

@@ -144,10 +144,10 @@ class FramesService:
             raise web.HTTPServiceUnavailable(text=f"{down}\n") from down
         if topic is None:
             raise web.HTTPNotFound(text="this robot has no camera\n")
-        return await self._first_frame(_asked(request, topic))
+        return await self._first_frame(_source_request(request, topic))
 
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
-        return await self._first_frame(_asked(request, _topic(request)))
+        return await self._first_frame(_source_request(request, _topic(request)))
 
     async def _first_frame(self, source_request: SourceRequest) -> web.StreamResponse:
         newest = _Newest(self._shared_sources, source_request)
@@ -158,7 +158,7 @@ class FramesService:
         return web.Response(body=frame.data, content_type=frame.codec.mime_type)
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        source_request = _asked(request, _topic(request))
+        source_request = _source_request(request, _topic(request))
         self._check_room(source_request.topic)
         self._topics[source_request.topic] += 1
         newest = _Newest(self._shared_sources, source_request)
@@ -230,7 +230,7 @@ def _topic(request: web.Request) -> str:
     return topic
 
 
-def _asked(request: web.Request, topic: str) -> SourceRequest:
+def _source_request(request: web.Request, topic: str) -> SourceRequest:
     """Return what a URL of web_video_server's kind asks for; its other words are not known here."""
     query = request.query
     try:

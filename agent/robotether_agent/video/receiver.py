@@ -99,7 +99,7 @@ class FrameRateCounter:
 
 
 @dataclass(frozen=True)
-class Sent:
+class SentFrame:
     """A frame that is under way."""
 
     sequence: int
@@ -133,7 +133,7 @@ class Receiver:
         self._credit_s = clock()
         self._sequence = 0
         self._newest: tuple[int, CameraFrame, SourceRequest] | None = None
-        self._in_flight: deque[Sent] = deque(maxlen=MAX_IN_FLIGHT)
+        self._in_flight: deque[SentFrame] = deque(maxlen=MAX_IN_FLIGHT)
         self._texts: deque[JsonFields] = deque(maxlen=MAX_TEXTS)
         self._status: JsonFields = {}
         self._status_s = self._checked_s = clock() - STATUS_EVERY_S
@@ -264,7 +264,7 @@ class Receiver:
     ) -> None:
         self._newest = None
         self._credit -= 1
-        self._in_flight.append(Sent(sequence, frame.arrived_s, source_request))
+        self._in_flight.append(SentFrame(sequence, frame.arrived_s, source_request))
         self._sent.note(self._clock())
         quality = source_request.quality if self._can_step() else 0
         header = Header(sequence, frame.timestamp_s * 1000, quality, frame.is_stamped, frame.codec)
@@ -306,13 +306,13 @@ class Receiver:
             self._follow()
 
     def _send_status(self, now_s: float) -> None:
-        found = self._source_switch.condition()
+        condition = self._source_switch.condition()
         source_request = self._source_switch.source_request if self._can_step() else None
         status: JsonFields = {
             "op": "status",
-            "state": found.state,
-            "detail": found.detail,
-            "source": found.source,
+            "state": condition.state,
+            "detail": condition.detail,
+            "source": condition.source,
             "quality": 0 if source_request is None else source_request.quality,
             "width": None if source_request is None else source_request.width,
             "height": None if source_request is None else source_request.height,
@@ -367,7 +367,7 @@ def parse(text: bytes | str) -> Request | None:
 
 
 def _stream_request(message: JsonObject) -> StreamRequest:
-    found = StreamRequest(
+    request = StreamRequest(
         quality_min=_or(message, "quality_min", StreamRequest.quality_min, get_int, of=QUALITIES),
         quality_max=_or(message, "quality_max", StreamRequest.quality_max, get_int, of=QUALITIES),
         fps=_or(message, "fps", StreamRequest.fps, get_number, of=FPS),
@@ -377,11 +377,11 @@ def _stream_request(message: JsonObject) -> StreamRequest:
         width=_or(message, "width", None, get_int, of=SIDES),
         height=_or(message, "height", None, get_int, of=SIDES),
     )
-    if found.quality_min > found.quality_max:
+    if request.quality_min > request.quality_max:
         raise FieldError("field quality_min must not be over quality_max")
-    if (found.width is None) != (found.height is None):
+    if (request.width is None) != (request.height is None):
         raise FieldError("fields width and height must be both there, or none")
-    return found
+    return request
 
 
 def _credit(message: JsonObject) -> Credit:

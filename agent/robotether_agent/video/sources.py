@@ -387,9 +387,9 @@ async def run_rosbridge(
         raise SourceDownError(f"rosbridge at {graph.url} sends no frames: {reason}") from error
 
 
-async def _image_topic(graph: RosGraph, wanted: str) -> str:
+async def _image_topic(graph: RosGraph, camera: str) -> str:
     """Return the name under which rosbridge has a camera's compressed frames."""
-    name = _full_name(wanted)
+    name = _full_name(camera)
     try:
         topic = _compressed_of(name, await graph.topics())
     except (ConnectionError, asyncio.TimeoutError):
@@ -431,8 +431,8 @@ def _frame_of(message: JsonObject, topic: str) -> CameraFrame:
     except (binascii.Error, ValueError):
         jpeg = b""
     if not jpeg.startswith(JPEG_START):
-        shown = printable(str(message.get("format", "")), 40)
-        raise SourceDownError(f"{topic} has images of format {shown!r}, not JPEG")
+        excerpt = printable(str(message.get("format", "")), 40)
+        raise SourceDownError(f"{topic} has images of format {excerpt!r}, not JPEG")
     arrived = now()
     timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
     return CameraFrame(jpeg, timestamp_s, arrived.robot_s, is_stamped)

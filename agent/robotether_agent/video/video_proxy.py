@@ -148,23 +148,23 @@ class VideoProxy:
 
     async def _dial(self, host: str, port: int) -> socket.socket:
         loop = asyncio.get_running_loop()
-        found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        infos = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         error: OSError = OSError(f"{host} has no address")
-        for family, kind, protocol, _, address in found:
-            made = socket.socket(family, kind, protocol)
+        for family, kind, protocol, _, address in infos:
+            connection = socket.socket(family, kind, protocol)
             try:
-                made.setblocking(False)
-                made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
-                made.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, SEGMENT)
-                await within(DIAL_TIMEOUT_S, loop.sock_connect(made, address))
+                connection.setblocking(False)
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, SEGMENT)
+                await within(DIAL_TIMEOUT_S, loop.sock_connect(connection, address))
             except (OSError, asyncio.TimeoutError) as failed:
-                made.close()
+                connection.close()
                 error = OSError(f"cannot reach {host} port {port}: {failed!r}")
             except BaseException:
-                made.close()
+                connection.close()
                 raise
             else:
-                return made
+                return connection
         raise error
 
 

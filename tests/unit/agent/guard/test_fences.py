@@ -57,7 +57,7 @@ async def test_a_newer_number_waits_for_the_disk_and_an_older_one_does_not(tmp_p
     assert not keeping.done()
     file.go.set()
     await keeping
-    assert file.read() == store.kept == 14
+    assert file.read() == store.on_disk == 14
     await store.keep(12)
     assert file.begun == [14]
 
@@ -88,7 +88,7 @@ async def test_a_disk_that_fails_keeps_nobody_waiting_and_may_work_again(
     store = FenceStore(FenceFile(tmp_path / "gone"))
     with pytest.raises(StateUnusableError, match=r"cannot write .*fence\.json"):
         await store.keep(14)
-    assert store.kept == 0
+    assert store.on_disk == 0
     assert "nobody can drive with lease 14" in caplog.text
     (tmp_path / "gone").mkdir()
     await store.keep(14)
@@ -99,5 +99,5 @@ async def test_a_number_that_is_noted_is_written_without_anybody_waiting(tmp_pat
     store = FenceStore(FenceFile(tmp_path))
     store.note(14)
     store.note(3)
-    await until("it is written", lambda: store.kept == 14)
+    await until("it is written", lambda: store.on_disk == 14)
     assert FenceFile(tmp_path).read() == 14
