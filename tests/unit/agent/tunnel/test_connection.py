@@ -162,6 +162,12 @@ def config(cloud: FakeCloud, video_port: int) -> dict[str, object]:
     return {"type": "config", "robot": "sim1", "guard": {}, **ports, **times}
 
 
+def no_services() -> Health:
+    """The health of a robot on which nothing answers."""
+    url = "ws://127.0.0.1:9"
+    return Health(SourceSettings("http://127.0.0.1:9", url), RosGraph(url))
+
+
 async def is_up(up: Up, count: int = 1) -> None:
     await eventually(lambda: len(up.configs) >= count, lambda: f"up {count} times: {up}")
 
@@ -229,10 +235,7 @@ async def test_the_session_joins_the_guard(cloud, robot, place):
     """The guard gets configuration, lease and stop; its lines go to the server; a lost session is told to it."""
     supervisor = GuardSupervisor("ws://127.0.0.1:9", fake_guard_command(place, "serves"))
     robot.started.append(asyncio.ensure_future(supervisor.run()))
-    health = Health(
-        SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"), RosGraph("ws://127.0.0.1:9")
-    )
-    connecting = robot.connect(robot.trust(cloud.ssh), Up(), health, guard=supervisor)
+    connecting = robot.connect(robot.trust(cloud.ssh), Up(), no_services(), guard=supervisor)
     link = await cloud.link("session")
     link.send({"type": "lease", "fence": 13, "held": True})
     link.send({"type": "stop", "id": "5f0c", "by": "ben"})
@@ -256,11 +259,8 @@ async def test_the_session_joins_the_guard(cloud, robot, place):
 async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatch):
     """Nothing is asked before a forward stands; however much changes then, the server is not pressed."""
     monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_PAUSE_S", 0.6)
-    health = Health(
-        SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"), RosGraph("ws://127.0.0.1:9")
-    )
     recheck = asyncio.Event()
-    robot.connect(robot.trust(cloud.ssh), Up(), health, recheck)
+    robot.connect(robot.trust(cloud.ssh), Up(), no_services(), recheck)
     link = await cloud.link("session")
     await eventually(lambda: len(link.of_type("ping")) > 2, lambda: f"pings in {link.received}")
     assert link.of_type("check") == []
@@ -281,11 +281,8 @@ async def test_a_robot_that_nobody_uses_asks_for_checks_seldom(
     monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_PAUSE_S", 0)
     monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_EVERY_S", 0.1)
     cloud.idle_heartbeat_s = idle_heartbeat_s
-    health = Health(
-        SourceSettings("http://127.0.0.1:9", "ws://127.0.0.1:9"), RosGraph("ws://127.0.0.1:9")
-    )
     recheck = asyncio.Event()
-    robot.connect(robot.trust(cloud.ssh), Up(), health, recheck)
+    robot.connect(robot.trust(cloud.ssh), Up(), no_services(), recheck)
     link = await cloud.link("session")
     await eventually(lambda: len(link.of_type("ping")) > 0, lambda: f"pings in {link.received}")
     recheck.set()

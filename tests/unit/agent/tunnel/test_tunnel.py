@@ -12,7 +12,7 @@ from typing import NoReturn
 
 import pytest
 from fake_cloud import eventually
-from openssh_server import descendants, wait_until
+from openssh_server import command_line, descendants, wait_until
 from robotether_agent.enrolment.join import parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
@@ -69,37 +69,36 @@ async def test_notice_of_the_log_in_does_not_explain_the_end(dialer):
     try:
         assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
         tunnel.on_connected()
-        [client] = [child for child in descendants(os.getpid()) if _is_client(child, files)]
+        [client] = clients()
         os.kill(client, signal.SIGKILL)
         assert "ssh was killed" in (await tunnel.why_ended(was_connected=True)).message
     finally:
         await tunnel.close()
 
 
-async def test_close_before_it_connects(place):
-    """A client that waits for a server which accepts and says nothing ends at once, and wholly."""
+@pytest.fixture
+async def waiting(place):
+    """A client that waits for a server which accepts and says nothing."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
         target = SshAddress("127.0.0.1", silent.getsockname()[1], "tunnel")
         files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
-        before = set(descendants(os.getpid()))
-        tunnel = await Tunnel.open(target, files, "session")
-        await asyncio.wait_for(tunnel.close(), 5)
-        assert set(descendants(os.getpid())) <= before
+        yield await Tunnel.open(target, files, "session")
 
 
-async def test_a_close_that_is_cut_short_kills(place):
+async def test_close_before_it_connects(waiting):
+    """The client ends at once, and wholly: no process may be left behind."""
+    await asyncio.wait_for(waiting.close(), 5)
+    assert not clients()
+
+
+async def test_a_close_that_is_cut_short_kills(waiting):
     """Even a cancelled close leaves no client."""
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        target = SshAddress("127.0.0.1", silent.getsockname()[1], "tunnel")
-        files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
-        before = set(descendants(os.getpid()))
-        tunnel = await Tunnel.open(target, files, "session")
-        closing = asyncio.ensure_future(tunnel.close())
-        await asyncio.sleep(0)
-        closing.cancel()
-        await asyncio.wait({closing})
-        await tunnel.close()
-        wait_until(lambda: set(descendants(os.getpid())) <= before, lambda: "ssh has ended", 5)
+    closing = asyncio.ensure_future(waiting.close())
+    await asyncio.sleep(0)
+    closing.cancel()
+    await asyncio.wait({closing})
+    await waiting.close()
+    wait_until(lambda: not clients(), lambda: "ssh has ended", 5)
 
 
 async def test_the_client_runs_on_our_connection(dialer):
@@ -147,8 +146,9 @@ async def test_a_command_that_hangs_is_ended():
     assert await _run(["sleep", "60"], 0.05) == (None, [])
 
 
-def _is_client(process: int, files: SshFiles) -> bool:
-    return str(files.control).encode() in Path(f"/proc/{process}/cmdline").read_bytes()
+def clients() -> list[int]:
+    """The clients of OpenSSH that run for this test."""
+    return [pid for pid in descendants(os.getpid()) if "session.ctl" in command_line(pid)]
 
 
 def _descriptors() -> int:
