@@ -77,3 +77,12 @@ def check_end(field: str, ends_at: dt.datetime) -> None:
         raise FieldInvalidError(
             f"cannot use {field}: it is more than ten years away; leave it out for no end", field
         )
+
+
+def duration_words(seconds: float) -> str:
+    """Return a duration as people read it: 8 s, 1 min 35 s, 2 h 5 min; a clock that was set back gives 0 s."""
+    minutes, rest = divmod(max(0, round(seconds)), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes} min"
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"

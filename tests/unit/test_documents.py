@@ -186,7 +186,7 @@ def test_files_that_decide_are_there() -> None:
     text = (ROOT / "docs" / "explanation" / "architecture.md").read_text()
     table = text.split("## Where it is decided", 1)[1].split("\n## ", 1)[0].split("|---|---|", 1)[1]
     server = ROOT / "server" / "robotether_server"
-    named = re.findall(r"`([\w/.-]+/[\w/.-]+|offline\.py)`", table)
+    named = re.findall(r"`([\w/.-]+/[\w/.-]+)`", table)
     roots = {name: ROOT if name.startswith(("agent/", "server/")) else server for name in named}
     assert [name for name, root in roots.items() if not (root / name).is_file()] == []
     assert named

@@ -10,8 +10,9 @@ from robotether_server.api import exports
 from robotether_server.api.auth import Caller
 from robotether_server.api.exports import USUAL_LIMIT, ListQuery
 from robotether_server.api.operations import operation
+from robotether_server.contract.audit import AuditEvent
 from robotether_server.db import audit
-from robotether_server.db.audit import AuditEvent, AuditSearch
+from robotether_server.db.audit import AuditSearch
 from robotether_server.schemas import Label
 
 COLUMNS = ("id", "at", "actor", "kind", "robot", "address", "details")

@@ -5,8 +5,8 @@ import json
 import click
 
 from robotether_server.cli.common import JSON, open_database, print_records, timestamp
+from robotether_server.contract.audit import AuditEvent
 from robotether_server.db import audit
-from robotether_server.db.audit import AuditEvent
 
 MAX_EVENTS = 10000
 

@@ -8,10 +8,9 @@ import json
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
-from typing import Any
 
+from robotether_server.contract.audit import AuditEvent
 from robotether_server.db.database import Transaction
-from robotether_server.schemas import Timestamp
 
 MAX_ACTOR_LENGTH = 63
 
@@ -28,19 +27,6 @@ class Source:
     actor: str
     address: str | None = None
     api_token: bytes | None = field(default=None, repr=False)
-
-
-@dataclass(frozen=True)
-class AuditEvent:
-    """One event of the audit log, as an admin sees it."""
-
-    id: int
-    at: Timestamp
-    actor: str
-    kind: str
-    robot: str | None
-    address: str | None
-    details: dict[str, Any]
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ import datetime as dt
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from robotether_server.contract.offline import offline_reason
 from robotether_server.db import cells, robots
 from robotether_server.db.database import Row, Transaction
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import User
-from robotether_server.offline import offline_reason
 from robotether_server.schemas import Level, Timestamp
 
 

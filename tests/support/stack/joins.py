@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robotether_common.join import PreviousKey
+from robotether_server.contract.audit import AuditEvent
 from robotether_server.db import (
     Database,
     Transaction,
@@ -17,7 +18,6 @@ from robotether_server.db import (
     seen_robots,
     users,
 )
-from robotether_server.db.audit import AuditEvent
 from robotether_server.db.robots import Report, RobotRow
 from robotether_server.identity import PublicKey
 from robotether_server.services import joining

@@ -94,3 +94,12 @@ def test_moments_are_written_in_utc_and_whole_seconds(
 ) -> None:
     """As the contract writes them, whatever zone they come in."""
     assert times.rfc3339(timestamp) == written
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(-1, "0 s"), (7.6, "8 s"), (59.6, "1 min 0 s"), (95, "1 min 35 s"), (7500, "2 h 5 min")],
+)
+def test_durations_have_two_units_at_most(seconds: float, words: str) -> None:
+    """Durations below an hour have seconds."""
+    assert times.duration_words(seconds) == words

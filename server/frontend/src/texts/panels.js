@@ -98,6 +98,7 @@ export const endReasons = {
   protocol_broken: "protocol error",
   relay_stopping: "server shut down",
   relay_restarted: "server restarted",
+  cell_removed: "server machine lost",
   relay_failed: "server error",
 };
 

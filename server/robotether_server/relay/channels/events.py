@@ -16,9 +16,9 @@ import msgspec
 from aiohttp import web
 from msgspec.structs import asdict
 
+from robotether_server.contract.offline import offline_reason
 from robotether_server.contract.robots import LiveState, RemovedRobot, RobotObject
 from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.offline import offline_reason
 from robotether_server.problems import TooManyConnectionsError
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.auth.connections import Connections

@@ -4,9 +4,10 @@ from flask import Blueprint, Response
 
 from robotether_server.api.audit import download
 from robotether_server.api.exports import Format
+from robotether_server.contract.audit import AuditEvent, event_names
 from robotether_server.db import Transaction, audit, seen_robots, users
-from robotether_server.db.audit import AuditEvent, AuditSearch
-from robotether_server.web import filters, page_texts
+from robotether_server.db.audit import AuditSearch
+from robotether_server.web import filters
 from robotether_server.web.filters import Asked, Offered
 
 blueprint = Blueprint("audit_log", __name__, url_prefix="/audit")
@@ -34,7 +35,7 @@ def _offer(tx: Transaction) -> Offered:
     return {
         "robot": filters.offered_names(seen.robot.name for seen in seen_robots.list_all(tx)),
         "actor": filters.offered_names(user.name for user in users.list_all(tx)),
-        "kind": page_texts.event_names(),
+        "kind": event_names(),
     }
 
 

@@ -23,6 +23,7 @@ import msgspec
 from aiohttp import WebSocketError, WSCloseCode, WSMsgType
 from aiohttp.http_websocket import WSMessageNoDecodeText
 
+from robotether_server.contract.codes import CLOSE_CODES
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.channels.rosbridge.message_validator import (
     FLOOD_AFTER_S,
@@ -368,7 +369,7 @@ class Bridge(OperatorConnection):
         return close_reasons.client_vanished(self._name)
 
     def _close_reason_by_code(self, code: int) -> CloseReason:
-        gave_up = code == close_reasons.GIVE_UP
+        gave_up = code == CLOSE_CODES["control_given_up"].number
         of_intent = close_reasons.control_given_up if gave_up else close_reasons.client_left
         return of_intent(self._name)
 

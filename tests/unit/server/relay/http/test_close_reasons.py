@@ -11,7 +11,7 @@ from robotether_server.relay.http.close_reasons import CloseReason, offline_sent
 @pytest.mark.parametrize("letter", ["a", "ä", "日", "🤖"])
 def test_a_reason_fits_a_close_frame_and_stays_utf8(letter):
     """A long reason is cut to 123 bytes, between characters."""
-    raw = CloseReason(4503, "x", letter * 200).reason_bytes
+    raw = CloseReason("robot_offline", letter * 200).reason_bytes
     assert 119 < len(raw) <= 123
     assert set(raw.decode()) == {letter}
 

@@ -29,7 +29,7 @@ from robotether_server.relay.http.sockets import (
 )
 from stopwatch import Stopwatch
 
-OFFLINE = CloseReason(4503, "robot_offline", "robot sim1 is offline")
+OFFLINE = CloseReason("robot_offline", "robot sim1 is offline")
 
 Talk = Callable[[OperatorSocket], Awaitable[None]]
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import get_args
-
 import pytest
-from robotether_common.session import ByeCode
 from robotether_server import __version__
-from robotether_server.offline import offline_reason
+from robotether_server.contract.codes import SESSION_ENDS
+from robotether_server.contract.offline import offline_reason
 
 UNKNOWN = "It is not known why."
 
 
 @pytest.mark.parametrize(
     "code",
-    sorted({*get_args(ByeCode), "relay_restarted", "cell_removed"} - {"shell_off", "unwatched"}),
+    # The others end no session, but a shell or the video.
+    sorted(SESSION_ENDS.keys() - {"shell_off", "unwatched"}),
 )
 def test_each_end_of_a_session_has_its_sentence(code: str) -> None:
     said = offline_reason("active", code, ever_online=True)

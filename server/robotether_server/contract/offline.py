@@ -4,28 +4,8 @@ import re
 from collections.abc import Mapping
 
 from robotether_server import __version__
+from robotether_server.contract.codes import SESSION_ENDS, UNREADABLE
 
-_SERVER_STOPPED = "The server stopped; the robot connects by itself."
-_UNREADABLE = "It sent what the server cannot read: see the agent's log."
-_MOVING = "The robot is connecting again."
-# A card has room for some 58 characters. By why its last session ended: a code of docs/reference/protocols.md.
-_BY_END: Mapping[str, str] = {
-    "link_lost": "The tunnel was closed, perhaps by power, agent or network.",
-    "timeout": "The robot went silent: perhaps no power or network.",
-    "protocol_error": _UNREADABLE,
-    "key_changed": "It used a key that is no longer its own.",
-    "robot_disabled": "It was disabled; it connects by itself within minutes.",
-    "robot_unknown": "It had been removed from this server; it must join again.",
-    "relay_stopping": _SERVER_STOPPED,
-    "relay_restarted": _SERVER_STOPPED,
-    "cell_removed": "Its server's machine was lost; it moves to another.",
-    "not_ready": "The server was not ready; it connects by itself.",
-    "port_taken": "An older connection had its port; it connects by itself.",
-    "superseded": _MOVING,
-    "ports_changed": _MOVING,
-    "cell_draining": _MOVING,
-    "rebalanced": _MOVING,
-}
 _BY_KEY: Mapping[str, str] = {
     "waiting": "Another key with its MAC awaits approval.",
     "rejected": "Another key with its MAC was rejected.",
@@ -52,11 +32,14 @@ def offline_reason(
         return "This robot awaits approval."
     if other_key == "host_key":
         return "It refuses this server's SSH host key: see Add a robot."
-    never = "This robot has not connected yet."
-    ended = _BY_END.get(end_code or "", "It is not known why.") if ever_online else never
-    if ended == _UNREADABLE:
-        ended = _unreadable(agent_version)
+    ended = _ended(end_code, agent_version) if ever_online else "This robot has not connected yet."
     return f"{_BY_KEY[other_key]} {ended}" if other_key else ended
+
+
+def _ended(end_code: str | None, agent_version: str | None) -> str:
+    session_end = SESSION_ENDS.get(end_code or "")
+    why = session_end.offline if session_end else None
+    return _unreadable(agent_version) if why == UNREADABLE else why or "It is not known why."
 
 
 def _unreadable(agent_version: str | None) -> str:
@@ -66,7 +49,7 @@ def _unreadable(agent_version: str | None) -> str:
         return f"Its agent {agent_version} is too old for this server: upgrade it."
     if theirs > ours:
         return f"Its agent {agent_version} is newer than this server, {__version__}."
-    return _UNREADABLE
+    return UNREADABLE
 
 
 def _numbers(version: str) -> tuple[int, ...]:

@@ -1,0 +1,173 @@
+"""The audit log's events and their kinds, each with its name in the filter and what its line says after who did it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from robotether_server.contract.codes import DRIVE_ENDS
+from robotether_server.schemas import Timestamp
+from robotether_server.times import duration_words
+
+
+@dataclass(frozen=True)
+class AuditEvent:
+    """One event of the audit log, as an admin sees it."""
+
+    id: int
+    at: Timestamp
+    actor: str
+    kind: str
+    robot: str | None
+    address: str | None
+    details: dict[str, Any]
+
+
+class AuditKind(NamedTuple):
+    """A kind's name, and its sentence, or what makes it of the event.
+
+    {robot} in a sentence is the line's robot; the others are its details, `?` where one is missing.
+    """
+
+    name: str
+    sentence: str | Callable[[AuditEvent], str]
+
+
+class _Known(dict[str, object]):
+    def __missing__(self, name: str) -> str:
+        return "?"
+
+
+def sentence(event: AuditEvent) -> str:
+    """Return what the line says after who did it; a kind that is not known stays as it is."""
+    if event.kind not in AUDIT_KINDS:
+        return event.kind
+    words = AUDIT_KINDS[event.kind].sentence
+    if callable(words):
+        return words(event)
+    return words.format_map(_Known(event.details, robot=event.robot or "?"))
+
+
+def event_names() -> list[tuple[str, str]]:
+    """Return each kind of event with its name, by name."""
+    return sorted(
+        ((kind, audit_kind.name) for kind, audit_kind in AUDIT_KINDS.items()),
+        key=lambda pair: pair[1],
+    )
+
+
+def _given(event: AuditEvent) -> str:
+    return f"gave {_holder(event)} the right to {event.details.get('level', '?')} {_scope(event)}"
+
+
+def _taken(event: AuditEvent) -> str:
+    return (
+        f"took from {_holder(event)} the right to {event.details.get('level', '?')} {_scope(event)}"
+    )
+
+
+def _placed(event: AuditEvent) -> str:
+    site = event.details.get("site")
+    if site is None:
+        return f"removed {event.robot} from its site"
+    return f"moved {event.robot} to site {site}"
+
+
+def _shell(event: AuditEvent) -> str:
+    return f"turned the shell of {event.robot} {'on' if event.details.get('shell') else 'off'}"
+
+
+def _drive_ended(event: AuditEvent) -> str:
+    lasted, code = event.details.get("lasted_s"), event.details.get("end_code")
+    after = "" if lasted is None else f" after {duration_words(lasted)}"
+    return f"stopped driving {event.robot}{after}" + (
+        f" ({DRIVE_ENDS.get(code, code)})" if code else ""
+    )
+
+
+def _blocked(event: AuditEvent) -> str:
+    count = sum(event.details.values())
+    return f"sent {event.robot} what is not allowed: {count} {'message' if count == 1 else 'messages'} blocked"
+
+
+def _holder(event: AuditEvent) -> str:
+    group = event.details.get("group")
+    return f"{event.details.get('user', '?')}" if group is None else f"group {group}"
+
+
+def _scope(event: AuditEvent) -> str:
+    if event.details.get("all"):
+        return "all robots"
+    site = event.details.get("site")
+    return f"{event.robot}" if site is None else f"site {site}"
+
+
+AUDIT_KINDS: Mapping[str, AuditKind] = {
+    "login": AuditKind("Log-in", "logged in"),
+    "login_failed": AuditKind("Log-in failed", "failed to log in"),
+    "logout": AuditKind("Log-out", "logged out"),
+    "logins_ended": AuditKind("Log-out everywhere", "logged {user} out everywhere"),
+    "password_set": AuditKind("Password set", "set a new password for {user}"),
+    "user_added": AuditKind("User added", "added {role} {user}"),
+    "user_removed": AuditKind("User removed", "removed {role} {user}"),
+    "user_disabled": AuditKind("User disabled", "disabled user {user}"),
+    "user_enabled": AuditKind("User enabled", "enabled user {user}"),
+    "user_role_set": AuditKind(
+        "User's role changed", "changed the role of {user} from {was} to {role}"
+    ),
+    "group_added": AuditKind("Group added", "added group {group}"),
+    "group_removed": AuditKind("Group removed", "removed group {group}"),
+    "group_member_added": AuditKind("Group member added", "added {user} to group {group}"),
+    "group_member_removed": AuditKind("Group member removed", "removed {user} from group {group}"),
+    "grant_given": AuditKind("Grant given", _given),
+    "grant_taken": AuditKind("Grant removed", _taken),
+    "site_added": AuditKind("Site added", "added site {site}"),
+    "site_removed": AuditKind("Site removed", "removed site {site}"),
+    "cell_drained": AuditKind("Machine out of service", "took cell {cell} out of service"),
+    "cell_resumed": AuditKind("Machine in service again", "put cell {cell} back into service"),
+    "cell_removed": AuditKind("Machine removed", "removed cell {cell}"),
+    "token_created": AuditKind("API token created", "created API token {token}"),
+    "token_deleted": AuditKind("API token deleted", "deleted API token {token}"),
+    "join_token_created": AuditKind("Join token created", "created join token {token}"),
+    "join_token_deleted": AuditKind("Join token deleted", "deleted join token {token}"),
+    "ssh_key_added": AuditKind("SSH key added", "added an SSH key"),
+    "ssh_key_deleted": AuditKind("SSH key deleted", "deleted an SSH key"),
+    "robot_added": AuditKind("Robot announced", "announced {robot}"),
+    "robot_pending": AuditKind("Robot joined", "{robot} joined and waits for approval"),
+    "robot_approved": AuditKind("Robot approved", "approved {robot}"),
+    "robot_disabled": AuditKind("Robot disabled", "disabled {robot}"),
+    "robot_enabled": AuditKind("Robot enabled", "enabled {robot}"),
+    "robot_removed": AuditKind("Robot removed", "removed {robot}"),
+    "robot_renamed": AuditKind("Robot renamed", "renamed {was} to {robot}"),
+    "robot_mac_set": AuditKind(
+        "Robot's MAC changed", "changed the MAC of {robot} from {was} to {mac}"
+    ),
+    "robot_ports_moved": AuditKind("Robot's ports changed", "changed the ports of {robot}"),
+    "robot_rekeyed": AuditKind("Robot's key forgotten", "forgot the key of {robot}"),
+    "robot_rotation_requested": AuditKind(
+        "Robot's new key requested", "asked {robot} for a new key"
+    ),
+    "robot_settings_set": AuditKind("Robot's settings changed", "changed the settings of {robot}"),
+    "robot_page_set": AuditKind("Robot's drive page changed", "changed the drive page of {robot}"),
+    "robot_buttons_set": AuditKind("Robot's buttons changed", "changed the buttons of {robot}"),
+    "robot_site_set": AuditKind("Robot's site changed", _placed),
+    "robot_shell_set": AuditKind("Robot's shell turned on or off", _shell),
+    "key_rejected": AuditKind("Key rejected", "rejected a key that claimed to be {robot}"),
+    "key_forgiven": AuditKind("Key allowed again", "allowed a rejected key to ask again"),
+    "key_refused": AuditKind("Key refused", "refused an unknown key"),
+    "key_rotated": AuditKind("Key changed", "{robot} changed its key"),
+    "key_claimed": AuditKind("Key claimed", "another machine claims to be {robot}"),
+    "key_released": AuditKind("Key released", "released the key of {robot} for another robot"),
+    "mac_changed": AuditKind("MAC differs", "{robot} joined with its key from another MAC"),
+    "drive_started": AuditKind("Drive started", "started driving {robot}"),
+    "drive_ended": AuditKind("Drive ended", _drive_ended),
+    "lease_asked": AuditKind("Control asked for", "asked for control of {robot}"),
+    "lease_refused": AuditKind("Control refused", "refused {to} control of {robot}"),
+    "lease_handed_over": AuditKind("Control handed over", "handed control of {robot} to {to}"),
+    "lease_passed": AuditKind(
+        "Control passed on", "got control of {robot}, because {driver} did not reply"
+    ),
+    "lease_taken": AuditKind("Control taken", "took control of {robot} from {driver}"),
+    "robot_stopped": AuditKind("Robot stopped", "stopped {robot}"),
+    "robot_released": AuditKind("Robot released", "released {robot} after a stop"),
+    "operations_refused": AuditKind("Messages blocked", _blocked),
+}

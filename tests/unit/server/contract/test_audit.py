@@ -1,0 +1,72 @@
+"""What the audit log's lines say."""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from pathlib import Path
+
+import pytest
+import robotether_server
+from robotether_server.contract.audit import AUDIT_KINDS, AuditEvent, sentence
+
+NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
+
+
+def event(kind: str, robot: str | None = None, **details: object) -> AuditEvent:
+    return AuditEvent(1, NOON, "root", kind, robot, None, details)
+
+
+@pytest.mark.parametrize(
+    ("one", "words"),
+    [
+        (
+            event("robot_settings_set", "sim1", was={}, settings={"region": "north"}),
+            "changed the settings of sim1",
+        ),
+        (
+            event("grant_given", "sim1", user="ann", level="drive"),
+            "gave ann the right to drive sim1",
+        ),
+        (
+            event("grant_taken", group="crew", site="lab", level="manage"),
+            "took from group crew the right to manage site lab",
+        ),
+        (
+            event("grant_given", user="ann", all=True, level="observe"),
+            "gave ann the right to observe all robots",
+        ),
+        (event("robot_site_set", "sim1", site=None, was="lab"), "removed sim1 from its site"),
+        (event("robot_shell_set", "sim1", shell=True), "turned the shell of sim1 on"),
+        (event("robot_renamed", "sim2", was="sim1"), "renamed sim1 to sim2"),
+        (event("lease_taken", "sim1", driver="ben"), "took control of sim1 from ben"),
+        (event("lease_taken", "sim1"), "took control of sim1 from ?"),
+        (event("never_heard_of", "sim1"), "never_heard_of"),
+        (
+            event("drive_ended", "sim1", end_code="client_left", fence=70, lasted_s=8.0),
+            "stopped driving sim1 after 8 s (driver left)",
+        ),
+        (event("drive_ended", "sim1"), "stopped driving sim1"),
+        (
+            event("operations_refused", "sim1", topic=3, rate=12),
+            "sent sim1 what is not allowed: 15 messages blocked",
+        ),
+        (event("user_added", user="{robot.id}", role="user"), "added user {robot.id}"),
+    ],
+)
+def test_line_is_said_in_words(one: AuditEvent, words: str) -> None:
+    """A detail that is missing is a question mark; what somebody chose as a name is no template."""
+    assert sentence(one) == words
+
+
+def test_every_event_has_words() -> None:
+    """Those that the server's own modules write, as far as they stand there as a text."""
+    source = "".join(
+        path.read_text(encoding="utf-8")
+        for path in Path(robotether_server.__file__).parent.rglob("*.py")
+    )
+    calls = r'(?:audit\.record\(\s*[\w.]+, [\w.]+,|_audit\((?:\s*report,)?)\s*"([a-z_]+)"'
+    written = set(re.findall(calls, source))
+    assert len(written) > 30
+    assert written <= set(AUDIT_KINDS)
+    assert all(one.name and sentence(event(kind, "sim1")) for kind, one in AUDIT_KINDS.items())

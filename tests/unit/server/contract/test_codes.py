@@ -1,0 +1,68 @@
+"""Each code that something ends or is refused with has its sentences, on pages and in the scripts."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+from typing import get_args
+
+import robotether_server
+from robotether_common.guard import REFUSED_KINDS
+from robotether_common.session import ByeCode
+from robotether_server.contract.codes import CLOSE_CODES, DRIVE_ENDS, REFUSALS, SESSION_ENDS
+from robotether_server.relay.channels.rosbridge.message_validator import Kind
+from robotether_server.relay.drives.drive_path import GUARD
+from robotether_server.relay.http import close_reasons
+
+SCRIPTS = Path(robotether_server.__file__).parents[1] / "frontend" / "src"
+# What is written of drives and sessions that a relay left open.
+BY_OTHERS = {"relay_restarted", "cell_removed"}
+
+
+def script_texts(name: str) -> dict[str, str]:
+    """The texts of an object in texts/panels.js."""
+    source = (SCRIPTS / "texts" / "panels.js").read_text()
+    inside = source.split(f"export const {name} = {{", 1)[1].split("\n};", 1)[0]
+    return dict(re.findall(r'^  (\w+): "([^"]*)",$', inside, re.MULTILINE))
+
+
+def test_every_refusal_has_words() -> None:
+    """Those of the policy and those of the guard, and no other."""
+    assert set(REFUSALS) == {*get_args(Kind), *(GUARD + kind for kind in REFUSED_KINDS)}
+
+
+def test_every_close_reason_has_its_code() -> None:
+    """Those that the relay closes with, and no other."""
+    written = re.findall(r'CloseReason\(\s*"([a-z_]+)"', inspect.getsource(close_reasons))
+    assert set(written) == set(CLOSE_CODES)
+
+
+def test_every_ending_of_a_session_has_words() -> None:
+    """Those that the agent reads in `bye`, and no other."""
+    assert set(SESSION_ENDS) == set(get_args(ByeCode)) | BY_OTHERS
+
+
+def test_scripts_say_each_end_of_a_drive_and_each_refusal() -> None:
+    """To who drove, so in other words where the end is the driver's own; commands that are too old are no refusal."""
+    assert set(script_texts("endReasons")) == set(DRIVE_ENDS)
+    late = {"dropped_old": "too old at the server"}
+    assert script_texts("refusals") == {**REFUSALS, **late}
+
+
+def test_scripts_close_codes_are_those_of_the_relay() -> None:
+    """Each number is one that the relay closes with, and what it stands for has the code's name."""
+    source = (SCRIPTS / "client" / "connection.js").read_text()
+    numbers = {name: code.number for name, code in CLOSE_CODES.items()}
+    lost = re.findall(r'(\d{4}): lostControl\("(\w+)"\)', source)
+    assert lost
+    assert [(number, name) for number, name in lost if numbers[name] != int(number)] == []
+    known = {int(number) for number in re.findall(r"^ +(\d{4}): ", source, re.MULTILINE)}
+    assert known <= set(numbers.values())
+    constants = {
+        "GIVE_UP": "control_given_up",
+        "TOO_BIG": "message_too_big",
+        "RIGHTS_ENDED": "rights_ended",
+    }
+    for constant, name in constants.items():
+        assert f"export const {constant} = {numbers[name]};" in source
