@@ -33,9 +33,9 @@ class Caps:
 class Connections:
     """All live connections, by robot."""
 
-    def __init__(self, registry: SessionRegistry, caps: Caps | None = None) -> None:
+    def __init__(self, registry: SessionRegistry) -> None:
         self._registry = registry
-        self.caps = caps or Caps()
+        self.caps = Caps()
         self._listeners: list[Callable[[int], None]] = []
         self._of_user: Counter[tuple[int, bool]] = Counter()
 

@@ -9,7 +9,6 @@ import asyncio
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from datetime import datetime
 
 from robotether_server.db import cells
 from robotether_server.db.cells import ALIVE_S, Cell, SshAddresses
@@ -38,14 +37,13 @@ class Cells:
         *,
         region_of: Callable[[int], str | None] = lambda _: None,
         poll_every_s: float = POLL_EVERY_S,
-        started_at: datetime | None = None,
     ) -> None:
         self._settings = settings
         self._database = database
         self._robots = robots
         self._region_of = region_of
         self._poll_every_s = poll_every_s
-        self._started_at = started_at or utc_now()
+        self._started_at = utc_now()
         self._listeners: list[Callable[[], None]] = []
         self._known: Mapping[str, Cell] = {}
         self._problem: str | None = None

@@ -174,9 +174,9 @@ class RobotClock:
         return None if ahead_ms is None else timestamp * 1000 + ahead_ms
 
 
-def delays(first_s: float = 0.5, max_s: float = 5.0, factor: float = 2.0) -> Iterator[float]:
+def delays(first_s: float = 0.5, max_s: float = 5.0) -> Iterator[float]:
     """Yield seconds to wait before the second, third, ... try."""
     delay = first_s
     while True:
         yield delay
-        delay = min(delay * factor, max_s)
+        delay = min(delay * 2, max_s)

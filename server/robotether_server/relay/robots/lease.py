@@ -106,8 +106,8 @@ class HeldError(RobotetherError):
 class Lease:
     """The control of one robot."""
 
-    def __init__(self, fence: int = 0) -> None:
-        self.fence = fence
+    def __init__(self) -> None:
+        self.fence = 0
         self.driver: Driver | None = None
         self.waiting: ControlRequest | None = None
         self._reserved: Reservation | None = None

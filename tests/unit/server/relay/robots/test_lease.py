@@ -99,7 +99,8 @@ def test_a_claim_that_got_no_number_leaves_the_older_connection():
 
 def test_a_number_that_is_not_newer_is_no_lease():
     """What the guard would refuse is not granted."""
-    lease = Lease(fence=5)
+    lease = Lease()
+    lease.fence = 5
     holder = FakeHolder(ANN)
     lease.claim(holder, at(0))
     assert not lease.grant(holder, 5, at(0))
