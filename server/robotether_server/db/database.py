@@ -167,7 +167,7 @@ class Database:
         self._keep = keep
         self._lock = threading.Lock()
         # Those that nobody uses, the newest last.
-        self._kept: list[_Connection] = []
+        self._idle: list[_Connection] = []
 
     @contextmanager
     def transaction(self, *, briefly: bool = False) -> Iterator[Transaction]:
@@ -196,18 +196,18 @@ class Database:
     def close_kept(self) -> None:
         """Let go of the connections that nobody uses: one to the same database has got no answer."""
         with self._lock:
-            connections, self._kept = self._kept, []
+            connections, self._idle = self._idle, []
         for connection in connections:
             connection.mysql.close()
 
     def _reuse(self, *, briefly: bool) -> _Connection | None:
         with self._lock:
-            connections, self._kept = self._kept, []
+            connections, self._idle = self._idle, []
             good = [connection for connection in connections if connection.is_good()]
             connection = next(
                 (connection for connection in reversed(good) if connection.briefly == briefly), None
             )
-            self._kept = [other for other in good if other is not connection]
+            self._idle = [other for other in good if other is not connection]
         for other in connections:
             if other not in good:
                 other.mysql.close()
@@ -216,9 +216,9 @@ class Database:
     def _keep_for_next(self, connection: _Connection) -> bool:
         """Keep a connection; False when there is no room."""
         with self._lock:
-            if len(self._kept) >= self._keep:
+            if len(self._idle) >= self._keep:
                 return False
-            self._kept.append(connection)
+            self._idle.append(connection)
         return True
 
     def _connect(self, *, briefly: bool) -> _Connection:

@@ -45,9 +45,9 @@ class Connections:
 
     def no_room(self, connection: Connection) -> str | None:
         """Say why this connection may not be opened; None: it may."""
-        mine, caps = self._of_user[_counted_as(connection)], self.caps
-        if mine >= caps.per_user:
-            return f"you already have {mine} connections open; close one first"
+        count, caps = self._of_user[_counted_as(connection)], self.caps
+        if count >= caps.per_user:
+            return f"you already have {count} connections open; close one first"
         members = self._registry.robot(connection.robot.id).connections
         there = sum(member.use == connection.use for member in members)
         only_watches = connection.use == "video" and not connection.may_drive

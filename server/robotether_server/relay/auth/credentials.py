@@ -95,16 +95,16 @@ class SharedQuestions:
         finally:
             self._asking = None
 
-    async def _answer(self, waiting: Mapping[Credential, asyncio.Future[RelayUser | None]]) -> None:
+    async def _answer(self, answers: Mapping[Credential, asyncio.Future[RelayUser | None]]) -> None:
         try:
-            users = await self._ask(list(waiting))
+            users = await self._ask(list(answers))
         except Exception as problem:  # noqa: BLE001  # who waits raises it
-            for answer in waiting.values():
+            for answer in answers.values():
                 answer.set_exception(problem)
                 # Whoever waited may be gone.
                 answer.exception()
         else:
-            for credential, answer in waiting.items():
+            for credential, answer in answers.items():
                 answer.set_result(users.get(credential))
 
 
@@ -116,8 +116,8 @@ class Credentials:
         self._questions = SharedQuestions(self._users_of)
         # Who stops a robot does not wait for an answer about others.
         self._stop_questions = SharedQuestions(self._users_of)
-        self._kept: OrderedDict[Credential, tuple[float, RelayUser | None]] = OrderedDict()
-        self._held: dict[Credential, set[Callable[[], None]]] = {}
+        self._cache: OrderedDict[Credential, tuple[float, RelayUser | None]] = OrderedDict()
+        self._watchers: dict[Credential, set[Callable[[], None]]] = {}
         self._unchecked: set[Credential] = set()
         # Of those held, whose they were when last asked for; what hangs on one ends when it does.
         self._live: dict[Credential, RelayUser] = {}
@@ -138,7 +138,7 @@ class Credentials:
             # Else nobody could stop a robot over HTTP while the database is away.
             return live
         now = asyncio.get_running_loop().time()
-        entry = self._kept.get(credential)
+        entry = self._cache.get(credential)
         if entry is not None and now - entry[0] < KEEP_S:
             return entry[1]
         rechecks = self._rechecks
@@ -193,15 +193,15 @@ class Credentials:
     @contextmanager
     def held(self, credential: Credential, end: Callable[[], None]) -> Iterator[None]:
         """Call `end` when the credential stops holding inside the block, or did so just before."""
-        ends = self._held.setdefault(credential, set())
+        ends = self._watchers.setdefault(credential, set())
         ends.add(end)
         self._unchecked.add(credential)
         try:
             yield
         finally:
             ends.discard(end)
-            if not ends and self._held.get(credential) is ends:
-                del self._held[credential]
+            if not ends and self._watchers.get(credential) is ends:
+                del self._watchers[credential]
                 self._unchecked.discard(credential)
                 self._live.pop(credential, None)
 
@@ -209,13 +209,13 @@ class Credentials:
         """Ask again for all that is held or was lately, and end what hangs on the rest."""
         # The database has just answered: something may have changed, even if what follows gets no answer.
         self._note_answer()
-        self._kept.clear()
+        self._cache.clear()
         self._rechecks += 1
         # Without an answer none of these is believed: what has changed may be its end.
-        recent = {key: noted for key, noted in self._recent.items() if self._is_recent(key)}
+        recent = {key: entry for key, entry in self._recent.items() if self._is_recent(key)}
         self._recent = {}
-        valid = await self._ask_again([*self._held, *(recent.keys() - self._held.keys())])
-        still_valid = {key: noted for key, noted in recent.items() if key in valid}
+        valid = await self._ask_again([*self._watchers, *(recent.keys() - self._watchers.keys())])
+        still_valid = {key: entry for key, entry in recent.items() if key in valid}
         self._recent = {**still_valid, **self._recent}
 
     async def check_new(self) -> None:
@@ -235,7 +235,7 @@ class Credentials:
                 self._note_live(credential, valid[credential])
             else:
                 self._forget(credential)
-                for end in list(self._held.get(credential, ())):
+                for end in list(self._watchers.get(credential, ())):
                     end()
         return valid
 
@@ -254,7 +254,7 @@ class Credentials:
         self._recent.pop(credential, None)
 
     def _note_live(self, credential: Credential, user: RelayUser) -> None:
-        if credential in self._held:
+        if credential in self._watchers:
             self._live[credential] = user
             self._note_recent(credential, user)
 
@@ -265,11 +265,11 @@ class Credentials:
             del self._recent[next(iter(self._recent))]
 
     def _is_recent(self, credential: Credential) -> bool:
-        noted = self._recent.get(credential)
-        return noted is not None and asyncio.get_running_loop().time() - noted[0] < RECENT_S
+        entry = self._recent.get(credential)
+        return entry is not None and asyncio.get_running_loop().time() - entry[0] < RECENT_S
 
     def _keep(self, credential: Credential, now: float, user: RelayUser | None) -> None:
-        self._kept[credential] = (now, user)
-        self._kept.move_to_end(credential)
-        while len(self._kept) > MAX_KEPT:
-            self._kept.popitem(last=False)
+        self._cache[credential] = (now, user)
+        self._cache.move_to_end(credential)
+        while len(self._cache) > MAX_KEPT:
+            self._cache.popitem(last=False)

@@ -45,7 +45,7 @@ class Cells:
         self._poll_every_s = poll_every_s
         self._started_at = utc_now()
         self._listeners: list[Callable[[], None]] = []
-        self._known: Mapping[str, Cell] = {}
+        self._cells: Mapping[str, Cell] = {}
         self._problem: str | None = None
         self._settled_at = self._read_at = 0.0
 
@@ -57,21 +57,21 @@ class Cells:
     @property
     def draining(self) -> bool:
         """Whether this cell is taken out of service."""
-        own = self._known.get(self.name)
-        return own is not None and own.draining
+        own_cell = self._cells.get(self.name)
+        return own_cell is not None and own_cell.draining
 
     def peers(self) -> list[Cell]:
         """The other cells that can be reached, alive or not."""
-        others = (cell for cell in self._known.values() if cell.name != self.name)
-        return [cell for cell in others if cell.peer_address is not None]
+        cells_elsewhere = (cell for cell in self._cells.values() if cell.name != self.name)
+        return [cell for cell in cells_elsewhere if cell.peer_address is not None]
 
     def clocks_ahead_s(self) -> float:
         """Return how far another cell's clock is ahead of this one's, at most; 0 while that is not worth a wait."""
-        own = self._known.get(self.name)
-        if own is None or own.clock_ahead_s is None:
+        own_cell = self._cells.get(self.name)
+        if own_cell is None or own_cell.clock_ahead_s is None:
             return 0.0
-        ahead = [cell.clock_ahead_s for cell in self._known.values() if cell.clock_ahead_s]
-        ahead_s = max(ahead, default=0.0) - own.clock_ahead_s
+        ahead = [cell.clock_ahead_s for cell in self._cells.values() if cell.clock_ahead_s]
+        ahead_s = max(ahead, default=0.0) - own_cell.clock_ahead_s
         return ahead_s if ahead_s >= CLOCKS_AGREE_S else 0.0
 
     def addresses(self, robot_id: int, first: str | None = None) -> list[SshAddresses]:
@@ -81,12 +81,12 @@ class Cells:
         """
         region = self._region_of(robot_id)
         return cells.sort_for(
-            robot_id, self._known.values(), first or self.name, second=self.name, region=region
+            robot_id, self._cells.values(), first or self.name, second=self.name, region=region
         )
 
     def robots_leave(self) -> bool:
         """Whether robots go from here to others: this cell is drained, and another one takes them."""
-        return self.draining and any(cell.is_listed for cell in self._known.values())
+        return self.draining and any(cell.is_listed for cell in self._cells.values())
 
     def surplus(self, robot_id: int | None = None) -> tuple[int, str]:
         """Return how many robots this cell has more than the emptiest that takes robots, and that one's name.
@@ -94,7 +94,7 @@ class Cells:
         With `robot_id`, than the emptiest of the robot's region, if there is one. 0 while this is not known.
         """
         region = None if robot_id is None else self._region_of(robot_id)
-        emptiest = cells.find_emptiest(self._known.values(), region=region)
+        emptiest = cells.find_emptiest(self._cells.values(), region=region)
         if emptiest is None or emptiest.name == self.name or not self._is_current:
             return 0, self.name
         return self._robots() - emptiest.robots, emptiest.name
@@ -136,13 +136,13 @@ class Cells:
         if self._read_at < self._settled_at:
             # The others could not write either, while the database was away.
             site_cells = {name: self._still_alive(cell) for name, cell in site_cells.items()}
-        before, self._known = self._known, site_cells
+        before, self._cells = self._cells, site_cells
         if _without_counts(before) != _without_counts(site_cells):
             for listener in self._listeners:
                 listener()
 
     def _still_alive(self, cell: Cell) -> Cell:
-        before = self._known.get(cell.name)
+        before = self._cells.get(cell.name)
         return replace(cell, is_alive=cell.is_alive or (before is not None and before.is_alive))
 
     def _report(self, problem: str | None) -> None:

@@ -67,15 +67,15 @@ class PeerFeed(ChangedRobots):
 
     def newest(self, robot_id: int) -> Iterator[PeerMessage]:
         """The robot's newest state, if it is another than the one that was sent."""
-        presence, sent = self._registry.presence(robot_id), self._sent.get(robot_id)
+        presence, last = self._registry.presence(robot_id), self._sent.get(robot_id)
         if not presence.online:
-            if sent is not None:
+            if last is not None:
                 del self._sent[robot_id]
-                yield PeerRobot(robot_id, sent.epoch, online=False, object=LiveState())
+                yield PeerRobot(robot_id, last.epoch, online=False, object=LiveState())
             return
-        described = self._fleet_events.describe_here(robot_id)
-        robot = PeerRobot(robot_id, presence.epoch, online=True, object=described)
-        if robot != sent:
+        state = self._fleet_events.describe_here(robot_id)
+        robot = PeerRobot(robot_id, presence.epoch, online=True, object=state)
+        if robot != last:
             self._sent[robot_id] = robot
             yield robot
 
@@ -169,11 +169,11 @@ async def _ping(connection: web.WebSocketResponse) -> None:
 
 async def _send_changes(connection: web.WebSocketResponse, feed: PeerFeed) -> None:
     waiting: dict[int, None] = {}
-    while (changed := feed.pop()) or waiting:
-        for robot_id in changed:
+    while (robot_ids := feed.pop()) or waiting:
+        for robot_id in robot_ids:
             for message in feed.stops_of(robot_id):
                 await _write(connection, message)
-        waiting.update(dict.fromkeys(changed))
+        waiting.update(dict.fromkeys(robot_ids))
         for robot_id in list(islice(waiting, ROBOTS_AT_ONCE)):
             del waiting[robot_id]
             for message in feed.newest(robot_id):

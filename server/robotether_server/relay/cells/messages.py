@@ -61,7 +61,7 @@ class PeerStopEnd(Struct, frozen=True, tag="released"):
 PeerMessage = PeerHello | PeerRobot | PeerStop | PeerStopEnd
 _ENCODER = msgspec.json.Encoder()
 _DECODER: msgspec.json.Decoder[PeerMessage] = msgspec.json.Decoder(PeerMessage)
-_KNOWN = frozenset(each.__struct_config__.tag for each in get_args(PeerMessage))
+_KNOWN = frozenset(kind.__struct_config__.tag for kind in get_args(PeerMessage))
 
 
 class _PeerHead(Struct):

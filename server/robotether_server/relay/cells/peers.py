@@ -115,8 +115,8 @@ class Peers:
         peer = max(
             self._having(robot_id), key=lambda peer: peer.robots[robot_id].epoch, default=None
         )
-        own = self._registry.presence(robot_id)
-        if peer is None or (own.online and own.epoch >= peer.robots[robot_id].epoch):
+        presence = self._registry.presence(robot_id)
+        if peer is None or (presence.online and presence.epoch >= peer.robots[robot_id].epoch):
             return None
         return peer
 
@@ -157,9 +157,9 @@ class Peers:
         return stopped is not None and stopped.confirmed
 
     def _end_older_session(self, robot_id: int) -> None:
-        own, peer = self._registry.presence(robot_id), self.owner(robot_id)
+        presence, peer = self._registry.presence(robot_id), self.owner(robot_id)
         # Without an epoch nobody knows which is the older; the connection of that one times out.
-        if own.online and own.epoch and peer is not None:
+        if presence.online and presence.epoch and peer is not None:
             self._registry.end_links(
                 robot_id, "superseded", f"a newer session of this robot is at cell {peer.name}"
             )

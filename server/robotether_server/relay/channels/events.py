@@ -227,22 +227,22 @@ class Subscriber(ChangedRobots):
         super().__init__()
         self._fleet_events = fleet_events
         self.user_id = user_id
-        self._shown: dict[int, RobotObject] = {}
+        self._objects: dict[int, RobotObject] = {}
 
     def first_event(self) -> Event:
         """The whole fleet, for the beginning."""
         robots = self._fleet_events.visible(self.user_id)
-        self._shown = {robot.id: self._fleet_events.describe(robot) for robot in robots}
-        return "fleet", list(self._shown.values())
+        self._objects = {robot.id: self._fleet_events.describe(robot) for robot in robots}
+        return "fleet", list(self._objects.values())
 
     def mark(self, robot_id: int) -> None:
         """Remember that a robot changed, if it concerns this client."""
-        if robot_id in self._shown or self._fleet_events.find(self.user_id, robot_id) is not None:
+        if robot_id in self._objects or self._fleet_events.find(self.user_id, robot_id) is not None:
             self.add(robot_id)
 
     def mark_all(self) -> None:
         """Remember that anything may have changed."""
-        self.add(*self._shown, *(robot.id for robot in self._fleet_events.visible(self.user_id)))
+        self.add(*self._objects, *(robot.id for robot in self._fleet_events.visible(self.user_id)))
 
     def pop_events(self) -> list[Event]:
         """The newest state of each robot that changed; afterwards nothing is pending."""
@@ -250,16 +250,16 @@ class Subscriber(ChangedRobots):
 
     def _events_of(self, robot_id: int) -> Iterator[Event]:
         robot = self._fleet_events.find(self.user_id, robot_id)
-        before = self._shown.get(robot_id)
+        before = self._objects.get(robot_id)
         if before is not None and (robot is None or robot.name != before.name):
-            del self._shown[robot_id]
+            del self._objects[robot_id]
             yield "removed", RemovedRobot(before.name)
         if robot is None:
             return
-        described = self._fleet_events.describe(robot)
-        if described != before:
-            self._shown[robot_id] = described
-            yield "robot", described
+        robot_object = self._fleet_events.describe(robot)
+        if robot_object != before:
+            self._objects[robot_id] = robot_object
+            yield "robot", robot_object
 
 
 class EventsHandler:
@@ -281,10 +281,10 @@ class EventsHandler:
         """Send the fleet, then each change, until the client or its right is gone."""
         access_request = request_of(request.headers, request.cookies, request.query)
         asker = await self._access.for_events(access_request)
-        mine = self._fleet_events.subscribers_of(asker.user.id)
-        if mine >= self._connections.caps.per_user:
+        count = self._fleet_events.subscribers_of(asker.user.id)
+        if count >= self._connections.caps.per_user:
             raise TooManyConnectionsError(
-                f"cannot follow the fleet: you already follow it {mine} times"
+                f"cannot follow the fleet: you already follow it {count} times"
             )
         response = web.StreamResponse(headers=HEADERS)
         with (

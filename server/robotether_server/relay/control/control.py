@@ -138,7 +138,7 @@ def _driver(driver: Driver | None) -> DriverObject | None:
 
 
 def _waiting(lease: Lease) -> RequestObject | None:
-    request, passes_at = lease.waiting, lease.passes_at()
+    request, passes_at = lease.request, lease.passes_at()
     if request is None or passes_at is None:
         return None
     return RequestObject(request.user.name, rfc3339(request.since.utc), rfc3339(passes_at.utc))

@@ -105,10 +105,10 @@ class Leasing:
         """The connection is over, and so is its lease."""
         robot_id = connection.robot.id
         lease = self.of(robot_id)
-        waiting, driver = lease.waiting, lease.end(connection, now())
+        request, driver = lease.request, lease.end(connection, now())
         if driver is not None:
             self._write_end(robot_id, driver.fence)
-        if driver is not None or lease.waiting is not waiting:
+        if driver is not None or lease.request is not request:
             self._notify(robot_id)
 
     def revoke(self, robot_id: int, close_reason: CloseReason) -> None:
@@ -146,17 +146,17 @@ class Leasing:
 
     def hand_over(self, robot: RelayRobot, asker: LeaseRequester, to: str | None = None) -> None:
         """The driver says yes, to whoever asks or to the one of this name alone."""
-        passed = self.of(robot.id).hand_over(asker.user, now(), to)
-        self._audit("lease_handed_over", robot, asker, to=passed.to.name)
-        self._pass(robot.id, passed)
+        handover = self.of(robot.id).hand_over(asker.user, now(), to)
+        self._audit("lease_handed_over", robot, asker, to=handover.to.name)
+        self._pass(robot.id, handover)
 
     def take(self, robot: RelayRobot, asker: LeaseRequester) -> None:
         """Give a manager the control."""
-        passed = self.of(robot.id).take(asker.user, now())
-        if passed is not None:
-            driver = None if passed.driver is None else passed.driver.holder.user
+        handover = self.of(robot.id).take(asker.user, now())
+        if handover is not None:
+            driver = None if handover.driver is None else handover.driver.holder.user
             self._audit("lease_taken", robot, asker, driver=driver)
-            self._pass(robot.id, passed)
+            self._pass(robot.id, handover)
 
     def _claim(self, lease: Lease, connection: Connection) -> None:
         robot = connection.robot
@@ -208,13 +208,13 @@ class Leasing:
         """Return the newest number that is known here; the guard's may be another relay's, or a lost database's."""
         return max(self.of(robot_id).fence, self._registry.presence(robot_id).report.fence)
 
-    def _pass(self, robot_id: int, passed: Handover) -> None:
-        if passed.driver is not None:
-            self._write_end(robot_id, passed.driver.fence)
+    def _pass(self, robot_id: int, handover: Handover) -> None:
+        if handover.driver is not None:
+            self._write_end(robot_id, handover.driver.fence)
         self._notify(robot_id)
-        if passed.driver is not None and isinstance(passed.driver.holder, Connection):
-            connection = passed.driver.holder
-            connection.end(close_reasons.lease_lost(connection.robot.name, passed.to.name))
+        if handover.driver is not None and isinstance(handover.driver.holder, Connection):
+            connection = handover.driver.holder
+            connection.end(close_reasons.lease_lost(connection.robot.name, handover.to.name))
 
     def _write_start(self, robot_id: int, driver: Driver) -> None:
         user_id, user = driver.holder.user_id, driver.holder.user
@@ -263,15 +263,15 @@ class Leasing:
 
     def _on_timer(self, robot_id: int) -> None:
         lease = self.of(robot_id)
-        passed = lease.pass_on(now())
-        if passed is None:
+        handover = lease.pass_on(now())
+        if handover is None:
             self._arm(robot_id)
             self._changed(robot_id)
             return
-        if passed.driver is not None and isinstance(passed.driver.holder, Connection):
-            robot, driver = passed.driver.holder.robot, passed.driver.holder.user
-            self._audit("lease_passed", robot, LeaseRequester(passed.to), driver=driver)
-        self._pass(robot_id, passed)
+        if handover.driver is not None and isinstance(handover.driver.holder, Connection):
+            robot, driver = handover.driver.holder.robot, handover.driver.holder.user
+            self._audit("lease_passed", robot, LeaseRequester(handover.to), driver=driver)
+        self._pass(robot_id, handover)
 
 
 def now() -> Instant:

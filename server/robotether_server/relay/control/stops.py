@@ -158,23 +158,23 @@ class Stops:
 
     async def reported_confirmation(self, robot_id: int) -> bool:
         """Wait shortly until the robot's guard, or the cell that has it, confirms the stop; return whether it does."""
-        waiting = asyncio.get_running_loop().create_future()
+        confirmation = asyncio.get_running_loop().create_future()
         waiters = self._of(robot_id).confirmations
-        waiters.append(waiting)
+        waiters.append(confirmation)
         try:
             async with asyncio.timeout(CONFIRMED_WITHIN_S):
-                await waiting
+                await confirmation
         except TimeoutError:
             return False
         finally:
-            waiters.remove(waiting)
+            waiters.remove(confirmation)
         return True
 
     def on_confirmed(self, robot_id: int) -> None:
         """The robot's guard has the stop, here or at another cell."""
-        for waiting in self._registry.robot(robot_id).stops.confirmations:
-            if not waiting.done():
-                waiting.set_result(None)
+        for confirmation in self._registry.robot(robot_id).stops.confirmations:
+            if not confirmation.done():
+                confirmation.set_result(None)
 
     async def release(
         self,
@@ -200,10 +200,10 @@ class Stops:
         # Without a guard nobody confirms, and the stop was never more than the server's.
         if presence.guard_mode == "on":
             await self._released_by_guard(robot, by)
-        for stop_id, newer in stops.in_force.items():
+        for stop_id, stop in stops.in_force.items():
             if stop_id not in released:
                 # It came between the guard's answer and this line.
-                raise _stopped_again(robot, newer.by)
+                raise _stopped_again(robot, stop.by)
         self._end(robot.id, released)
         self._audit("robot_released", robot, by, address, {})
 
@@ -235,12 +235,12 @@ class Stops:
         return self._registry.ensure_robot(robot_id).stops
 
     def _pending_releases(self, robot_id: int) -> list[asyncio.Future[None]]:
-        return [each for each in self._of(robot_id).releases.values() if _may_end_it(each)]
+        return [answer for answer in self._of(robot_id).releases.values() if _may_end_it(answer)]
 
     def _fail_releases(self, robot: RelayRobot, by: str) -> None:
-        for answered in self._pending_releases(robot.id):
-            if not answered.done():
-                answered.set_exception(_stopped_again(robot, by))
+        for answer in self._pending_releases(robot.id):
+            if not answer.done():
+                answer.set_exception(_stopped_again(robot, by))
 
     def _begin_here(self, robot: RelayRobot, by: str, reason: str | None = None) -> None:
         self._begin(robot, Stop(robot.id, utc_now(), by, reason))
@@ -294,14 +294,14 @@ class Stops:
 
     async def _released_by_guard(self, robot: RelayRobot, by: str) -> None:
         link, message_id = self._registry.session_of(robot.id), _message_id()
-        answered: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        answer: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         releases = self._of(robot.id).releases
-        releases[message_id] = answered
+        releases[message_id] = answer
         try:
             if link is not None:
                 link.send(lines.release_line(message_id, by))
             async with asyncio.timeout(RELEASED_WITHIN_S):
-                await answered
+                await answer
         except TimeoutError as exc:
             # The answer alone may be lost: both sides must say the same again.
             if (stop := self.of(robot.id)) is not None:
@@ -320,9 +320,9 @@ class Stops:
         if report.stopped:
             self._stopped_by_guard(robot_id, report.by)
             return
-        answered = self._of(robot_id).releases.get(change.answers or "")
-        if answered is not None and not answered.done():
-            answered.set_result(None)
+        answer = self._of(robot_id).releases.get(change.answers or "")
+        if answer is not None and not answer.done():
+            answer.set_result(None)
 
     def _stopped_by_guard(self, robot_id: int, by: str) -> None:
         self.on_confirmed(robot_id)
@@ -343,9 +343,9 @@ class Stops:
         self._event_writer.add(AuditEntry(utc_now(), by, kind, robot.name, address, details))
 
 
-def _may_end_it(answered: asyncio.Future[None]) -> bool:
+def _may_end_it(answer: asyncio.Future[None]) -> bool:
     """Return whether a release may still end the stop: it waits for its guard, or has just had the answer."""
-    return not answered.done() or not (answered.cancelled() or answered.exception())
+    return not answer.done() or not (answer.cancelled() or answer.exception())
 
 
 def _stopped_again(robot: RelayRobot, by: str) -> NotPossibleError:

@@ -87,7 +87,7 @@ class CommandTimestamps:
         if len(payload) != _SEQUENCE.size:
             return None
         (sequence,) = _SEQUENCE.unpack(payload)
-        if not any(sequence == each for each, _ in self._open):
+        if not any(sequence == number for number, _ in self._open):
             return None
         while self._open and self._open[0][0] <= sequence:
             _, self._earliest = self._open.popleft()

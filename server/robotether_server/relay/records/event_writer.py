@@ -64,8 +64,8 @@ class EventWriter:
         if self._journal is not None and isinstance(entry, JournalEntry):
             self._journal.add(entry)
             if self._journal.needs_rewrite(len(self._waiting) + len(self._writing)):
-                waiting = (*self._writing, *self._waiting.values())
-                self._journal.rewrite(each for each in waiting if isinstance(each, JournalEntry))
+                entries = (*self._writing, *self._waiting.values())
+                self._journal.rewrite(entry for entry in entries if isinstance(entry, JournalEntry))
 
     def waiting(self) -> int:
         """How many entries are not written yet."""
@@ -162,7 +162,7 @@ class EventWriter:
         # A stop must outlive the relay; there is at most one entry a robot. And nobody else ends what the relay before
         # this one left open; that is the oldest entry.
         kinds = StopEntry | FormerSessions
-        oldest = (key for key, each in self._waiting.items() if not isinstance(each, kinds))
+        oldest = (key for key, entry in self._waiting.items() if not isinstance(entry, kinds))
         if (key := next(oldest, None)) is not None:
             self.dropped += 1
             del self._waiting[key]

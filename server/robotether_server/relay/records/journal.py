@@ -42,7 +42,7 @@ RETRY_EVERY_S = 10.0
 MAX_TASKS = 10_000
 # Time limit for the disk at the relay's end.
 CLOSE_WITHIN_S = 0.5
-_KINDS = {each.__name__: each for each in get_args(JournalEntry)}
+_KINDS = {kind.__name__: kind for kind in get_args(JournalEntry)}
 
 
 class JournalLine(Struct, frozen=True):
@@ -99,13 +99,13 @@ class Journal:
         if not self._is_failing:
             self._submit(self._append, _line(entry))
 
-    def needs_rewrite(self, waiting: int) -> bool:
+    def needs_rewrite(self, count: int) -> bool:
         """Return whether `rewrite` is due for `waiting` entries: the file is long, or lacks some of them."""
         if self._submitted > self._done:
             return False
         if self._is_failing:
             return time.monotonic() >= self._retry_at
-        return self._lines > 2 * waiting + MAX_STALE_LINES
+        return self._lines > 2 * count + MAX_STALE_LINES
 
     def rewrite(self, entries: Iterable[JournalEntry]) -> None:
         """Keep these alone, in a new file that takes the old one's place."""

@@ -23,12 +23,12 @@ class Demand:
         self._always = always
         self._kept_s = kept_s
         self._count = 0
-        self._kept: asyncio.TimerHandle | None = None
+        self._timer: asyncio.TimerHandle | None = None
 
     @property
     def exists(self) -> bool:
         """Whether the robot is needed now."""
-        return self._always or self._count > 0 or self._kept is not None
+        return self._always or self._count > 0 or self._timer is not None
 
     @contextmanager
     def counted(self) -> Iterator[None]:
@@ -43,15 +43,15 @@ class Demand:
         finally:
             self._count -= 1
             if self._count == 0:
-                self._kept = asyncio.get_running_loop().call_later(self._kept_s, self._expire)
+                self._timer = asyncio.get_running_loop().call_later(self._kept_s, self._expire)
 
     def close(self) -> None:
         """Cancel the timer."""
-        if self._kept is not None:
-            self._kept.cancel()
-            self._kept = None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
     def _expire(self) -> None:
-        self._kept = None
+        self._timer = None
         if not self.exists:
             self._changed()

@@ -109,7 +109,7 @@ class Lease:
     def __init__(self) -> None:
         self.fence = 0
         self.driver: Driver | None = None
-        self.waiting: ControlRequest | None = None
+        self.request: ControlRequest | None = None
         self._reserved: Reservation | None = None
         self._claimant: Holder | None = None
         self._questions: dict[int, RateLimiter] = {}
@@ -149,17 +149,17 @@ class Lease:
         """A connection is over; return what it held. Who waits is next."""
         if self._claimant is holder:
             self._claimant = None
-        held = self.driver if self.driver is not None and self.driver.holder is holder else None
-        if held is not None:
+        driver = self.driver if self.driver is not None and self.driver.holder is holder else None
+        if driver is not None:
             self.driver = None
-        if self.driver is None and self._claimant is None and self.waiting is not None:
-            self._keep_for(self.waiting.user, now)
-        return held
+        if self.driver is None and self._claimant is None and self.request is not None:
+            self._keep_for(self.request.user, now)
+        return driver
 
     def revoke(self) -> Holder | None:
         """End everything: the robot is stopped, or gone. Return who drove or was about to."""
         present = self.driver.holder if self.driver is not None else self._claimant
-        self.driver = self._claimant = self.waiting = self._reserved = None
+        self.driver = self._claimant = self.request = self._reserved = None
         return present
 
     def ask(self, user: RelayUser, now: Instant) -> bool:
@@ -167,26 +167,26 @@ class Lease:
         driver = self._driver_or_free(now)
         if driver.holder.user_id == user.id:
             raise LeaseFreeError("cannot ask for control: it is yours")
-        if self.waiting is not None and self.waiting.user.id != user.id:
+        if self.request is not None and self.request.user.id != user.id:
             raise AlreadyAskedError(
-                f"cannot ask for control: {self.waiting.user.name} waits for it"
+                f"cannot ask for control: {self.request.user.name} waits for it"
             )
-        if self.waiting is not None:
+        if self.request is not None:
             return False
         self._count_question(user, now)
-        self.waiting = ControlRequest(user, now)
+        self.request = ControlRequest(user, now)
         return True
 
     def withdraw(self, user: RelayUser) -> None:
         """Take one's question back."""
-        if self.waiting is None or self.waiting.user.id != user.id:
+        if self.request is None or self.request.user.id != user.id:
             raise NobodyAsksError("cannot withdraw the request: you have not asked for control")
-        self.waiting = None
+        self.request = None
 
     def refuse(self, user: RelayUser, now: Instant) -> RelayUser:
         """The driver says no; return to whom."""
         asker = self._asker_of(user, now)
-        self.waiting = None
+        self.request = None
         return asker
 
     def hand_over(self, user: RelayUser, now: Instant, to: str | None = None) -> Handover:
@@ -206,26 +206,26 @@ class Lease:
 
     def passes_at(self) -> Instant | None:
         """When the control passes on by itself, if no command and no answer comes."""
-        if self.driver is None or self.waiting is None:
+        if self.driver is None or self.request is None:
             return None
-        last = max(self.driver.input, self.waiting.since, key=lambda timestamp: timestamp.s)
+        last = max(self.driver.input, self.request.since, key=lambda timestamp: timestamp.s)
         return last.later(PASSES_AFTER_S)
 
     def pass_on(self, now: Instant) -> Handover | None:
         """Pass the control on, when that is due."""
         due = self.passes_at()
-        if due is None or self.waiting is None or now.s < due.s:
+        if due is None or self.request is None or now.s < due.s:
             return None
-        return self._pass_to(self.waiting.user, now)
+        return self._pass_to(self.request.user, now)
 
     def keep_only(self, may_drive: Callable[[int], bool]) -> bool:
         """Forget who waits, and for whom it is kept, without the right to drive; return whether anybody was."""
-        before = (self.waiting, self._reserved)
-        if self.waiting is not None and not may_drive(self.waiting.user.id):
-            self.waiting = None
+        before = (self.request, self._reserved)
+        if self.request is not None and not may_drive(self.request.user.id):
+            self.request = None
         if self._reserved is not None and not may_drive(self._reserved.user.id):
             self._reserved = None
-        return before != (self.waiting, self._reserved)
+        return before != (self.request, self._reserved)
 
     def _is_for(self, user: RelayUser, now: Instant) -> bool:
         if self.driver is not None:
@@ -257,9 +257,9 @@ class Lease:
     def _asker_of(self, user: RelayUser, now: Instant) -> RelayUser:
         if self._driver_or_free(now).holder.user_id != user.id:
             raise LeaseNotYoursError("cannot answer for the driver: you do not drive this robot")
-        if self.waiting is None:
+        if self.request is None:
             raise NobodyAsksError("cannot answer: nobody asks for control")
-        return self.waiting.user
+        return self.request.user
 
     def _pass_to(self, user: RelayUser, now: Instant) -> Handover:
         driver, self.driver, self._claimant = self.driver, None, None
@@ -269,4 +269,4 @@ class Lease:
     def _keep_for(self, user: RelayUser, now: Instant) -> None:
         # Who got it asked with reason.
         self._questions.pop(user.id, None)
-        self.waiting, self._reserved = None, Reservation(user, now.later(RESERVED_FOR_S))
+        self.request, self._reserved = None, Reservation(user, now.later(RESERVED_FOR_S))

@@ -208,7 +208,7 @@ def config_line(
     cells: Iterable[SshAddresses] = (),
 ) -> bytes:
     """Build the settings that the agent works with; `cells` are where it connects, the best first."""
-    listed = [{"host": cell.host, "ports": cell.ports} for cell in cells]
+    addresses = [{"host": cell.host, "ports": cell.ports} for cell in cells]
     return _line(
         "config",
         robot=robot.name,
@@ -221,7 +221,7 @@ def config_line(
         direct=direct,
         media=media,
         battery=robot.settings.battery,
-        **({"cells": listed} if listed else {}),
+        **({"cells": addresses} if addresses else {}),
     )
 
 

@@ -180,7 +180,7 @@ def test_connection_is_kept_for_the_next_transaction(keeping: Database, database
 def test_no_more_connections_are_kept_than_asked_for(keeping: Database) -> None:
     with keeping.transaction(), keeping.transaction():
         pass
-    assert len(keeping._kept) == 1
+    assert len(keeping._idle) == 1
 
 
 def test_kept_connection_knows_nothing_of_the_transaction_before(keeping: Database) -> None:
@@ -220,12 +220,12 @@ def test_kept_connections_go_when_another_gets_no_answer(mariadb: MariaDb) -> No
     keeping = Database(mariadb.settings("web"), keep=1)
     with pytest.raises(StoreUnavailableError), keeping.transaction() as cut:  # noqa: PT012 - the second is kept meanwhile
         connection_id(keeping)
-        assert len(keeping._kept) == 1
+        assert len(keeping._idle) == 1
         row = cut.row("SELECT CONNECTION_ID() AS id")
         assert row is not None
         mariadb.as_root(f"KILL {row['id']}")
         cut.rows("SELECT 1")
-    assert keeping._kept == []
+    assert keeping._idle == []
 
 
 @pytest.mark.parametrize("number", [1040, 1205, 1213, 1226, 1290, 2003, 2006, 2013])

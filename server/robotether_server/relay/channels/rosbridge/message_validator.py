@@ -153,13 +153,13 @@ class MessageValidator:
         entry = OPERATIONS.get(operation) if isinstance(operation, str) else None
         if entry is None or not isinstance(operation, str):
             raise _RefusalError("operation", _unknown(operation), message.get("id"))
-        written = _fields_of(operation, entry, message)
+        fields = _fields_of(operation, entry, message)
         if entry.own:
-            return ValidatedMessage(b"", operation, own=written)
-        self._check_right(entry, written)
+            return ValidatedMessage(b"", operation, own=fields)
+        self._check_right(entry, fields)
         if operation == "publish":
-            return self._publish(written)
-        return ValidatedMessage(write_json(written), operation)
+            return self._publish(fields)
+        return ValidatedMessage(write_json(fields), operation)
 
     def _check_amount(self, data: bytes) -> bool:
         """Return whether the message may pass whatever it is; if not, it still may be a stop."""
@@ -180,24 +180,24 @@ class MessageValidator:
             raise _RefusalError("rate", TOO_MANY)
         return False
 
-    def _check_right(self, entry: Operation, written: Mapping[str, Any]) -> None:
+    def _check_right(self, entry: Operation, fields: Mapping[str, Any]) -> None:
         if entry.right is None or entry.named_by is None:
             return
-        name = written[entry.named_by]
-        if not (self._allowed[entry.right](name) or self._always(entry, written, name)):
+        name = fields[entry.named_by]
+        if not (self._allowed[entry.right](name) or self._always(entry, fields, name)):
             kind: Kind = "topic" if entry.named_by == "topic" else "service"
             why = f"cannot {entry.says} {name}: {self._missing_right(entry.right)}"
-            raise _RefusalError(kind, why, written.get("id"))
+            raise _RefusalError(kind, why, fields.get("id"))
         if entry.right == "subscribe":
-            self._count_subscription(written)
+            self._count_subscription(fields)
 
-    def _always(self, entry: Operation, written: Mapping[str, Any], name: str) -> bool:
+    def _always(self, entry: Operation, fields: Mapping[str, Any], name: str) -> bool:
         """Whether it passes without a glob: a driver's drive topics, everybody's look-ups."""
         if entry.right == "publish":
             return self._drives and self._is_drive_topic(name)
         look_ups = ROSAPI_LOOKUPS_OF_DRIVERS if self._drives else ROSAPI_LOOKUPS
-        if written["op"] == "call_service" and name in look_ups:
-            _check_plain_values(written)
+        if fields["op"] == "call_service" and name in look_ups:
+            _check_plain_values(fields)
             return True
         return False
 
@@ -208,28 +208,28 @@ class MessageValidator:
             )
         return "the robot's policy does not let you; an admin changes it on the robot's page"
 
-    def _count_subscription(self, written: Mapping[str, Any]) -> None:
-        topic, subscription_id = written["topic"], written.get("id")
-        if written["op"] == "unsubscribe":
+    def _count_subscription(self, fields: Mapping[str, Any]) -> None:
+        topic, subscription_id = fields["topic"], fields.get("id")
+        if fields["op"] == "unsubscribe":
             self._subscriptions.remove(topic, subscription_id)
         elif not self._subscriptions.add(topic, subscription_id):
             max_count = len(self._subscriptions)
             why = f"cannot subscribe to {topic}: this connection has {max_count} subscriptions, the robot's limit"
             raise _RefusalError("subscriptions", why, subscription_id)
 
-    def _publish(self, written: dict[str, Any]) -> ValidatedMessage:
-        stamp_ms = written.pop(STAMP, None)
-        topic = written["topic"]
+    def _publish(self, fields: dict[str, Any]) -> ValidatedMessage:
+        stamp_ms = fields.pop(STAMP, None)
+        topic = fields["topic"]
         if not self._is_drive_topic(topic):
-            return ValidatedMessage(write_json(written), "publish")
+            return ValidatedMessage(write_json(fields), "publish")
         try:
-            speed, turn = speeds(written.get("msg", {}))
+            speed, turn = speeds(fields.get("msg", {}))
         except FieldRefusedError as exc:
             raise _RefusalError(
-                "shape", f"cannot publish to {topic}: msg {exc}", written.get("id")
+                "shape", f"cannot publish to {topic}: msg {exc}", fields.get("id")
             ) from exc
-        data = write_json(written)
-        command = DriveCommand(topic, written, data, stamp_ms, speed, turn)
+        data = write_json(fields)
+        command = DriveCommand(topic, fields, data, stamp_ms, speed, turn)
         return ValidatedMessage(data, "publish", command)
 
 
@@ -261,26 +261,26 @@ def _read(data: bytes) -> dict[str, Any]:
 
 def _fields_of(operation: str, entry: Operation, message: Mapping[str, Any]) -> dict[str, Any]:
     """Return the message's known fields, checked; a field that is null counts as absent."""
-    written: dict[str, Any] = {"op": operation}
+    fields: dict[str, Any] = {"op": operation}
     for name, check in entry.checks:
         value = message.get(name)
         if value is None and name != entry.named_by:
             continue
         try:
-            written[name] = check(value)
+            fields[name] = check(value)
         except FieldRefusedError as exc:
             why = f"cannot pass {operation}: its field {name} {exc}"
             raise _RefusalError("shape", why, message.get("id")) from exc
-    return written
+    return fields
 
 
-def _check_plain_values(written: Mapping[str, Any]) -> None:
+def _check_plain_values(fields: Mapping[str, Any]) -> None:
     """Look-ups take plain values; so an observer sends no object inside another."""
     try:
-        scalars(written.get("args", {}))
+        scalars(fields.get("args", {}))
     except FieldRefusedError as exc:
         why = f"cannot pass call_service: its field args {exc}"
-        raise _RefusalError("shape", why, written.get("id")) from exc
+        raise _RefusalError("shape", why, fields.get("id")) from exc
 
 
 def _cost(data: bytes) -> int:

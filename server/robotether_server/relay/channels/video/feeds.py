@@ -253,7 +253,7 @@ class Feeds:
         self._registry.ensure_robot(robot.id).feeds[topic] = feed
         task = self._tasks[feed] = self._start(feed)
         self._all.add(task)
-        task.add_done_callback(lambda done: self._done(feed, done))
+        task.add_done_callback(lambda task: self._done(feed, task))
         return feed
 
     def _done(self, feed: Feed, task: asyncio.Task[CloseReason]) -> None:
@@ -273,7 +273,7 @@ class Feeds:
 
     def _let_linger(self, feed: Feed) -> None:
         feeds = self._of(feed.robot.id).values()
-        lingering = [each for each in feeds if not each.watched]
+        lingering = [feed for feed in feeds if not feed.watched]
         if len(lingering) > MAX_LINGERING:
             self._close(feed)
         else:

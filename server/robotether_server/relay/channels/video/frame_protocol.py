@@ -188,7 +188,9 @@ def parse_status(message: Mapping[str, Any]) -> dict[str, object]:
     return {
         "op": "status",
         "state": state,
-        "detail": "".join(each if each.isprintable() else " " for each in detail[:MAX_DETAIL]),
+        "detail": "".join(
+            letter if letter.isprintable() else " " for letter in detail[:MAX_DETAIL]
+        ),
         "source": source if source in SOURCES else None,
         "quality": _optional(message, "quality"),
         "width": _optional(message, "width"),

@@ -66,20 +66,20 @@ class Cursor:
         self._feed = feed
         self._last = feed.newest
         # What came before the viewer did; what is fresh is shown at once.
-        self._shown = self._last is None or not feed.fresh(now_s)
-        if self._last is not None and self._shown:
+        self._is_sent = self._last is None or not feed.fresh(now_s)
+        if self._last is not None and self._is_sent:
             feed.taken(self._last.sequence)
 
     def next(self) -> Frame | None:
         """Return the frame that the viewer gets next, None when it has had the newest."""
         newest = self._feed.newest
-        return None if newest is self._last and self._shown else newest
+        return None if newest is self._last and self._is_sent else newest
 
     def sent(self, frame: Frame) -> None:
         """The viewer was sent the frame."""
-        before = frame.position if self._last is None else self._last.position + self._shown
+        before = frame.position if self._last is None else self._last.position + self._is_sent
         self._feed.sent(frame, max(0, frame.position - before))
-        self._last, self._shown = frame, True
+        self._last, self._is_sent = frame, True
 
 
 def topic_of(request: web.Request) -> str:

@@ -36,7 +36,7 @@ async def test_what_is_kept_is_bounded(credentials, monkeypatch):
     monkeypatch.setattr(module, "MAX_KEPT", 10)
     for number in range(50):
         await credentials.user_of(credential_of("token", str(number)))
-    assert len(credentials._kept) == 10
+    assert len(credentials._cache) == 10
 
 
 class BusyDatabase(MemoryDatabase):

@@ -199,5 +199,5 @@ async def test_a_clock_that_is_ahead_elsewhere_is_known(
     """The database's clock compares them; a change of it notifies nobody."""
     memory_database.cells["b"] = replace(OTHER, clock_ahead_s=other)
     await cells.poll()
-    cells._known = {**cells._known, "a": replace(cells._known["a"], clock_ahead_s=own)}
+    cells._cells = {**cells._cells, "a": replace(cells._cells["a"], clock_ahead_s=own)}
     assert cells.clocks_ahead_s() == pytest.approx(ahead_s)

@@ -213,7 +213,7 @@ async def test_who_takes_the_question_back_gets_nothing(bare, sim1):
     bare.leasing.ask(sim1, asker(BEN))
     told = len(bare.lines)
     bare.leasing.withdraw(sim1, asker(BEN))
-    assert bare.leasing.of(sim1.id).waiting is None
+    assert bare.leasing.of(sim1.id).request is None
     assert len(bare.lines) == told + 1
 
 
@@ -239,10 +239,10 @@ async def test_the_right_to_drive_is_asked_for_of_who_waits_at_this_robot(bare, 
     bare.leasing.ask(sim1, asker(BEN))
     told = len(bare.lines)
     bare.leasing.keep_only(may_drive)
-    assert bare.leasing.of(sim1.id).waiting is not None
+    assert bare.leasing.of(sim1.id).request is not None
     assert len(bare.lines) == told
     bare.leasing.keep_only(may_drive)
-    assert bare.leasing.of(sim1.id).waiting is None
+    assert bare.leasing.of(sim1.id).request is None
     assert len(bare.lines) == told + 1
     assert asked == [(BEN.id, sim1.id)] * 2
 

@@ -165,7 +165,7 @@ def test_the_control_is_handed_to_the_one_who_is_named():
     lease.ask(CARL, at(1))
     with pytest.raises(NobodyAsksError, match="carl asks for it now"):
         lease.hand_over(ANN, at(2), "ben")
-    assert lease.waiting.user == CARL
+    assert lease.request.user == CARL
     assert lease.hand_over(ANN, at(3), "carl").to == CARL
 
 
@@ -190,7 +190,7 @@ def test_wrong_deeds_have_names():
     with pytest.raises(NobodyAsksError):
         lease.withdraw(CARL)
     lease.withdraw(BEN)
-    assert lease.waiting is None
+    assert lease.request is None
     assert lease.take(ANN, at(2)) is None
     lease.take(CARL, at(2))
     with pytest.raises(AlreadyAskedError):
@@ -208,7 +208,7 @@ def test_a_driver_is_not_asked_again_and_again():
     with pytest.raises(ThrottledError, match="ask again in 28 s") as throttled:
         lease.ask(BEN, at(2))
     assert throttled.value.retry_after_s == 28
-    assert lease.waiting is None
+    assert lease.request is None
     assert lease.ask(CARL, at(3))
     lease.withdraw(CARL)
     assert lease.ask(BEN, at(30))
@@ -340,7 +340,7 @@ class LeaseMachine(RuleBasedStateMachine):
 
     @invariant()
     def who_waits_has_somebody_to_wait_for(self):
-        assert not (self.lease.waiting and self.lease.reserved(self.now))
+        assert not (self.lease.request and self.lease.reserved(self.now))
 
 
 TestLeaseMachine = LeaseMachine.TestCase
