@@ -8,7 +8,7 @@ import pytest
 from api_visitor import Program
 from flask import Flask
 from robotether_server.api import auth
-from robotether_server.db import Database, credentials, users
+from robotether_server.db import Database, credentials
 from robotether_server.relay.auth.access import LOGIN_COOKIE
 from robotether_server.tickets import TicketSigner
 from web_visitor import Browser, audit_kinds, bearer
@@ -43,16 +43,6 @@ def test_login_tells_who_asks(browser: Browser) -> None:
     assert "Domain" not in cookie
     assert auth.COOKIE == LOGIN_COOKIE
     assert browser.ask("GET", "/api/v1/me").json == {"name": "ann", "role": "user"}
-
-
-def test_disabled_user_is_out_at_once(browser: Browser, database: Database) -> None:
-    """Login and token hold no more with the next request."""
-    browser.log_in("ann")
-    header = bearer(database, "ann")
-    with database.transaction() as tx:
-        users.set_disabled(tx, users.get(tx, "ann").id, disabled=True)
-    assert browser.ask("GET", "/api/v1/me").json["code"] == "login_missing"
-    assert browser.ask("GET", "/api/v1/me", headers=header).json["code"] == "token_invalid"
 
 
 def test_a_ticket_names_the_login_that_asked_for_it(browser: Browser) -> None:

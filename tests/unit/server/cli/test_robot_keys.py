@@ -51,6 +51,16 @@ def test_what_waits_is_listed(run: Run, database: Database) -> None:
     assert "MAC is in use" in "".join(rows)
 
 
+def test_second_approval_changes_nothing(run: Run, database: Database) -> None:
+    """A second approval leaves no second event."""
+    run(*ADD)
+    show_key(database)
+    for _ in range(2):
+        done = run("robot", "approve", "sim1", "--yes")
+        assert done.out == "robot sim1 is active with key SHA256:abc\n"
+    assert kinds(database) == ["robot_added", "robot_approved"]
+
+
 def test_approve_shows_who_joined_and_asks(run: Run, database: Database) -> None:
     """All that tells one robot from another stands there before the question; only a yes approves."""
     run(*ADD)

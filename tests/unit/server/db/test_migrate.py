@@ -15,20 +15,14 @@ from robotether_server.db import Database, Transaction, audit, grants, robots, u
 from robotether_server.db import migrate as migrations
 from robotether_server.db.audit import Source
 from robotether_server.db.migrate import migrate
-from robotether_server.problems import MigrationFailedError, StoreUnavailableError
-from robotether_server.settings import DatabaseSettings, MigrateSettings
+from robotether_server.problems import MigrationFailedError
+from robotether_server.settings import MigrateSettings
 
 
 def settings(
     mariadb: MariaDb, folder: Path, first: int = 20000, last: int = 20199
 ) -> MigrateSettings:
     return MigrateSettings(mariadb.settings("migrate"), folder, first, last, 24000, 24049)
-
-
-@pytest.mark.usefixtures("admin_database")
-def test_second_run_applies_nothing(mariadb: MariaDb, sql_dir: Path) -> None:
-    """A database that is up to date stays as it is."""
-    assert migrate(settings(mariadb, sql_dir)) == []
 
 
 def test_interrupted_run_is_finished_by_the_next(
@@ -182,13 +176,6 @@ def test_empty_folder_is_refused(mariadb: MariaDb, tmp_path: Path) -> None:
     """A wrong MIGRATIONS_DIR does not pass as a database that is up to date."""
     with pytest.raises(MigrationFailedError, match="MIGRATIONS_DIR"):
         migrate(settings(mariadb, tmp_path))
-
-
-def test_server_that_is_away_is_said_so(sql_dir: Path) -> None:
-    """Nothing listens: a problem, and no traceback of a library."""
-    nowhere = DatabaseSettings("127.0.0.1", 1, "robotether", "migrate", "x")
-    with pytest.raises(StoreUnavailableError):
-        migrate(MigrateSettings(nowhere, sql_dir, 20000, 20001, 24000, 24000))
 
 
 @pytest.mark.usefixtures("admin_database")

@@ -28,13 +28,6 @@ def test_grant_is_given_changed_and_taken(site: Site) -> None:
     assert (len(site.events("grant_given")), len(site.events("grant_taken"))) == (2, 1)
 
 
-@pytest.mark.parametrize(("user", "robot"), [("ghost", "sim1"), ("ann", "ghost")])
-def test_unknown_user_or_robot_is_said_so(site: Site, user: str, robot: str) -> None:
-    """The sentence names which."""
-    with site.database.transaction() as tx, pytest.raises(RecordMissingError, match="ghost"):
-        grants.give(tx, ADMIN, Grantee("user", user), Scope("robot", robot), "drive")
-
-
 def test_each_change_of_a_group_is_in_the_log_once(site: Site) -> None:
     """Who is a member already stays one without a line."""
     with site.database.transaction() as tx:

@@ -223,18 +223,11 @@ def test_settings_are_changed_from_what_they_are(site: Site) -> None:
 
 def test_wrong_changes_are_refused(site: Site) -> None:
     """What the database refuses comes with its sentence."""
-    site.announce("other", OTHER_MAC)
     with pytest.raises(FieldInvalidError, match="locally administered"):
         do(site, robot_service.set_mac, "sim1", "02:00:00:00:00:01")
-    for action, args, problem in (
-        (robot_service.rename, ("other",), RecordExistsError),
-        (robot_service.rename, ("No",), RecordRefusedError),
-        (robot_service.set_mac, (OTHER_MAC,), RecordExistsError),
-        (robot_service.move_ports, (80, 81), RecordRefusedError),
-        (robot_service.move_ports, (30000, None), RecordRefusedError),
-    ):
-        with pytest.raises(problem, match="cannot"):
-            do(site, action, "sim1", *args)
+    for ports in ((80, 81), (30000, None)):
+        with pytest.raises(RecordRefusedError, match="cannot"):
+            do(site, robot_service.move_ports, "sim1", *ports)
     assert do(site, robot_service.set_mac, "sim1", "02:00:00:00:00:01", allow_local_mac=True).id
 
 

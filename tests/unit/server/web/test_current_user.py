@@ -11,8 +11,10 @@ from web_visitor import Browser, paths
 
 
 def test_nobody_is_sent_to_log_in_and_back(app: Flask, browser: Browser) -> None:
-    """For every page of the admins and of the profile."""
-    asked = paths(app, "/admin", "GET") + paths(app, "/profile", "GET")
+    """For every page of the admins, of the profile and of drives."""
+    asked = [
+        path for start in ("/admin", "/profile", "/drives") for path in paths(app, start, "GET")
+    ]
     assert len(asked) > 30
     for path in asked:
         answer = browser.ask("GET", path)

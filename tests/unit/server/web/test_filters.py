@@ -65,3 +65,12 @@ def test_all_that_fits_is_a_file() -> None:
         ("csv", "/x/download?robot=r&format=csv"),
         ("jsonl", "/x/download?robot=r&format=jsonl"),
     ]
+
+
+def test_file_of_another_kind_is_refused() -> None:
+    """There are files for spreadsheets and for programs."""
+    with (
+        Flask("x").test_request_context("/?format=pdf"),
+        pytest.raises(FieldInvalidError, match="format: it must be one of csv, jsonl"),
+    ):
+        filters.file_kind()

@@ -41,6 +41,14 @@ def test_text_that_no_column_holds_is_refused(value: str) -> None:
         given(value, lambda: forms.text("x", "Name", 63))
 
 
+@pytest.mark.parametrize("value", ["a b", "-x-", "Lift"])
+def test_name_of_a_robot_fits_an_address(value: str) -> None:
+    """The refusal says what such a name may have."""
+    assert given("lift-7", lambda: forms.robot_name("x", "Name")) == "lift-7"
+    with pytest.raises(FieldInvalidError, match="cannot use Name: use a-z"):
+        given(value, lambda: forms.robot_name("x", "Name"))
+
+
 def test_numbers_within_bounds() -> None:
     """Both bounds are included."""
     for value in ("1", "90", "07"):

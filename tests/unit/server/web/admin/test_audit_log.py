@@ -60,3 +60,4 @@ def test_nothing_fits(admin: Browser) -> None:
     assert "Nothing matches" in page
     answer = admin.ask("GET", "/admin/audit?since=soon")
     assert (answer.status_code, "form-problem" in answer.text) == (422, True)
+    assert 'value="soon"' in answer.text

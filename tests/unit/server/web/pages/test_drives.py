@@ -106,14 +106,6 @@ def test_drives_are_found(
     assert [json.loads(line)["user"] for line in lines] == (["ann"] if found else [])
 
 
-def test_wrong_day_comes_back_with_the_form(admin: Browser) -> None:
-    """The form comes back with the sentence."""
-    answer = admin.ask("GET", "/drives?since=soon")
-    assert (answer.status_code, "form-problem" in answer.text) == (422, True)
-    assert 'value="soon"' in answer.text
-    assert admin.ask("GET", "/drives/download?format=pdf").status_code == 422
-
-
 def test_older_drives_follow(admin: Browser, admin_database: Database) -> None:
     """Older drives follow, and a file has all of them."""
     for fence in range(PER_PAGE + 1):
@@ -124,11 +116,3 @@ def test_older_drives_follow(admin: Browser, admin_database: Database) -> None:
     assert admin.ask("GET", older).text.count('data-testid="drive-') == 1
     rows = list(csv.DictReader(io.StringIO(admin.ask("GET", "/drives/download?format=csv").text)))
     assert [int(row["messages"]) for row in rows] == list(range(PER_PAGE, -1, -1))
-
-
-def test_nobody_is_sent_to_log_in(browser: Browser) -> None:
-    """The log-in leads back to the page afterwards."""
-    for path in ("/drives", "/drives/download?format=csv"):
-        answer = browser.ask("GET", path)
-        assert answer.status_code == 302
-        assert answer.location.startswith("/login?next=/drives")

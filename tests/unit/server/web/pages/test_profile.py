@@ -113,14 +113,6 @@ def test_a_key_is_added_and_deleted(ann: Browser) -> None:
     assert "You have none here yet" in ann.ask("GET", "/profile").text
 
 
-def test_what_is_no_key_comes_back(ann: Browser) -> None:
-    """With what was typed, beside the form that it belongs to."""
-    answer = send(ann, "/profile/ssh-keys", name="laptop", public_key="-----BEGIN")
-    assert (answer.status_code, answer.text.count("form-problem")) == (422, 1)
-    assert 'value="laptop"' in answer.text
-    assert "-----BEGIN</textarea>" in answer.text
-
-
 def test_another_users_key_is_out_of_reach(ann: Browser) -> None:
     """Neither asked about nor deleted, as if it were not there."""
     send(ann, "/profile/ssh-keys", name="laptop", public_key=public_key(1))
