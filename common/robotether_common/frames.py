@@ -52,3 +52,16 @@ class StreamRequest:
     latency_ms: float = 300
     width: int | None = None
     height: int | None = None
+
+
+@dataclass(frozen=True)
+class VideoStatus:
+    """How the source of a robot's frames is, and what it sends; None: not known."""
+
+    state: State
+    detail: str = ""
+    source: Source | None = None
+    quality: float | None = None
+    width: float | None = None
+    height: float | None = None
+    fps: float | None = None

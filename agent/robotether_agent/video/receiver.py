@@ -11,7 +11,7 @@ import asyncio
 import json
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from aiohttp import WSMsgType, web
@@ -26,6 +26,7 @@ from robotether_common.frames import (
     SIDES,
     STAMPED,
     StreamRequest,
+    VideoStatus,
 )
 
 from robotether_agent.clock import robot_time
@@ -135,7 +136,7 @@ class Receiver:
         self._newest: tuple[int, CameraFrame, SourceRequest] | None = None
         self._in_flight: deque[SentFrame] = deque(maxlen=MAX_IN_FLIGHT)
         self._texts: deque[JsonFields] = deque(maxlen=MAX_TEXTS)
-        self._status: JsonFields = {}
+        self._status: VideoStatus | None = None
         self._status_s = self._checked_s = clock() - STATUS_EVERY_S
         self._offered, self._sent = FrameRateCounter(), FrameRateCounter()
         self._wake = asyncio.Event()
@@ -306,21 +307,17 @@ class Receiver:
             self._follow()
 
     def _send_status(self, now_s: float) -> None:
-        condition = self._source_switch.condition()
         source_request = self._source_switch.source_request if self._can_step() else None
-        status: JsonFields = {
-            "op": "status",
-            "state": condition.state,
-            "detail": condition.detail,
-            "source": condition.source,
-            "quality": 0 if source_request is None else source_request.quality,
-            "width": None if source_request is None else source_request.width,
-            "height": None if source_request is None else source_request.height,
-            "fps": round(self._sent.rate(now_s), 1),
-        }
+        status = replace(
+            self._source_switch.condition(),
+            quality=0 if source_request is None else source_request.quality,
+            width=None if source_request is None else source_request.width,
+            height=None if source_request is None else source_request.height,
+            fps=round(self._sent.rate(now_s), 1),
+        )
         if status != self._status:
             self._status, self._status_s = status, now_s
-            self._queue_text(status)
+            self._queue_text({"op": "status", **asdict(status)})
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,10 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from random import Random
 from typing import Protocol
 
-from robotether_common.frames import Source, State, no_frames
+from robotether_common.frames import Source, VideoStatus, no_frames
 
 from robotether_agent.backoff import delays
 from robotether_agent.clock import robot_time
@@ -49,15 +48,6 @@ class Runs(Protocol):
         """Give frames until the source ends."""
 
 
-@dataclass(frozen=True)
-class Condition:
-    """How a source is, for the status."""
-
-    state: State = "waiting"
-    detail: str = ""
-    source: Source = "web_video_server"
-
-
 class SharedSource:
     """A source that runs as long as somebody follows it."""
 
@@ -77,15 +67,15 @@ class SharedSource:
         self._pauses = delays(Random())  # noqa: S311
         self._task = asyncio.ensure_future(self._keep_open())
 
-    def condition(self) -> Condition:
+    def condition(self) -> VideoStatus:
         """Report how the source is now."""
         now_s = self._clock()
         if self._is_silent(now_s):
-            return Condition("down", self._silence(), self._kind)
+            return VideoStatus("down", self._silence(), self._kind)
         if self._down:
-            return Condition("down", self._down, self._kind)
+            return VideoStatus("down", self._down, self._kind)
         is_live = self._last_s is not None and now_s - self._last_s < WAITS_AFTER_S
-        return Condition("live" if is_live else "waiting", "", self._kind)
+        return VideoStatus("live" if is_live else "waiting", "", self._kind)
 
     def _is_silent(self, now_s: float) -> bool:
         if self._opened_s is None:
@@ -194,9 +184,11 @@ class SourceSwitch:
         """What the frames that come now answer."""
         return None if self._shared is None else self._shared.source_request
 
-    def condition(self) -> Condition:
+    def condition(self) -> VideoStatus:
         """Report how the source is."""
-        return Condition() if self._shared is None else self._shared.condition()
+        if self._shared is None:
+            return VideoStatus("waiting", source="web_video_server")
+        return self._shared.condition()
 
     def follow(self, source_request: SourceRequest) -> None:
         """Go over to a request, as soon as there is a frame that answers it."""

@@ -9,9 +9,9 @@ import pytest
 from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from robotether_agent.video import shared_sources as shared_sources_module
-from robotether_agent.video.shared_sources import Condition, SharedSources
+from robotether_agent.video.shared_sources import SharedSources
 from robotether_agent.video.sources import CameraFrame, SourceRequest
-from robotether_common.frames import Source
+from robotether_common.frames import Source, VideoStatus
 
 WISH = SourceRequest("/camera", 70, None, None, 15.0)
 
@@ -72,13 +72,13 @@ async def test_the_condition_follows_the_frames(shared_sources, source):
     """Waiting, live, waiting again after two seconds, and down when that lasts."""
     shared = shared_sources.follow(WISH, "a", lambda _: None)
     await until_open(source)
-    assert shared.condition() == Condition("waiting", "", "mjpeg")
+    assert shared.condition() == VideoStatus("waiting", "", "mjpeg")
     source.give()
-    assert shared.condition() == Condition("live", "", "mjpeg")
+    assert shared.condition() == VideoStatus("live", "", "mjpeg")
     source.now_s += 2.5
     assert shared.condition().state == "waiting"
     source.now_s += 1.5
-    assert shared.condition() == Condition("down", "camera /camera sends no frames", "mjpeg")
+    assert shared.condition() == VideoStatus("down", "camera /camera sends no frames", "mjpeg")
     source.give()
     assert shared.condition().state == "live"
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 from fake_cameras import fake_jpeg
-from robotether_agent.video.shared_sources import GIVE_UP_S, Condition, SharedSource, SourceSwitch
+from robotether_agent.video.shared_sources import GIVE_UP_S, SharedSource, SourceSwitch
 from robotether_agent.video.sources import CameraFrame, SourceRequest
+from robotether_common.frames import VideoStatus
 
 HIGH, LOW = (SourceRequest("/camera", quality, None, None, 15.0) for quality in (80, 40))
 
@@ -18,8 +19,8 @@ class FakeSharedSource:
         self.followers = {}
         self.state = "live"
 
-    def condition(self) -> Condition:
-        return Condition(self.state)
+    def condition(self) -> VideoStatus:
+        return VideoStatus(self.state)
 
 
 class FakeSharedSources:
@@ -140,7 +141,7 @@ def test_leaving_closes_both(shared_sources, switch):
     assert (shared_sources.open, switch.source_request, switch.condition()) == (
         {},
         None,
-        Condition(),
+        VideoStatus("waiting", source="web_video_server"),
     )
     switch.follow(LOW)
     assert switch.source_request == LOW

@@ -18,7 +18,7 @@ from aiohttp import (
     WSMsgType,
     WSServerHandshakeError,
 )
-from robotether_common.frames import HEADER, MAX_FRAME_BYTES, PATH, StreamRequest
+from robotether_common.frames import HEADER, MAX_FRAME_BYTES, PATH, StreamRequest, VideoStatus
 from yarl import URL
 
 from robotether_server.problems import ProtocolError
@@ -59,16 +59,7 @@ MESSAGES_PER_S = 50
 MESSAGES_AT_ONCE = 100
 TOO_MANY = 429
 SERVER_ERRORS = 500
-LINK_BROKE = {
-    "op": "status",
-    "state": "down",
-    "detail": "the robot's video connection broke; trying again",
-    "source": None,
-    "quality": None,
-    "width": None,
-    "height": None,
-    "fps": None,
-}
+LINK_BROKE = "the robot's video connection broke; trying again"
 
 
 @dataclass(frozen=True)
@@ -106,7 +97,7 @@ class FeedLink:
                 await self._listen(socket)
             finally:
                 socket.drop()
-            self._feed.on_status(dict(LINK_BROKE))
+            self._feed.on_status(VideoStatus("down", LINK_BROKE))
             within_s = AGAIN_WITHIN_S
             if time.monotonic() - opened_s > STEADY_S:
                 pauses = delays(FIRST_PAUSE_S)

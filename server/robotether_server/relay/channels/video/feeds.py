@@ -16,7 +16,7 @@ from functools import reduce
 from typing import Protocol, cast
 
 from robotether_common.codecs import CODECS
-from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest
+from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import ProtocolError
@@ -74,7 +74,7 @@ class Feed:
         self.robot = robot
         self.topic = topic
         self.newest: Frame | None = None
-        self.status: dict[str, object] | None = None
+        self.status: VideoStatus | None = None
         # None as long as nobody knows whether the robot has such a service; then why it has not.
         self.opened: asyncio.Future[CloseReason | None] = asyncio.get_running_loop().create_future()
         # Something is to be sent to the robot.
@@ -180,7 +180,7 @@ class Feed:
         )
         self._notify()
 
-    def on_status(self, status: dict[str, object]) -> None:
+    def on_status(self, status: VideoStatus) -> None:
         """The robot reported how its source is."""
         self.status = status
         self._notify()

@@ -27,6 +27,7 @@ from robotether_common.frames import (
     Source,
     State,
     StreamRequest,
+    VideoStatus,
 )
 
 from robotether_server.problems import ProtocolError
@@ -180,23 +181,21 @@ def parse_clock_sync_answer(message: Mapping[str, Any]) -> tuple[float, float]:
     return parse_clock_sync(message), sender_ms
 
 
-def parse_status(message: Mapping[str, Any]) -> dict[str, object]:
+def parse_status(message: Mapping[str, Any]) -> VideoStatus:
     """Keep of a status what viewers know, and nothing that is none of it."""
-    state, source, detail = message.get("state"), message.get("source"), message.get("detail", "")
+    state: Any = message.get("state")
+    source, detail = message.get("source"), message.get("detail", "")
     if state not in STATES or not isinstance(detail, str):
         raise ProtocolError("a status has no state")
-    return {
-        "op": "status",
-        "state": state,
-        "detail": "".join(
-            letter if letter.isprintable() else " " for letter in detail[:MAX_DETAIL]
-        ),
-        "source": source if source in SOURCES else None,
-        "quality": _optional(message, "quality"),
-        "width": _optional(message, "width"),
-        "height": _optional(message, "height"),
-        "fps": _optional(message, "fps"),
-    }
+    return VideoStatus(
+        state,
+        "".join(letter if letter.isprintable() else " " for letter in detail[:MAX_DETAIL]),
+        source if source in SOURCES else None,
+        _optional(message, "quality"),
+        _optional(message, "width"),
+        _optional(message, "height"),
+        _optional(message, "fps"),
+    )
 
 
 def stream_request_text(request: StreamRequest) -> bytes:
@@ -214,8 +213,17 @@ def clock_sync_text(t_ms: float) -> bytes:
     return _written({"op": "clock_sync", "t_ms": t_ms})
 
 
-def text_message(message: Mapping[str, object]) -> bytes:
-    """Write a text as it is on a viewer's connection."""
+def status_message(status: VideoStatus) -> bytes:
+    """Write a status as it is on a viewer's connection."""
+    return _text_message({"op": "status", **asdict(status)})
+
+
+def clock_sync_message(t_ms: float, sender_ms: float) -> bytes:
+    """Write the answer to a clock sync as it is on a viewer's connection."""
+    return _text_message({"op": "clock_sync", "t_ms": t_ms, "sender_ms": sender_ms})
+
+
+def _text_message(message: Mapping[str, object]) -> bytes:
     text = _written(message)
     return websocket_header(WHOLE_TEXT, len(text)) + text
 

@@ -13,17 +13,18 @@ from collections import deque
 from typing import Any
 
 from aiohttp import WSMsgType, web
-from robotether_common.frames import MAX_CREDITS, MAX_TEXT_BYTES, StreamRequest
+from robotether_common.frames import MAX_CREDITS, MAX_TEXT_BYTES, StreamRequest, VideoStatus
 
 from robotether_server.problems import HttpError, ProtocolError
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.channels.video.feeds import Feed
 from robotether_server.relay.channels.video.frame_protocol import (
+    clock_sync_message,
     parse_clock_sync,
     parse_credit,
     parse_stream_request,
     parse_text,
-    text_message,
+    status_message,
 )
 from robotether_server.relay.channels.video.viewers import (
     Cursor,
@@ -90,7 +91,7 @@ class FramesSession(OperatorConnection):
         # Numbers of frames that were sent and not yet taken.
         self._under_way: deque[int] = deque(maxlen=MAX_CREDITS)
         self._clock_sync_ms: float | None = None
-        self._sent_status: dict[str, object] | None = None
+        self._sent_status: VideoStatus | None = None
         self._written = 0
         self._blocked = asyncio.Event()
         # From `run` on.
@@ -190,10 +191,10 @@ class FramesSession(OperatorConnection):
         if self._clock_sync_ms is not None:
             t_ms, self._clock_sync_ms = self._clock_sync_ms, None
             sender_ms = round(time.monotonic() * 1000, 3)
-            return text_message({"op": "clock_sync", "t_ms": t_ms, "sender_ms": sender_ms})
+            return clock_sync_message(t_ms, sender_ms)
         if self._feed.status is not None and self._feed.status is not self._sent_status:
             self._sent_status = self._feed.status
-            return text_message(self._sent_status)
+            return status_message(self._sent_status)
         return self._next_frame()
 
     def _next_frame(self) -> bytes | None:

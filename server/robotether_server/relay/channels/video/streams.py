@@ -109,7 +109,7 @@ class Streams:
             async with asyncio.timeout(FIRST_FRAME_WITHIN_S):
                 frame = await viewer.next(cursor)
         except TimeoutError as exc:
-            detail = "" if feed.status is None else feed.status["detail"]
+            detail = "" if feed.status is None else feed.status.detail
             why = detail or f"its camera sent no frame in {FIRST_FRAME_WITHIN_S:g} s"
             raise NoFramesError(f"cannot show video of robot {robot}: {why}") from exc
         if frame is None and viewer.close_reason != close_reasons.frames_unknown(robot):

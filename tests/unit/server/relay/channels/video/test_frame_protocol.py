@@ -9,11 +9,12 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_common.frames import HEADER, MAX_FRAME_BYTES, StreamRequest
+from robotether_common.frames import HEADER, MAX_FRAME_BYTES, StreamRequest, VideoStatus
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video.frame_protocol import (
     Frame,
     SenderClock,
+    clock_sync_message,
     combined,
     parse_clock_sync,
     parse_clock_sync_answer,
@@ -23,7 +24,6 @@ from robotether_server.relay.channels.video.frame_protocol import (
     parse_stream_request,
     parse_text,
     pixels,
-    text_message,
 )
 
 JPEG = b"\xff\xd8 a picture \xff\xd9"
@@ -193,16 +193,7 @@ def test_a_status_keeps_what_viewers_know():
         {"op": "status", "state": "down", "detail": "no\nanswer", "source": "evil", "fps": math.nan}
         | {"quality": 70, "width": 640, "height": 1e9, "more": "x"}
     )
-    assert status == {
-        "op": "status",
-        "state": "down",
-        "detail": "no answer",
-        "source": None,
-        "quality": 70,
-        "width": 640,
-        "height": None,
-        "fps": None,
-    }
+    assert status == VideoStatus("down", "no answer", quality=70, width=640)
     for message in ({}, {"state": "fine"}, {"state": ["live"]}, {"state": "live", "detail": 5}):
         with pytest.raises(ProtocolError):
             parse_status(message)
@@ -210,10 +201,10 @@ def test_a_status_keeps_what_viewers_know():
 
 def test_a_text_is_framed_whole():
     """What is written reads back."""
-    frame = text_message({"op": "clock_sync", "t_ms": 1.5})
+    frame = clock_sync_message(1.5, 2.5)
     assert frame[0] == 0x81
     assert frame[1] == len(frame) - 2
-    assert json.loads(frame[2:]) == {"op": "clock_sync", "t_ms": 1.5}
+    assert json.loads(frame[2:]) == {"op": "clock_sync", "t_ms": 1.5, "sender_ms": 2.5}
 
 
 @given(
