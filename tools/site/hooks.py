@@ -260,7 +260,8 @@ def _type(schema: dict[str, Any]) -> Iterator[str]:
         yield "| member | type | |"
         yield "|---|---|---|"
     for name, member in schema.get("properties", {}).items():
-        words = member.get("description", "")
+        # The label of a setting says what its hint is about.
+        words = ": ".join(member[key] for key in ("title", "description") if key in member)
         needed = "required" if name in required else ""
         yield f"| `{name}` | {_cell(_kind(member))} | {_cell('; '.join(filter(None, (needed, words))))} |"
     if not schema.get("properties"):

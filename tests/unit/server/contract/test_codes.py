@@ -8,13 +8,17 @@ from pathlib import Path
 from typing import get_args
 
 import robotether_server
+from robotether_agent.enrolment.join import ADVICE, PENDING_ADVICE
 from robotether_common.guard import REFUSED_KINDS
 from robotether_common.session import ByeCode
+from robotether_server import problems
+from robotether_server.api.description import PROBLEMS
 from robotether_server.contract.codes import CLOSE_CODES, DRIVE_ENDS, REFUSALS, SESSION_ENDS
 from robotether_server.relay.channels.rosbridge.message_validator import Kind
 from robotether_server.relay.drives.drive_path import GUARD
 from robotether_server.relay.http import close_reasons
 
+ROOT = Path(__file__).resolve().parents[4]
 SCRIPTS = Path(robotether_server.__file__).parents[1] / "frontend" / "src"
 # What is written of drives and sessions that a relay left open.
 BY_OTHERS = {"relay_restarted", "cell_removed"}
@@ -66,3 +70,31 @@ def test_scripts_close_codes_are_those_of_the_relay() -> None:
     }
     for constant, name in constants.items():
         assert f"export const {constant} = {numbers[name]};" in source
+
+
+def problem_codes() -> set[str]:
+    """The codes of the server's problems, and those that nginx answers by itself."""
+    classes = (kind for _, kind in inspect.getmembers(problems, inspect.isclass))
+    of_nginx = re.findall(r'"code": "(\w+)"', (ROOT / "images/nginx/nginx.conf").read_text())
+    assert of_nginx
+    return {
+        *of_nginx,
+        *(kind.code for kind in classes if issubclass(kind, problems.RobotetherError)),
+        *(problems.HttpError(status, "").code for status in PROBLEMS),
+    }
+
+
+def test_described_codes_are_those_of_problems() -> None:
+    """The API's description names no code that nothing answers."""
+    described = " ".join(description for _, description in PROBLEMS.values())
+    named = set(re.findall(r"\b[a-z]+(?:_[a-z]+)+\b", described))
+    assert "grant_missing" in named
+    assert named <= problem_codes()
+
+
+def test_codes_that_clients_know_are_those_of_problems() -> None:
+    """Those that the scripts compare, and those for which a robot that joins has advice."""
+    scripts = "".join(path.read_text() for path in SCRIPTS.rglob("*.js"))
+    compared = {code for code in re.findall(r'\bcode === "(\w+)"', scripts) if "_" in code}
+    assert compared
+    assert compared | ADVICE.keys() | PENDING_ADVICE.keys() <= problem_codes()
