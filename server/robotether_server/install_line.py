@@ -174,7 +174,7 @@ def site_of(settings: SiteAddressSettings, address: str) -> SiteAddress:
 def learn_certificate(endpoint: tuple[str, int], host: str) -> Certificate:
     """Ask for the certificate that is shown to who asks for this host; raise SiteCertificateUnavailableError."""
     try:
-        der = _shown(endpoint, host, _unchecked())
+        der = _certificate_of(endpoint, host, _unchecked())
         return describe_certificate(der, is_known=_is_known(endpoint, host))
     except (OSError, ValueError) as error:
         raise SiteCertificateUnavailableError(
@@ -200,13 +200,13 @@ def _unchecked() -> ssl.SSLContext:
 
 def _is_known(endpoint: tuple[str, int], host: str) -> bool:
     try:
-        _shown(endpoint, host, ssl.create_default_context())
+        _certificate_of(endpoint, host, ssl.create_default_context())
     except ssl.SSLCertVerificationError:
         return False
     return True
 
 
-def _shown(endpoint: tuple[str, int], host: str, context: ssl.SSLContext) -> bytes:
+def _certificate_of(endpoint: tuple[str, int], host: str, context: ssl.SSLContext) -> bytes:
     with (
         socket.create_connection(endpoint, CERTIFICATE_TIMEOUT_S) as plain,
         context.wrap_socket(plain, server_hostname=host) as tls,

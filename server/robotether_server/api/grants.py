@@ -103,7 +103,7 @@ class SiteList(Struct):
 @operation("GET", "/grants", "admin")
 def list_grants(caller: Caller) -> GrantList:
     """List grants; admins need none."""
-    return GrantList([_shown(grant) for grant in grants.list_all(caller.tx)])
+    return GrantList([_describe(grant) for grant in grants.list_all(caller.tx)])
 
 
 @operation("POST", "/grants", "admin", problems=(404,))
@@ -145,7 +145,7 @@ def _give(
     grant, is_new = grant_service.give(
         caller.tx, caller.source, grantee, scope, body.level, ends_at=body.ends_at or None
     )
-    return _shown(grant), is_new
+    return _describe(grant), is_new
 
 
 def _grantee(body: NewGrant) -> Grantee:
@@ -168,7 +168,7 @@ def _the_one(choices: list[T], kinds: str) -> T:
     return choices[0]
 
 
-def _shown(grant: Grant) -> ShownGrant:
+def _describe(grant: Grant) -> ShownGrant:
     return ShownGrant(
         id=grant.id,
         user=grant.user,

@@ -118,7 +118,7 @@ def get_ssh() -> SshServer:
 @operation("POST", "/join", "anybody", any_type=True, problems=(409,))
 def join(body: RobotJoin) -> tuple[JoinedRobot, Literal[200]] | tuple[WaitingRobot, Literal[202]]:
     """Ask for admission as a robot."""
-    attempt = _asked(body)
+    attempt = _attempt(body)
     with context().database.transaction() as tx:
         answer, site_cells = joining.is_in(tx, attempt), cells.read(tx)
         if answer is not None and body.host_key_refused is True:
@@ -156,7 +156,7 @@ def _join(attempt: joining.JoinAttempt) -> joining.Answer:
         _places.release()
 
 
-def _asked(body: RobotJoin) -> joining.JoinAttempt:
+def _attempt(body: RobotJoin) -> joining.JoinAttempt:
     previous = body.previous_key or None
     return joining.JoinAttempt(
         presented=PresentedKey(

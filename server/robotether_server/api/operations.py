@@ -113,12 +113,14 @@ def operation(
             try:
                 with _caller(who, names, briefly=without_database is not None) as caller:
                     return respond(
-                        handler(**caller, **names, **_given(api_operation, any_type=any_type))
+                        handler(**caller, **names, **_arguments(api_operation, any_type=any_type))
                     )
             except StoreUnavailableError:
                 if without_database is None:
                     raise
-            return respond(without_database(**names, **_given(api_operation, any_type=any_type)))
+            return respond(
+                without_database(**names, **_arguments(api_operation, any_type=any_type))
+            )
 
         blueprint.add_url_rule(path, handler.__name__, view, methods=[method])
         return handler
@@ -157,7 +159,7 @@ def check_names(_endpoint: str | None, values: dict[str, Any] | None) -> None:
             raise problem(f"cannot find {kind} {name!r}: a name has no spaces")
 
 
-def _given(api_operation: ApiOperation, *, any_type: bool) -> dict[str, object]:
+def _arguments(api_operation: ApiOperation, *, any_type: bool) -> dict[str, object]:
     arguments: dict[str, object] = {}
     if api_operation.body is not None:
         arguments["body"] = schemas.read_body(_body(any_type=any_type), api_operation.body)

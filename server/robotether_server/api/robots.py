@@ -230,7 +230,7 @@ def change_robot(
     caller: Caller, robot: str, body: Annotated[RobotChanges, AT_LEAST_ONE]
 ) -> ShownRobot:
     """Change the given members, all or none."""
-    return _shown(caller, _change(caller, robot, body))
+    return _describe(caller, _change(caller, robot, body))
 
 
 @operation("DELETE", "/robots/<robot>", "admin")
@@ -327,7 +327,7 @@ def _for_admins(seen: SeenRobot) -> dict[str, Any]:
     }
 
 
-def _shown(caller: Caller, robot: str) -> ShownRobot:
+def _describe(caller: Caller, robot: str) -> ShownRobot:
     seen = seen_robots.get_seen(caller.tx, robot)
     return shown_robot(seen, seen_robots.control_of(caller.tx, seen.robot.id), for_admin=True)
 
@@ -336,7 +336,7 @@ def _shown(caller: Caller, robot: str) -> ShownRobot:
 def approve_key(caller: Caller, robot: str, body: KeyChoice) -> ShownRobot:
     """Approve a waiting key, and no other."""
     robot_service.approve(caller.tx, caller.source, robot, body.fingerprint)
-    return _shown(caller, robot)
+    return _describe(caller, robot)
 
 
 @operation("POST", "/robots/<robot>/reject", "admin", problems=(409,))
@@ -349,21 +349,21 @@ def reject_key(caller: Caller, robot: str, body: KeyChoice) -> None:
 def rekey_robot(caller: Caller, robot: str) -> ShownRobot:
     """Forget the key and end the robot's connection; the next key waits for approval."""
     robot_service.rekey(caller.tx, caller.source, robot)
-    return _shown(caller, robot)
+    return _describe(caller, robot)
 
 
 @operation("POST", "/robots/<robot>/rotate-key", "admin", problems=(409,))
 def rotate_key(caller: Caller, robot: str) -> ShownRobot:
     """Ask the robot's agent for a new key; the connection stays."""
     robot_service.rotate_key(caller.tx, caller.source, robot)
-    return _shown(caller, robot)
+    return _describe(caller, robot)
 
 
 @operation("POST", "/robots/<robot>/move-ports", "admin", problems=(409, 422))
 def move_ports(caller: Caller, robot: str) -> ShownRobot:
     """Assign another free pair of ports; the robot reconnects."""
     robot_service.move_ports(caller.tx, caller.source, robot)
-    return _shown(caller, robot)
+    return _describe(caller, robot)
 
 
 @operation("GET", "/pending", "admin")

@@ -52,7 +52,7 @@ def create_without_database(body: NewTicket) -> Created[SignedTicket]:
             f"cannot open robot {body.robot}: the database does not answer; try again shortly"
         )
     auth.protect_login(request)
-    return _signed(user, body, robot_id=None), 201
+    return _sign(user, body, robot_id=None), 201
 
 
 @operation(
@@ -74,10 +74,10 @@ def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
     if not grants.includes(seen.level, mode):
         raise GrantMissingError(f"cannot open robot {name} to {mode}: your grant is {seen.level}")
     cell = _address_of(cells.find_of_robot(caller.tx, seen.robot.id))
-    return _signed(caller.user, body, seen.robot.id, cell), 201
+    return _sign(caller.user, body, seen.robot.id, cell), 201
 
 
-def _signed(
+def _sign(
     user: User | RecentUser,
     body: NewTicket,
     robot_id: int | None,

@@ -68,7 +68,7 @@ class Me(Struct):
 @operation("GET", "/users", "admin")
 def list_users(caller: Caller) -> UserList:
     """List users."""
-    return UserList([_shown(user) for user in users.list_all(caller.tx)])
+    return UserList([_describe(user) for user in users.list_all(caller.tx)])
 
 
 @operation("POST", "/users", "admin", problems=(409,))
@@ -84,7 +84,7 @@ def add_user(caller: Caller, body: NewUser) -> Created[AddedUser]:
 @operation("GET", "/users/<user>", "admin")
 def show_user(caller: Caller, user: str) -> ShownUser:
     """Get a user."""
-    return _shown(users.get(caller.tx, user))
+    return _describe(users.get(caller.tx, user))
 
 
 @operation("PATCH", "/users/<user>", "admin", problems=(409,))
@@ -100,7 +100,7 @@ def change_user(caller: Caller, user: str, body: Annotated[UserChanges, AT_LEAST
         user_service.set_disabled(tx, source, user, disabled=body.disabled)
     if body.password is not UNSET:
         user_service.set_password(tx, source, user, body.password)
-    return _shown(users.get(tx, user))
+    return _describe(users.get(tx, user))
 
 
 @operation("DELETE", "/users/<user>", "admin", problems=(409,))
@@ -121,5 +121,5 @@ def me(caller: Caller) -> Me:
     return Me(caller.user.name, caller.user.role)
 
 
-def _shown(user: User) -> ShownUser:
+def _describe(user: User) -> ShownUser:
     return ShownUser(user.name, user.role, user.disabled)

@@ -110,7 +110,7 @@ class ControlState:
 FREE = ControlState()
 
 
-def _seen(row: Row) -> SeenRobot:
+def _seen_robot(row: Row) -> SeenRobot:
     return SeenRobot(
         robot=robots.from_row(row),
         online=bool(row["online"]),
@@ -136,20 +136,20 @@ def _offline_reason(row: Row) -> str:
 def list_seen(tx: Transaction, user: User) -> list[SeenRobot]:
     """Return the robots that the user may see, by name; admins see all, as managers."""
     values = {"admin": user.is_admin, "user_id": user.id}
-    return [_seen(row) for row in tx.rows(SELECT_ALL, values)]
+    return [_seen_robot(row) for row in tx.rows(SELECT_ALL, values)]
 
 
 def find_seen(tx: Transaction, user: User, name: str) -> SeenRobot | None:
     """Return one robot, if there is one of that name that the user may see."""
     values = {"admin": user.is_admin, "user_id": user.id, "name": name}
     row = tx.row(SELECT_ONE, values)
-    return _seen(row) if row else None
+    return _seen_robot(row) if row else None
 
 
 def list_all(tx: Transaction) -> list[SeenRobot]:
     """Return every robot, by name, as an admin sees it."""
     values = {"admin": True, "user_id": 0}
-    return [_seen(row) for row in tx.rows(SELECT_ALL, values)]
+    return [_seen_robot(row) for row in tx.rows(SELECT_ALL, values)]
 
 
 def count_seen(tx: Transaction) -> dict[int, int]:
@@ -164,7 +164,7 @@ def get_seen(tx: Transaction, name: str) -> SeenRobot:
     row = tx.row(SELECT_ONE, values)
     if row is None:
         raise robots.missing(name)
-    return _seen(row)
+    return _seen_robot(row)
 
 
 def sessions_of(tx: Transaction, robot_id: int, limit: int) -> list[RecordedSession]:

@@ -19,17 +19,17 @@ from robotether_server.problems import FieldInvalidError
 LENGTH_OF_DAY_TEXT = 10
 PER_PAGE = 50
 # Number of rows to read: one more than a page shows, so that an older page is known.
-WANTED = PER_PAGE + 1
-Asked = dict[str, str]
+ROWS_TO_READ = PER_PAGE + 1
+Query = dict[str, str]
 # What a filter offers, by its name: pairs of value and words.
-Offered = dict[str, list[tuple[str, str]]]
+FilterChoices = dict[str, list[tuple[str, str]]]
 
 
 @dataclass(frozen=True)
 class Page(Generic[R]):
     """What one page of a list shows, and where the others are."""
 
-    shown: list[R]
+    rows: list[R]
     older: str | None
     newest: str | None
 
@@ -38,20 +38,20 @@ def register(
     blueprint: Blueprint,
     template: str,
     names: tuple[str, ...],
-    find: Callable[[Transaction, Asked], list[R]],
-    send: Callable[[Asked, exports.Format], Response],
+    find: Callable[[Transaction, Query], list[R]],
+    send: Callable[[Query, exports.Format], Response],
     *,
-    offer: Callable[[Transaction], Offered],
+    offer: Callable[[Transaction], FilterChoices],
 ) -> None:
     """Make the page of a list, and /download, which sends all that matches as a file.
 
-    `names` are those of the filters. `find` returns the WANTED newest that are older than `before()`.
+    `names` are those of the filters. `find` returns the ROWS_TO_READ newest that are older than `before()`.
     """
 
     def show() -> str | tuple[str, int]:
-        query = asked(names)
+        query = query_of(names)
         with context().database.transaction() as tx:
-            values = {"asked": query, "offered": offer(tx), "files": files(request.path, query)}
+            values = {"query": query, "choices": offer(tx), "files": files(request.path, query)}
             try:
                 listing = page(request.path, query, find(tx, query))
             except FieldInvalidError as problem:
@@ -61,21 +61,21 @@ def register(
         return render_template(template, page=listing, **values)
 
     blueprint.add_url_rule("", "show", show)
-    blueprint.add_url_rule("/download", "save", lambda: send(asked(names), file_kind()))
+    blueprint.add_url_rule("/download", "save", lambda: send(query_of(names), file_kind()))
 
 
-def asked(names: tuple[str, ...]) -> Asked:
+def query_of(names: tuple[str, ...]) -> Query:
     """Return the query's values of these names; a missing one is empty."""
     return {name: request.args.get(name, "").strip() for name in names}
 
 
-def since(query: Asked) -> dt.datetime | None:
+def since(query: Query) -> dt.datetime | None:
     """Parse a start: a day in UTC, from its first second, or a time; raise FieldInvalidError."""
     text = query["since"]
     return times.day_or_timestamp("From", text, is_end=False) if text else None
 
 
-def until(query: Asked) -> dt.datetime | None:
+def until(query: Query) -> dt.datetime | None:
     """Parse an exclusive end: a day in UTC, which is included, or a time; raise FieldInvalidError."""
     text = query["until"]
     if not text:
@@ -87,7 +87,7 @@ def until(query: Asked) -> dt.datetime | None:
         raise FieldInvalidError("cannot use To: there is no day after it") from error
 
 
-def link(path: str, query: Asked, **more: object) -> str:
+def link(path: str, query: Query, **more: object) -> str:
     """Return the path with what is asked for, and more."""
     text = urlencode({name: value for name, value in query.items() if value} | more)
     return f"{path}?{text}" if text else path
@@ -98,20 +98,20 @@ def before() -> int | None:
     return request.args.get("before", type=int)
 
 
-def page(path: str, query: Asked, rows: list[R]) -> Page[R]:
-    """Return what to show of the WANTED that were looked for."""
+def page(path: str, query: Query, rows: list[R]) -> Page[R]:
+    """Return what to show of the ROWS_TO_READ that were looked for."""
     records = rows[:PER_PAGE]
     older = link(path, query, before=records[-1].id) if len(rows) > PER_PAGE else None
     newest = link(path, query) if before() is not None else None
     return Page(records, older, newest)
 
 
-def offered_names(names: Iterable[str]) -> list[tuple[str, str]]:
+def name_choices(names: Iterable[str]) -> list[tuple[str, str]]:
     """Return what a filter by name offers."""
     return [(name, name) for name in sorted(names)]
 
 
-def files(path: str, query: Asked) -> list[tuple[str, str]]:
+def files(path: str, query: Query) -> list[tuple[str, str]]:
     """Return the links to all that matches, by kind of file."""
     return [(kind, link(path + "/download", query, format=kind)) for kind in exports.FORMATS]
 

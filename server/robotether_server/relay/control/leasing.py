@@ -146,17 +146,17 @@ class Leasing:
 
     def hand_over(self, robot: RelayRobot, asker: LeaseRequester, to: str | None = None) -> None:
         """The driver says yes, to whoever asks or to the one of this name alone."""
-        handover = self.of(robot.id).hand_over(asker.user, now(), to)
-        self._audit("lease_handed_over", robot, asker, to=handover.to.name)
-        self._pass(robot.id, handover)
+        change = self.of(robot.id).hand_over(asker.user, now(), to)
+        self._audit("lease_handed_over", robot, asker, to=change.to.name)
+        self._pass(robot.id, change)
 
     def take(self, robot: RelayRobot, asker: LeaseRequester) -> None:
         """Give a manager the control."""
-        handover = self.of(robot.id).take(asker.user, now())
-        if handover is not None:
-            driver = None if handover.driver is None else handover.driver.holder.user
+        change = self.of(robot.id).take(asker.user, now())
+        if change is not None:
+            driver = None if change.driver is None else change.driver.holder.user
             self._audit("lease_taken", robot, asker, driver=driver)
-            self._pass(robot.id, handover)
+            self._pass(robot.id, change)
 
     def _claim(self, lease: Lease, connection: Connection) -> None:
         robot = connection.robot
@@ -208,13 +208,13 @@ class Leasing:
         """Return the newest number that is known here; the guard's may be another relay's, or a lost database's."""
         return max(self.of(robot_id).fence, self._registry.presence(robot_id).report.fence)
 
-    def _pass(self, robot_id: int, handover: Handover) -> None:
-        if handover.driver is not None:
-            self._write_end(robot_id, handover.driver.fence)
+    def _pass(self, robot_id: int, change: Handover) -> None:
+        if change.driver is not None:
+            self._write_end(robot_id, change.driver.fence)
         self._notify(robot_id)
-        if handover.driver is not None and isinstance(handover.driver.holder, Connection):
-            connection = handover.driver.holder
-            connection.end(close_reasons.lease_lost(connection.robot.name, handover.to.name))
+        if change.driver is not None and isinstance(change.driver.holder, Connection):
+            connection = change.driver.holder
+            connection.end(close_reasons.lease_lost(connection.robot.name, change.to.name))
 
     def _write_start(self, robot_id: int, driver: Driver) -> None:
         user_id, user = driver.holder.user_id, driver.holder.user
@@ -263,15 +263,15 @@ class Leasing:
 
     def _on_timer(self, robot_id: int) -> None:
         lease = self.of(robot_id)
-        handover = lease.pass_on(now())
-        if handover is None:
+        change = lease.pass_on(now())
+        if change is None:
             self._arm(robot_id)
             self._changed(robot_id)
             return
-        if handover.driver is not None and isinstance(handover.driver.holder, Connection):
-            robot, driver = handover.driver.holder.robot, handover.driver.holder.user
-            self._audit("lease_passed", robot, LeaseRequester(handover.to), driver=driver)
-        self._pass(robot_id, handover)
+        if change.driver is not None and isinstance(change.driver.holder, Connection):
+            robot, driver = change.driver.holder.robot, change.driver.holder.user
+            self._audit("lease_passed", robot, LeaseRequester(change.to), driver=driver)
+        self._pass(robot_id, change)
 
 
 def now() -> Instant:

@@ -94,7 +94,7 @@ def _page(
     return render_template(
         "admin/add_robot.html",
         made=invitation,
-        arrived=_arrived(tx, everyone, invitation),
+        arrived=_arrivals(tx, everyone, invitation),
         live=f"{PAGE}/{invitation.token.id}" if invitation else request.full_path.rstrip("?"),
         sites=_choices("no site", [site.name for site in db_grants.list_sites(tx)]),
         groups=_choices("no group", [group.name for group in db_grants.list_groups(tx)]),
@@ -115,7 +115,7 @@ def _choices(none: str, names: list[str]) -> list[tuple[str, str]]:
     return [("", none), *((name, name) for name in names)] if names else []
 
 
-def _arrived(
+def _arrivals(
     tx: Transaction, everyone: list[SeenRobot], invitation: Invitation | None
 ) -> list[SeenRobot]:
     """Return the robots that a token admitted; without one, the robot that an admin has just approved."""
@@ -131,7 +131,7 @@ def _usable(listed: list[JoinToken]) -> list[JoinToken]:
     return [token for token in listed if token.used < token.uses and token.expires_at > now]
 
 
-def _found_token(token_id: int) -> Words:
+def _token_words(token_id: int) -> Words:
     with context().database.transaction() as tx:
         records = join_tokens.list_all(tx)
     missing = "cannot find that join token: it was already revoked"
@@ -142,7 +142,7 @@ def _found_token(token_id: int) -> Words:
 confirmation.register(
     blueprint,
     PAGE,
-    _found_token,
+    _token_words,
     ConfirmedAction(
         path="/join-tokens/<int:token_id>/delete",
         title="Revoke join token {token.name}?",

@@ -8,20 +8,20 @@ from robotether_server.contract.audit import AuditEvent, event_names
 from robotether_server.db import Transaction, audit, seen_robots, users
 from robotether_server.db.audit import AuditSearch
 from robotether_server.web import filters
-from robotether_server.web.filters import Asked, Offered
+from robotether_server.web.filters import FilterChoices, Query
 
 blueprint = Blueprint("audit_log", __name__, url_prefix="/audit")
 
 
-def _find(tx: Transaction, query: Asked) -> list[AuditEvent]:
-    return audit.find(tx, _search(query), before=filters.before(), limit=filters.WANTED)
+def _find(tx: Transaction, query: Query) -> list[AuditEvent]:
+    return audit.find(tx, _search(query), before=filters.before(), limit=filters.ROWS_TO_READ)
 
 
-def _send(query: Asked, kind: Format) -> Response:
+def _send(query: Query, kind: Format) -> Response:
     return download(_search(query), kind)
 
 
-def _search(query: Asked) -> AuditSearch:
+def _search(query: Query) -> AuditSearch:
     return AuditSearch(
         robot=query["robot"] or None,
         actor=query["actor"] or None,
@@ -31,10 +31,10 @@ def _search(query: Asked) -> AuditSearch:
     )
 
 
-def _offer(tx: Transaction) -> Offered:
+def _offer(tx: Transaction) -> FilterChoices:
     return {
-        "robot": filters.offered_names(seen.robot.name for seen in seen_robots.list_all(tx)),
-        "actor": filters.offered_names(user.name for user in users.list_all(tx)),
+        "robot": filters.name_choices(seen.robot.name for seen in seen_robots.list_all(tx)),
+        "actor": filters.name_choices(user.name for user in users.list_all(tx)),
         "kind": event_names(),
     }
 

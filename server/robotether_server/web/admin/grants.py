@@ -158,7 +158,7 @@ def _scope() -> Scope:
     raise FieldInvalidError("cannot use What: choose a robot, a site or all robots", "scope")
 
 
-def _found(grant_id: int) -> Words:
+def _words(grant_id: int) -> Words:
     with context().database.transaction() as tx:
         grant = db_grants.get(tx, grant_id)
     who, what, end = grant.holder_words, grant.scope_words, _end_words(grant.ends_at)
@@ -186,7 +186,7 @@ def _page_of(grant: Grant, about: str) -> str:
 confirmation.register(
     blueprint,
     "{page}",
-    _found,
+    _words,
     ConfirmedAction(
         path="/grants/<int:grant_id>/take",
         title="Remove the grant of {who} for {what}?",

@@ -68,7 +68,7 @@ def page_of(name: str) -> str:
     return f"/admin/groups/{name}"
 
 
-def _found(name: str, user: str = "") -> Words:
+def _words(name: str, user: str = "") -> Words:
     with context().database.transaction() as tx:
         group = db_grants.get_group(tx, name)
         tokens = ", ".join(join_tokens.names_for(tx, Place(group=name)))
@@ -85,7 +85,7 @@ grants.register_form(blueprint, "/<name>/grants", show, page_of)
 confirmation.register(
     blueprint,
     "/admin/groups/{name}",
-    _found,
+    _words,
     ConfirmedAction(
         path="/<name>/members/<user>/remove",
         title="Remove {user} from group {name}?",

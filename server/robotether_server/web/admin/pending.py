@@ -37,23 +37,23 @@ def approve(tx: Transaction, source: Source) -> Saved:
     return onward, f"Robot {new_name} is approved. It connects by itself within a minute."
 
 
-def _shown() -> str:
+def _fingerprint() -> str:
     """Return the fingerprint that the page showed; another key may wait since."""
     return request.values.get("fingerprint", "")
 
 
 def _replace(tx: Transaction, source: Source, name: str) -> None:
-    robots.approve(tx, source, name, _shown())
+    robots.approve(tx, source, name, _fingerprint())
 
 
 def _reject(tx: Transaction, source: Source, name: str) -> None:
-    robots.reject(tx, source, name, _shown())
+    robots.reject(tx, source, name, _fingerprint())
 
 
-def _found_waiting(name: str) -> Words:
+def _waiting_words(name: str) -> Words:
     with context().database.transaction() as tx:
         for key in pending.waiting(tx):
-            if (key.robot, key.fingerprint) == (name, _shown()):
+            if (key.robot, key.fingerprint) == (name, _fingerprint()):
                 stays = (
                     f"Robot {name} keeps the key that it has."
                     if key.reason == "mac_in_use"
@@ -66,7 +66,7 @@ def _found_waiting(name: str) -> Words:
     )
 
 
-def _found_rejected(rejected_id: int) -> Words:
+def _rejected_words(rejected_id: int) -> Words:
     with context().database.transaction() as tx:
         keys = pending.rejected(tx)
     missing = "cannot find that rejected key: it may already ask again"
@@ -76,7 +76,7 @@ def _found_rejected(rejected_id: int) -> Words:
 confirmation.register(
     blueprint,
     PAGE,
-    _found_waiting,
+    _waiting_words,
     ConfirmedAction(
         path="/replace/<name>",
         title="Give robot {key.robot} the new key?",
@@ -110,7 +110,7 @@ confirmation.register(
 confirmation.register(
     blueprint,
     PAGE,
-    _found_rejected,
+    _rejected_words,
     ConfirmedAction(
         path="/rejected/<int:rejected_id>",
         title="Allow this key to ask again?",

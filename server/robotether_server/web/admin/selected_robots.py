@@ -35,7 +35,7 @@ def _names() -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _found() -> Words:
+def _words() -> Words:
     names = _names()
     with context().database.transaction() as tx:
         for name in names:
@@ -78,7 +78,7 @@ def _give(tx: Transaction, source: Source) -> None:
 confirmation.register(
     blueprint,
     "/admin/robots",
-    _found,
+    _words,
     ConfirmedAction(
         path="/disable",
         title="Disable {count}?",

@@ -68,7 +68,7 @@ def page_of(name: str) -> str:
     return f"/admin/sites/{name}"
 
 
-def _found(name: str, robot: str = "") -> Words:
+def _words(name: str, robot: str = "") -> Words:
     with context().database.transaction() as tx:
         site = db_grants.get_site(tx, name)
         tokens = ", ".join(join_tokens.names_for(tx, Place(site=name)))
@@ -84,7 +84,7 @@ grants.register_form(blueprint, "/<name>/grants", show, page_of)
 confirmation.register(
     blueprint,
     "/admin/sites/{name}",
-    _found,
+    _words,
     ConfirmedAction(
         path="/<name>/robots/<robot>/take-out",
         title="Remove robot {robot} from site {name}?",

@@ -21,7 +21,7 @@ def show() -> str:
     return render_template("admin/tokens.html", tokens=api_tokens, now=dt.datetime.now(dt.UTC))
 
 
-def _found(token_id: int) -> Words:
+def _words(token_id: int) -> Words:
     with context().database.transaction() as tx:
         api_tokens = credentials.list_tokens(tx)
     missing = "cannot find that API token: it was already deleted"
@@ -31,7 +31,7 @@ def _found(token_id: int) -> Words:
 confirmation.register(
     blueprint,
     "/admin/tokens",
-    _found,
+    _words,
     ConfirmedAction(
         path="/tokens/<int:token_id>/delete",
         title="Delete API token {token.name} of {token.user}?",

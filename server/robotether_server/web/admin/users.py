@@ -98,7 +98,7 @@ def _set_password(tx: Transaction, source: Source, name: str) -> AnyResponse | N
     return None if typed else make_response(_password_page(name, password, title))
 
 
-def _found(name: str) -> Words:
+def _words(name: str) -> Words:
     with context().database.transaction() as tx:
         user = users.get(tx, name)
     # What an admin may have written down: what ends, and what does not.
@@ -117,7 +117,7 @@ grants.register_form(blueprint, "/<name>/grants", show, page_of)
 confirmation.register(
     blueprint,
     "/admin/users/{name}",
-    _found,
+    _words,
     ConfirmedAction(
         path="/<name>/role",
         title="Role of {name}",

@@ -7,22 +7,22 @@ from robotether_server.api.exports import Format
 from robotether_server.db import Transaction, drives, seen_robots, users
 from robotether_server.db.drives import Drive, DriveSearch
 from robotether_server.web import current_user, filters
-from robotether_server.web.filters import Asked, Offered
+from robotether_server.web.filters import FilterChoices, Query
 
 blueprint = Blueprint("drives", __name__, url_prefix="/drives")
 blueprint.before_request(current_user.require_user)
 
 
-def _find(tx: Transaction, query: Asked) -> list[Drive]:
-    before, limit = filters.before(), filters.WANTED
+def _find(tx: Transaction, query: Query) -> list[Drive]:
+    before, limit = filters.before(), filters.ROWS_TO_READ
     return drives.find(tx, current_user.get(), _search(query), before=before, limit=limit)
 
 
-def _send(query: Asked, kind: Format) -> Response:
+def _send(query: Query, kind: Format) -> Response:
     return download(current_user.get(), _search(query), kind)
 
 
-def _search(query: Asked) -> DriveSearch:
+def _search(query: Query) -> DriveSearch:
     return DriveSearch(
         robot=query["robot"] or None,
         user=query["user"] or None,
@@ -31,15 +31,15 @@ def _search(query: Asked) -> DriveSearch:
     )
 
 
-def _offer(tx: Transaction) -> Offered:
+def _offer(tx: Transaction) -> FilterChoices:
     """Name the robots that the user sees; all users to an admin, to others themselves."""
     viewer = current_user.get()
     people = users.list_all(tx) if viewer.is_admin else [viewer]
     return {
-        "robot": filters.offered_names(
+        "robot": filters.name_choices(
             seen.robot.name for seen in seen_robots.list_seen(tx, viewer)
         ),
-        "user": filters.offered_names(person.name for person in people),
+        "user": filters.name_choices(person.name for person in people),
     }
 
 

@@ -112,7 +112,7 @@ def _log_out_everywhere(tx: Transaction, source: Source) -> None:
     users.log_out_everywhere(tx, source, current_user.get().name)
 
 
-def _found_key(key_id: int) -> Words:
+def _key_words(key_id: int) -> Words:
     with context().database.transaction() as tx:
         keys = list_ssh_keys(tx, current_user.get())
     missing = "cannot find that SSH key: it was already deleted, or is not yours"
@@ -123,7 +123,7 @@ def _delete_key(tx: Transaction, source: Source, key_id: int) -> None:
     ssh_keys.delete(tx, source, current_user.get(), key_id)
 
 
-def _found_token(token_id: int) -> Words:
+def _token_words(token_id: int) -> Words:
     """Return a token of this user, and nobody else's."""
     with context().database.transaction() as tx:
         api_tokens = credentials.list_tokens_of(tx, current_user.get())
@@ -175,7 +175,7 @@ confirmation.register(
 confirmation.register(
     blueprint,
     f"{PAGE}#ssh-keys",
-    _found_key,
+    _key_words,
     ConfirmedAction(
         path="/ssh-keys/<int:key_id>/delete",
         title="Delete SSH key {key.name}?",
@@ -191,7 +191,7 @@ confirmation.register(
 confirmation.register(
     blueprint,
     f"{PAGE}#tokens",
-    _found_token,
+    _token_words,
     ConfirmedAction(
         path="/tokens/<int:token_id>/delete",
         title="Delete API token {token.name}?",

@@ -13,10 +13,10 @@ from robotether_server.web import filters
 NAMES = ("robot", "since", "until")
 
 
-def asked(query: str) -> filters.Asked:
+def asked(query: str) -> filters.Query:
     """What a page finds in its query."""
     with Flask("x").test_request_context(f"/?{query}"):
-        return filters.asked(NAMES)
+        return filters.query_of(NAMES)
 
 
 def test_days_are_whole() -> None:
@@ -50,13 +50,13 @@ def test_link_asks_for_the_same() -> None:
 
 def test_a_page_leads_to_the_others() -> None:
     """To what is older if there is any, and back to the newest if it is not shown."""
-    found = [SimpleNamespace(id=number) for number in range(filters.WANTED, 0, -1)]
+    found = [SimpleNamespace(id=number) for number in range(filters.ROWS_TO_READ, 0, -1)]
     with Flask("x").test_request_context("/?before=99"):
         page = filters.page("/x", {}, found)
-    assert (page.shown, page.older, page.newest) == (found[:-1], "/x?before=2", "/x")
+    assert (page.rows, page.older, page.newest) == (found[:-1], "/x?before=2", "/x")
     with Flask("x").test_request_context("/?before=x"):
         page = filters.page("/x", {}, found[1:])
-    assert (page.shown, page.older, page.newest) == (found[1:], None, None)
+    assert (page.rows, page.older, page.newest) == (found[1:], None, None)
 
 
 def test_all_that_fits_is_a_file() -> None:
