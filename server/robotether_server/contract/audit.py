@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from robotether_server.contract.codes import DRIVE_ENDS
 from robotether_server.schemas import Timestamp
@@ -22,16 +22,6 @@ class AuditEvent:
     details: dict[str, Any]
 
 
-class AuditKind(NamedTuple):
-    """A kind's name, and its sentence, or what makes it of the event.
-
-    {robot} in a sentence is the line's robot; the others are its details, `?` where one is missing.
-    """
-
-    name: str
-    sentence: str | Callable[[AuditEvent], str]
-
-
 class _Known(dict[str, object]):
     def __missing__(self, name: str) -> str:
         return "?"
@@ -41,7 +31,7 @@ def sentence(event: AuditEvent) -> str:
     """Return what the line says after who did it; a kind that is not known stays as it is."""
     if event.kind not in AUDIT_KINDS:
         return event.kind
-    words = AUDIT_KINDS[event.kind].sentence
+    _, words = AUDIT_KINDS[event.kind]
     if callable(words):
         return words(event)
     return words.format_map(_Known(event.details, robot=event.robot or "?"))
@@ -50,7 +40,7 @@ def sentence(event: AuditEvent) -> str:
 def event_names() -> list[tuple[str, str]]:
     """Return each kind of event with its name, by name."""
     return sorted(
-        ((kind, audit_kind.name) for kind, audit_kind in AUDIT_KINDS.items()),
+        ((kind, name) for kind, (name, _) in AUDIT_KINDS.items()),
         key=lambda pair: pair[1],
     )
 
@@ -101,73 +91,67 @@ def _scope(event: AuditEvent) -> str:
     return f"{event.robot}" if site is None else f"site {site}"
 
 
-AUDIT_KINDS: Mapping[str, AuditKind] = {
-    "login": AuditKind("Log-in", "logged in"),
-    "login_failed": AuditKind("Log-in failed", "failed to log in"),
-    "logout": AuditKind("Log-out", "logged out"),
-    "logins_ended": AuditKind("Log-out everywhere", "logged {user} out everywhere"),
-    "password_set": AuditKind("Password set", "set a new password for {user}"),
-    "user_added": AuditKind("User added", "added {role} {user}"),
-    "user_removed": AuditKind("User removed", "removed {role} {user}"),
-    "user_disabled": AuditKind("User disabled", "disabled user {user}"),
-    "user_enabled": AuditKind("User enabled", "enabled user {user}"),
-    "user_role_set": AuditKind(
-        "User's role changed", "changed the role of {user} from {was} to {role}"
-    ),
-    "group_added": AuditKind("Group added", "added group {group}"),
-    "group_removed": AuditKind("Group removed", "removed group {group}"),
-    "group_member_added": AuditKind("Group member added", "added {user} to group {group}"),
-    "group_member_removed": AuditKind("Group member removed", "removed {user} from group {group}"),
-    "grant_given": AuditKind("Grant given", _given),
-    "grant_taken": AuditKind("Grant removed", _taken),
-    "site_added": AuditKind("Site added", "added site {site}"),
-    "site_removed": AuditKind("Site removed", "removed site {site}"),
-    "cell_drained": AuditKind("Machine out of service", "took cell {cell} out of service"),
-    "cell_resumed": AuditKind("Machine in service again", "put cell {cell} back into service"),
-    "cell_removed": AuditKind("Machine removed", "removed cell {cell}"),
-    "token_created": AuditKind("API token created", "created API token {token}"),
-    "token_deleted": AuditKind("API token deleted", "deleted API token {token}"),
-    "join_token_created": AuditKind("Join token created", "created join token {token}"),
-    "join_token_deleted": AuditKind("Join token deleted", "deleted join token {token}"),
-    "ssh_key_added": AuditKind("SSH key added", "added an SSH key"),
-    "ssh_key_deleted": AuditKind("SSH key deleted", "deleted an SSH key"),
-    "robot_added": AuditKind("Robot announced", "announced {robot}"),
-    "robot_pending": AuditKind("Robot joined", "{robot} joined and waits for approval"),
-    "robot_approved": AuditKind("Robot approved", "approved {robot}"),
-    "robot_disabled": AuditKind("Robot disabled", "disabled {robot}"),
-    "robot_enabled": AuditKind("Robot enabled", "enabled {robot}"),
-    "robot_removed": AuditKind("Robot removed", "removed {robot}"),
-    "robot_renamed": AuditKind("Robot renamed", "renamed {was} to {robot}"),
-    "robot_mac_set": AuditKind(
-        "Robot's MAC changed", "changed the MAC of {robot} from {was} to {mac}"
-    ),
-    "robot_ports_moved": AuditKind("Robot's ports changed", "changed the ports of {robot}"),
-    "robot_rekeyed": AuditKind("Robot's key forgotten", "forgot the key of {robot}"),
-    "robot_rotation_requested": AuditKind(
-        "Robot's new key requested", "asked {robot} for a new key"
-    ),
-    "robot_settings_set": AuditKind("Robot's settings changed", "changed the settings of {robot}"),
-    "robot_page_set": AuditKind("Robot's drive page changed", "changed the drive page of {robot}"),
-    "robot_buttons_set": AuditKind("Robot's buttons changed", "changed the buttons of {robot}"),
-    "robot_site_set": AuditKind("Robot's site changed", _placed),
-    "robot_shell_set": AuditKind("Robot's shell turned on or off", _shell),
-    "key_rejected": AuditKind("Key rejected", "rejected a key that claimed to be {robot}"),
-    "key_forgiven": AuditKind("Key allowed again", "allowed a rejected key to ask again"),
-    "key_refused": AuditKind("Key refused", "refused an unknown key"),
-    "key_rotated": AuditKind("Key changed", "{robot} changed its key"),
-    "key_claimed": AuditKind("Key claimed", "another machine claims to be {robot}"),
-    "key_released": AuditKind("Key released", "released the key of {robot} for another robot"),
-    "mac_changed": AuditKind("MAC differs", "{robot} joined with its key from another MAC"),
-    "drive_started": AuditKind("Drive started", "started driving {robot}"),
-    "drive_ended": AuditKind("Drive ended", _drive_ended),
-    "lease_asked": AuditKind("Control asked for", "asked for control of {robot}"),
-    "lease_refused": AuditKind("Control refused", "refused {to} control of {robot}"),
-    "lease_handed_over": AuditKind("Control handed over", "handed control of {robot} to {to}"),
-    "lease_passed": AuditKind(
-        "Control passed on", "got control of {robot}, because {driver} did not reply"
-    ),
-    "lease_taken": AuditKind("Control taken", "took control of {robot} from {driver}"),
-    "robot_stopped": AuditKind("Robot stopped", "stopped {robot}"),
-    "robot_released": AuditKind("Robot released", "released {robot} after a stop"),
-    "operations_refused": AuditKind("Messages blocked", _blocked),
+# Each kind's name in the filter, and what its line says after who did it: a sentence, or what makes it. {robot} is the
+# line's robot; the others are its details, `?` where one is missing.
+AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
+    "login": ("Log-in", "logged in"),
+    "login_failed": ("Log-in failed", "failed to log in"),
+    "logout": ("Log-out", "logged out"),
+    "logins_ended": ("Log-out everywhere", "logged {user} out everywhere"),
+    "password_set": ("Password set", "set a new password for {user}"),
+    "user_added": ("User added", "added {role} {user}"),
+    "user_removed": ("User removed", "removed {role} {user}"),
+    "user_disabled": ("User disabled", "disabled user {user}"),
+    "user_enabled": ("User enabled", "enabled user {user}"),
+    "user_role_set": ("User's role changed", "changed the role of {user} from {was} to {role}"),
+    "group_added": ("Group added", "added group {group}"),
+    "group_removed": ("Group removed", "removed group {group}"),
+    "group_member_added": ("Group member added", "added {user} to group {group}"),
+    "group_member_removed": ("Group member removed", "removed {user} from group {group}"),
+    "grant_given": ("Grant given", _given),
+    "grant_taken": ("Grant removed", _taken),
+    "site_added": ("Site added", "added site {site}"),
+    "site_removed": ("Site removed", "removed site {site}"),
+    "cell_drained": ("Machine out of service", "took cell {cell} out of service"),
+    "cell_resumed": ("Machine in service again", "put cell {cell} back into service"),
+    "cell_removed": ("Machine removed", "removed cell {cell}"),
+    "token_created": ("API token created", "created API token {token}"),
+    "token_deleted": ("API token deleted", "deleted API token {token}"),
+    "join_token_created": ("Join token created", "created join token {token}"),
+    "join_token_deleted": ("Join token deleted", "deleted join token {token}"),
+    "ssh_key_added": ("SSH key added", "added an SSH key"),
+    "ssh_key_deleted": ("SSH key deleted", "deleted an SSH key"),
+    "robot_added": ("Robot announced", "announced {robot}"),
+    "robot_pending": ("Robot joined", "{robot} joined and waits for approval"),
+    "robot_approved": ("Robot approved", "approved {robot}"),
+    "robot_disabled": ("Robot disabled", "disabled {robot}"),
+    "robot_enabled": ("Robot enabled", "enabled {robot}"),
+    "robot_removed": ("Robot removed", "removed {robot}"),
+    "robot_renamed": ("Robot renamed", "renamed {was} to {robot}"),
+    "robot_mac_set": ("Robot's MAC changed", "changed the MAC of {robot} from {was} to {mac}"),
+    "robot_ports_moved": ("Robot's ports changed", "changed the ports of {robot}"),
+    "robot_rekeyed": ("Robot's key forgotten", "forgot the key of {robot}"),
+    "robot_rotation_requested": ("Robot's new key requested", "asked {robot} for a new key"),
+    "robot_settings_set": ("Robot's settings changed", "changed the settings of {robot}"),
+    "robot_page_set": ("Robot's drive page changed", "changed the drive page of {robot}"),
+    "robot_buttons_set": ("Robot's buttons changed", "changed the buttons of {robot}"),
+    "robot_site_set": ("Robot's site changed", _placed),
+    "robot_shell_set": ("Robot's shell turned on or off", _shell),
+    "key_rejected": ("Key rejected", "rejected a key that claimed to be {robot}"),
+    "key_forgiven": ("Key allowed again", "allowed a rejected key to ask again"),
+    "key_refused": ("Key refused", "refused an unknown key"),
+    "key_rotated": ("Key changed", "{robot} changed its key"),
+    "key_claimed": ("Key claimed", "another machine claims to be {robot}"),
+    "key_released": ("Key released", "released the key of {robot} for another robot"),
+    "mac_changed": ("MAC differs", "{robot} joined with its key from another MAC"),
+    "drive_started": ("Drive started", "started driving {robot}"),
+    "drive_ended": ("Drive ended", _drive_ended),
+    "lease_asked": ("Control asked for", "asked for control of {robot}"),
+    "lease_refused": ("Control refused", "refused {to} control of {robot}"),
+    "lease_handed_over": ("Control handed over", "handed control of {robot} to {to}"),
+    "lease_passed": ("Control passed on", "got control of {robot}, because {driver} did not reply"),
+    "lease_taken": ("Control taken", "took control of {robot} from {driver}"),
+    "robot_stopped": ("Robot stopped", "stopped {robot}"),
+    "robot_released": ("Robot released", "released {robot} after a stop"),
+    "operations_refused": ("Messages blocked", _blocked),
 }

@@ -69,4 +69,4 @@ def test_every_event_has_words() -> None:
     written = set(re.findall(calls, source))
     assert len(written) > 30
     assert written <= set(AUDIT_KINDS)
-    assert all(one.name and sentence(event(kind, "sim1")) for kind, one in AUDIT_KINDS.items())
+    assert all(name and sentence(event(kind, "sim1")) for kind, (name, _) in AUDIT_KINDS.items())
