@@ -27,10 +27,10 @@ def find_pip() -> Path:
     # Debian, Ubuntu and Fedora keep it in a folder of their own.
     bundled = Path(ensurepip.__file__).with_name("_bundled")
     folder = Path(sysconfig.get_config_var("WHEEL_PKG_DIR") or bundled)
-    wheels = sorted(folder.glob("pip-*.whl"))
-    if not wheels:
+    files = sorted(folder.glob("pip-*.whl"))
+    if not files:
         sys.exit(f"cannot find pip: {folder} has no wheel of it. Install python3-venv")
-    return wheels[-1]
+    return files[-1]
 
 
 def install(folder: Path, package: Path, requirements: Path, options: Sequence[str]) -> int:

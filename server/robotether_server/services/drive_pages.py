@@ -84,7 +84,7 @@ def placed(buttons: list[Button], place: int, name: str) -> int:
 def read(text: str) -> dict[str, object]:
     """Parse a JSON object from a form; raise FieldInvalidError, which names the place of the error."""
     try:
-        found = json.loads(text or "{}", object_pairs_hook=_once)
+        members = json.loads(text or "{}", object_pairs_hook=_once)
     except json.JSONDecodeError as error:
         raise FieldInvalidError(
             f"cannot read what the button sends: {error.msg} at line {error.lineno}, column {error.colno}; it must "
@@ -93,31 +93,31 @@ def read(text: str) -> dict[str, object]:
         ) from error
     except (ValueError, RecursionError) as error:
         raise FieldInvalidError(f"cannot read what the button sends: {error}", "sends") from error
-    if not isinstance(found, dict):
+    if not isinstance(members, dict):
         raise FieldInvalidError(
             'cannot read what the button sends: it must be a JSON object such as {"data": true}',
             "sends",
         )
-    return found
+    return members
 
 
 def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
+    members = dict(pairs)
+    if len(members) != len(pairs):
         raise ValueError("a member appears twice")
-    return found
+    return members
 
 
 def _set(
     tx: Transaction, source: Source, name: str, member: Literal["page", "buttons"], value: object
 ) -> RobotSettings:
     robots.lock_enrolment(tx)
-    found = robots.get(tx, name)
-    settings = robot_settings.parse({**found.settings, member: value})
-    given, was = settings.as_given(), found.settings.get(member)
-    if not same_json(given.get(member), was):
-        robots.set_settings(tx, found.id, given)
-        changed = {"was": was, member: given.get(member)}
+    robot = robots.get(tx, name)
+    settings = robot_settings.parse({**robot.settings, member: value})
+    values, was = settings.as_given(), robot.settings.get(member)
+    if not same_json(values.get(member), was):
+        robots.set_settings(tx, robot.id, values)
+        changed = {"was": was, member: values.get(member)}
         audit.record(tx, source, f"robot_{member}_set", name, **changed)
     return settings
 
