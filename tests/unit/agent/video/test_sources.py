@@ -290,6 +290,14 @@ async def test_a_camera_that_has_compressed_images_alone_comes_from_rosbridge(
         assert (taken.kinds, len(server.asked)) == (["rosbridge"], 1)
 
 
+async def test_a_camera_whose_compressed_images_are_no_jpeg_names_their_format(run):
+    async with FakeVideoServer("ends") as server, TopicRosbridge(IMAGES) as rosbridge:
+        running, _ = run(source_settings(server.url, rosbridge.url))
+        await publish_png(rosbridge, "16UC1; png compressed")
+        with pytest.raises(SourceDownError, match="format '16UC1; png compressed', not JPEG"):
+            await asyncio.wait_for(running, 5)
+
+
 async def test_who_wants_web_video_server_alone_is_told_that_it_cannot_show_compressed_images(run):
     async with FakeVideoServer("ends") as server, TopicRosbridge(IMAGES) as rosbridge:
         running, _ = run(source_settings(server.url, rosbridge.url, "web_video_server"))
