@@ -44,8 +44,11 @@ CameraTopic = Annotated[
 Speed = Annotated[float, Meta(ge=0.001, le=100)]
 Percent = Annotated[int, Meta(ge=1, le=100)]
 Pixels = Annotated[int, Meta(ge=1, le=4096)]
-BY_TYPE = "found by its type"
 CAMERAS_OWN = "the camera's own"
+
+
+def _found_by_type(title: str, description: str) -> Meta:
+    return setting(title, description, empty="found by its type")
 
 
 class Camera(Struct, frozen=True, forbid_unknown_fields=True):
@@ -142,18 +145,12 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
             "without video.",
         ),
     ] = 1000
-    odometry_topic: Annotated[
-        RosName | None, setting("Odometry", "For the path.", empty=BY_TYPE)
-    ] = None
+    odometry_topic: Annotated[RosName | None, _found_by_type("Odometry", "For the path.")] = None
     scan_topic: Annotated[
-        RosName | None, setting("Laser scan", "Drawn around the robot.", empty=BY_TYPE)
+        RosName | None, _found_by_type("Laser scan", "Drawn around the robot.")
     ] = None
-    map_topic: Annotated[
-        RosName | None, setting("Map", "Drawn under the robot.", empty=BY_TYPE)
-    ] = None
-    battery_topic: Annotated[
-        RosName | None, setting("Battery", "How full it is.", empty=BY_TYPE)
-    ] = None
+    map_topic: Annotated[RosName | None, _found_by_type("Map", "Drawn under the robot.")] = None
+    battery_topic: Annotated[RosName | None, _found_by_type("Battery", "How full it is.")] = None
     battery_unit: Annotated[
         BatteryUnit | None,
         setting(
@@ -168,7 +165,7 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
         ),
     ] = None
     diagnostics_topic: Annotated[
-        RosName | None, setting("Diagnostics", "What its parts say.", empty=BY_TYPE)
+        RosName | None, _found_by_type("Diagnostics", "What its parts say.")
     ] = None
 
     def as_dict(self) -> dict[str, object]:

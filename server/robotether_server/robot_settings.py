@@ -77,7 +77,10 @@ Publish = Annotated[GivenGlobs, setting("Publish to", "Topics in addition to the
 Call = Annotated[
     GivenGlobs, setting("Call", "Services and actions, in addition to the look-ups of /rosapi.")
 ]
-NO_LIMIT = "no limit"
+
+
+def _limit(title: str, description: str, unit: str, **extra: str) -> Meta:
+    return setting(title, description, unit=unit, empty="no limit", **extra)
 
 
 class GuardSettings(Struct, frozen=True, forbid_unknown_fields=True):
@@ -102,47 +105,36 @@ class GuardSettings(Struct, frozen=True, forbid_unknown_fields=True):
     ] = DEFAULT_MS
     max_speed_m_s: Annotated[
         Speed | None,
-        setting(
+        _limit(
             "Robot's limit",
             "Faster commands are reduced to it.",
-            unit="m/s",
-            empty=NO_LIMIT,
+            "m/s",
             beside="page.max_speed_m_s",
         ),
     ] = None
     max_turn_rad_s: Annotated[
         Speed | None,
-        setting(
+        _limit(
             "Robot's turn limit",
             "Faster turns are reduced to it.",
-            unit="°/s",
-            empty=NO_LIMIT,
+            "°/s",
             beside="page.max_turn_rad_s",
         ),
     ] = None
     max_acceleration_m_s2: Annotated[
         Acceleration | None,
-        setting(
+        _limit(
             "Top acceleration",
             "Limited only while the speed grows; braking is never delayed.",
-            unit="m/s²",
-            empty=NO_LIMIT,
+            "m/s²",
         ),
     ] = None
     max_turn_acceleration_rad_s2: Annotated[
         Acceleration | None,
-        setting(
-            "Top turn acceleration",
-            "Limited only while the turn grows.",
-            unit="°/s²",
-            empty=NO_LIMIT,
-        ),
+        _limit("Top turn acceleration", "Limited only while the turn grows.", "°/s²"),
     ] = None
     max_steering_rad: Annotated[
-        Angle | None,
-        setting(
-            "Maximum steering angle", "For robots that steer like a car.", unit="°", empty=NO_LIMIT
-        ),
+        Angle | None, _limit("Maximum steering angle", "For robots that steer like a car.", "°")
     ] = None
 
     def as_dict(self) -> dict[str, object]:
