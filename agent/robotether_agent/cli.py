@@ -19,7 +19,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -306,15 +306,6 @@ def _print_report(report: UpgradeReport) -> int:
     return 0 if report.result == "done" else 1
 
 
-@dataclass(frozen=True)
-class Call:
-    """What a subcommand may need: the settings, its own options, and the environment."""
-
-    settings: Settings
-    options: argparse.Namespace
-    environ: Mapping[str, str]
-
-
 def main(arguments: Sequence[str] | None = None, environ: Mapping[str, str] = os.environ) -> int:
     """Run the command and return its exit code."""
     options = _parser().parse_args(arguments)
@@ -322,7 +313,7 @@ def main(arguments: Sequence[str] | None = None, environ: Mapping[str, str] = os
         if options.command == "doctor":
             return doctor(partial(load, options.config, environ))
         settings = load(options.config, environ, needs_server=options.command not in WITHOUT_SERVER)
-        return COMMANDS[options.command](Call(settings, options, environ))
+        return COMMANDS[options.command](settings, options, environ)
     except AgentError as problem:
         print(f"robotether-agent: {problem}", file=sys.stderr)
         return problem.exit_code
@@ -333,22 +324,19 @@ def _show_settings(settings: Settings) -> int:
     return 0
 
 
-COMMANDS: dict[str, Callable[[Call], int]] = {
-    "run": lambda call: run(call.settings, call.environ),
-    "status": lambda call: status(call.settings, as_json=call.options.json),
-    "join": lambda call: join(call.settings),
-    "identity": lambda call: identity(call.settings, as_json=call.options.json),
-    "key": lambda call: key(call.settings, prove=call.options.prove),
-    "forget": lambda call: forget(call.settings, yes=call.options.yes),
-    "switch": lambda call: switch(call.settings, call.options.directory, call.options.wait),
-    "finish-switch": lambda call: finish_switch(
-        call.settings,
-        call.options.was,
-        call.options.directory,
-        call.options.state,
-        call.options.wait,
+Command = Callable[[Settings, argparse.Namespace, Mapping[str, str]], int]
+COMMANDS: dict[str, Command] = {
+    "run": lambda settings, _, environ: run(settings, environ),
+    "status": lambda settings, options, _: status(settings, as_json=options.json),
+    "join": lambda settings, *_: join(settings),
+    "identity": lambda settings, options, _: identity(settings, as_json=options.json),
+    "key": lambda settings, options, _: key(settings, prove=options.prove),
+    "forget": lambda settings, options, _: forget(settings, yes=options.yes),
+    "switch": lambda settings, options, _: switch(settings, options.directory, options.wait),
+    "finish-switch": lambda settings, options, _: finish_switch(
+        settings, options.was, options.directory, options.state, options.wait
     ),
-    "show-settings": lambda call: _show_settings(call.settings),
+    "show-settings": lambda settings, *_: _show_settings(settings),
 }
 # Commands that an installer runs before it knows the server.
 WITHOUT_SERVER = frozenset({"identity", "key", "forget"})

@@ -11,6 +11,7 @@ import logging
 import socket
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
+from dataclasses import asdict
 from functools import partial
 from random import Random
 from typing import Any
@@ -322,14 +323,7 @@ class Agent:
         report = self._health.report
         while True:
             report = await self._health.changed(report)
-            self._status_writer.set(
-                ros=report.ros,
-                ros_detail=report.ros_detail,
-                ros_exposed=report.ros_exposed,
-                ros_exposed_advice=report.ros_exposed_advice,
-                video=report.video,
-                video_detail=report.video_detail,
-            )
+            self._status_writer.set(**asdict(report))
 
     async def _refresh_status(self) -> None:
         while True:

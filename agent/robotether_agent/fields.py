@@ -26,6 +26,7 @@ SIX_PARTS = re.compile(r"[0-9a-f]{1,2}(?:([:-])[0-9a-f]{1,2})(?:\1[0-9a-f]{1,2})
 ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
 # Maximum number of cells used of a list: each that does not answer costs some seconds.
 MAX_CELLS = 8
+MAX_PORTS = 8
 
 
 class FieldError(ValueError):
@@ -120,9 +121,9 @@ def get_texts(obj: JsonObject, name: str, *, limit: int = 8) -> list[str]:
     return [_str(value, f"{name}[{at}]") for at, value in enumerate(_list(obj, name, limit))]
 
 
-def get_ports(obj: JsonObject, name: str, *, limit: int = 8) -> tuple[int, ...]:
-    """Return the list of TCP ports at `name`: at least one, at most `limit`."""
-    values = _list(obj, name, limit)
+def get_ports(obj: JsonObject, name: str) -> tuple[int, ...]:
+    """Return the list of TCP ports at `name`: at least one, at most MAX_PORTS."""
+    values = _list(obj, name, MAX_PORTS)
     return tuple(_int(value, f"{name}[{at}]", 1, 65535) for at, value in enumerate(values))
 
 

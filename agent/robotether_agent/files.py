@@ -89,6 +89,14 @@ def write_atomic(path: Path, data: str, mode: int, *, lasts: bool = True) -> Non
         raise disk_problem(f"cannot write {path}", path.parent, error) from error
 
 
+def remove(path: Path) -> None:
+    """Remove `path`, if it is there; StateUnusableError when that fails."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise disk_problem(f"cannot remove {path}", path.parent, error) from error
+
+
 def read_text(path: Path) -> str | None:
     """Return the text of `path`, or None when there is no such file, or no such process any more under /proc."""
     try:
@@ -149,12 +157,13 @@ def _write(path: Path, data: str, mode: int, *, lasts: bool) -> None:
         temporary.unlink(missing_ok=True)
         raise
     if lasts:
-        _sync_directory(path.parent)
+        # The new name, too.
+        sync(path.parent)
 
 
-def _sync_directory(directory: Path) -> None:
-    """Keep the new name through a power cut, too."""
-    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+def sync(path: Path) -> None:
+    """Keep what a file or a directory holds now through a power cut."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
     finally:

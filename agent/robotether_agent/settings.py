@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
-from robotether_agent.fields import HOST, IPV6, ROBOT_NAME, MacError, normalise_mac
+from robotether_agent.fields import HOST, IPV6, MAX_PORTS, ROBOT_NAME, MacError, normalise_mac
 from robotether_agent.problems import SettingsInvalidError
 
 if sys.version_info >= (3, 11):
@@ -41,7 +41,6 @@ PLAIN_PATH = re.compile(r"/[A-Za-z0-9._/+@:,=-]*")
 # 17 to the control socket's while it binds.
 MAX_RUN_DIR_LENGTH = 107 - 17 - len("/session.ctl")
 MAX_PORT = 65535
-MAX_PORTS = 8
 PORT = re.compile(r"[0-9]{1,5}")
 CAMERA_NAME = re.compile(r"[A-Za-z0-9_/][A-Za-z0-9_./-]{0,63}")
 MAX_CAMERAS = 8

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 import sys
 from collections.abc import Coroutine, Sequence
 from typing import Any, TypeVar
@@ -13,8 +14,8 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 
-async def first_of(*work: Coroutine[Any, Any, None], in_order: bool = False) -> None:
-    """Run all of `work` until one ends, end the others, and raise what the ended one raised.
+async def first_of(*work: Coroutine[Any, Any, T], in_order: bool = False) -> T:
+    """Run all of `work` until one ends, end the others, and return or raise what the ended one did.
 
     If several end at the same time, the one named first counts. With `in_order` each has ended before the
     next one named is cancelled.
@@ -26,7 +27,7 @@ async def first_of(*work: Coroutine[Any, Any, None], in_order: bool = False) -> 
     finally:
         for group in [[task] for task in tasks] if in_order else [tasks]:
             await _end(group)
-    ended.result()
+    return ended.result()
 
 
 async def within(timeout_s: float, work: Coroutine[Any, Any, T]) -> T:
@@ -50,6 +51,17 @@ async def within(timeout_s: float, work: Coroutine[Any, Any, T]) -> T:
     return task.result()
 
 
+async def readable(connection: socket.socket) -> None:
+    """Wait until there is something to read on `connection`, or its end."""
+    loop = asyncio.get_running_loop()
+    event = asyncio.Event()
+    loop.add_reader(connection, event.set)
+    try:
+        await event.wait()
+    finally:
+        loop.remove_reader(connection)
+
+
 async def _cancelled(task: asyncio.Future[T]) -> None:
     if not task.done():
         task.cancel()
@@ -65,7 +77,7 @@ def _cancel_at_next_await() -> None:
         caller.cancel()
 
 
-async def _end(tasks: Sequence[asyncio.Future[None]]) -> None:
+async def _end(tasks: Sequence[asyncio.Future[T]]) -> None:
     for task in tasks:
         task.cancel()
     for result in await asyncio.gather(*tasks, return_exceptions=True):

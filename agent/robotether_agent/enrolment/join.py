@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import re
 import ssl
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import datetime, timezone
 from http import HTTPStatus
 
@@ -102,26 +102,13 @@ class JoinRequest:
     previous_key: PreviousKey | None = None
 
     def body(self) -> dict[str, object]:
-        """Return the JSON object of the request."""
-        body: dict[str, object] = {
-            "mac": self.mac,
-            "public_key": self.public_key,
-            "hostname": self.hostname,
-            "agent_version": self.agent_version,
+        """Return the JSON object of the request; what has its usual value is left out."""
+        members = asdict(self)
+        return {
+            member.name: members[member.name]
+            for member in fields(self)
+            if members[member.name] != member.default
         }
-        if not self.mac_present:
-            body["mac_present"] = False
-        if self.host_key_refused:
-            body["host_key_refused"] = True
-        if self.token is not None:
-            body["token"] = self.token
-        if self.name is not None:
-            body["name"] = self.name
-        if self.signature is not None:
-            body["signature"] = self.signature
-        if self.previous_key is not None:
-            body["previous_key"] = asdict(self.previous_key)
-        return body
 
 
 @dataclass(frozen=True)

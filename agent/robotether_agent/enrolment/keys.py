@@ -13,7 +13,6 @@ import base64
 import binascii
 import hashlib
 import logging
-import os
 import re
 import tempfile
 from collections.abc import Collection
@@ -21,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robotether_agent.fields import FieldError, printable
-from robotether_agent.files import disk_problem, read_text, write_atomic
+from robotether_agent.files import disk_problem, read_text, sync, write_atomic
 from robotether_agent.problems import (
     KeyUnusableError,
     ServerKeyChangedError,
@@ -121,7 +120,7 @@ async def promote(state_dir: Path) -> None:
         _public(key).unlink(missing_ok=True)
         coming.replace(key)
         _public(coming).replace(_public(key))
-        await asyncio.to_thread(_flush, state_dir)
+        await asyncio.to_thread(sync, state_dir)
     except FileNotFoundError:
         return
     except OSError as error:
@@ -183,9 +182,9 @@ async def _make(path: Path, what: str) -> None:
             await _keygen("-q", "-t", "ed25519", "-N", "", "-C", "robotether", "-f", str(new_key))
             # The server may soon know only this key, so a power cut must not lose it. In a thread: a memory card takes
             # seconds, and the guard stops a robot whose agent is silent for one.
-            await asyncio.to_thread(_flush, new_key)
+            await asyncio.to_thread(sync, new_key)
             _put(new_key, path)
-            await asyncio.to_thread(_flush, path.parent)
+            await asyncio.to_thread(sync, path.parent)
             log.info("made %s %s", what, path)
     except FileExistsError:
         return
@@ -201,14 +200,6 @@ def _put(new_key: Path, path: Path) -> None:
     # A link, since it refuses to replace what another process of this robot has made meanwhile.
     path.hardlink_to(new_key)
     _public(new_key).replace(_public(path))
-
-
-def _flush(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _protect(path: Path) -> None:

@@ -11,7 +11,6 @@ import asyncio
 import json
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from typing import Protocol
 
 from robotether_common.guard import REFUSED_KINDS, STAMP, RefusedKind
 
@@ -30,6 +29,7 @@ from robotether_agent.guard.drive_messages import (
     write_command,
     zero,
 )
+from robotether_agent.guard.rosbridge import CmdVelPublisher
 from robotether_agent.guard.topics import (
     CommandSource,
     Deadman,
@@ -54,29 +54,10 @@ UNREGISTERED_AFTER_S = 12.0
 log = logging.getLogger(__name__)
 
 
-class Publisher(Protocol):
-    """What the drive controller needs of the publisher."""
-
-    @property
-    def up(self) -> bool:
-        """Whether rosbridge is there and reads."""
-
-    @property
-    def can_send(self) -> bool:
-        """Whether what is sent now is read soon."""
-
-    @property
-    def read_until(self) -> float:
-        """What was sent up to this time has been read."""
-
-    async def send(self, data: bytes) -> bool:
-        """Send one message; False: the connection is gone."""
-
-
 class DriveController:
     """Implements `rosbridge.PublisherListener`; `publisher` is set before anything else is called."""
 
-    publisher: Publisher
+    publisher: CmdVelPublisher
 
     def __init__(
         self,

@@ -222,23 +222,18 @@ class CheckedCommand:
     angular: Vector = STANDSTILL
     steering: float = 0.0
     rates: Vector = STANDSTILL
-    header: Mapping[str, Any] | None = None
+    frame_id: str = ""
 
     @property
     def moves(self) -> bool:
         """Return whether the robot is to move; some that steer like cars follow the rates alone."""
         return any(self.linear) or any(self.angular) or any(self.rates)
 
-    @property
-    def frame_id(self) -> str:
-        """The frame that its header names."""
-        return str(self.header.get("frame_id", "")) if self.header else ""
-
 
 def zero(shape: Shape, frame_id: str = "") -> CheckedCommand:
     """Return the zero command."""
     has_header = shape in ("twist_stamped", "ackermann")
-    return CheckedCommand(shape, header=_header_of(frame_id) if has_header else None)
+    return CheckedCommand(shape, frame_id=frame_id if has_header else "")
 
 
 def read_command(message: object, declared: Shape | None) -> CheckedCommand:
@@ -251,11 +246,11 @@ def read_command(message: object, declared: Shape | None) -> CheckedCommand:
         )
     _only(members, _MEMBERS[shape], "msg")
     if shape == "twist":
-        return _twist(shape, members, None)
-    header = _header(members.get("header"))
+        return _twist(shape, members, "")
+    frame_id = _frame_id(members.get("header"))
     if shape == "twist_stamped":
-        return _twist(shape, _object(members.get("twist", {}), "twist"), header)
-    return _ackermann(_object(members.get("drive", {}), "drive"), header)
+        return _twist(shape, _object(members.get("twist", {}), "twist"), frame_id)
+    return _ackermann(_object(members.get("drive", {}), "drive"), frame_id)
 
 
 def write_command(command: CheckedCommand) -> dict[str, Any]:
@@ -278,15 +273,13 @@ def _shape(members: Mapping[str, Any]) -> Shape | None:
     return "twist" if "linear" in members or "angular" in members else None
 
 
-def _twist(
-    shape: Shape, members: Mapping[str, Any], header: Mapping[str, Any] | None
-) -> CheckedCommand:
+def _twist(shape: Shape, members: Mapping[str, Any], frame_id: str) -> CheckedCommand:
     _only(members, _MEMBERS["twist"], "twist")
     linear, angular = _vector(members, "linear"), _vector(members, "angular")
-    return CheckedCommand(shape, linear, angular, header=header)
+    return CheckedCommand(shape, linear, angular, frame_id=frame_id)
 
 
-def _ackermann(members: Mapping[str, Any], header: Mapping[str, Any]) -> CheckedCommand:
+def _ackermann(members: Mapping[str, Any], frame_id: str) -> CheckedCommand:
     _only(members, ACKERMANN, "drive")
     first, second, third = (_number(members, name) for name in ACKERMANN_RATES)
     return CheckedCommand(
@@ -294,12 +287,13 @@ def _ackermann(members: Mapping[str, Any], header: Mapping[str, Any]) -> Checked
         (_number(members, "speed"), 0.0, 0.0),
         steering=_number(members, "steering_angle"),
         rates=(first, second, third),
-        header=header,
+        frame_id=frame_id,
     )
 
 
-def _header(value: object) -> Mapping[str, Any]:
-    header = dict(_object({} if value is None else value, "header"))
+def _frame_id(value: object) -> str:
+    """Return the frame that a header names, which is checked as a whole."""
+    header = _object({} if value is None else value, "header")
     _only(header, frozenset({"seq", "stamp", "frame_id"}), "header")
     frame_id = header.get("frame_id", "")
     # Half a character is not printable, and ROS cannot take it.
@@ -315,13 +309,7 @@ def _header(value: object) -> Mapping[str, Any]:
         _only(stamp, _STAMP_MEMBERS, "stamp")
         _whole(stamp)
     _whole({"seq": header.get("seq", 0)})
-    return _header_of(frame_id)
-
-
-def _header_of(frame_id: str) -> Mapping[str, Any]:
-    # Neither stamp nor seq: rosbridge writes the robot's own time there. A client's may be of the other ROS,
-    # so that the robot does not take a zero, or so far ahead that its controller never calls a command old.
-    return {"frame_id": frame_id}
+    return frame_id
 
 
 def _whole(members: Mapping[str, Any]) -> None:
@@ -362,7 +350,9 @@ def _written(vector: Vector) -> dict[str, float]:
 
 
 def _stamped(command: CheckedCommand, members: dict[str, Any]) -> dict[str, Any]:
-    return {"header": dict(command.header or {}), **members}
+    # Neither stamp nor seq: rosbridge writes the robot's own time there. A client's may be of the other ROS,
+    # so that the robot does not take a zero, or so far ahead that its controller never calls a command old.
+    return {"header": {"frame_id": command.frame_id}, **members}
 
 
 @dataclass(frozen=True)

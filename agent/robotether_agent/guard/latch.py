@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robotether_agent.fields import FieldError, get_text, parse_object
-from robotether_agent.files import disk_problem, read_text, write_atomic
+from robotether_agent.files import read_text, remove, write_atomic
 from robotether_agent.guard.agent_messages import MAX_BY_LENGTH, ReleaseRequest, StopRequest
 from robotether_agent.problems import StateUnusableError
 
@@ -51,11 +51,7 @@ class StopFile:
 
     def remove(self) -> None:
         """Let the stop end; StateUnusableError when that fails."""
-        try:
-            self._path.unlink(missing_ok=True)
-        except OSError as error:
-            what = f"cannot remove {self._path}"
-            raise disk_problem(what, self._path.parent, error) from error
+        remove(self._path)
 
 
 @dataclass

@@ -149,7 +149,7 @@ class ClientProxy:
             # A side that broke is not notified, the other one is.
             with suppress(ConnectionError):
                 await first_of(
-                    self._to_robot(rosbridge), self._to_client(rosbridge), self._until_over()
+                    self._to_robot(rosbridge), self._to_client(rosbridge), self._over.wait()
                 )
         finally:
             # Before anything waits: what this connection moves must stop now.
@@ -157,9 +157,6 @@ class ClientProxy:
             for task in tuple(self._answers):
                 task.cancel()
         await asyncio.gather(rosbridge.leave(), self._client.leave(_code(rosbridge.close_code)))
-
-    async def _until_over(self) -> None:
-        await self._over.wait()
 
     async def _to_robot(self, rosbridge: RosbridgeSocket) -> None:
         client = self._client

@@ -27,7 +27,7 @@ from robotether_agent.fields import (
     get_text,
     parse_object,
 )
-from robotether_agent.files import disk_problem, read_text
+from robotether_agent.files import disk_problem, read_text, remove
 from robotether_agent.guard.drive_messages import (
     MAX_FRAME_ID_LENGTH,
     SHAPES,
@@ -365,10 +365,7 @@ class MotionFile:
 
     def remove(self) -> None:
         """Remove the file; StateUnusableError when that fails."""
-        try:
-            self._path.unlink(missing_ok=True)
-        except OSError as error:
-            raise disk_problem(f"cannot remove {self._path}", self._path.parent, error) from error
+        remove(self._path)
 
 
 def _driven(file: JsonObject) -> list[Driven]:

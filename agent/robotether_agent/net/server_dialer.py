@@ -220,15 +220,12 @@ class ServerDialer:
                 drop=_Probe.drop,
                 eager=False,
             )
-            answers: list[SshAddress] = []
-
-            async def find() -> None:
-                answers.append(await self._keep_winner(happy_eyeballs))
-
-            await first_of(find(), self._give_up(len(cells)))
-            if not answers:
+            target: SshAddress | None = await first_of(
+                self._keep_winner(happy_eyeballs), self._give_up(len(cells))
+            )
+            if target is None:
                 raise happy_eyeballs.problem
-            return answers[0]
+            return target
 
     async def open(self, target: SshAddress) -> socket.socket:
         """Return a connection to `target`: the one in hand, or a new one."""

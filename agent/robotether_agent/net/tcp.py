@@ -22,7 +22,7 @@ from typing import Any
 from robotether_agent.describe_error import NAME_ADVICE, cause_of
 from robotether_agent.net.happy_eyeballs import HappyEyeballs, after
 from robotether_agent.problems import NoAnswerError, ServerUnreachableError
-from robotether_agent.tasks import within
+from robotether_agent.tasks import readable, within
 
 # Time limit for acknowledgements, after which the kernel closes a connection, even if its agent has
 # ended.
@@ -252,7 +252,7 @@ async def peek(connection: socket.socket, is_enough: Callable[[bytes], bool], li
         while True:
             # Readable then means: more than what was seen already, or the end.
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, len(seen) + 1)
-            await _readable(connection)
+            await readable(connection)
             now = connection.recv(limit, socket.MSG_PEEK | socket.MSG_DONTWAIT)
             if len(now) == len(seen):
                 raise ConnectionResetError("the connection was closed")
@@ -261,13 +261,3 @@ async def peek(connection: socket.socket, is_enough: Callable[[bytes], bool], li
                 return seen
     finally:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, 1)
-
-
-async def _readable(connection: socket.socket) -> None:
-    loop = asyncio.get_running_loop()
-    readable = asyncio.Event()
-    loop.add_reader(connection, readable.set)
-    try:
-        await readable.wait()
-    finally:
-        loop.remove_reader(connection)

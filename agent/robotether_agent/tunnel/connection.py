@@ -44,7 +44,7 @@ log = logging.getLogger(__name__)
 class PacedStreams(Protocol):
     """What sends its streams as fast as a connection takes them."""
 
-    def use(self, connection: socket.socket | None) -> None:
+    def use(self, connection: socket.socket) -> None:
         """Pace by this connection from now on."""
 
     def hold(self) -> None:
@@ -73,7 +73,7 @@ class Role:
     # Called with each configuration; on the session only.
     on_config: Callable[[SessionConfig], None] | None = None
     # The addresses of the other cells, where the server may answer when this one falls silent.
-    elsewhere: Callable[[], Sequence[SshAddress]] = liveness.nowhere_else
+    elsewhere: Callable[[], Sequence[SshAddress]] = lambda: ()
 
 
 async def run_connection(target: SshAddress, files: SshFiles, role: Role) -> NoReturn:
@@ -154,14 +154,7 @@ async def _next_config(
     session: Session, config: SessionConfig, moved: asyncio.Event
 ) -> SessionConfig:
     """Return the newest configuration when it, or where its forward leads, is another one."""
-
-    async def new_config() -> None:
-        await session.new_config(config)
-
-    async def has_moved() -> None:
-        await moved.wait()
-
-    await first_of(new_config(), has_moved())
+    await first_of(session.new_config(config), moved.wait())
     return session.config or config
 
 

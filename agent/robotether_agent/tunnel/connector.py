@@ -11,6 +11,7 @@ import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
 from time import monotonic
+from typing import NoReturn
 
 from robotether_common.session import Kind
 
@@ -141,13 +142,10 @@ class Connector:
         cell, at = self._fell_silent
         is_silent = cell == targets[0].cell and monotonic() - at < JUST_SILENT_S
         unreached_s = NEXT_CELL_AFTER_S if is_silent else 0.0
-        answers: list[SshAddress] = []
-
-        async def find() -> None:
-            answers.append(await self._server_dialer.find(targets, unreached_s=unreached_s))
-
+        find = self._server_dialer.find(targets, unreached_s=unreached_s)
         try:
-            await first_of(find(), *([self._ask_web()] if self._is_silent_for_long() else []))
+            is_long = self._is_silent_for_long()
+            target = await (first_of(find, self._ask_web()) if is_long else find)
         except NoAnswerError:
             self._silent_since = self._silent_since or monotonic()
             raise
@@ -155,7 +153,7 @@ class Connector:
             self._silent_since = None
             raise
         self._silent_since = None
-        return answers[0]
+        return target
 
     def _is_silent_for_long(self) -> bool:
         now, since = monotonic(), self._silent_since
@@ -164,11 +162,12 @@ class Connector:
         self._asked_at = now
         return True
 
-    async def _ask_web(self) -> None:
+    async def _ask_web(self) -> NoReturn:
         """Learn the server's address and ports again, if the web answers; the next attempt goes by them."""
         await self._enroller.refresh()
         # Ends with the attempt beside it.
         await asyncio.Event().wait()
+        raise AssertionError("nothing ends this wait")
 
     async def _unless_unreachable(
         self, target: SshAddress, files: SshFiles, role: Role, ssh: SshAccess

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from ipaddress import IPv6Interface
-from typing import NoReturn, Protocol
+from typing import NoReturn
 
 from robotether_agent.clock import robot_time
 from robotether_agent.net import netlink
@@ -30,6 +30,7 @@ from robotether_agent.problems import (
     ServerSilentError,
 )
 from robotether_agent.tasks import first_of
+from robotether_agent.tunnel.session import Session
 from robotether_agent.tunnel.tunnel import Tunnel
 
 # Time without data before a connection counts as silent, two heartbeats and a margin; an idle robot
@@ -101,28 +102,11 @@ def _source_towards(family: int, address: tuple[object, ...]) -> object:
         return probe.getsockname()[0]
 
 
-class MonitoredSession(Protocol):
-    """The session, as far as it matters here."""
-
-    @property
-    def silent_s(self) -> float:
-        """Seconds since the server sent something."""
-
-    @property
-    def idle_delay_s(self) -> float:
-        """Seconds by which the server's heartbeats come later than those of a robot in use."""
-
-
-def nowhere_else() -> Sequence[SshAddress]:
-    """Return no address, for a connection that only its own cell can replace."""
-    return ()
-
-
 async def watch(
-    session: MonitoredSession,
+    session: Session,
     tunnel: Tunnel,
     target: SshAddress,
-    elsewhere: Callable[[], Sequence[SshAddress]] = nowhere_else,
+    elsewhere: Callable[[], Sequence[SshAddress]],
 ) -> NoReturn:
     """Raise ServerSilentError or NetworkChangedError when the connection is dead; else never end.
 
@@ -190,7 +174,7 @@ class _Watch:
 
     def __init__(
         self,
-        session: MonitoredSession,
+        session: Session,
         tunnel: Tunnel,
         target: SshAddress,
         elsewhere: Callable[[], Sequence[SshAddress]],
@@ -242,8 +226,6 @@ class _Watch:
 
     def _signs(self) -> Signs:
         connection = self._tunnel.socket
-        if connection is None:
-            return Signs(Path.SAME, self._session.silent_s, is_stuck=False)
         return Signs(
             path_of(connection),
             self._session.silent_s,
@@ -261,21 +243,19 @@ class _Watch:
             return False
         others = self._elsewhere() if isinstance(problem, ServerSilentError) else ()
         unreached_s = self._session.silent_s - self._session.idle_delay_s
-        answered: list[SshAddress] = []
-
-        async def find() -> None:
-            target = await self._dialer.find([self._target, *others], unreached_s=unreached_s)
-            answered.append(target)
-
+        target: SshAddress | None = None
         try:
-            await first_of(find(), self._until_clear())
+            target = await first_of(
+                self._dialer.find([self._target, *others], unreached_s=unreached_s),
+                self._until_clear(),
+            )
         except AgentError as why:
             log.debug("the server does not answer on another connection: %s", why)
             self._rest_until = time.monotonic() + REST_S
         if replace(self._signs(), is_distrusted=True).is_silent:
             self._rest_until = 0.0
         self._clock.since_last_s()
-        return bool(answered) and suspicion(self._signs()) is not None
+        return target is not None and suspicion(self._signs()) is not None
 
     async def _until_clear(self) -> None:
         """Wait until there is no suspicion any more, or certainty."""

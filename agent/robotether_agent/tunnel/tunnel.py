@@ -45,7 +45,7 @@ log = logging.getLogger(__name__)
 class Tunnel:
     """A running SSH client; `lines_in` and `lines_out` are the session's two directions.
 
-    `socket` is the TCP connection under it, to look at and never to use; None without one.
+    `socket` is the TCP connection under it, to look at and never to use.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Tunnel:
         process: Process,
         target: SshAddress,
         files: SshFiles,
-        connection: socket.socket | None,
+        connection: socket.socket,
         stderr: tuple[asyncio.StreamReader, asyncio.StreamWriter],
     ) -> None:
         if process.stdin is None or process.stdout is None:
@@ -124,8 +124,7 @@ class Tunnel:
         finally:
             self._listener.cancel()
             self._stderr_end.close()
-            if self.socket is not None:
-                self.socket.close()
+            self.socket.close()
             _remove(self._files.control)
 
     async def _control(self, action: Literal["forward", "cancel"], forward: Forward) -> None:

@@ -53,6 +53,8 @@ MAX_TEXTS = 8
 # Maximum number of unconfirmed frames; a receiver that keeps the rules never has as many.
 MAX_IN_FLIGHT = 8
 MIN_SIZE = 16
+# Time over which frames are counted for a rate.
+COUNTED_S = 2.0
 
 # Maximum clock of a browser in ms, so that a sum never loses its fractions.
 MAX_CLOCK_MS = 1e13
@@ -82,10 +84,9 @@ class FrameRateLimiter:
 
 
 class FrameRateCounter:
-    """How many came in a second, of the last `over_s` seconds."""
+    """How many came in a second, of the last COUNTED_S seconds."""
 
-    def __init__(self, over_s: float = 2.0) -> None:
-        self._over_s = over_s
+    def __init__(self) -> None:
         self._times: deque[float] = deque(maxlen=256)
 
     def note(self, now_s: float) -> None:
@@ -94,9 +95,9 @@ class FrameRateCounter:
 
     def rate(self, now_s: float) -> float:
         """Return how many a second."""
-        while self._times and self._times[0] <= now_s - self._over_s:
+        while self._times and self._times[0] <= now_s - COUNTED_S:
             self._times.popleft()
-        return len(self._times) / self._over_s
+        return len(self._times) / COUNTED_S
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 from random import Random
-from typing import Protocol
 
 from robotether_common.frames import Source, VideoStatus, no_frames
 
@@ -36,24 +35,16 @@ GIVE_UP_S = 5.0
 SAME = 0.5
 MAX_INTERVAL_S = 1.0
 
+# Runs a source of a request until it ends, as Sources.run does.
+Run = Callable[[SourceRequest, OnFrame, OnKind], Awaitable[None]]
+
 log = logging.getLogger(__name__)
-
-
-class Runs(Protocol):
-    """Runs a source of a request, as Sources.run does."""
-
-    def __call__(
-        self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
-    ) -> Awaitable[None]:
-        """Give frames until the source ends."""
 
 
 class SharedSource:
     """A source that runs as long as somebody follows it."""
 
-    def __init__(
-        self, source_request: SourceRequest, run: Runs, clock: Callable[[], float]
-    ) -> None:
+    def __init__(self, source_request: SourceRequest, run: Run, clock: Callable[[], float]) -> None:
         self.source_request = source_request
         self.followers: dict[object, OnFrame] = {}
         self._run = run
@@ -129,7 +120,7 @@ class SharedSource:
 class SharedSources:
     """All shared sources by their request."""
 
-    def __init__(self, run: Runs, clock: Callable[[], float] = robot_time) -> None:
+    def __init__(self, run: Run, clock: Callable[[], float] = robot_time) -> None:
         self._run = run
         self._clock = clock
         self._shared_sources: dict[SourceRequest, SharedSource] = {}

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import urlsplit
 
-from robotether_agent.tasks import within
+from robotether_agent.tasks import readable, within
 from robotether_agent.video.pacer import Pacer
 
 CHUNK = 16 * 1024
@@ -240,22 +240,6 @@ async def first_words(viewer: socket.socket) -> bytes:
             return words
         words += more
     return words
-
-
-async def readable(connection: socket.socket) -> None:
-    """Wait until there is something to read, or the end."""
-    loop = asyncio.get_running_loop()
-    there = loop.create_future()
-
-    def set_ready() -> None:
-        if not there.done():
-            there.set_result(None)
-
-    loop.add_reader(connection, set_ready)
-    try:
-        await there
-    finally:
-        loop.remove_reader(connection)
 
 
 def end_writing(connection: socket.socket) -> None:

@@ -102,7 +102,7 @@ class World:
         self.controller = DriveController(
             self.authorizer, self.motion_file, lambda: self.now, self._changed
         )
-        self.controller.publisher = self.publisher
+        self.controller.publisher = self.publisher  # type: ignore[assignment]  # has all that it uses
         self.controller.use(CONFIG)
 
     def _changed(self) -> None:

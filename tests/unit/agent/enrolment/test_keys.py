@@ -122,7 +122,7 @@ async def test_a_change_that_is_cut_short_leaves_whole_keys(place, monkeypatch, 
     with monkeypatch.context() as patch:
         patch.setattr("pathlib.Path.unlink", cut(Path.unlink))
         patch.setattr("pathlib.Path.replace", cut(Path.replace))
-        patch.setattr("robotether_agent.enrolment.keys._flush", cut(keys._flush))
+        patch.setattr("robotether_agent.enrolment.keys.sync", cut(keys.sync))
         with pytest.raises(PowerCutError):
             await promote(place)
     now, after = await ensure_key(place), await next_key(place)

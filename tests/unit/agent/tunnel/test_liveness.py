@@ -151,7 +151,7 @@ OTHER = SshAddress("127.0.0.1", 9, "tunnel", cell=ListedCell("127.0.0.1", (9,)))
 class Tunnel:
     """What a watch looks at."""
 
-    socket: socket.socket | None
+    socket: socket.socket
 
 
 @pytest.fixture(autouse=True)
@@ -293,7 +293,7 @@ async def test_a_change_of_the_network_is_looked_at_at_once(network, monkeypatch
         socket.create_connection(server.getsockname()) as connection,
     ):
         target = SshAddress("127.0.0.1", server.getsockname()[1], "tunnel", FakeDialer())
-        watching = asyncio.ensure_future(watch(Session(), Tunnel(connection), target))
+        watching = asyncio.ensure_future(watch(Session(), Tunnel(connection), target, lambda: []))
         assert not (await asyncio.wait({watching}, timeout=0.1))[0]
         network._event.set()
         with pytest.raises(NetworkChangedError):
