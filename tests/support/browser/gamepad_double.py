@@ -12,7 +12,7 @@ from playwright.sync_api import Page
 
 # As the standard mapping counts them.
 LB, RB, B = 4, 5, 1
-LEFT_X, LEFT_Y, RIGHT_X = 0, 1, 2
+LEFT_X, LEFT_Y = 0, 1
 
 Way = Literal["gone", "silently gone"]
 

@@ -12,9 +12,10 @@ import json
 import struct
 import time
 from collections.abc import Callable
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from aiohttp import WSMsgType, web
+from tcp_service import WebService
 
 Mode = Literal["streams", "silent", "ends", "refuses", "lists"]
 BYTES_A_QUALITY = 400
@@ -34,14 +35,16 @@ def number_of(jpeg: bytes) -> int:
     return number
 
 
-class FakeVideoServer:
-    """web_video_server's /stream on a port of its own; `stop` and `start` are a crash and a restart on the same one."""
+class FakeVideoServer(WebService):
+    """web_video_server's /stream."""
+
+    handler_cancellation = True
 
     def __init__(self, mode: Mode = "streams", fps: float = 30.0) -> None:
+        super().__init__()
         self.mode = mode
         self.fps = fps
         self.size = (640, 480)
-        self.port = 0
         # The pictures that were made, for all streams together: the same moment has the same number in each.
         self.number = 0
         self.stamp: Callable[[], float] | None = time.time
@@ -53,36 +56,19 @@ class FakeVideoServer:
         self.open = 0
         self.open_most = 0
 
-    @property
-    def url(self) -> str:
-        """The server's own URL."""
-        return f"http://127.0.0.1:{self.port}"
-
-    async def __aenter__(self) -> Self:
-        await self.start()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.stop()
-
     async def start(self) -> None:
         """Listen, the second time on the same port."""
-        app = web.Application()
-        app.router.add_get("/", self._list)
-        app.router.add_get("/stream", self._stream)
-        self._runner = web.AppRunner(
-            app, access_log=None, handler_cancellation=True, shutdown_timeout=0.1
-        )
-        await self._runner.setup()
-        await web.TCPSite(self._runner, "127.0.0.1", self.port).start()
-        self.port = self._runner.addresses[0][1]
+        await super().start()
         self._clock = asyncio.ensure_future(self._count())
 
     async def stop(self) -> None:
         """End all streams."""
         self._clock.cancel()
         await asyncio.gather(self._clock, return_exceptions=True)
-        await self._runner.cleanup()
+        await super().stop()
+
+    def _routes(self) -> dict[str, Any]:
+        return {"/": self._list, "/stream": self._stream}
 
     async def _count(self) -> None:
         self._made = asyncio.Condition()
@@ -135,56 +121,44 @@ class FakeVideoServer:
             await answer.write(head.encode() + b"\r\n" + jpeg + b"\r\n--b\r\n")
 
 
-class TopicRosbridge:
+class TopicRosbridge(WebService):
     """A rosbridge with `topics` by name and type; None is one without rosapi. Publishes what a test says.
 
     A connection that has called a rosapi which is not there handles nothing else. `parameters` are of rosbridge itself.
     """
 
+    scheme = "ws"
+
     def __init__(self, topics: dict[str, str] | None = None, **parameters: bool) -> None:
+        super().__init__()
         self.topics = topics
         self.parameters = parameters
         # What rosapi says of who publishes and who subscribes; None: rosbridge finds no such service.
         self.publishers: list[str] | None = None
         self.subscribers: list[str] | None = None
-        self.port = 0
         self.got: list[dict[str, Any]] = []
         self._sockets: set[web.WebSocketResponse] = set()
         self._stopped = asyncio.Event()
-
-    @property
-    def url(self) -> str:
-        """The server's own URL."""
-        return f"ws://127.0.0.1:{self.port}"
 
     @property
     def open(self) -> int:
         """How many connections there are."""
         return len(self._sockets)
 
-    async def __aenter__(self) -> Self:
-        await self.start()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.stop()
-
     async def start(self) -> None:
         """Listen, the second time on the same port."""
         self._stopped.clear()
-        app = web.Application()
-        app.router.add_get("/", self._serve)
-        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
-        await self._runner.setup()
-        await web.TCPSite(self._runner, "127.0.0.1", self.port).start()
-        self.port = self._runner.addresses[0][1]
+        await super().start()
 
     async def stop(self) -> None:
         """End all connections."""
         self._stopped.set()
         for socket in tuple(self._sockets):
             await socket.close()
-        await self._runner.cleanup()
+        await super().stop()
+
+    def _routes(self) -> dict[str, Any]:
+        return {"/": self._serve}
 
     def subscribed(self, topic: str) -> list[dict[str, Any]]:
         """The wishes for a topic, in order."""

@@ -9,19 +9,22 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from aiohttp import WSMsgType, web
+from tcp_service import WebService
 
 Mode = Literal["good", "slow_reader", "refuses"]
 
 
-class FakeRosbridge:
-    """One that listens on a port of its own; `stop` and `start` are a crash and a restart on the same port."""
+class FakeRosbridge(WebService):
+    """One that listens on a port of its own."""
+
+    scheme = "ws"
 
     def __init__(self, mode: Mode = "good") -> None:
+        super().__init__()
         self.mode = mode
-        self.port = 0
         self.got: list[tuple[float, dict[str, Any]]] = []
         self.raw: list[bytes | str] = []
         self.connections = 0
@@ -29,22 +32,12 @@ class FakeRosbridge:
         self._reads = asyncio.Event()
         self._reads.set()
 
-    async def __aenter__(self) -> Self:
-        await self.start()
-        return self
-
     async def __aexit__(self, *_: object) -> None:
         self.read_on()
-        await self.stop()
+        await super().__aexit__()
 
-    async def start(self) -> None:
-        """Listen, the second time on the same port."""
-        app = web.Application()
-        app.router.add_get("/", self._serve)
-        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
-        await self._runner.setup()
-        await web.TCPSite(self._runner, "127.0.0.1", self.port).start()
-        self.port = self._runner.addresses[0][1]
+    def _routes(self) -> dict[str, Any]:
+        return {"/": self._serve}
 
     async def stop(self) -> None:
         """End all connections at once, as a crash does."""
@@ -52,7 +45,7 @@ class FakeRosbridge:
             transport = socket._req.transport if socket._req else None
             if transport is not None:
                 transport.abort()
-        await self._runner.cleanup()
+        await super().stop()
 
     def read_on(self) -> None:
         """End the fit of a slow reader."""

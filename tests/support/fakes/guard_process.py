@@ -155,8 +155,6 @@ class GuardProcess(GuardEnd):
 
     def __init__(self, *where: Any, **guard: Any) -> None:
         super().__init__(*where, **guard)
-        self.started_at = time.monotonic()
-        self.ready_s = 0.0
         self.process: asyncio.subprocess.Process
 
     async def _start(self) -> None:
@@ -198,8 +196,6 @@ class GuardProcess(GuardEnd):
         assert self.process.stdout is not None
         async for line in self.process.stdout:
             self.lines.append(json.loads(line))
-            if self.lines[-1]["type"] == "ready":
-                self.ready_s = time.monotonic() - self.started_at
 
 
 class GuardClient:

@@ -101,14 +101,14 @@ class RobotKey:
         )
 
 
-def first_line(running: subprocess.Popen[str], seconds: float = ANSWER_S) -> str:
+def first_line(running: subprocess.Popen[str]) -> str:
     """The first line that the client prints; fails with its error when none comes."""
     assert running.stdout is not None
-    ready, _, _ = select.select([running.stdout], [], [], seconds)
+    ready, _, _ = select.select([running.stdout], [], [], ANSWER_S)
     line = running.stdout.readline() if ready else ""
     if not line:
         running.kill()
-        raise AssertionError(f"no line in {seconds} s: {running.communicate()[1]}")
+        raise AssertionError(f"no line in {ANSWER_S} s: {running.communicate()[1]}")
     return line
 
 

@@ -10,7 +10,6 @@ import json
 import socket
 import ssl
 import subprocess
-import time
 import uuid
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
@@ -23,6 +22,7 @@ from docker.models.containers import Container
 from image_names import ensure_built, image
 from inside import run_inside
 from local_network import insecure_tls
+from openssh_server import wait_until
 
 ROOT = Path(__file__).resolve().parents[3]
 DOMAIN = "robots.example.test"
@@ -177,14 +177,12 @@ class AcmeNetwork:
         self, what: str, condition: Callable[[], bool], *containers: Container, seconds: float = 30
     ) -> None:
         """Wait until the condition holds; on a time-out show the containers' logs."""
-        end = time.monotonic() + seconds
-        while not condition():
-            if time.monotonic() > end:
-                logs = "\n".join(
-                    each.logs(tail=30, timestamps=True).decode() for each in containers
-                )
-                raise AssertionError(f"after {seconds} s still not: {what}\n{logs}")
-            time.sleep(0.2)
+
+        def report() -> str:
+            logs = (each.logs(tail=30, timestamps=True).decode() for each in containers)
+            return "\n".join([what, *logs])
+
+        wait_until(condition, report, seconds, every_s=0.2)
 
     def _run(
         self, built: str, name: str, aliases: Sequence[str] = (), **options: object
@@ -230,10 +228,10 @@ def _build_images() -> None:
     subprocess.run([ROOT / "tools" / "build", "pebble"], check=True, capture_output=True)
 
 
-def make_certificate(folder: Path, name: str, *more: str, days: int = 2) -> None:
+def make_certificate(folder: Path, name: str, *more: str) -> None:
     """Write cert.pem and key.pem for host names, signed by itself, readable by everybody."""
     command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256"]
-    command += ["-nodes", "-days", str(days), "-subj", f"/CN={name}"]
+    command += ["-nodes", "-days", "2", "-subj", f"/CN={name}"]
     command += ["-addext", "subjectAltName=" + ",".join(f"DNS:{each}" for each in (name, *more))]
     command += ["-keyout", str(folder / "key.pem"), "-out", str(folder / "cert.pem")]
     subprocess.run(command, check=True, capture_output=True)

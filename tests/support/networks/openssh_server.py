@@ -18,12 +18,14 @@ import textwrap
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from local_network import free_port
 from proc_stat import words_of, words_of_all
 
 SSHD = Path("/usr/sbin/sshd")
 WAIT_S = 30.0
+T = TypeVar("T")
 
 # Runs once for each session; told by its arguments where the fake relay is.
 SESSION_COMMAND = """
@@ -227,14 +229,18 @@ def listens(port: int, address: str = "127.0.0.1") -> bool:
 
 
 def wait_until(
-    condition: Callable[[], bool], what: Callable[[], str], within_s: float = WAIT_S
-) -> None:
-    """Wait, bounded, until `condition()`; `what()` tells in the failure what was waited for."""
+    condition: Callable[[], T],
+    what: Callable[[], str],
+    within_s: float = WAIT_S,
+    every_s: float = 0.02,
+) -> T:
+    """Wait, bounded, until the condition gives something true; `what()` tells in the failure what was waited for."""
     deadline = time.monotonic() + within_s
-    while not condition():
+    while not (got := condition()):
         if time.monotonic() > deadline:
             raise AssertionError(f"not within {within_s:g} s: {what()}")
-        time.sleep(0.02)
+        time.sleep(every_s)
+    return got
 
 
 def descendants(pid: int) -> list[int]:

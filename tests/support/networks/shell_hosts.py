@@ -121,7 +121,7 @@ class ShellNetwork:
         lines += [f"robotether-{name} {robot.host_key}" for name, robot in self.robots.items()]
         self.known_hosts.write_text("\n".join(lines) + "\n")
 
-    def write_config(self, more: str = "") -> None:
+    def write_config(self) -> None:
         """Write entries as the server prints them, with the person's own lines at the end."""
         entries = [
             f"Host {name}\n    HostName 127.0.0.1\n    Port {robot.port}\n    User {self.user}\n"
@@ -137,7 +137,6 @@ Host *
     UserKnownHostsFile {self.known_hosts}
     GlobalKnownHostsFile /dev/null
     ConnectTimeout 10
-{more}
 """
         self.config.write_text("\n".join(entries) + own)
 

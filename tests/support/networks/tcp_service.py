@@ -1,10 +1,13 @@
-"""A TCP server on this machine's loopback that drops whoever is still there when its `async with` ends."""
+"""Servers on this machine's loopback that drop whoever is still there when their `async with` ends."""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from contextlib import suppress
-from typing import Self
+from typing import Any, Self
+
+from aiohttp import web
 
 
 class TcpService:
@@ -37,4 +40,50 @@ class TcpService:
             self._tasks.discard(task)
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        raise NotImplementedError
+
+
+class WebService:
+    """A web server on a port of its own; `stop` and `start` are a crash and a restart on the same one."""
+
+    scheme = "http"
+    # Whether what answers a client ends with its connection.
+    handler_cancellation = False
+
+    def __init__(self) -> None:
+        self.port = 0
+
+    @property
+    def url(self) -> str:
+        """The server's own URL."""
+        return f"{self.scheme}://127.0.0.1:{self.port}"
+
+    async def __aenter__(self) -> Self:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+
+    async def start(self) -> None:
+        """Listen, the second time on the same port."""
+        app = web.Application()
+        for path, handler in self._routes().items():
+            app.router.add_get(path, handler)
+        self._runner = web.AppRunner(
+            app,
+            access_log=None,
+            handler_cancellation=self.handler_cancellation,
+            shutdown_timeout=0.1,
+        )
+        await self._runner.setup()
+        await web.TCPSite(self._runner, "127.0.0.1", self.port).start()
+        self.port = self._runner.addresses[0][1]
+
+    async def stop(self) -> None:
+        """End all connections."""
+        await self._runner.cleanup()
+
+    def _routes(self) -> Mapping[str, Any]:
+        """What answers a GET, by its path."""
         raise NotImplementedError

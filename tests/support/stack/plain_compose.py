@@ -10,7 +10,6 @@ import os
 import re
 import shutil
 import subprocess
-import time
 import urllib.parse
 import urllib.request
 import uuid
@@ -20,6 +19,7 @@ from typing import Any
 
 from local_network import free_port
 from logins import Login
+from openssh_server import wait_until
 
 ROOT = Path(__file__).resolve().parents[3]
 PASSWORD = re.compile(r"password  (\S+)")
@@ -112,11 +112,9 @@ class PlainCompose:
         self, what: str, condition: Callable[[], object], *services: str, seconds: float = 60
     ) -> None:
         """Wait until the condition holds; on a time-out show the services' logs."""
-        end = time.monotonic() + seconds
-        while not condition():
-            if time.monotonic() > end:
-                raise AssertionError(f"still not: {what}\n{self.compose('logs', *services)}")
-            time.sleep(0.5)
+        wait_until(
+            condition, lambda: f"{what}\n{self.compose('logs', *services)}", seconds, every_s=0.5
+        )
 
     def accepts_login(self, password: str) -> bool:
         """Whether the log-in form takes this password for admin, and then shows who is logged in."""

@@ -215,12 +215,10 @@ def cell_settings(
     return CellSettings(name, host, 443, (2222, 443), peer_address, region)
 
 
-def relay_settings(
-    database: DatabaseSettings | None = None, cell: CellSettings | None = None
-) -> RelaySettings:
+def relay_settings(cell: CellSettings | None = None) -> RelaySettings:
     """Settings for a relay whose tunnels end on this machine."""
     return RelaySettings(
-        database=database or DatabaseSettings("nowhere", 1, "none", "none", "none"),
+        database=DatabaseSettings("nowhere", 1, "none", "none", "none"),
         cell=cell or cell_settings(),
         tickets=TicketSettings(TICKET_KEY, 30),
         session_key=SESSION_KEY,

@@ -18,7 +18,6 @@ import shlex
 import socket
 import subprocess
 import tarfile
-import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -29,7 +28,7 @@ import docker
 from docker.models.containers import Container
 from inside import run_inside
 from local_network import free_port
-from openssh_server import make_key
+from openssh_server import make_key, wait_until
 
 ROOT = Path(__file__).resolve().parents[3]
 PREFIX = f"robot-host-{os.getpid()}"
@@ -53,7 +52,7 @@ VOLUMES = {
     "/sys/fs/cgroup": {"bind": "/sys/fs/cgroup", "mode": "rw"},
     "robot-host-pip-cache": {"bind": PIP_CACHE, "mode": "rw"},
 }
-BOOTING_AT_ONCE = 4
+BOOTING_AT_ONCE, BOOTS_WITHIN_S = 4, 60.0
 EXEC_LIMIT_S = 600.0
 # All modules of a run share one server, which knows a robot by its MAC.
 NUMBERS = itertools.count()
@@ -141,24 +140,21 @@ class RobotHost:
         """Give it power again."""
         self.container.start()
 
-    def wait_booted(self, seconds: float = 60) -> None:
+    def wait_booted(self) -> None:
         """Wait until systemd has started everything and SSH answers."""
         # systemd waits for itself; to ask again and again would slow down hosts that boot beside each other.
         started = "timeout 10 systemctl is-system-running --wait"
-        self.wait("systemd running", lambda: self.succeeds(started), seconds)
-        self.wait("SSH answers", self.greets, seconds)
+        self.wait("systemd running", lambda: self.succeeds(started), BOOTS_WITHIN_S)
+        self.wait("SSH answers", self.greets, BOOTS_WITHIN_S)
 
-    def wait(self, what: str, condition: Callable[[], T | None], seconds: float = 30) -> T:
+    def wait(self, what: str, condition: Callable[[], T], seconds: float = 30) -> T:
         """Wait until the condition gives something true; on a time-out show the host's journal."""
-        end = time.monotonic() + seconds
-        while not (got := condition()):
-            if time.monotonic() > end:
-                journal = self.run("journalctl --no-pager -n 60; systemctl --failed", check=False)
-                raise AssertionError(
-                    f"after {seconds} s still not: {what} on {self.name}\n{journal}"
-                )
-            time.sleep(0.1)
-        return got
+
+        def report() -> str:
+            journal = self.run("journalctl --no-pager -n 60; systemctl --failed", check=False)
+            return f"{what} on {self.name}\n{journal}"
+
+        return wait_until(condition, report, seconds, every_s=0.1)
 
     @property
     def ssh(self) -> list[str]:

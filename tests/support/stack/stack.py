@@ -26,6 +26,7 @@ from docker.models.containers import Container
 from inside import run_inside
 from local_network import free_port, insecure_tls
 from logins import Login
+from openssh_server import wait_until
 from stack_admin import Admin
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -107,7 +108,7 @@ class Stack:
         """Remove containers, networks and volumes of this project."""
         self.compose("--profile", "*", "down", "--volumes", "--timeout", "5", timeout=120)
 
-    def tool(self, *command: str, timeout: float = 60, stdin: str | None = None) -> str:
+    def tool(self, *command: str, timeout: float = 60) -> str:
         """Run one of the repository's tools for this project and return what it printed."""
         env_file = os.path.relpath(self.env_file, self.root)
         environment = {**os.environ, "ENV_FILE": env_file, **self.variables}
@@ -115,7 +116,6 @@ class Stack:
             command,
             cwd=self.root,
             env=environment,
-            input=stdin,
             timeout=timeout,
             check=False,
             capture_output=True,
@@ -173,18 +173,13 @@ class Stack:
         """The end of the services' logs, for a test that fails."""
         return self.compose("--profile", "*", "logs", "--no-color", "--tail", str(lines), *services)
 
-    def wait(
-        self, what: str, condition: Callable[[], T | None], *services: str, seconds: float = 30
-    ) -> T:
+    def wait(self, what: str, condition: Callable[[], T], *services: str, seconds: float = 30) -> T:
         """Wait until the condition gives something true; on a time-out show the services' logs."""
-        end = time.monotonic() + seconds
-        while True:
-            if got := condition():
-                return got
-            if time.monotonic() > end:
-                logs = self.logs(*services) if services else ""
-                raise AssertionError(f"after {seconds} s still not: {what}\n{logs}")
-            time.sleep(0.1)
+
+        def report() -> str:
+            return f"{what}\n{self.logs(*services) if services else ''}"
+
+        return wait_until(condition, report, seconds, every_s=0.1)
 
     def wait_for_right(self, user: str, robot: str) -> None:
         """Wait until the relay, which looks for new rights once a second, has seen this one."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import shlex
 import subprocess
-import time
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from docker.models.containers import Container
 from docker.types import Mount
 from image_names import BUILD, image
 from inside import run_inside
+from openssh_server import wait_until
 
 ROOT = Path(__file__).resolve().parents[3]
 T = TypeVar("T")
@@ -129,12 +129,7 @@ class Swarm:
 
     def wait(self, what: str, condition: Callable[[], T], seconds: float = 60) -> T:
         """Wait until the condition gives something true; on a time-out show what the manager knows."""
-        end = time.monotonic() + seconds
-        while not (got := condition()):
-            if time.monotonic() > end:
-                raise AssertionError(f"after {seconds} s still not: {what}\n{self._report()}")
-            time.sleep(0.5)
-        return got
+        return wait_until(condition, lambda: f"{what}\n{self._report()}", seconds, every_s=0.5)
 
     def _report(self) -> str:
         if not self.nodes:
