@@ -1,4 +1,7 @@
-"""Everything that can go wrong for the agent, as one tree; every module raises only these.
+"""Everything that can go wrong for the agent, as one tree.
+
+A refusal that its caller always answers or translates has a class beside what raises it: a broken field or value, a
+camera that gives no frames, a drive message that is not let through. All else that a module raises is of this tree.
 
 Each problem has a short code that reaches the log and the status unchanged, knows whether trying again
 can help, and says in one sentence what was impossible and why, and in another what a person can do.

@@ -34,7 +34,7 @@ URLS_WITH_LOGIN = frozenset({"http_proxy", "cameras"})
 EXCLUSIVE = (("tls_fingerprint", "ca_file"), ("token", "token_file"), ("interface", "mac"))
 
 PROXY_LOGIN = re.compile(r"[A-Za-z0-9._~!$&'()*+,;=%-]+:[A-Za-z0-9._~!$&'()*+,;=:%-]*")
-INTERFACE = re.compile(r"[A-Za-z0-9._-]{1,15}")
+INTERFACE = re.compile(r"(?!\.{1,2}\Z)[A-Za-z0-9._-]{1,15}")
 # OpenSSH expands % and ${} in its file options and splits some at blanks.
 PLAIN_PATH = re.compile(r"/[A-Za-z0-9._/+@:,=-]*")
 # Maximum length of the run directory: a Unix socket's path has at most 107 bytes, and OpenSSH adds
@@ -104,6 +104,13 @@ def _one_of(names: tuple[str, ...], value: object) -> str:
     if name not in names:
         raise RefusedValueError(", ".join(f'"{name}"' for name in names))
     return name
+
+
+def _matching(pattern: re.Pattern[str], allowed: str, value: object) -> str:
+    text = _text(value)
+    if not pattern.fullmatch(text):
+        raise RefusedValueError(allowed)
+    return text
 
 
 def _host(value: object) -> str:
@@ -192,14 +199,6 @@ def _mac(value: object) -> str:
         raise RefusedValueError(f"the MAC address of one interface ({error})") from error
 
 
-def _robot_name(value: object) -> str:
-    """Return a robot's name; whether it is free is the server's to say."""
-    name = _text(value)
-    if not ROBOT_NAME.fullmatch(name):
-        raise RefusedValueError("letters, digits and ._- (1 to 63, the first a letter or digit)")
-    return name
-
-
 def _shell_address(value: object) -> str:
     """Return HOST:PORT of the robot's own sshd, or nothing for no shell."""
     # An environment variable that is empty counts as not set.
@@ -210,14 +209,6 @@ def _shell_address(value: object) -> str:
     if split.path or split.query or split.fragment or not split.hostname or not split.port:
         raise RefusedValueError(allowed)
     return f"{_bracketed(_host(split.hostname))}:{split.port}"
-
-
-def _interface(value: object) -> str:
-    """Return the name of a network interface."""
-    name = _text(value)
-    if not INTERFACE.fullmatch(name) or name in {".", ".."}:
-        raise RefusedValueError("the name of a network interface, such as eth0")
-    return name
 
 
 def _service_url(scheme: str, default_port: int, value: object) -> str:
@@ -279,10 +270,7 @@ def _on_off(value: object) -> str:
 
 def _path(value: object) -> Path:
     """Return an absolute path that needs no quoting."""
-    name = _text(value)
-    if not PLAIN_PATH.fullmatch(name):
-        raise RefusedValueError("an absolute path of letters, digits and ._/+@:,=-")
-    return Path(name)
+    return Path(_matching(PLAIN_PATH, "an absolute path of letters, digits and ._/+@:,=-", value))
 
 
 def _run_dir(value: object) -> Path:
@@ -307,9 +295,12 @@ PARSERS: dict[str, Callable[[object], Any]] = {
     "ssh_host": _host,
     "ssh_ports": _ports,
     "http_proxy": _http_proxy,
-    "interface": _interface,
+    "interface": partial(_matching, INTERFACE, "the name of a network interface, such as eth0"),
     "mac": _mac,
-    "name": _robot_name,
+    # Whether it is free is the server's to say.
+    "name": partial(
+        _matching, ROBOT_NAME, "letters, digits and ._- (1 to 63, the first a letter or digit)"
+    ),
     "allow_local_mac": _flag,
     "rosbridge_url": partial(_service_url, "ws", 9090),
     "video_url": partial(_service_url, "http", 8080),

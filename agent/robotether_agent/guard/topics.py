@@ -231,7 +231,7 @@ class _Phase:
     due: float = 0.0
     # Zeros that are not sent yet, and whether one of them was.
     left: int = ZEROS
-    begun: bool = False
+    has_begun: bool = False
 
 
 class Deadman:
@@ -254,7 +254,7 @@ class Deadman:
     @property
     def owes(self) -> bool:
         """Whether a zero is due that could not be sent yet; it goes before any command."""
-        return any(t.state == "zeroing" and not t.begun for t in self._topics.values())
+        return any(t.state == "zeroing" and not t.has_begun for t in self._topics.values())
 
     def is_moving(self, name: str) -> bool:
         """Return whether the last command on this topic moves the robot."""
@@ -298,7 +298,7 @@ class Deadman:
         topic = self._topics.get(name)
         if topic is None or topic.state != "zeroing":
             return
-        topic.due, topic.left, topic.begun = now + ZERO_EVERY_S, topic.left - 1, True
+        topic.due, topic.left, topic.has_begun = now + ZERO_EVERY_S, topic.left - 1, True
         if topic.left == 0:
             topic.state = "idle"
 
@@ -310,13 +310,13 @@ class Deadman:
     def hurry(self, now: float) -> None:
         """Make due what is owed: it can be sent again."""
         for topic in self._topics.values():
-            if topic.state == "zeroing" and not topic.begun:
+            if topic.state == "zeroing" and not topic.has_begun:
                 topic.due = min(topic.due, now)
 
     def restart_zeros(self) -> None:
         """Forget the zeros of a connection that is lost, as nobody knows which arrived; the next one gets more."""
         for topic in self._topics.values():
-            topic.left, topic.begun = ZEROS_AFTER_RECONNECT, False
+            topic.left, topic.has_begun = ZEROS_AFTER_RECONNECT, False
 
     def next_at(self) -> float | None:
         """Return when `due` must be asked next, or None: only after another event."""
