@@ -40,8 +40,8 @@ class OtherCells:
     `unreached` names the cells that this one cannot reach now.
     """
 
-    confirmation: Callable[[int], Awaitable[bool] | None] = lambda _robot_id: None
-    unreached: Callable[[], list[str]] = list
+    confirmation: Callable[[int], Awaitable[bool] | None]
+    unreached: Callable[[], list[str]]
 
 
 class ControlApi:
@@ -52,12 +52,12 @@ class ControlApi:
         access: Access,
         control: Control,
         snapshot: Callable[[], Snapshot],
-        other_cells: OtherCells | None = None,
+        other_cells: OtherCells,
     ) -> None:
         self._access = access
         self._control = control
         self._snapshot = snapshot
-        self._other_cells = other_cells or OtherCells()
+        self._other_cells = other_cells
         self._actions: Mapping[str, Callable[[RelayRobot, leasing.LeaseRequester], None]] = {
             "ask": control.leasing.ask,
             "withdraw": control.leasing.withdraw,
