@@ -3,10 +3,12 @@
 systemd starts it as `robotether-agent run`. It must never accept a changed host key, and never lead anybody past its
 guard to rosbridge unless the robot's own settings say so.
 
-Imports go one way: what needs nothing here <- net <- enrolment <- tunnel <- daemon, with guard and video beside.
+Imports go one way: what needs nothing here <- net <- enrolment <- tunnel <- connections <- daemon, with
+guard and video beside.
 
     cli              the command `robotether-agent`; `doctor` runs all checks
     daemon           the main loop of `run`: enrols, connects, and keeps guard, video and health going
+    connections      those beside the session: video and shell, while the server requests them
     enrolment        who this robot is
     net              how it reaches its server
     tunnel           one SSH connection and its session

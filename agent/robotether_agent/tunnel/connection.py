@@ -142,20 +142,13 @@ async def _keep_forward(tunnel: Tunnel, session: Session, role: Role, target: Ss
         if reported != (config, forward):
             role.on_up(target, config, session)
             reported = (config, forward)
-        config = await _next_config(session, config, role.moved)
+        await first_of(session.new_config(config), role.moved.wait())
+        config = session.config or config
 
 
 def _forward(role: Role, config: SessionConfig) -> Forward | None:
     listen_port, target = config.ports[BY_CONNECTION[role.kind].name], role.target()
     return None if listen_port is None or target is None else Forward(listen_port, *target)
-
-
-async def _next_config(
-    session: Session, config: SessionConfig, moved: asyncio.Event
-) -> SessionConfig:
-    """Return the newest configuration when it, or where its forward leads, is another one."""
-    await first_of(session.new_config(config), moved.wait())
-    return session.config or config
 
 
 def _log_forward(config: SessionConfig, forward: Forward) -> None:
