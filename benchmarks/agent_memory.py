@@ -1,13 +1,11 @@
 """What the agent's processes cost a robot's memory: the real agent, connected to a fake cloud, and all that it started.
 
-Used by `bench`. Alone it also compares: `agent_memory.py agent ../other/agent` measures several checkouts in turn, in
-one run. PSS shares a page among the processes that have it, those of other programs too: what is anonymous is the
-agent's own, while the file pages of Python and its libraries count less here than on a robot without other Python.
+Used by `bench`. PSS shares a page among the processes that have it, those of other programs too: what is anonymous is
+the agent's own, while the file pages of Python and its libraries count less here than on a robot without other Python.
 """
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import compileall
 import os
@@ -26,7 +24,6 @@ from openssh_server import command_line, descendants
 from report import Row, Section
 from robotether_agent.status import read_status
 
-AGENT = ROOT / "agent"
 # By then all that the agent starts later has started, and its first work is over.
 SETTLED_AFTER_S = 10.0
 AIM_MB = 45
@@ -49,11 +46,10 @@ def memory_of(pid: int) -> Row:
     }
 
 
-def installed(agent: Path, place: Path) -> Path:
+def installed(place: Path) -> Path:
     """Copy the agent's packages and compile them, as an installer does: Python that compiles keeps memory for it."""
-    for package in (agent / "robotether_agent", agent.parent / "common" / "robotether_common"):
-        if package.is_dir():
-            shutil.copytree(package, place / package.name)
+    for package in ("agent/robotether_agent", "common/robotether_common"):
+        shutil.copytree(ROOT / package, place / Path(package).name)
     compileall.compile_dir(place, quiet=1)
     return place
 
@@ -81,8 +77,8 @@ async def simulated_robot() -> AsyncIterator[int]:
         await process.communicate()
 
 
-async def measured(agent: Path, settled_after_s: float) -> list[Row]:
-    """Start the agent whose package is in this folder, and measure it when it has been connected for a while."""
+async def measured() -> list[Row]:
+    """Start the agent, and measure it when it has been connected for a while."""
     async with AsyncExitStack() as stack:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-")))
         port = await stack.enter_async_context(simulated_robot())
@@ -90,7 +86,7 @@ async def measured(agent: Path, settled_after_s: float) -> list[Row]:
         stack.push_async_callback(cloud.close)
         await cloud.start()
         urls = {"rosbridge_url": f"ws://127.0.0.1:{port}", "log_level": "warning"}
-        packages = installed(agent, place / "packages")
+        packages = installed(place / "packages")
         process = await asyncio.create_subprocess_exec(
             sys.executable,
             *("-m", "robotether_agent", "run"),
@@ -103,14 +99,14 @@ async def measured(agent: Path, settled_after_s: float) -> list[Row]:
                 return status is not None and status.video_tunnel == "open"
 
             await eventually(is_connected, lambda: "the agent is connected", 60)
-            await asyncio.sleep(settled_after_s)
+            await asyncio.sleep(SETTLED_AFTER_S)
             return [memory_of(pid) for pid in (process.pid, *descendants(process.pid))]
         finally:
             process.terminate()
             await process.wait()
 
 
-def rows_of(memories: Sequence[Row], where: str = "") -> pd.DataFrame:
+def rows_of(memories: Sequence[Row]) -> pd.DataFrame:
     """The rows of one agent: each process, and the sum of those that are Python and not OpenSSH."""
     every = pd.DataFrame(memories)
     python = every[~every.process.str.startswith("ssh ")]
@@ -119,33 +115,16 @@ def rows_of(memories: Sequence[Row], where: str = "") -> pd.DataFrame:
         .to_frame()
         .T.assign(process=f"**Python, {len(python)} processes**")
     )
-    rows = pd.concat([python, every.drop(python.index), total])
-    return rows.assign(process=where + rows.process)
+    return pd.concat([python, every.drop(python.index), total])
 
 
-def measure(agents: Sequence[Path] = (AGENT,), settled_after_s: float = SETTLED_AFTER_S) -> Section:
-    rows = []
-    for agent in agents:
-        found = asyncio.run(measured(agent.resolve(), settled_after_s))
-        rows.append(rows_of(found, f"{agent}: " if len(agents) > 1 else ""))
+def measure() -> Section:
     return Section(
         title="Memory of the agent and its guard",
         text=(
-            f"The agent, connected and with rosbridge, {settled_after_s:.0f} s after its start. PSS counts a page "
+            f"The agent, connected and with rosbridge, {SETTLED_AFTER_S:.0f} s after its start. PSS counts a page "
             "that several processes share once in all, USS what one process has alone.\n\n"
             f"Aim: at most {AIM_MB} MB PSS in all Python processes."
         ),
-        rows=pd.concat(rows),
+        rows=rows_of(asyncio.run(measured())),
     )
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("agents", type=Path, nargs="*", default=[AGENT])
-    parser.add_argument("--after", type=float, default=SETTLED_AFTER_S, metavar="S")
-    chosen = parser.parse_args()
-    sys.stdout.write(measure(chosen.agents, chosen.after).markdown)
-
-
-if __name__ == "__main__":
-    main()
