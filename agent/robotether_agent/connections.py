@@ -15,6 +15,7 @@ from typing import Literal
 
 from robotether_common.services import BY_CONNECTION, ServiceName
 from robotether_common.session import ByeCode, Kind
+from robotether_common.topics import PATH as TOPICS_PATH
 
 from robotether_agent.backoff import Uptime
 from robotether_agent.net.server_dialer import SshAddress
@@ -22,6 +23,7 @@ from robotether_agent.problems import AgentError, SessionEndedError
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import Settings
 from robotether_agent.status import StatusWriter
+from robotether_agent.topics_service import TopicsService
 from robotether_agent.tunnel.connection import Role
 from robotether_agent.tunnel.openssh import ServiceAddress, target_of
 from robotether_agent.tunnel.session import FeatureRequest, Session, SessionConfig
@@ -109,9 +111,13 @@ async def serve_video(
     graph: RosGraph,
     has_video: Callable[[], bool],
 ) -> AsyncIterator[Role]:
-    """Serve the robot's cameras by a video proxy."""
-    frames = FramesService(source_settings, graph, has_video=has_video)
+    """Serve the robot's cameras and topics by a video proxy."""
+    topics = TopicsService(settings.rosbridge_url)
+    frames = FramesService(
+        source_settings, graph, has_video=has_video, routes={TOPICS_PATH: topics.answer}
+    )
     async with AsyncExitStack() as ends:
+        ends.push_async_callback(topics.close)
         ends.push_async_callback(frames.close)
         local = LocalService(await frames.start(), OWN_ANSWERS[settings.video_source])
         video_proxy = VideoProxy(settings.video_url, local)

@@ -313,7 +313,7 @@ async def connected(url: str, *, max_message_bytes: int) -> AsyncIterator[Rosbri
     A cancelled one leaves without a close frame: a rosbridge that hangs must not delay what waits for that, which may
     be the notice to the guard that the session is lost.
     """
-    # As in guard/rosbridge.py: aiohttp's own socket cannot be dropped.
+    # As in rosbridge_socket.py: aiohttp's own socket cannot be dropped.
     socket_class = cast("type[aiohttp.ClientWebSocketResponse]", _Socket)
     async with aiohttp.ClientSession(ws_response_class=socket_class) as http:
         socket = await within(CONNECT_WITHIN_S, _open(http, url, max_message_bytes))

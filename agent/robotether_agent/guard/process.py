@@ -33,9 +33,10 @@ from robotether_agent.guard.authorizer import Authorizer
 from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.fences import FenceFile, FenceStore
 from robotether_agent.guard.latch import Latch, StopFile
-from robotether_agent.guard.rosbridge import CmdVelPublisher, SubscriberWatch, new_http
+from robotether_agent.guard.rosbridge import CmdVelPublisher, SubscriberWatch
 from robotether_agent.guard.server import Server
 from robotether_agent.guard.topics import MotionFile
+from robotether_agent.rosbridge_socket import new_http
 from robotether_agent.tasks import first_of, within
 
 TICK_EVERY_S = 0.2

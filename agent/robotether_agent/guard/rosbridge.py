@@ -1,7 +1,4 @@
-"""Connects to rosbridge: once for each operator, and once for the guard's own commands and zeros, in order.
-
-The server opens an operator's. Text stays bytes, nothing is compressed, and a socket knows how much of what was sent
-is still in this process.
+"""The guard's own connection to rosbridge, for its commands and zeros, in order.
 
 The guard's process runs `CmdVelPublisher` for its whole life; it connects again at once and for ever. Nothing waits in
 it: `can_send` says whether what is sent now is read soon. TCP alone does not show it, for the kernel buffers minutes of
@@ -18,23 +15,17 @@ import asyncio
 import logging
 import socket
 from collections.abc import Callable
-from contextlib import suppress
-from typing import Any, Literal, Protocol, cast
+from typing import Protocol
 
 import aiohttp
-from aiohttp import ClientResponse, ClientSession, ClientWebSocketResponse, TCPConnector, WSMsgType
-from aiohttp import ClientWSTimeout as Timeouts
+from aiohttp import ClientSession, WSMsgType
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject
 from robotether_agent.rosbridge import Rosbridge, connected
+from robotether_agent.rosbridge_socket import RosbridgeSocket, open_rosbridge
 from robotether_agent.tasks import within
 
-CONNECT_WITHIN_S = 3.0
-FAREWELL_S = 0.5
-FROM_ROBOT_BYTES = 64 * 1024 * 1024
-# Maximum unsent size before a socket counts as full and the other end is no longer read.
-SEND_BUFFER_BYTES = 64 * 1024
 RETRY_S = 0.2
 # Size of the kernel's buffer of the publisher; the minimum is some 4 KB, twenty commands.
 KERNEL_BUFFER_BYTES = 4096
@@ -52,58 +43,6 @@ ROSAPI_WITHIN_S = 3.0
 MAX_NODES_BYTES = 64 * 1024
 
 log = logging.getLogger(__name__)
-
-
-class RosbridgeSocket(ClientWebSocketResponse[Literal[False]]):
-    """rosbridge's end; aiohttp makes it as the session's `ws_response_class`."""
-
-    def __init__(
-        self, reader: Any, writer: Any, protocol: Any, response: Any, *args: Any, **kwargs: Any
-    ) -> None:
-        super().__init__(reader, writer, protocol, response, *args, **kwargs)
-        self._answer: ClientResponse = response
-        self._transport: asyncio.Transport = writer.transport
-        self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
-
-    def waiting_bytes(self) -> int:
-        """Return how much of what was sent is still in this process."""
-        return self._transport.get_write_buffer_size()
-
-    async def leave(self) -> None:
-        """Say goodbye, without waiting for long for a rosbridge that does not read."""
-        with suppress(asyncio.TimeoutError, ConnectionError):
-            await within(FAREWELL_S, self.close())
-
-    def drop(self) -> None:
-        """End the connection at once, also that of a socket that broke, which aiohttp keeps."""
-        # Not closed, which would wait without end for a rosbridge that does not take what is sent already.
-        self._transport.abort()
-        self._answer.close()
-
-
-def new_http() -> ClientSession:
-    """Return the session with which all connections to rosbridge are made."""
-    return ClientSession(
-        connector=TCPConnector(limit=0),
-        ws_response_class=cast("type[ClientWebSocketResponse]", RosbridgeSocket),
-    )
-
-
-async def open_rosbridge(http: ClientSession, url: str) -> RosbridgeSocket:
-    """Return a new connection; aiohttp.ClientError, OSError or asyncio.TimeoutError when there is none."""
-    connection = await within(
-        CONNECT_WITHIN_S,
-        http.ws_connect(
-            url,
-            timeout=Timeouts(ws_close=FAREWELL_S),
-            autoping=False,
-            max_msg_size=FROM_ROBOT_BYTES,
-            decode_text=False,
-        ),
-    )
-    if not isinstance(connection, RosbridgeSocket):
-        raise TypeError("the session makes sockets of another class")
-    return connection
 
 
 class PublisherListener(Protocol):

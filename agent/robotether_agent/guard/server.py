@@ -32,14 +32,14 @@ from robotether_agent.guard.drive_messages import (
     MessageId,
     drive_message,
 )
-from robotether_agent.guard.rosbridge import (
+from robotether_agent.guard.topics import Authorization
+from robotether_agent.problems import StateUnusableError
+from robotether_agent.rosbridge_socket import (
     FAREWELL_S,
     SEND_BUFFER_BYTES,
     RosbridgeSocket,
     open_rosbridge,
 )
-from robotether_agent.guard.topics import Authorization
-from robotether_agent.problems import StateUnusableError
 from robotether_agent.tasks import first_of, within
 
 ADDRESS = "127.0.0.1"

@@ -1,5 +1,7 @@
 """The media service: frames by credit at /robotether/frames, and web_video_server's URLs where there is none.
 
+`routes` are the agent's own paths besides.
+
 Started by the agent beside the video proxy, which leads here what is its own; listens on 127.0.0.1 alone, as the
 robot's own services do. Each answer ends its connection, so that the next request on it cannot miss the other service.
 
@@ -12,9 +14,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import socket
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack, suppress
 
 import aiohttp
@@ -24,6 +25,7 @@ from robotether_common.frames import MAX_TEXT_BYTES, PATH, StreamRequest
 from robotether_agent.fields import FieldError
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.tasks import within
+from robotether_agent.unsent import SEND_BYTES, keep_little_unsent
 from robotether_agent.video.receiver import Receiver
 from robotether_agent.video.shared_sources import MAX_SHARED_SOURCES, SharedSources
 from robotether_agent.video.sources import (
@@ -38,8 +40,6 @@ ADDRESS = "127.0.0.1"
 MAX_TOPIC_LENGTH = 256
 # Maximum number of receivers; the relay has one per camera, and briefly two when it reconnects.
 MAX_RECEIVERS = 2 * MAX_SHARED_SOURCES
-# Size of the kernel's send buffer; a frame that waits there is old when it leaves.
-SEND_BYTES = 16 * 1024
 SHUTDOWN_S = 0.2
 FAREWELL_S = 0.5
 PROTOCOL_BROKEN = 1002
@@ -60,7 +60,9 @@ class FramesService:
         graph: RosGraph,
         *,
         has_video: Callable[[], bool] = lambda: True,
+        routes: Mapping[str, Handler] | None = None,
     ) -> None:
+        self._routes = routes or {}
         self._source_settings = source_settings
         self._graph = graph
         self._has_video = has_video
@@ -73,6 +75,8 @@ class FramesService:
         self._shared_sources = SharedSources(self._sources.run)
         app = web.Application(middlewares=[_one_answer])
         app.router.add_get(PATH, self._frames)
+        for path, handler in self._routes.items():
+            app.router.add_get(path, handler, allow_head=False)
         app.router.add_get("/snapshot", self._snapshot, allow_head=False)
         app.router.add_get("/robotether/snapshot", self._snapshot_of_any, allow_head=False)
         app.router.add_get("/stream", self._stream, allow_head=False)
@@ -103,7 +107,7 @@ class FramesService:
         self._check_room(topic)
         self._topics[topic] += 1
         try:
-            _keep_little_unsent(request)
+            keep_little_unsent(request)
             await answer.prepare(request)
             await self._serve(answer, topic)
         finally:
@@ -246,7 +250,7 @@ async def _pour(request: web.Request, first: CameraFrame, newest: _Newest) -> we
     kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
     answer = web.StreamResponse(headers={"Content-Type": kind})
     answer.force_close()
-    _keep_little_unsent(request)
+    keep_little_unsent(request)
     await answer.prepare(request)
     with suppress(ConnectionError):
         await answer.write(f"--{BOUNDARY}\r\n".encode() + _part(first))
@@ -258,14 +262,3 @@ async def _pour(request: web.Request, first: CameraFrame, newest: _Newest) -> we
 def _part(frame: CameraFrame) -> bytes:
     head = f"Content-type: {frame.codec.mime_type}\r\nContent-Length: {len(frame.data)}\r\n\r\n"
     return head.encode() + frame.data + f"\r\n--{BOUNDARY}\r\n".encode()
-
-
-def _keep_little_unsent(request: web.Request) -> None:
-    transport = request.transport
-    if transport is None:
-        return
-    transport.set_write_buffer_limits(high=0)
-    connection = transport.get_extra_info("socket")
-    if connection is not None:
-        with suppress(OSError):
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)

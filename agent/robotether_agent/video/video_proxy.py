@@ -30,8 +30,8 @@ from robotether_agent.tasks import readable, within
 from robotether_agent.video.pacer import Pacer
 
 CHUNK = 16 * 1024
-# Maximum number of streams; the server opens at most 64 per robot, and checks whether video works.
-MAX_STREAMS = 80
+# Maximum number of streams; the server opens at most 64 per robot, 64 topics, and checks whether video works.
+MAX_STREAMS = 160
 BACKLOG = 64
 # Size of the receive buffer from web_video_server: frames that wait in the kernel are old when they
 # leave, and by default some MB would wait, since it grants 64 KB segments on loopback.

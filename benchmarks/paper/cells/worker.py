@@ -28,9 +28,9 @@ from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.child_process import GuardProcess
 from robotether_agent.guard.drive_messages import DriveMessage
 from robotether_agent.guard.process import Guard
-from robotether_agent.guard.rosbridge import new_http
 from robotether_agent.guard.supervisor import NO_STATUS, GuardSupervisor
 from robotether_agent.net.server_dialer import ServerDialer
+from robotether_agent.rosbridge_socket import new_http
 from robotether_agent.settings import Settings
 from robotether_agent.systemd import Notifier
 from robotether_common.guard import STAMP

@@ -31,9 +31,9 @@ from robotether_agent.fields import JsonObject, line_of, parse_object
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.child_process import EXIT_S, TICK, TICK_S, GuardProcess
 from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
-from robotether_agent.guard.rosbridge import new_http
 from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.problems import GuardDownError
+from robotether_agent.rosbridge_socket import new_http
 from robotether_agent.settings import Settings
 from robotether_agent.systemd import Notifier
 from robotether_agent.tasks import first_of

@@ -31,6 +31,8 @@ from robotether_server.relay.channels.events import FleetEvents
 from robotether_server.relay.channels.kinds import make_channels
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.rosbridge.handler import BridgeRules
+from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
+from robotether_server.relay.channels.rosbridge.topic_link import TopicLinks
 from robotether_server.relay.channels.video.feed_link import FeedConnector
 from robotether_server.relay.channels.video.feeds import Feeds
 from robotether_server.relay.channels.video.viewers import VideoContext
@@ -46,6 +48,7 @@ from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.records.fleet import Fleet
 from robotether_server.relay.records.journal import Journal
+from robotether_server.relay.robots.media_dialer import MediaDialer
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_link import LinkRules
@@ -154,7 +157,7 @@ class Relay:
         self.fleet_events.end_subscriptions()
         # Operators first: they must be notified that the relay stops, and not that a link was lost.
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))
-        await self.feeds.close()
+        await asyncio.gather(self.feeds.close(), self.shared_topics.close())
         await self.sessions.stop()
         if self.peer_dialer is not None:
             await self.peer_dialer.stop()
@@ -226,8 +229,11 @@ class Relay:
     def _make_channels(self) -> None:
         settings, timing = self._settings, self._timing
         self._client = robot_client()
-        connector = FeedConnector(self._client, settings.tunnel_host, self.registry)
-        self.feeds = Feeds(self.registry, connector.start)
+        media = MediaDialer(self._client, settings.tunnel_host, self.registry)
+        self.feeds = Feeds(self.registry, FeedConnector(media).start)
+        self.shared_topics = SharedTopics(
+            self.registry, TopicLinks(media, settings.message_limit_bytes)
+        )
         self.access = Access(
             signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
             credentials=self.credentials,
@@ -250,7 +256,11 @@ class Relay:
             self.control,
             self.fleet_events,
             rules=BridgeRules(
-                timing.limits, timing.driver_limits, settings.message_limit_bytes, self.traffic
+                timing.limits,
+                timing.driver_limits,
+                settings.message_limit_bytes,
+                self.traffic,
+                self.shared_topics,
             ),
             report=self.observer.connection,
         )
@@ -294,6 +304,7 @@ class Relay:
             self.observer.on_robot_change,
             self.peers.on_robot_change,
             self.feeds.on_robot_change,
+            self.shared_topics.on_robot_change,
         )
         self.connections.listen(self.fleet_events.changed)
         self.control.listen(self.fleet_events.changed)
@@ -311,6 +322,7 @@ class Relay:
         gauge("observers", "Connections that observe", lambda: connections.count("observe"))
         gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
         gauge("video_feeds", "Cameras that are watched", self.feeds.count)
+        gauge("topics", "Topics that robots send", self.shared_topics.count)
         gauge("cells_connected", "Other cells that are connected", self.peers.count)
         gauge("robots_elsewhere", "Robots of other cells", self.peers.robot_count)
         gauge("event_clients", "Clients of the live fleet", self.fleet_events.subscriber_count)

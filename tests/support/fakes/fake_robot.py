@@ -228,6 +228,10 @@ class FakeRobot:
         self.video_requests: list[dict[str, Any]] = []
         self.clients: set[web.WebSocketResponse] = set()
         self.clients_ever = 0
+        # Connections that each carry a topic, and whether there may be any.
+        self.topics: list[web.WebSocketResponse] = []
+        self.has_topics = True
+        self.repeats = False
         self.handshakes: list[dict[str, str]] = []
         self._connected = asyncio.Event()
         self.raw_answer: list[bytes] = []
@@ -371,11 +375,35 @@ class FakeRobot:
     def _video_app(self) -> web.Application:
         app = web.Application()
         app.router.add_get("/robotether/frames", self.frames.serve)
+        app.router.add_get("/robotether/topics", self._topic)
         app.router.add_get("/stream", self._video_stream)
         app.router.add_get("/huge", self._huge)
         app.router.add_get("/raw", self._raw)
         app.router.add_get("/{path:.*}", self._snapshot)
         return app
+
+    async def _topic(self, request: web.Request) -> web.StreamResponse:
+        """Serve one topic as its rosbridge does, which echoes; all of them are latched if a test says so."""
+        if not self.has_topics:
+            return web.Response(status=404)
+        client = web.WebSocketResponse(compress=False, max_msg_size=0, timeout=0.1)
+        await client.prepare(request)
+        if "known" in request.query:
+            for name in request.query["known"].split(",") if self.repeats else ():
+                await client.send_json({"op": "robotether.known", "digest": name})
+            return client
+        self.topics.append(client)
+        try:
+            await self._echo(client)
+        finally:
+            self.topics.remove(client)
+        return client
+
+    async def send_to_topics(self, data: bytes) -> None:
+        """Send a message of every topic that is open."""
+        for client in list(self.topics):
+            with contextlib.suppress(ConnectionError):
+                await client.send_frame(data, WSMsgType.TEXT)
 
     def _note(self, request: web.Request) -> None:
         self.video_requests.append(

@@ -18,7 +18,7 @@ from fake_pipe import FakePipe
 from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
-from robotether_agent.guard.rosbridge import new_http
+from robotether_agent.rosbridge_socket import new_http
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))

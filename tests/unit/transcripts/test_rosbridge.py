@@ -117,7 +117,10 @@ async def outcomes(
 ) -> list[tuple[str, str]]:
     """Send each message; return who has it in the end, the robot or the relay, and what that one wrote."""
     found = []
+    topics = world.relay.relay.shared_topics
     for begin in range(0, len(texts), ANSWERS):
+        # What the one before subscribed to reaches the robot anew.
+        await until(lambda: topics.count() == 0, "no topic is shared", WAIT_S)
         async with world.connect(mode, user) as socket:
             for text in texts[begin : begin + ANSWERS]:
                 # Each is answered: by the robot, which sends back what it got, or by the relay.
@@ -140,7 +143,9 @@ LEVELS: dict[str, tuple[str, RelayUser]] = {
 async def test_what_each_level_may_send(world: World, recorded: SnapshotAssertion) -> None:
     """Of each operation what the robot gets, or why it gets nothing; a manager who observes is an observer."""
     transcript, robot = Transcript(MEASURED), await world.robot()
-    messages = [*OBSERVING, *DRIVING, *MANAGING]
+    # Nothing of an unsubscription reaches the robot: the connection of its subscription ends.
+    allowed = [*OBSERVING, *DRIVING, *MANAGING]
+    messages = [message for message in allowed if message["op"] != "unsubscribe"]
     texts = [json.dumps(message) for message in messages]
     found = {who: await outcomes(world, robot, texts, *how) for who, how in LEVELS.items()}
     for number, message in enumerate(messages):
@@ -158,7 +163,7 @@ async def test_what_each_level_may_send(world: World, recorded: SnapshotAssertio
 # Another parser than the relay's reads what reaches the robot.
 WRITTEN = [
     '{"op": "subscribe",  "topic": "pose", "message_intervall": 9, "x": {"op": "publish"}}',
-    '{"op":"subscribe","topic":"/\\u0070ose","type":null,"throttle_rate":0}',
+    '{"op":"subscribe","topic":"/\\u0070ose2","type":null,"throttle_rate":0}',
     '{"op":"call_service","service":"/rosapi/topics","timeout":3,"args":{"a":-0.0,"b":1e22}}',
     '{"op":"publish","topic":"/chatter","msg":{"a":"\\u00fc\\ud83d\\ude00/<\\u0000","z":[1.0,1e-7,1E400]}}',
     '{"op":"publish","topic":"/chatter","msg":{"z":1,"a":"\\u00fc\\ud83d\\ude00/<\\u0000"}}',

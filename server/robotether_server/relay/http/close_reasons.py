@@ -168,6 +168,11 @@ def frames_unknown(robot: str) -> CloseReason:
     return CloseReason("video_down", why)
 
 
+def topics_unknown(robot: str) -> CloseReason:
+    """The robot's agent has no topics service; a status tells it, and the connection goes on."""
+    return CloseReason(4506, "video_down", f"{robot} has no topics service; upgrade its agent")
+
+
 def frames_broken(why: str) -> CloseReason:
     """A viewer broke the frames protocol, or sent over 200 messages a second."""
     return CloseReason("protocol_broken", f"you broke the frames protocol: {why}")

@@ -18,7 +18,7 @@ from guard_process import WAIT_S, GuardClient, GuardEnd, GuardHere, GuardProcess
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.latch import StopFile
 from robotether_agent.guard.process import Guard
-from robotether_agent.guard.rosbridge import new_http
+from robotether_agent.rosbridge_socket import new_http
 from sim_client import SETTINGS, until
 from sim_robot.graph import Node, TopicMessage
 from sim_robot.simulator import Simulator

@@ -11,11 +11,10 @@ import pytest
 from aiohttp import WSMsgType
 from fake_cameras import TopicRosbridge
 from fake_rosbridge import FakeRosbridge
-from robotether_agent.guard.rosbridge import (
+from robotether_agent.guard.rosbridge import CmdVelPublisher, SubscriberWatch
+from robotether_agent.rosbridge_socket import (
     SEND_BUFFER_BYTES,
-    CmdVelPublisher,
     RosbridgeSocket,
-    SubscriberWatch,
     new_http,
     open_rosbridge,
 )

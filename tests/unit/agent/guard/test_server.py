@@ -17,9 +17,10 @@ from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorizer import Authorizer
 from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.fences import FenceFile, FenceStore
-from robotether_agent.guard.rosbridge import CmdVelPublisher, new_http
+from robotether_agent.guard.rosbridge import CmdVelPublisher
 from robotether_agent.guard.server import MAX_DIRECT_CONNECTIONS, Server
 from robotether_agent.guard.topics import MotionFile
+from robotether_agent.rosbridge_socket import new_http
 
 
 @asynccontextmanager

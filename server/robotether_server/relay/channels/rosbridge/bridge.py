@@ -35,6 +35,7 @@ from robotether_server.relay.channels.rosbridge.message_validator import (
     is_stop,
     status_error,
 )
+from robotether_server.relay.channels.rosbridge.subscriptions import TopicSubscriptions
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.drives.drive_path import CommandTimestamps, DriveLease, DrivePath
 from robotether_server.relay.http import close_reasons
@@ -93,10 +94,12 @@ class Bridge(OperatorConnection):
         operator: OperatorSocket,
         own: OwnOperations,
         limits: LivenessLimits,
+        topics: TopicSubscriptions,
         message_limit: int,
         traffic: Traffic,
     ) -> None:
         super().__init__(robot)
+        self._topics = topics
         self._validator = validator
         self._operator = operator
         self._own = own
@@ -127,7 +130,10 @@ class Bridge(OperatorConnection):
         """Reach the robot and pass messages; return why that ended. `farewell` comes next."""
         if self._ended.done():
             return self._ended.result()
-        return await self._run_until_ended(self._work(connect))
+        try:
+            return await self._run_until_ended(self._work(connect))
+        finally:
+            self._topics.close()
 
     async def close_reason_of_gone(self) -> CloseReason:
         """Return why a connection that is gone ended, by the frames that nobody has read yet."""
@@ -158,6 +164,7 @@ class Bridge(OperatorConnection):
             self._watch(robot),
             self._ping(),
             self._send_control_updates(),
+            self._topics.send(self._deliver),
         ]
         if robot_end.lease is not None:
             self._drive = DrivePath(robot_end.lease, robot, self._timestamps, self._count_to_robot)
@@ -260,6 +267,9 @@ class Bridge(OperatorConnection):
             return
         if self._drive is not None:
             self._drive.log.message()
+        if checked.subscription is not None:
+            self._topics.change(checked.subscription)
+            return
         await self._send_to_robot(robot, checked)
 
     async def _send_to_robot(self, robot: RobotSocket, checked: ValidatedMessage) -> None:
@@ -290,23 +300,26 @@ class Bridge(OperatorConnection):
             return await self._close_reason_by_robot("its connection broke")
 
     async def _pump_to_client(self, robot: RobotSocket) -> CloseReason:
-        traffic, count = self._traffic, 0
+        count = 0
         while True:
             count = await _next_turn(count)
             message = await robot.receive()
             if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
-                traffic.messages_to_client += 1
-                traffic.bytes_to_client += len(message.data)
-                if self._drive is None and len(message.data) > SEND_BUFFER_BYTES:
-                    await self._send_to_observer(message.data, message.type)
-                else:
-                    await self._send_to_client(message.data, message.type)
+                await self._deliver(message.data, message.type)
             elif message.type is WSMsgType.PING:
                 # Why it broke is what is read next.
                 with suppress(ConnectionError):
                     await robot.pong(message.data)
             elif message.type is not WSMsgType.PONG:
                 return await self._close_reason_of_robot(message.type, message.data)
+
+    async def _deliver(self, data: bytes, kind: WSMsgType) -> None:
+        self._traffic.messages_to_client += 1
+        self._traffic.bytes_to_client += len(data)
+        if self._drive is None and len(data) > SEND_BUFFER_BYTES:
+            await self._send_to_observer(data, kind)
+        else:
+            await self._send_to_client(data, kind)
 
     async def _send_to_observer(self, data: bytes, kind: WSMsgType) -> None:
         """Send a large message; the slowest observers go when all together have too much to take."""

@@ -24,6 +24,8 @@ from robotether_server.relay.channels.rosbridge.bridge import (
     Traffic,
 )
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
+from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
+from robotether_server.relay.channels.rosbridge.subscriptions import TopicSubscriptions
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.leasing import now
 from robotether_server.relay.drives.drive_path import DriveCounters, DriveLease, DriveLog
@@ -48,6 +50,7 @@ class BridgeRules:
     driver_limits: LivenessLimits
     message_limit: int
     traffic: Traffic
+    shared_topics: SharedTopics
 
 
 @dataclass(frozen=True)
@@ -135,6 +138,7 @@ class RosbridgeHandler:
             ),
             operator=operator,
             own=OwnOperations(self._control, robot, permit.user.name, address),
+            topics=TopicSubscriptions(robot, rules.shared_topics),
             limits=rules.limits if permit.use == "observe" else rules.driver_limits,
             message_limit=rules.message_limit,
             traffic=rules.traffic,

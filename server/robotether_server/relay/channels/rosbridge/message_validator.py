@@ -84,13 +84,15 @@ class ValidatedMessage(NamedTuple):
     """A message that passed. `data` goes to the robot, as a text message.
 
     With `drive`, what `stamped` makes of it goes in its place. With `own`, the operation is for
-    the relay, `data` is empty, and `own` has its fields.
+    the relay, `data` is empty, and `own` has its fields. With `subscription`, what is requested of
+    a topic goes its own way, and may be shared with others.
     """
 
     data: bytes
     operation: str
     drive: DriveCommand | None = None
     own: Mapping[str, Any] | None = None
+    subscription: Mapping[str, Any] | None = None
 
 
 class _RefusalError(RobotetherError):
@@ -159,7 +161,8 @@ class MessageValidator:
         self._check_right(entry, fields)
         if operation == "publish":
             return self._publish(fields)
-        return ValidatedMessage(write_json(fields), operation)
+        subscription = fields if entry.right == "subscribe" else None
+        return ValidatedMessage(write_json(fields), operation, subscription=subscription)
 
     def _check_amount(self, data: bytes) -> bool:
         """Return whether the message may pass whatever it is; if not, it still may be a stop."""

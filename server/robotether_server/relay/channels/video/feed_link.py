@@ -11,15 +11,8 @@ import logging
 import time
 from dataclasses import dataclass
 
-from aiohttp import (
-    ClientConnectorError,
-    ClientError,
-    ClientSession,
-    WSMsgType,
-    WSServerHandshakeError,
-)
+from aiohttp import WSMsgType
 from robotether_common.frames import HEADER, MAX_FRAME_BYTES, PATH, StreamRequest, VideoStatus
-from yarl import URL
 
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video.feeds import Feed
@@ -34,12 +27,10 @@ from robotether_server.relay.channels.video.frame_protocol import (
 )
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.sockets import RobotSocket, connect_robot
+from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import RateLimiter, delays
-from robotether_server.relay.robots.demand import OPENS_WITHIN_S, RETRY_S
-from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot_dialer import connect_timeout_s
-from robotether_server.times import utc_now
+from robotether_server.relay.robots.demand import OPENS_WITHIN_S
+from robotether_server.relay.robots.media_dialer import MediaDialer, MediaPath
 
 log = logging.getLogger(__name__)
 
@@ -57,8 +48,6 @@ REQUEST_EVERY_S = 0.1
 # and a margin. Reading without a limit would starve the others.
 MESSAGES_PER_S = 50
 MESSAGES_AT_ONCE = 100
-TOO_MANY = 429
-SERVER_ERRORS = 500
 LINK_BROKE = "the robot's video connection broke; trying again"
 
 
@@ -66,9 +55,7 @@ LINK_BROKE = "the robot's video connection broke; trying again"
 class FeedConnector:
     """The way to all robots' frames services."""
 
-    client: ClientSession
-    tunnel_host: str
-    registry: SessionRegistry
+    dialer: MediaDialer
 
     def start(self, feed: Feed) -> asyncio.Task[CloseReason]:
         """Start to bring a feed its frames; the task returns why there are no more."""
@@ -183,44 +170,14 @@ class FeedLink:
         self._feed.due.clear()
 
     async def _dial(self, within_s: float) -> RobotSocket:
-        """Open the connection; ConnectionClosedError when the robot has none to offer."""
-        robot, loop = self._feed.robot, asyncio.get_running_loop()
-        deadline = loop.time() + within_s
-        while True:
-            presence = self._connector.registry.presence(robot.id)
-            if not presence.online:
-                raise ConnectionClosedError(
-                    close_reasons.robot_offline(robot.name, presence.since, utc_now())
-                )
-            try:
-                async with asyncio.timeout(connect_timeout_s(presence)):
-                    return await self._connect()
-            except ClientConnectorError:
-                why = "the tunnel has no port for it"
-            except WSServerHandshakeError as exc:
-                # web_video_server knows no such path; other servers of video answer any path.
-                if exc.status < SERVER_ERRORS and exc.status != TOO_MANY:
-                    raise ConnectionClosedError(close_reasons.frames_unknown(robot.name)) from exc
-                why = f"it answered HTTP {exc.status}"
-            except TimeoutError:
-                why = "no answer in time"
-            except (ClientError, OSError):
-                why = "the robot refuses the connection"
-            if loop.time() > deadline:
-                raise ConnectionClosedError(close_reasons.video_down(robot.name, why))
-            await asyncio.sleep(RETRY_S)
-
-    async def _connect(self) -> RobotSocket:
-        connector, feed = self._connector, self._feed
-        url = URL.build(
-            scheme="ws",
-            host=connector.tunnel_host,
-            port=feed.robot.video_port,
-            path=PATH,
-            query={"topic": feed.topic},
+        robot = self._feed.robot
+        frames = MediaPath(
+            PATH,
+            {"topic": self._feed.topic},
+            HEADER.size + MAX_FRAME_BYTES,
+            close_reasons.frames_unknown(robot.name),
         )
-        limit = HEADER.size + MAX_FRAME_BYTES
-        return await connect_robot(connector.client, url, limit)
+        return await self._connector.dialer.open(robot, frames, within_s)
 
 
 async def pause(pause_s: float) -> None:

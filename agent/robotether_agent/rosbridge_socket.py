@@ -1,0 +1,73 @@
+"""A WebSocket to rosbridge that passes frames on as they are, for the guard and for the topics service.
+
+Text stays bytes, nothing is compressed, and a socket knows how much of what was sent is still in this process.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from typing import Any, Literal, cast
+
+from aiohttp import ClientResponse, ClientSession, ClientWebSocketResponse, TCPConnector
+from aiohttp import ClientWSTimeout as Timeouts
+
+from robotether_agent.tasks import within
+
+CONNECT_WITHIN_S = 3.0
+FAREWELL_S = 0.5
+FROM_ROBOT_BYTES = 64 * 1024 * 1024
+# Maximum unsent size before a socket counts as full and the other end is no longer read.
+SEND_BUFFER_BYTES = 64 * 1024
+
+
+class RosbridgeSocket(ClientWebSocketResponse[Literal[False]]):
+    """rosbridge's end; aiohttp makes it as the session's `ws_response_class`."""
+
+    def __init__(
+        self, reader: Any, writer: Any, protocol: Any, response: Any, *args: Any, **kwargs: Any
+    ) -> None:
+        super().__init__(reader, writer, protocol, response, *args, **kwargs)
+        self._answer: ClientResponse = response
+        self._transport: asyncio.Transport = writer.transport
+        self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
+
+    def waiting_bytes(self) -> int:
+        """Return how much of what was sent is still in this process."""
+        return self._transport.get_write_buffer_size()
+
+    async def leave(self) -> None:
+        """Say goodbye, without waiting for long for a rosbridge that does not read."""
+        with suppress(asyncio.TimeoutError, ConnectionError):
+            await within(FAREWELL_S, self.close())
+
+    def drop(self) -> None:
+        """End the connection at once, also that of a socket that broke, which aiohttp keeps."""
+        # Not closed, which would wait without end for a rosbridge that does not take what is sent already.
+        self._transport.abort()
+        self._answer.close()
+
+
+def new_http() -> ClientSession:
+    """Return the session with which all connections to rosbridge are made."""
+    return ClientSession(
+        connector=TCPConnector(limit=0),
+        ws_response_class=cast("type[ClientWebSocketResponse]", RosbridgeSocket),
+    )
+
+
+async def open_rosbridge(http: ClientSession, url: str) -> RosbridgeSocket:
+    """Return a new connection; aiohttp.ClientError, OSError or asyncio.TimeoutError when there is none."""
+    connection = await within(
+        CONNECT_WITHIN_S,
+        http.ws_connect(
+            url,
+            timeout=Timeouts(ws_close=FAREWELL_S),
+            autoping=False,
+            max_msg_size=FROM_ROBOT_BYTES,
+            decode_text=False,
+        ),
+    )
+    if not isinstance(connection, RosbridgeSocket):
+        raise TypeError("the session makes sockets of another class")
+    return connection

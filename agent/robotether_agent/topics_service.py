@@ -1,0 +1,208 @@
+"""The topics service: one subscription a connection, for the relay, which shares each among all who subscribe.
+
+The media service answers /robotether/topics with it (docs/reference/media.md, "Topics"). So what people subscribe to
+travels beside the video, in the pacer's turns, and never before a command. A message goes on as rosbridge sends it.
+While the connection takes less than the topic brings, the newest message waits and older ones are dropped.
+
+rosbridge gets nothing from here but a subscription: this way leads past the guard.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+
+import aiohttp
+from aiohttp import WSMsgType, web
+from robotether_common.topics import (
+    KNOWN,
+    KNOWN_OP,
+    MAX_SUBSCRIPTION_BYTES,
+    MAX_TOPICS,
+    MessageQueue,
+    digest,
+)
+
+from robotether_agent.describe_error import describe_error
+from robotether_agent.fields import FieldError, JsonObject, get_match, parse_object
+from robotether_agent.rosbridge_socket import (
+    CONNECT_WITHIN_S,
+    RosbridgeSocket,
+    new_http,
+    open_rosbridge,
+)
+from robotether_agent.tasks import first_of, within
+from robotether_agent.unsent import SEND_BYTES, keep_little_unsent
+
+# Maximum number of connections: for each topic one, and briefly one that asks what a newcomer missed.
+MAX_CONNECTIONS = 2 * MAX_TOPICS
+SUBSCRIPTION_WITHIN_S = 5.0
+# Time for which a new subscription is watched for what rosbridge repeats to newcomers; ROS 2 has to find it first.
+REPEATED_WITHIN_S = 2.0
+FAREWELL_S = 0.5
+PROTOCOL_BROKEN = 1002
+TOPIC = re.compile(r"(/[A-Za-z0-9_]+)+")
+# What a subscription may hold.
+MEMBERS = frozenset(
+    ("op", "topic", "type", "throttle_rate", "queue_length", "fragment_size", "compression", "qos")
+)
+
+
+class TopicsService:
+    """All subscriptions of the relay; `close` ends the way to rosbridge."""
+
+    def __init__(self, rosbridge_url: str) -> None:
+        self._url = rosbridge_url
+        self._http = new_http()
+        self._count = 0
+
+    async def answer(self, request: web.Request) -> web.StreamResponse:
+        """Serve one connection until either side ends it."""
+        relay = web.WebSocketResponse(
+            timeout=FAREWELL_S,
+            compress=False,
+            max_msg_size=MAX_SUBSCRIPTION_BYTES,
+            writer_limit=SEND_BYTES,
+        )
+        if not relay.can_prepare(request):
+            raise web.HTTPNotFound(text="connect with a WebSocket\n")
+        if self._count >= MAX_CONNECTIONS:
+            raise web.HTTPServiceUnavailable(text=f"{self._count} topics are open\n")
+        self._count += 1
+        try:
+            return await self._join(request, relay)
+        finally:
+            self._count -= 1
+
+    async def close(self) -> None:
+        """Connect to rosbridge no more."""
+        await self._http.close()
+
+    async def _join(self, request: web.Request, relay: web.WebSocketResponse) -> web.StreamResponse:
+        try:
+            rosbridge = await open_rosbridge(self._http, self._url)
+        except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
+            why = describe_error(error, CONNECT_WITHIN_S)
+            raise web.HTTPBadGateway(text=f"rosbridge does not answer: {why}\n") from error
+        try:
+            keep_little_unsent(request)
+            await relay.prepare(request)
+            known = request.query.get(KNOWN)
+            await self._serve(relay, rosbridge, None if known is None else known.split(","))
+        finally:
+            rosbridge.drop()
+        return relay
+
+    async def _serve(
+        self,
+        relay: web.WebSocketResponse,
+        rosbridge: RosbridgeSocket,
+        known: list[str] | None,
+    ) -> None:
+        # Either side may be gone at any time.
+        with suppress(ConnectionError, asyncio.TimeoutError):
+            first = await within(SUBSCRIPTION_WITHIN_S, relay.receive())
+            if first.type is not WSMsgType.TEXT:
+                return
+            try:
+                subscription = parse_subscription(first.data)
+            except FieldError as error:
+                await relay.close(code=PROTOCOL_BROKEN, message=str(error).encode()[:120])
+                return
+            await rosbridge.send_frame(json.dumps(subscription).encode(), WSMsgType.TEXT)
+            stream = TopicStream(relay, rosbridge, subscription)
+            if known is None:
+                await first_of(stream.read(), stream.send(), stream.until_left())
+            else:
+                await first_of(stream.name_repeated(frozenset(known)), stream.until_left())
+            await relay.close()
+
+
+class TopicStream:
+    """The messages of one subscription."""
+
+    def __init__(
+        self,
+        relay: web.WebSocketResponse,
+        rosbridge: RosbridgeSocket,
+        subscription: Mapping[str, object],
+    ) -> None:
+        self._relay = relay
+        self._rosbridge = rosbridge
+        self._is_parts = "fragment_size" in subscription
+        queue_length = subscription.get("queue_length", 0)
+        self._queue: MessageQueue[WSMsgType] = MessageQueue(
+            queue_length if isinstance(queue_length, int) else 0, is_parts=self._is_parts
+        )
+        self._clock = asyncio.get_running_loop().time
+        self._has_message = asyncio.Event()
+        self._has_room = asyncio.Event()
+
+    async def read(self) -> None:
+        """Take what rosbridge sends until it ends; parts wait in rosbridge while others wait here."""
+        while (message := await self._next()) is not None:
+            self._queue.push(*message, self._clock())
+            self._has_message.set()
+            while self._is_parts and self._queue:
+                self._has_room.clear()
+                await self._has_room.wait()
+
+    async def send(self) -> None:
+        """Pass on what is there, as the connection takes it."""
+        while True:
+            await self._has_message.wait()
+            self._has_message.clear()
+            while self._queue:
+                message, kind = self._queue.pop()
+                self._has_room.set()
+                await self._relay.send_frame(message, kind)
+
+    async def until_left(self) -> None:
+        """Wait until the relay goes; it has no more to say."""
+        message = await self._relay.receive()
+        if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+            await self._relay.close(code=PROTOCOL_BROKEN)
+
+    async def name_repeated(self, known: frozenset[str]) -> None:
+        """Name what rosbridge repeats to a newcomer and the relay still has, up to the first other message."""
+        with suppress(asyncio.TimeoutError):
+            while (message := await within(REPEATED_WITHIN_S, self._next())) is not None:
+                name = digest(message[0])
+                if name not in known:
+                    return
+                await self._relay.send_json({"op": KNOWN_OP, "digest": name})
+
+    async def _next(self) -> tuple[bytes, WSMsgType] | None:
+        while True:
+            message = await self._rosbridge.receive()
+            if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+                return message.data, message.type
+            if message.type is WSMsgType.PING:
+                await self._rosbridge.pong(message.data)
+            elif message.type is not WSMsgType.PONG:
+                return None
+
+
+def parse_subscription(text: str) -> JsonObject:
+    """Return a subscription that rosbridge may get; FieldError for anything else.
+
+    What goes on is written anew, so no parser can find another operation in it.
+    """
+    subscription = parse_object(text, "the subscription")
+    if subscription.get("op") != "subscribe":
+        raise FieldError("field op must be subscribe")
+    if not subscription.keys() <= MEMBERS:
+        raise FieldError("a subscription has no other fields than rosbridge's")
+    get_match(subscription, "topic", TOPIC, "a topic's full name")
+    for name, value in subscription.items():
+        is_plain = value is None or isinstance(value, (str, int, float))
+        if not is_plain and name != "qos":
+            raise FieldError(f"field {name} must be plain")
+    qos = subscription.get("qos")
+    values = qos.values() if isinstance(qos, dict) else qos if isinstance(qos, list) else ()
+    if any(isinstance(value, (dict, list)) for value in values):
+        raise FieldError("field qos must hold plain values")
+    return subscription

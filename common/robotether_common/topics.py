@@ -1,0 +1,74 @@
+"""The topics service (docs/reference/media.md, "Topics") as agent and relay know it: its path, its bounds, its queue.
+
+Each connection carries one subscription, so that none of its messages is parsed to learn whose it is.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import deque
+from typing import Generic, TypeVar
+
+Kind = TypeVar("Kind")
+
+PATH = "/robotether/topics"
+# Maximum size of a subscription, the only message that the relay sends.
+MAX_SUBSCRIPTION_BYTES = 16 * 1024
+# Maximum number of topics that one robot sends at once.
+MAX_TOPICS = 64
+# The query's member with the digests of messages that the relay still has, and the operation that names one of them.
+KNOWN = "known"
+KNOWN_OP = "robotether.known"
+MAX_KNOWN = 32
+
+# Maximum size of waiting messages, of those that may grow old, and time after which these are old.
+MAX_WAITING_BYTES = 256 * 1024
+FRESH_BYTES = 16 * 1024
+OLD_AFTER_S = 0.5
+# Maximum size of the waiting parts of messages, none of which can be missed.
+MAX_PARTS_BYTES = 16 * 1024 * 1024
+
+
+def digest(message: bytes) -> str:
+    """Return what tells a message from the few others of its topic; no proof against a forger."""
+    return f"{zlib.crc32(message):08x}{len(message):x}"
+
+
+class MessageQueue(Generic[Kind]):
+    """Messages of one topic for one receiver; a slow one gets the newest, and the newest is never dropped.
+
+    `queue_length` messages are kept however old they are, as a subscription may request; 0: those that are not old.
+    `is_parts`: they are parts of messages.
+    """
+
+    def __init__(self, queue_length: int, *, is_parts: bool) -> None:
+        self._max_count = queue_length
+        self._max_bytes = MAX_PARTS_BYTES if is_parts else MAX_WAITING_BYTES
+        self._may_be_old = is_parts or queue_length > 0
+        self._messages: deque[tuple[float, bytes, Kind]] = deque()
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._messages)
+
+    def push(self, message: bytes, kind: Kind, now_s: float) -> None:
+        """Add the newest message; what it makes too many goes."""
+        self._messages.append((now_s, message, kind))
+        self._bytes += len(message)
+        while len(self._messages) > 1 and self._is_too_much(now_s):
+            self._drop()
+
+    def pop(self) -> tuple[bytes, Kind]:
+        """Take the oldest message; there must be one."""
+        return self._drop()
+
+    def _is_too_much(self, now_s: float) -> bool:
+        if self._bytes > self._max_bytes or 0 < self._max_count < len(self._messages):
+            return True
+        is_old = now_s - self._messages[0][0] > OLD_AFTER_S
+        return is_old and self._bytes > FRESH_BYTES and not self._may_be_old
+
+    def _drop(self) -> tuple[bytes, Kind]:
+        _, message, kind = self._messages.popleft()
+        self._bytes -= len(message)
+        return message, kind

@@ -1,0 +1,107 @@
+"""One client's subscriptions, merged by topic as rosbridge merges them, and what waits for the client.
+
+A `Bridge` has one. It shares each topic with all who request the same, and gives a slow client the newest.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+from aiohttp import WSMsgType
+from robotether_common.topics import MAX_TOPICS, MessageQueue
+
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.channels.rosbridge.message_validator import status_error
+from robotether_server.relay.channels.rosbridge.shared_topics import (
+    SharedTopic,
+    SharedTopics,
+    Subscription,
+    combined,
+)
+from robotether_server.relay.http.close_reasons import CloseReason
+
+# Maximum number of statuses that wait for a client.
+MAX_STATUSES = 100
+
+Deliver = Callable[[bytes, WSMsgType], Awaitable[None]]
+
+
+class TopicSubscriptions:
+    """Implements `shared_topics.Subscriber`."""
+
+    def __init__(self, robot: RelayRobot, shared_topics: SharedTopics) -> None:
+        self._robot = robot
+        self._shared_topics = shared_topics
+        # By topic, and by the client's id.
+        self._requested: dict[str, dict[str | int | None, Subscription]] = {}
+        self._joined: dict[str, SharedTopic] = {}
+        self._queues: dict[str, MessageQueue[WSMsgType]] = {}
+        self._statuses: deque[bytes] = deque(maxlen=MAX_STATUSES)
+        self._due = asyncio.Event()
+        self._clock = asyncio.get_running_loop().time
+
+    def change(self, message: Mapping[str, Any]) -> None:
+        """Do as a checked `subscribe` or `unsubscribe` says; the latter without an id ends all of the topic."""
+        topic, message_id = message["topic"], message.get("id")
+        requested = self._requested.setdefault(topic, {})
+        if message["op"] == "subscribe":
+            requested[message_id] = Subscription.of(message)
+        elif message_id is None:
+            requested.clear()
+        else:
+            requested.pop(message_id, None)
+        self._follow(topic)
+
+    def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
+        """A message of a topic came."""
+        self._queues[topic].push(message, kind, self._clock())
+        self._due.set()
+
+    def on_topic_failed(self, topic: str, why: str) -> None:
+        """The topic brings nothing for now."""
+        message_id = next(iter(self._requested.get(topic, {})), None)
+        self._statuses.append(status_error(f"cannot subscribe to {topic}: {why}", message_id))
+        self._due.set()
+
+    async def send(self, deliver: Deliver) -> CloseReason:
+        """Send what waits, a message of each topic in turn, until this is cancelled."""
+        while True:
+            await self._due.wait()
+            self._due.clear()
+            while self._statuses:
+                await deliver(self._statuses.popleft(), WSMsgType.TEXT)
+            while waiting := [queue for queue in self._queues.values() if queue]:
+                for queue in waiting:
+                    if queue:
+                        await deliver(*queue.pop())
+
+    def close(self) -> None:
+        """End all subscriptions."""
+        for topic in list(self._joined):
+            self._requested[topic].clear()
+            self._follow(topic)
+
+    def _follow(self, topic: str) -> None:
+        """Share what is requested of a topic now."""
+        requested = self._requested[topic]
+        subscription = combined(requested.values()) if requested else None
+        joined = self._joined.get(topic)
+        if joined is not None:
+            if joined.subscription == subscription:
+                return
+            del self._joined[topic]
+            self._shared_topics.leave(joined, self)
+        if subscription is None:
+            del self._requested[topic]
+            self._queues.pop(topic, None)
+            return
+        is_parts = subscription.fragment_size is not None
+        self._queues[topic] = MessageQueue(subscription.queue_length, is_parts=is_parts)
+        shared = self._shared_topics.join(self._robot, subscription, self)
+        if shared is None:
+            self.on_topic_failed(topic, f"{self._robot.name} sends {MAX_TOPICS} topics already")
+        else:
+            self._joined[topic] = shared

@@ -1,0 +1,113 @@
+"""The WebSocket to a robot's topics service, from which one shared topic gets its messages.
+
+`shared_topics` runs one a topic. It opens the connection, opens it again when it breaks, and waits longer each time
+while that fails.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from aiohttp import ClientError, WSMsgType
+from aiohttp.http_websocket import WSMessageNoDecodeText
+from robotether_common.topics import KNOWN, KNOWN_OP, PATH
+
+from robotether_server.relay.channels.rosbridge.operations import NotJsonError, read_json
+from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import ConnectionClosedError
+from robotether_server.relay.http.sockets import RobotSocket
+from robotether_server.relay.http.timing import delays
+from robotether_server.relay.robots.demand import OPENS_WITHIN_S
+from robotether_server.relay.robots.media_dialer import MediaDialer, MediaPath
+
+log = logging.getLogger(__name__)
+
+FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 30.0
+# Time after which a connection counts as stable.
+STEADY_S = 10.0
+# Time limit for what a robot repeats to a newcomer.
+REPEATED_WITHIN_S = 5.0
+# Maximum number of messages before yielding to the event loop; a topic with a backlog would never yield.
+MESSAGES_A_TURN = 64
+
+
+@dataclass(frozen=True)
+class TopicLinks:
+    """The way to all robots' topics; implements `shared_topics.TopicConnector`."""
+
+    dialer: MediaDialer
+    message_limit: int
+
+    async def run(self, topic: SharedTopic) -> None:
+        """Bring a topic's messages until this is cancelled."""
+        pauses = delays(FIRST_PAUSE_S, MAX_PAUSE_S)
+        while True:
+            opened_s = time.monotonic()
+            try:
+                await self._bring(topic)
+                why = "rosbridge ended the subscription"
+            except ConnectionClosedError as closed:
+                why = closed.close_reason.reason
+            except (ClientError, ConnectionError, OSError):
+                why = "the connection broke"
+            topic.on_failed(why)
+            log.info("robot %s: topic %s: %s", topic.robot.name, topic.subscription.topic, why)
+            if time.monotonic() - opened_s > STEADY_S:
+                pauses = delays(FIRST_PAUSE_S, MAX_PAUSE_S)
+            await asyncio.sleep(next(pauses))
+
+    async def repeat(self, topic: SharedTopic, known: Collection[str]) -> list[str]:
+        """Return the digests of those known messages that rosbridge repeats to a newcomer."""
+        repeated: list[str] = []
+        try:
+            async with asyncio.timeout(REPEATED_WITHIN_S):
+                socket = await self._open(topic, {KNOWN: ",".join(known)})
+                try:
+                    while (name := _name_in(await socket.receive())) in known:
+                        repeated.append(str(name))
+                finally:
+                    socket.drop()
+        except (ConnectionClosedError, ClientError, OSError, TimeoutError) as error:
+            log.debug("robot %s: cannot ask what it repeats: %r", topic.robot.name, error)
+        return repeated
+
+    async def _bring(self, topic: SharedTopic) -> None:
+        socket = await self._open(topic, {})
+        count = 0
+        try:
+            while True:
+                message = await socket.receive()
+                if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
+                    topic.on_message(message.data, message.type)
+                elif message.type is WSMsgType.PING:
+                    await socket.pong(message.data)
+                elif message.type is not WSMsgType.PONG:
+                    return
+                count += 1
+                if count % MESSAGES_A_TURN == 0:
+                    await asyncio.sleep(0)
+        finally:
+            socket.drop()
+
+    async def _open(self, topic: SharedTopic, query: dict[str, str]) -> RobotSocket:
+        unknown = close_reasons.topics_unknown(topic.robot.name)
+        path = MediaPath(PATH, query, self.message_limit, unknown)
+        socket = await self.dialer.open(topic.robot, path, OPENS_WITHIN_S)
+        await socket.send_frame(topic.subscription.message(), WSMsgType.TEXT)
+        return socket
+
+
+def _name_in(message: WSMessageNoDecodeText) -> object:
+    """Return the digest in a message of the topics service, None when it is no such message."""
+    if message.type is not WSMsgType.TEXT:
+        return None
+    try:
+        answer = read_json(message.data)
+    except NotJsonError:
+        return None
+    return answer.get("digest") if answer.get("op") == KNOWN_OP else None

@@ -1,0 +1,83 @@
+"""Connects to what a robot's agent serves on the media connection: frames of cameras, and topics.
+
+A camera's feed and a topic's each open a WebSocket; whoever opens one has counted itself in the robot's
+`media_demand`, so that the agent opens the media connection.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from aiohttp import ClientConnectorError, ClientError, ClientSession, WSServerHandshakeError
+from yarl import URL
+
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.sockets import RobotSocket, connect_robot
+from robotether_server.relay.robots.demand import RETRY_S
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot_dialer import connect_timeout_s
+from robotether_server.times import utc_now
+
+TOO_MANY = 429
+SERVER_ERRORS = 500
+
+
+@dataclass(frozen=True)
+class MediaPath:
+    """What to open: `unknown` is why there is none where the robot answers, and knows no such path."""
+
+    path: str
+    query: Mapping[str, str]
+    message_limit: int
+    unknown: CloseReason
+
+
+@dataclass(frozen=True)
+class MediaDialer:
+    """The way to all robots' media services, whose ports listen at `tunnel_host`."""
+
+    client: ClientSession
+    tunnel_host: str
+    registry: SessionRegistry
+
+    async def open(self, robot: RelayRobot, media_path: MediaPath, within_s: float) -> RobotSocket:
+        """Open a WebSocket; ConnectionClosedError when the robot has none to offer within that time."""
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + within_s
+        while True:
+            presence = self.registry.presence(robot.id)
+            if not presence.online:
+                raise ConnectionClosedError(
+                    close_reasons.robot_offline(robot.name, presence.since, utc_now())
+                )
+            try:
+                async with asyncio.timeout(connect_timeout_s(presence)):
+                    return await self._connect(robot, media_path)
+            except ClientConnectorError:
+                why = "the tunnel has no port for it"
+            except WSServerHandshakeError as exc:
+                # web_video_server knows no such path; other servers of video answer any path.
+                if exc.status < SERVER_ERRORS and exc.status != TOO_MANY:
+                    raise ConnectionClosedError(media_path.unknown) from exc
+                why = f"it answered HTTP {exc.status}"
+            except TimeoutError:
+                why = "no answer in time"
+            except (ClientError, OSError):
+                why = "the robot refuses the connection"
+            if loop.time() > deadline:
+                raise ConnectionClosedError(close_reasons.video_down(robot.name, why))
+            await asyncio.sleep(RETRY_S)
+
+    async def _connect(self, robot: RelayRobot, media_path: MediaPath) -> RobotSocket:
+        url = URL.build(
+            scheme="ws",
+            host=self.tunnel_host,
+            port=robot.video_port,
+            path=media_path.path,
+            query=media_path.query,
+        )
+        return await connect_robot(self.client, url, media_path.message_limit)

@@ -1,0 +1,169 @@
+"""Subscriptions of several people that share one on the robot."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+
+import aiohttp
+import pytest
+import pytest_asyncio
+from relay_server import until
+from robotether_common.topics import MAX_TOPICS
+from robotether_server.relay.channels.rosbridge import topic_link
+from robotether_server.relay.channels.rosbridge.shared_topics import (
+    SharedTopic,
+    Subscription,
+    combined,
+)
+
+ODOM = {"op": "subscribe", "topic": "/odom"}
+Observe = Callable[..., Awaitable[aiohttp.ClientWebSocketResponse]]
+
+
+@pytest_asyncio.fixture
+async def observe(relay, sim1, http, robot) -> AsyncIterator[Observe]:
+    """Open observers' connections that are closed at the end."""
+    opened: list[aiohttp.ClientWebSocketResponse] = []
+
+    async def open_one(*messages: dict[str, Any]) -> aiohttp.ClientWebSocketResponse:
+        socket = await http.ws_connect(relay.ros_url(sim1, "observe"), max_msg_size=0)
+        opened.append(socket)
+        for message in messages:
+            await socket.send_json(message)
+        return socket
+
+    yield open_one
+    for socket in opened:
+        await socket.close()
+
+
+def subscribed(robot) -> list[dict[str, Any]]:
+    """Return the subscriptions that reached the robot."""
+    messages = [json.loads(data) for data in robot.received]
+    return [message for message in messages if message["op"] == "subscribe"]
+
+
+async def test_all_who_request_the_same_share_one_copy(relay, robot, observe):
+    """The robot has one subscription, and each message goes to all; the last one's leaving ends it."""
+    sockets = [await observe({**ODOM, "id": number}) for number in range(3)]
+    shared = relay.relay.shared_topics
+    await until(lambda: len(robot.topics) == 1, "the robot has a subscription")
+    [topic] = shared._tasks
+    await until(lambda: len(topic.subscribers) == 3, "all three share it")
+    await robot.send_to_topics(b"news")
+    for socket in sockets:
+        while await socket.receive_str(timeout=5) != "news":
+            pass
+    assert subscribed(robot) == [ODOM]
+    await sockets[0].send_json({"op": "unsubscribe", "topic": "/odom"})
+    await sockets[1].close()
+    await until(lambda: len(topic.subscribers) == 1, "one is left")
+    assert len(robot.topics) == 1
+    await sockets[2].close()
+    await until(lambda: not robot.topics, "the subscription ends")
+
+
+async def test_what_differs_is_not_shared(robot, observe):
+    await observe(ODOM)
+    await observe({**ODOM, "throttle_rate": 100})
+    await until(lambda: len(robot.topics) == 2, "each has its own")
+
+
+def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
+    both = combined(
+        [
+            Subscription("/a", None, 100, 5, 2000, "png", None),
+            Subscription("/a", "a/B", 50, 7, None, "cbor", b'{"depth":1}'),
+        ]
+    )
+    assert both == Subscription("/a", "a/B", 50, 5, 2000, "cbor", b'{"depth":1}')
+
+
+async def test_a_newcomer_gets_what_rosbridge_repeats(relay, robot, observe):
+    """Of a latched topic the last message, which the relay still has; of any other nothing old."""
+    first = await observe(ODOM)
+    await first.receive_str(timeout=5)
+    await robot.send_to_topics(b"the map")
+    assert await first.receive_str(timeout=5) == "the map"
+    robot.repeats = True
+    second = await observe(ODOM)
+    while await second.receive_str(timeout=5) != "the map":
+        pass
+    robot.repeats = False
+    third = await observe(ODOM)
+    [topic] = relay.relay.shared_topics._tasks
+    await until(lambda: len(topic.subscribers) == 3, "the third shares it")
+    await until(lambda: len(relay.relay.shared_topics._all) == 1, "the robot has answered")
+    await robot.send_to_topics(b"news")
+    assert await third.receive_str(timeout=5) == "news"
+    assert len(subscribed(robot)) == 1
+
+
+async def test_a_slow_client_skips_and_delays_nobody(robot, observe):
+    """Who reads again gets the newest, and an own stop of the time before does not wait for it."""
+    slow, quick = await observe(ODOM), await observe(ODOM)
+    for socket in (slow, quick):
+        await socket.receive_str(timeout=5)
+    slow._response.connection.transport.pause_reading()
+    count = 200
+    for number in range(count):
+        await robot.send_to_topics(b"%d " % number + b"x" * 200_000)
+        assert (await quick.receive_str(timeout=5)).startswith(f"{number} ")
+    slow._response.connection.transport.resume_reading()
+    numbers = []
+    while not numbers or numbers[-1] != count - 1:
+        numbers.append(int((await slow.receive_str(timeout=5)).split()[0]))
+    assert numbers == sorted(numbers)
+    assert len(numbers) < count
+
+
+async def test_a_right_that_ends_ends_its_copy(memory_database, relay, robot, sim1, observe):
+    socket = await observe(ODOM)
+    await socket.receive_str(timeout=5)
+    memory_database.grants.clear()
+    await relay.relay.fleet.poll()
+    assert (await socket.receive(timeout=5)).data == 4001
+    await until(lambda: not robot.topics, "the robot sends it no more")
+
+
+async def test_a_broken_connection_is_made_anew(robot, observe, monkeypatch):
+    """The clients keep theirs, and are told once."""
+    monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
+    socket = await observe({**ODOM, "id": "s"})
+    await socket.receive_str(timeout=5)
+    await robot.topics[0].close()
+    answer = await socket.receive_json(timeout=5)
+    assert (answer["op"], answer["level"], answer["id"]) == ("status", "error", "s")
+    assert answer["msg"] == "cannot subscribe to /odom: rosbridge ended the subscription"
+    assert await socket.receive_json(timeout=5) == ODOM
+
+
+async def test_an_agent_without_the_service_is_told(robot, observe):
+    """The connection goes on; other operations need no topic."""
+    robot.has_topics = False
+    socket = await observe(ODOM)
+    answer = await socket.receive_json(timeout=5)
+    assert answer["msg"] == "cannot subscribe to /odom: sim1 has no topics service; upgrade its agent"
+    await socket.send_json({"op": "call_service", "service": "/rosapi/topics"})
+    assert (await socket.receive_json(timeout=5))["op"] == "call_service"
+
+
+async def test_a_robot_sends_a_limited_number_of_topics(relay, robot, sim1, observe):
+    topics = relay.relay.registry.robot(sim1.id).topics
+    for number in range(MAX_TOPICS):
+        topics[Subscription(f"/t{number}")] = SharedTopic(sim1, Subscription(f"/t{number}"))
+    socket = await observe(ODOM)
+    answer = await socket.receive_json(timeout=5)
+    assert answer["msg"] == f"cannot subscribe to /odom: sim1 sends {MAX_TOPICS} topics already"
+
+
+async def test_topics_end_with_the_robots_session(relay, robot, sim1, observe):
+    socket = await observe(ODOM)
+    await socket.receive_str(timeout=5)
+    await robot.session.close()
+    await until(lambda: relay.relay.shared_topics.count() == 0, "nothing is shared")
+    while (message := await socket.receive(timeout=5)).type is not aiohttp.WSMsgType.CLOSE:
+        pass
+    assert message.data == 4505
