@@ -228,9 +228,13 @@ class SharedTopics:
         known: Mapping[str, tuple[bytes, WSMsgType]],
         subscriber: Subscriber,
     ) -> None:
-        for name in await self._connector.repeat(topic, known.keys()):
+        name = topic.subscription.topic
+        repeated = await self._connector.repeat(topic, known.keys())
+        # Each publisher of static transforms has latched one, of which rosbridge for ROS 2 repeats the last alone.
+        digests = known.keys() if repeated and name.endswith("/tf_static") else repeated
+        for each in digests:
             if subscriber in topic.subscribers:
-                subscriber.on_message(topic.subscription.topic, *known[name])
+                subscriber.on_message(name, *known[each])
 
     def _end_unless_shared(self, topic: SharedTopic) -> None:
         if not topic.subscribers:

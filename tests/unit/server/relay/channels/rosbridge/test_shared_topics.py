@@ -145,7 +145,9 @@ async def test_an_agent_without_the_service_is_told(robot, observe):
     robot.has_topics = False
     socket = await observe(ODOM)
     answer = await socket.receive_json(timeout=5)
-    assert answer["msg"] == "cannot subscribe to /odom: sim1 has no topics service; upgrade its agent"
+    assert (
+        answer["msg"] == "cannot subscribe to /odom: sim1 has no topics service; upgrade its agent"
+    )
     await socket.send_json({"op": "call_service", "service": "/rosapi/topics"})
     assert (await socket.receive_json(timeout=5))["op"] == "call_service"
 
