@@ -98,7 +98,7 @@ async def test_who_sends_anything_else_is_ended_and_rosbridge_gets_nothing(world
 
 
 async def test_a_relay_that_takes_little_gets_the_newest(world):
-    """rosbridge is read all the same, and the last message comes."""
+    """Rosbridge is read all the same, and the last message comes."""
     relay = await world.open()
     relay._response.connection.transport.pause_reading()
     large = "x" * FRESH_BYTES

@@ -7,7 +7,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
 import aiohttp
-import pytest
 import pytest_asyncio
 from relay_server import until
 from robotether_common.topics import MAX_TOPICS
