@@ -16,10 +16,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import aiohttp
 from bare_tunnel import ssh_command
@@ -174,8 +175,10 @@ async def stop(watching: asyncio.Task[None] | None) -> None:
         await asyncio.gather(watching, return_exceptions=True)
 
 
-async def round_trips(ros: aiohttp.ClientWebSocketResponse, setup: Setup, count: int) -> None:
-    """Send `count` messages, each at its time, and take every answer."""
+async def round_trips(
+    ros: aiohttp.ClientWebSocketResponse, setup: Setup, count: int, last_s: float = LAST_S
+) -> None:
+    """Send `count` messages, each at its time, and take every answer, the last one within `last_s`."""
     sent: dict[int, float] = {}
 
     async def answers() -> None:
@@ -190,7 +193,7 @@ async def round_trips(ros: aiohttp.ClientWebSocketResponse, setup: Setup, count:
         text = json.dumps({"number": number})
         sent[number] = time.perf_counter()
         await ros.send_str(text.ljust(MESSAGE_BYTES))
-    await asyncio.wait_for(receiving, LAST_S)
+    await asyncio.wait_for(receiving, last_s)
 
 
 async def watch(port: int, setup: Setup) -> None:
@@ -211,12 +214,22 @@ async def watch(port: int, setup: Setup) -> None:
 
 def measure(seconds: float = SECONDS) -> Section:
     """Measure all ways, one after the other, and return them as a table."""
+    measured = setups()
+    measure_each(measured, UP, lambda site, setup: measure_setup(site, setup, seconds))
+    return section(measured)
+
+
+def measure_each(
+    measured: Sequence[Setup],
+    up: Shape,
+    work: Callable[[Site, Setup], Coroutine[Any, Any, None]],
+) -> None:
+    """Do the work for each setup, over a link with that uplink."""
     if why := why_not_here():
         raise RuntimeError(f"cannot measure behind video: {why}")
     folder = Path(tempfile.mkdtemp(prefix="rt-video-"))
-    measured = setups()
     try:
-        with Link(up=UP, down=DOWN) as link:
+        with Link(up=up, down=DOWN) as link:
             link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
             command = link.robot.command(*VIDEO_ROBOT, "services")
             with link.server.entered(), running(command) as services:
@@ -225,10 +238,9 @@ def measure(seconds: float = SECONDS) -> Section:
                 with Site(link, folder) as site:
                     for setup in measured:
                         with site.connected(setup.connections):
-                            asyncio.run(measure_setup(site, setup, seconds))
+                            asyncio.run(work(site, setup))
     finally:
         shutil.rmtree(folder)
-    return section(measured)
 
 
 def section(measured: list[Setup]) -> Section:

@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 import agent_memory
 import behind_video
 import both_robots
+import bulk_topics
 import comebacks
 import drive_page
 import operations_rate
@@ -54,6 +55,7 @@ class Effort:
 EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
     "round_trip": lambda demo, effort: round_trip.measure(demo, 200 if effort.quick else 3000),
     "behind_video": lambda _, effort: behind_video.measure(5 if effort.quick else behind_video.SECONDS),
+    "bulk_topics": lambda _, effort: bulk_topics.measure(5 if effort.quick else bulk_topics.SECONDS),
     "picture_age": lambda demo, effort: video.measure_age(demo, 3 if effort.quick else video.SECONDS),
     "viewers": lambda demo, effort: video.measure_viewers(demo, 3 if effort.quick else video.VIEWERS_SECONDS),
     "input_latency": lambda demo, effort: drive_page.measure_input(demo, 5 if effort.quick else drive_page.PRESSES),

@@ -1,9 +1,11 @@
 """What runs on the robot in behind_video, started in the robot's namespace; ends with its stdin.
 
-`video_robot.py services`: an echoing WebSocket, and a camera that offers more than the uplink takes. It treats a viewer
-as web_video_server does: one frame is under way to the kernel, those that come meanwhile are dropped.
+`video_robot.py services`: an echoing WebSocket that has a large map, and a camera that offers more than the uplink
+takes. It treats a viewer as web_video_server does: one frame is under way to the kernel, those that come meanwhile are
+dropped.
 `video_robot.py tunnels FOLDER HOST PORT ROS_PORT VIDEO_PORT`: the two SSH connections as the agent makes them, with the
-video proxy, to sshd at HOST and PORT, with the forwards' ports and a folder that has `key` and `known_hosts`.
+video proxy and the topics service, to sshd at HOST and PORT, with the forwards' ports and a folder that has `key` and
+`known_hosts`.
 """
 
 from __future__ import annotations
@@ -19,10 +21,15 @@ from pathlib import Path
 
 from aiohttp import web
 from robotether_agent.net.server_dialer import SshAddress
+from robotether_agent.rosbridge import RosGraph
+from robotether_agent.topics_service import TopicsService
 from robotether_agent.tunnel.openssh import Forward, SshFiles
 from robotether_agent.tunnel.tunnel import Tunnel
-from robotether_agent.video.video_proxy import VideoProxy
+from robotether_agent.video.frames_service import FramesService
+from robotether_agent.video.sources import SourceSettings
+from robotether_agent.video.video_proxy import LocalService, VideoProxy
 from robotether_common.session import Kind
+from robotether_common.topics import PATH
 
 ROS_PORT, VIDEO_PORT = 9090, 8080
 FRAMES_HZ = 15
@@ -30,6 +37,9 @@ OFFERED_BIT_S = 7e6
 FRAME_BYTES = int(OFFERED_BIT_S / 8 / FRAMES_HZ)
 BOUNDARY = b"--boundarydonotcross\r\n"
 LENGTH = 24
+# As rosbridge writes a map of 1500 x 1500 cells.
+MAP_BYTES = 5_000_000
+MAP = '{"op": "publish", "topic": "/map", "msg": {"data": [' + "-1," * (MAP_BYTES // 3) + "0]}}"
 # Of the media connection, in place of what the agent would choose.
 CONGESTION_CONTROL = b"cubic"
 
@@ -46,7 +56,8 @@ async def echo(request: web.Request) -> web.WebSocketResponse:
     socket = web.WebSocketResponse(compress=False)
     await socket.prepare(request)
     async for message in socket:
-        await socket.send_str(message.data)
+        is_subscription = message.data.startswith('{"op"')
+        await socket.send_str(MAP if is_subscription else message.data)
     return socket
 
 
@@ -96,7 +107,13 @@ async def opened(folder: Path, target: SshAddress, kind: Kind) -> Tunnel:
 
 async def tunnels(folder: str, host: str, port: str, ros_port: str, video_port: str) -> None:
     target = SshAddress(host, int(port), getpass.getuser())
-    proxy = VideoProxy(f"http://127.0.0.1:{VIDEO_PORT}")
+    rosbridge, camera = f"ws://127.0.0.1:{ROS_PORT}", f"http://127.0.0.1:{VIDEO_PORT}"
+    topics = TopicsService(rosbridge)
+    source_settings = SourceSettings(camera, rosbridge, "web_video_server")
+    media_service = FramesService(
+        source_settings, RosGraph(rosbridge), routes={PATH: topics.answer}
+    )
+    proxy = VideoProxy(camera, LocalService(await media_service.start()))
     proxy_port = await proxy.start()
     session = await opened(Path(folder), target, "session")
     await session.add(Forward(int(ros_port), "127.0.0.1", ROS_PORT))
@@ -107,6 +124,8 @@ async def tunnels(folder: str, host: str, port: str, ros_port: str, video_port: 
     await media.add(Forward(int(video_port), "127.0.0.1", proxy_port))
     await until_stdin_ends()
     await proxy.close()
+    await media_service.close()
+    await topics.close()
     await asyncio.gather(session.close(), media.close())
 
 
