@@ -170,7 +170,7 @@ def frames_unknown(robot: str) -> CloseReason:
 
 def topics_unknown(robot: str) -> CloseReason:
     """The robot's agent has no topics service; a status tells it, and the connection goes on."""
-    return CloseReason(4506, "video_down", f"{robot} has no topics service; upgrade its agent")
+    return CloseReason("video_down", f"{robot} has no topics service; upgrade its agent")
 
 
 def frames_broken(why: str) -> CloseReason:

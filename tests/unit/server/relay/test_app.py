@@ -143,7 +143,7 @@ async def test_health_is_good_without_a_database_and_says_so(relay, http, memory
 async def test_metrics_tell_what_happens(relay, robot, sim1, http):
     """Robots, connections, traffic, refusals and the process are counted."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        await socket.send_str('{"op":"unsubscribe","topic":"/a"}')
+        await socket.send_str('{"op":"call_service","service":"/rosapi/topics"}')
         echo = await socket.receive_str()
         async with http.get(f"{relay.url}/api/v1/events"):
             pass

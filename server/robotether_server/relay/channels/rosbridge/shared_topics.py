@@ -31,7 +31,7 @@ MAX_REMEMBERED_BYTES = 1024 * 1024
 
 
 @dataclass(frozen=True)
-class Subscription:
+class TopicRequest:
     """What is requested of a topic, as rosbridge's fields of the same names; None and 0 are its defaults.
 
     `qos` is JSON.
@@ -46,7 +46,7 @@ class Subscription:
     qos: bytes | None = None
 
     @classmethod
-    def of(cls, message: Mapping[str, Any]) -> Subscription:
+    def of(cls, message: Mapping[str, Any]) -> TopicRequest:
         """Return what a checked message requests."""
         qos = message.get("qos")
         return cls(
@@ -74,10 +74,10 @@ class Subscription:
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 
 
-def combined(subscriptions: Collection[Subscription]) -> Subscription:
+def combined(subscriptions: Collection[TopicRequest]) -> TopicRequest:
     """Return what rosbridge makes of several subscriptions of one client to a topic; there is at least one."""
     sizes = [each.fragment_size for each in subscriptions if each.fragment_size is not None]
-    return Subscription(
+    return TopicRequest(
         next(iter(subscriptions)).topic,
         next((each.type for each in subscriptions if each.type is not None), None),
         min(each.throttle_rate for each in subscriptions),
@@ -88,7 +88,7 @@ def combined(subscriptions: Collection[Subscription]) -> Subscription:
     )
 
 
-class Subscriber(Protocol):
+class TopicClient(Protocol):
     """A client's connection; what it is told must not wait."""
 
     def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
@@ -101,10 +101,10 @@ class Subscriber(Protocol):
 class SharedTopic:
     """One subscription on a robot, and who shares it."""
 
-    def __init__(self, robot: RelayRobot, subscription: Subscription) -> None:
+    def __init__(self, robot: RelayRobot, subscription: TopicRequest) -> None:
         self.robot = robot
         self.subscription = subscription
-        self.subscribers: set[Subscriber] = set()
+        self.subscribers: set[TopicClient] = set()
         self.bytes_in = 0
         # Why it brings nothing now; None: it does, or that is not known yet.
         self.failure: str | None = None
@@ -162,7 +162,7 @@ class SharedTopics:
         self._all: set[asyncio.Task[None]] = set()
 
     def join(
-        self, robot: RelayRobot, subscription: Subscription, subscriber: Subscriber
+        self, robot: RelayRobot, subscription: TopicRequest, subscriber: TopicClient
     ) -> SharedTopic | None:
         """Share a topic; None: the robot sends as many as it may."""
         topics = self._of(robot.id)
@@ -179,7 +179,7 @@ class SharedTopics:
         topic.subscribers.add(subscriber)
         return topic
 
-    def leave(self, topic: SharedTopic, subscriber: Subscriber) -> None:
+    def leave(self, topic: SharedTopic, subscriber: TopicClient) -> None:
         """Share it no more; the last one's leaving ends it after a while."""
         topic.subscribers.discard(subscriber)
         if not topic.subscribers:
@@ -201,9 +201,9 @@ class SharedTopics:
         """How many topics are shared."""
         return len(self._tasks)
 
-    def _of(self, robot_id: int) -> dict[Subscription, SharedTopic]:
+    def _of(self, robot_id: int) -> dict[TopicRequest, SharedTopic]:
         # Nobody else makes one.
-        return cast(dict[Subscription, SharedTopic], self._registry.robot(robot_id).topics)
+        return cast(dict[TopicRequest, SharedTopic], self._registry.robot(robot_id).topics)
 
     def _start(self, work: Coroutine[Any, Any, None], topic: SharedTopic) -> asyncio.Task[None]:
         name = f"topic {topic.subscription.topic} of {topic.robot.name}"
@@ -226,7 +226,7 @@ class SharedTopics:
         self,
         topic: SharedTopic,
         known: Mapping[str, tuple[bytes, WSMsgType]],
-        subscriber: Subscriber,
+        subscriber: TopicClient,
     ) -> None:
         name = topic.subscription.topic
         repeated = await self._connector.repeat(topic, known.keys())

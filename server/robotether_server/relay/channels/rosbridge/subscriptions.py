@@ -18,7 +18,7 @@ from robotether_server.relay.channels.rosbridge.message_validator import status_
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     SharedTopic,
     SharedTopics,
-    Subscription,
+    TopicRequest,
     combined,
 )
 from robotether_server.relay.http.close_reasons import CloseReason
@@ -30,13 +30,13 @@ Deliver = Callable[[bytes, WSMsgType], Awaitable[None]]
 
 
 class TopicSubscriptions:
-    """Implements `shared_topics.Subscriber`."""
+    """Implements `shared_topics.TopicClient`."""
 
     def __init__(self, robot: RelayRobot, shared_topics: SharedTopics) -> None:
         self._robot = robot
         self._shared_topics = shared_topics
         # By topic, and by the client's id.
-        self._requested: dict[str, dict[str | int | None, Subscription]] = {}
+        self._requested: dict[str, dict[str | int | None, TopicRequest]] = {}
         self._joined: dict[str, SharedTopic] = {}
         self._queues: dict[str, MessageQueue[WSMsgType]] = {}
         self._statuses: deque[bytes] = deque(maxlen=MAX_STATUSES)
@@ -48,7 +48,7 @@ class TopicSubscriptions:
         topic, message_id = message["topic"], message.get("id")
         requested = self._requested.setdefault(topic, {})
         if message["op"] == "subscribe":
-            requested[message_id] = Subscription.of(message)
+            requested[message_id] = TopicRequest.of(message)
         elif message_id is None:
             requested.clear()
         else:

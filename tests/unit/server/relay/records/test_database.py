@@ -28,7 +28,7 @@ from robotether_server.settings import DatabaseSettings
 from stopwatch import Stopwatch
 
 PUBLISH = '{"op":"publish","topic":"/cmd_vel"}'
-SUBSCRIBE = '{"op":"subscribe","topic":"/a"}'
+LOOK_UP = '{"op":"call_service","service":"/rosapi/topics"}'
 
 
 @pytest.fixture
@@ -88,9 +88,9 @@ async def robot_of(relay: RelayServer, mode: Mode = "guard_off") -> AsyncIterato
 
 async def passes(socket: ClientWebSocketResponse) -> None:
     """A message goes to the robot and back, however long it takes: no command, which grows too old meanwhile."""
-    await socket.send_str(SUBSCRIBE)
+    await socket.send_str(LOOK_UP)
     async with asyncio.timeout(WAIT_S):
-        assert await socket.receive_str() == SUBSCRIBE
+        assert await socket.receive_str() == LOOK_UP
 
 
 async def echoed(socket: ClientWebSocketResponse, text: str) -> None:
@@ -378,8 +378,8 @@ async def test_what_ends_a_credential_ends_what_it_opened(
                     assert (await asyncio.wait_for(answer, WAIT_S)).data == 4001
                 assert stopwatch.s < 2
             else:
-                await socket.send_str(SUBSCRIBE)
-                assert (await asyncio.wait_for(answer, WAIT_S)).data == SUBSCRIBE
+                await socket.send_str(LOOK_UP)
+                assert (await asyncio.wait_for(answer, WAIT_S)).data == LOOK_UP
 
 
 async def test_a_login_of_the_real_database_is_found(mariadb, database, ann):

@@ -13,7 +13,7 @@ from robotether_common.topics import MAX_TOPICS
 from robotether_server.relay.channels.rosbridge import topic_link
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     SharedTopic,
-    Subscription,
+    TopicRequest,
     combined,
 )
 
@@ -73,11 +73,11 @@ async def test_what_differs_is_not_shared(robot, observe):
 def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
     both = combined(
         [
-            Subscription("/a", None, 100, 5, 2000, "png", None),
-            Subscription("/a", "a/B", 50, 7, None, "cbor", b'{"depth":1}'),
+            TopicRequest("/a", None, 100, 5, 2000, "png", None),
+            TopicRequest("/a", "a/B", 50, 7, None, "cbor", b'{"depth":1}'),
         ]
     )
-    assert both == Subscription("/a", "a/B", 50, 5, 2000, "cbor", b'{"depth":1}')
+    assert both == TopicRequest("/a", "a/B", 50, 5, 2000, "cbor", b'{"depth":1}')
 
 
 async def test_a_newcomer_gets_what_rosbridge_repeats(relay, robot, observe):
@@ -154,7 +154,7 @@ async def test_an_agent_without_the_service_is_told(robot, observe):
 async def test_a_robot_sends_a_limited_number_of_topics(relay, robot, sim1, observe):
     topics = relay.relay.registry.robot(sim1.id).topics
     for number in range(MAX_TOPICS):
-        topics[Subscription(f"/t{number}")] = SharedTopic(sim1, Subscription(f"/t{number}"))
+        topics[TopicRequest(f"/t{number}")] = SharedTopic(sim1, TopicRequest(f"/t{number}"))
     socket = await observe(ODOM)
     answer = await socket.receive_json(timeout=5)
     assert answer["msg"] == f"cannot subscribe to /odom: sim1 sends {MAX_TOPICS} topics already"
