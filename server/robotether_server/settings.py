@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_origin, get_type_hints
 
 from robotether_server.problems import SettingsError, reason_in
-from robotether_server.tickets import MAX_TTL_S
+from robotether_server.times import MAX_TICKET_TTL_S
 
 T = TypeVar("T")
 
@@ -194,7 +194,10 @@ _TABLE = (
     ),
     Variable("TICKET_KEY", "signs tickets; web and relay share it", KEY, secret=True),
     Variable(
-        "TICKET_TTL_S", "how long a ticket opens a connection", whole(5, MAX_TTL_S, "seconds"), "30"
+        "TICKET_TTL_S",
+        "how long a ticket opens a connection",
+        whole(5, MAX_TICKET_TTL_S, "seconds"),
+        "30",
     ),
     Variable("WEB_SECRET_KEY", "signs the forms of the pages; web only", KEY, secret=True),
     Variable("SESSION_KEY", "proves sshd to the relay; both share it", KEY, secret=True),

@@ -14,6 +14,7 @@ import msgspec
 from itsdangerous import BadData, BadSignature, URLSafeTimedSerializer
 
 from robotether_server.problems import TicketExpiredError, TicketForgedError, TicketMalformedError
+from robotether_server.times import MAX_TICKET_AHEAD_S
 
 Mode = Literal["observe", "drive"]
 CredentialKind = Literal["login", "token"]
@@ -21,10 +22,6 @@ SALT = "robotether.ticket"
 ID_BYTES = 16
 # Number of parts of a ticket: payload, time, signature.
 PARTS = 3
-# Maximum time by which the clock of another machine that signs tickets may be ahead.
-MAX_AHEAD_S = 2
-# Maximum of TICKET_TTL_S.
-MAX_TTL_S = 300
 
 
 @dataclass(frozen=True)
@@ -83,7 +80,7 @@ class TicketSigner:
             raise TicketExpiredError(
                 f"cannot accept the ticket: it is older than {self.ttl_s} s; get a new one"
             )
-        if age_s < -MAX_AHEAD_S:
+        if age_s < -MAX_TICKET_AHEAD_S:
             raise TicketExpiredError(
                 "cannot accept the ticket: the clock of the machine that signed it is ahead"
             )

@@ -11,6 +11,9 @@ from robotether_server.problems import FieldInvalidError
 
 MAX_TEXT_LENGTH = 40
 MUST_BE = "a timestamp with its offset, such as 2026-01-31T12:00:00Z"
+# Maximum of TICKET_TTL_S, and maximum time by which the clock of another machine that signs tickets may be ahead.
+MAX_TICKET_TTL_S = 300
+MAX_TICKET_AHEAD_S = 2
 MAX_WAIT = dt.timedelta(days=3660)
 
 # RFC 3339, which always has an offset; Python's own reader takes much more.

@@ -14,8 +14,7 @@ from robotether_server import __version__
 from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.problems import RecordMissingError
 from robotether_server.settings import CellSettings
-from robotether_server.tickets import MAX_AHEAD_S, MAX_TTL_S
-from robotether_server.times import utc_now
+from robotether_server.times import MAX_TICKET_AHEAD_S, MAX_TICKET_TTL_S, utc_now
 
 # Maximum age of a living cell's row; its relay writes it each second.
 ALIVE_S = 5
@@ -56,9 +55,7 @@ class Cell:
 
 CLOCK_AHEAD_S = "TIMESTAMPDIFF(MICROSECOND, CURRENT_TIMESTAMP(6), %(now)s) / 1000000"
 # The tickets that a dead cell signed are good for a while.
-MAY_HAVE_TICKETS = (
-    f"c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {MAX_TTL_S + MAX_AHEAD_S} SECOND"
-)
+MAY_HAVE_TICKETS = f"c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {MAX_TICKET_TTL_S + MAX_TICKET_AHEAD_S} SECOND"
 IS_ALIVE = f"c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND"
 # Of a row `s` of sessions or leases. What a dead cell left open is over, though nobody could write that.
 IS_OF_LIVE_CELL = (

@@ -27,7 +27,7 @@ MAX_KEPT = 10_000
 RECENT_S = 15 * 60.0
 MAX_RECENT = 1000
 # Minimum time by which a ticket must be newer than the last answer: its signer's clock may be ahead
-# (`MAX_AHEAD_S`), and the signer read the credential before the rest, each for at most
+# (`MAX_TICKET_AHEAD_S`), and the signer read the credential before the rest, each for at most
 # `BRIEF_TIMEOUT_S`.
 NEWER_BY_S = 6.0
 # Maximum number of unknown credentials in one question to the database.

@@ -14,7 +14,7 @@ from robotether_server.db.cells import Cell, sort_for, sort_for_join
 from robotether_server.db.fleet import SessionEntry
 from robotether_server.problems import RecordExistsError
 from robotether_server.settings import CellSettings
-from robotether_server.tickets import MAX_AHEAD_S, MAX_TTL_S
+from robotether_server.times import MAX_TICKET_AHEAD_S, MAX_TICKET_TTL_S
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 MINUTE = dt.timedelta(minutes=1)
@@ -208,7 +208,7 @@ def test_the_clock_of_a_dead_cell_counts_until_its_tickets_expired(
     relay_database: Database, admin_database: Database
 ) -> None:
     """A cell that has just died signed tickets that are still good; one that never returns delays no driver."""
-    age(admin_database, MAX_TTL_S)
+    age(admin_database, MAX_TICKET_TTL_S)
     assert read(relay_database)[0].clock_ahead_s == pytest.approx(90, abs=5)
-    age(admin_database, MAX_AHEAD_S)
+    age(admin_database, MAX_TICKET_AHEAD_S)
     assert read(relay_database)[0].clock_ahead_s is None
