@@ -32,6 +32,8 @@ ARRIVES_WITHIN_S = 1.0
 # encrypted packets of a few bytes.
 MAX_TURN_BYTES = 16 * 1024
 MIN_TURN_BYTES = 2 * 1024
+# One turn in so many is for bulk while others wait, too.
+BULK_TURN = 4
 # linux/tcp.h, struct tcp_info: 8 bytes of flags, 24 numbers of 32 bits, then what came with later kernels.
 _MSS = struct.Struct("=16xI")
 _RTT = struct.Struct("=68xI")
@@ -42,6 +44,9 @@ _WANTED = _MIN_RTT.size
 _INT = struct.Struct("=i")
 
 log = logging.getLogger(__name__)
+
+# How many bytes somebody wants to send, and what becomes of it.
+Waiting = tuple[int, "asyncio.Future[int]"]
 
 
 def read(connection: socket.socket, now_s: float) -> Reading | None:
@@ -125,7 +130,10 @@ class Pacer:
         self._connection: socket.socket | None = None
         self._paced: tuple[BandwidthEstimator, TokenBucket] | None = None
         self._handed = UnwrittenBytes()
-        self._waiting: deque[tuple[int, asyncio.Future[int]]] = deque()
+        # Bulk waits apart.
+        self._waiting: deque[Waiting] = deque()
+        self._bulk: deque[Waiting] = deque()
+        self._turns = 0
         self._timer: asyncio.TimerHandle | None = None
         self._is_held = False
         self._warned = False
@@ -149,10 +157,13 @@ class Pacer:
         self._is_held = True
         self._stop_timer()
 
-    async def acquire(self, requested: int) -> int:
-        """Wait for a turn, and return how many of `requested` bytes to send in it: at least one."""
+    async def acquire(self, requested: int, *, is_bulk: bool = False) -> int:
+        """Wait for a turn, and return how many of `requested` bytes to send in it: at least one.
+
+        However many wait with bulk, all others together have three turns in four.
+        """
         turn = asyncio.get_running_loop().create_future()
-        self._waiting.append((requested, turn))
+        (self._bulk if is_bulk else self._waiting).append((requested, turn))
         self._serve()
         granted: int = await turn
         return granted
@@ -160,7 +171,7 @@ class Pacer:
     def _serve(self) -> None:
         self._stop_timer()
         self._drop_gone()
-        if self._is_held or not (self._waiting or self._arrives_until_s):
+        if self._is_held or not (self._is_waited_for or self._arrives_until_s):
             return
         reading = self._read()
         if reading is None:
@@ -168,7 +179,7 @@ class Pacer:
             self._has_waited = False
             return
         self._grant(reading)
-        self._has_waited = bool(self._waiting)
+        self._has_waited = self._is_waited_for
         if self._has_waited or reading.at_s < self._arrives_until_s:
             self._timer = asyncio.get_running_loop().call_later(CHECK_EVERY_S, self._waited)
 
@@ -220,13 +231,31 @@ class Pacer:
         What is left is shared among all who wait: whoever comes last in each round would get the smallest turns else.
         """
         room = self._room(reading)
-        while self._waiting and room >= min(self._waiting[0][0], MIN_TURN_BYTES):
-            share = max(MIN_TURN_BYTES, room // len(self._waiting))
-            requested, turn = self._waiting.popleft()
+        while self._is_waited_for:
+            waiting = self._next()
+            if room < min(waiting[0][0], MIN_TURN_BYTES):
+                return
+            share = max(MIN_TURN_BYTES, room // len(waiting))
+            self._turns += 1
+            requested, turn = waiting.popleft()
             granted = min(requested, room, share, MAX_TURN_BYTES)
             room -= granted
             self._note(granted, reading.at_s)
             turn.set_result(granted)
+            if waiting is not self._bulk and self._bulk:
+                # Who had this turn may want the next one, before bulk gets what is left.
+                asyncio.get_running_loop().call_soon(self._serve)
+                return
+
+    @property
+    def _is_waited_for(self) -> bool:
+        return bool(self._waiting or self._bulk)
+
+    def _next(self) -> deque[Waiting]:
+        """Return the queue whose turn it is."""
+        if self._waiting and self._bulk:
+            return self._waiting if self._turns % BULK_TURN else self._bulk
+        return self._waiting or self._bulk
 
     def _note(self, granted: int, now_s: float) -> None:
         self._handed.add(granted)
@@ -235,12 +264,13 @@ class Pacer:
             self._paced[1].consume(granted)
 
     def _grant_all(self) -> None:
-        while self._waiting:
-            requested, turn = self._waiting.popleft()
+        while self._is_waited_for:
+            requested, turn = self._next().popleft()
             turn.set_result(requested)
 
     def _drop_gone(self) -> None:
         """Forget those who were cancelled while they waited."""
-        self._waiting = deque(
-            (requested, turn) for requested, turn in self._waiting if not turn.done()
+        self._waiting, self._bulk = (
+            deque((requested, turn) for requested, turn in waiting if not turn.done())
+            for waiting in (self._waiting, self._bulk)
         )

@@ -26,6 +26,8 @@ from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import urlsplit
 
+from robotether_common.topics import PATH as TOPICS_PATH
+
 from robotether_agent.tasks import readable, within
 from robotether_agent.video.pacer import Pacer
 
@@ -41,7 +43,11 @@ SEND_BYTES = 32 * 1024
 DIAL_TIMEOUT_S = 5.0
 # First bytes of the agent's own paths, and time limit for the rest of a path that begins so.
 LOCAL_PATHS = (b"GET /robotether/", b"HEAD /robotether/")
-LOCAL_PATH_BYTES = max(map(len, LOCAL_PATHS))
+TOPICS = b"GET " + TOPICS_PATH.encode()
+KNOWN_PATHS = (*LOCAL_PATHS, TOPICS)
+KNOWN_PATH_BYTES = max(map(len, KNOWN_PATHS))
+# Size of what a topic sends in a second before the rest of it counts as bulk.
+BULK_AFTER_BYTES = 8 * 1024
 FIRST_WORDS_S = 5.0
 # Time limit for data on the way when one side has ended.
 LAST_S = 10.0
@@ -125,7 +131,8 @@ class VideoProxy:
             try:
                 first = b"" if self._local is None else await first_words(viewer)
                 with await self._upstream_for(first) as upstream:
-                    await Stream(viewer, upstream, self._pacer).run(first)
+                    is_topic = first.startswith(TOPICS)
+                    await Stream(viewer, upstream, self._pacer, is_topic=is_topic).run(first)
             except OSError as error:
                 # A viewer who left, or a web_video_server that does not run: health reports the latter.
                 log.debug("a video connection ended: %r", error)
@@ -171,7 +178,9 @@ class VideoProxy:
 class Stream:
     """One connection in both directions: requests at once, answers as the pacer allows."""
 
-    def __init__(self, viewer: socket.socket, upstream: socket.socket, pacer: Pacer) -> None:
+    def __init__(
+        self, viewer: socket.socket, upstream: socket.socket, pacer: Pacer, *, is_topic: bool
+    ) -> None:
         viewer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
         viewer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         upstream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -180,6 +189,9 @@ class Stream:
         self._pacer = pacer
         self._loop = asyncio.get_running_loop()
         self._poured = 0
+        self._is_topic = is_topic
+        # How much had been poured when the last second began, and when that was.
+        self._second = (0, self._loop.time())
 
     async def run(self, first: bytes) -> None:
         """Pass bytes on, after those that were read already, until both directions have ended, or one fails."""
@@ -205,11 +217,18 @@ class Stream:
         while data := await self._loop.sock_recv(self._upstream, CHUNK):
             rest = memoryview(data)
             while rest:
-                granted = await self._pacer.acquire(len(rest))
+                granted = await self._pacer.acquire(len(rest), is_bulk=self._is_bulk())
                 await self._loop.sock_sendall(self._viewer, rest[:granted])
                 rest = rest[granted:]
                 self._poured += granted
         end_writing(self._viewer)
+
+    def _is_bulk(self) -> bool:
+        """Whether a topic has sent more than a small one does, which video and small topics overtake."""
+        now_s = self._loop.time()
+        if now_s - self._second[1] > 1.0:
+            self._second = (self._poured, now_s)
+        return self._is_topic and self._poured - self._second[0] > BULK_AFTER_BYTES
 
     async def _drain(self, pour: asyncio.Task[None]) -> None:
         """Go on for a viewer who asks no more, while it gets something; nothing else shows that it left."""
@@ -229,13 +248,13 @@ async def first_words(viewer: socket.socket) -> bytes:
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + FIRST_WORDS_S
     words = b""
-    while any(local.startswith(words) and local != words for local in LOCAL_PATHS):
+    while any(path.startswith(words) and path != words for path in KNOWN_PATHS):
         try:
             await within(deadline_s - loop.time(), readable(viewer))
         except asyncio.TimeoutError:
             return words
         # Not sock_recv: when its time is over just when something comes, that would be lost.
-        more = viewer.recv(LOCAL_PATH_BYTES - len(words))
+        more = viewer.recv(KNOWN_PATH_BYTES - len(words))
         if not more:
             return words
         words += more

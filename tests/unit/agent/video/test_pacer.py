@@ -95,15 +95,18 @@ def pacer(connection: Connection) -> Iterator[Pacer]:
 class Taker:
     """A stream that wants all it can get."""
 
-    def __init__(self, pacer: Pacer, connection: Connection | None = None) -> None:
+    def __init__(
+        self, pacer: Pacer, connection: Connection | None = None, *, is_bulk: bool = False
+    ) -> None:
         self.got = 0
+        self._is_bulk = is_bulk
         self._pacer = pacer
         self._connection = connection
         self.task = asyncio.ensure_future(self._run())
 
     async def _run(self) -> None:
         while True:
-            granted = await self._pacer.acquire(MAX_TURN_BYTES)
+            granted = await self._pacer.acquire(MAX_TURN_BYTES, is_bulk=self._is_bulk)
             self.got += granted
             if self._connection is not None:
                 self._connection.written += granted
@@ -194,6 +197,24 @@ async def test_streams_share_fairly(pacer: Pacer, connection: Connection) -> Non
         await taker.end()
     got = [taker.got for taker in takers]
     assert max(got) - min(got) <= 3 * MAX_TURN_BYTES
+
+
+async def test_bulk_leaves_others_three_turns_in_four(pacer: Pacer, connection: Connection) -> None:
+    """However many wait with it; and it gets all that nobody else wants."""
+    bulk = [Taker(pacer, connection, is_bulk=True) for _ in range(10)]
+    video = Taker(pacer, connection)
+
+    def sent() -> int:
+        connection.arrived = min(connection.written, connection.arrived + 20_000)
+        return video.got + sum(taker.got for taker in bulk)
+
+    await eventually(lambda: sent() > 600_000, lambda: f"video {video.got} of {sent()}")
+    assert 0.6 < video.got / sent() < 0.9
+    await video.end()
+    before = sent()
+    await eventually(lambda: sent() > before + 300_000, lambda: f"{sent() - before} of bulk")
+    for taker in bulk:
+        await taker.end()
 
 
 async def test_one_who_leaves_while_it_waits_is_forgotten(

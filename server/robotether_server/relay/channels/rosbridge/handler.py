@@ -138,7 +138,7 @@ class RosbridgeHandler:
             ),
             operator=operator,
             own=OwnOperations(self._control, robot, permit.user.name, address),
-            topics=TopicSubscriptions(robot, rules.shared_topics),
+            topics=TopicSubscriptions(robot, rules.shared_topics, is_driver=permit.use == "drive"),
             limits=rules.limits if permit.use == "observe" else rules.driver_limits,
             message_limit=rules.message_limit,
             traffic=rules.traffic,

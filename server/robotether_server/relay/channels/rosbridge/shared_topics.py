@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Protocol, cast
 
 from aiohttp import WSMsgType
-from robotether_common.topics import MAX_KNOWN, MAX_TOPICS, digest
+from robotether_common.topics import MAX_KNOWN, digest
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.channels.rosbridge.operations import write_json
@@ -162,13 +162,13 @@ class SharedTopics:
         self._all: set[asyncio.Task[None]] = set()
 
     def join(
-        self, robot: RelayRobot, subscription: TopicRequest, subscriber: TopicClient
+        self, robot: RelayRobot, subscription: TopicRequest, subscriber: TopicClient, limit: int
     ) -> SharedTopic | None:
-        """Share a topic; None: the robot sends as many as it may."""
+        """Share a topic; None: it is a new one, and the robot sends `limit` already."""
         topics = self._of(robot.id)
         topic = topics.get(subscription)
         if topic is None:
-            if len(topics) >= MAX_TOPICS:
+            if len(topics) >= limit:
                 return None
             topic = topics[subscription] = SharedTopic(robot, subscription)
             self._tasks[topic] = self._start(self._run(topic), topic)

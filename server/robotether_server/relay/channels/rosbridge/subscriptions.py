@@ -23,6 +23,8 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
 )
 from robotether_server.relay.http.close_reasons import CloseReason
 
+# Maximum number of topics at which an observer may add one: the others are reserved for the driver.
+MAX_OBSERVED_TOPICS = MAX_TOPICS // 2
 # Maximum number of statuses that wait for a client.
 MAX_STATUSES = 100
 
@@ -32,8 +34,9 @@ Deliver = Callable[[bytes, WSMsgType], Awaitable[None]]
 class TopicSubscriptions:
     """Implements `shared_topics.TopicClient`."""
 
-    def __init__(self, robot: RelayRobot, shared_topics: SharedTopics) -> None:
+    def __init__(self, robot: RelayRobot, shared_topics: SharedTopics, *, is_driver: bool) -> None:
         self._robot = robot
+        self._limit = MAX_TOPICS if is_driver else MAX_OBSERVED_TOPICS
         self._shared_topics = shared_topics
         # By topic, and by the client's id.
         self._requested: dict[str, dict[str | int | None, TopicRequest]] = {}
@@ -100,8 +103,8 @@ class TopicSubscriptions:
             return
         is_parts = subscription.fragment_size is not None
         self._queues[topic] = MessageQueue(subscription.queue_length, is_parts=is_parts)
-        shared = self._shared_topics.join(self._robot, subscription, self)
+        shared = self._shared_topics.join(self._robot, subscription, self, self._limit)
         if shared is None:
-            self.on_topic_failed(topic, f"{self._robot.name} sends {MAX_TOPICS} topics already")
+            self.on_topic_failed(topic, f"{self._robot.name} sends {self._limit} topics already")
         else:
             self._joined[topic] = shared
