@@ -32,7 +32,7 @@ ARRIVES_WITHIN_S = 1.0
 # encrypted packets of a few bytes.
 MAX_TURN_BYTES = 16 * 1024
 MIN_TURN_BYTES = 2 * 1024
-# One turn in so many is for bulk while others wait, too.
+# Number of turns of which one is for bulk while others wait, too.
 BULK_TURN = 4
 # linux/tcp.h, struct tcp_info: 8 bytes of flags, 24 numbers of 32 bits, then what came with later kernels.
 _MSS = struct.Struct("=16xI")
