@@ -172,7 +172,9 @@ def _published(socket: Any, end: float) -> float:
         socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": {"data": text}}))
         try:
             while text not in _received(socket):
-                pass
+                # Each ping of the server begins the socket's own time limit anew.
+                if time.monotonic() - started > AGAIN_S:
+                    raise websocket.WebSocketTimeoutException("no echo in time")
         except websocket.WebSocketTimeoutException:
             if time.monotonic() > end:
                 raise
@@ -181,7 +183,7 @@ def _published(socket: Any, end: float) -> float:
 
 
 def _received(socket: Any) -> str:
-    kind, data = socket.recv_data()
+    kind, data = socket.recv_data(control_frame=True)
     if kind != websocket.ABNF.OPCODE_CLOSE:
         return data.decode(errors="replace")
     code, reason = struct.unpack(">H", data[:2]) if data else (1005,), data[2:]
