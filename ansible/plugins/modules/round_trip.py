@@ -174,7 +174,7 @@ def _published(socket: Any, end: float) -> float:
             while text not in _received(socket):
                 # Each ping of the server begins the socket's own time limit anew.
                 if time.monotonic() - started > AGAIN_S:
-                    raise websocket.WebSocketTimeoutException("no echo in time")
+                    raise websocket.WebSocketTimeoutException("no echo")  # noqa: TRY301
         except websocket.WebSocketTimeoutException:
             if time.monotonic() > end:
                 raise
