@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any, Literal, Protocol, get_args
+from typing import Literal, Protocol, get_args
 
 from robotether_common.session import Battery, ByeCode, GuardState, Kind, ServiceState
 
@@ -156,12 +156,6 @@ class OpenFeed(Protocol):
         """The camera's topic."""
 
 
-class OpenTopic(Protocol):
-    """One topic that is subscribed, as a robot holds it."""
-
-    bytes_in: int
-
-
 class RecordedDrive(Protocol):
     """One drive with its record, as a robot holds it; `drives/drive_path` makes it."""
 
@@ -197,7 +191,7 @@ class Robot:
         # By the camera's topic.
         self.feeds: dict[str, OpenFeed] = {}
         # By what is requested of a topic; `channels/rosbridge/shared_topics` makes them.
-        self.topics: dict[Any, OpenTopic] = {}
+        self.topics: dict[object, object] = {}
         self.viewer_stats = ViewerStats()
         # The records of its session, and of its newest drive: a guard reports later what it refused.
         self.session_entry: SessionEntry | None = None

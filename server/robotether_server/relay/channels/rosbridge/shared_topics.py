@@ -105,17 +105,15 @@ class SharedTopic:
         self.robot = robot
         self.subscription = subscription
         self.subscribers: set[TopicClient] = set()
-        self.bytes_in = 0
         # Why it brings nothing now; None: it does, or that is not known yet.
         self.failure: str | None = None
         # What newcomers may get, the newest last.
-        self._remembered: deque[tuple[bytes, WSMsgType]] = deque(maxlen=MAX_KNOWN)
+        self._remembered: deque[tuple[bytes, WSMsgType]] = deque()
         self._remembered_bytes = 0
 
     def on_message(self, message: bytes, kind: WSMsgType) -> None:
         """Give a message to all who share the topic."""
         self.failure = None
-        self.bytes_in += len(message)
         self._remember(message, kind)
         for subscriber in list(self.subscribers):
             subscriber.on_message(self.subscription.topic, message, kind)
@@ -133,11 +131,11 @@ class SharedTopic:
 
     def _remember(self, message: bytes, kind: WSMsgType) -> None:
         remembered = self._remembered
-        if len(remembered) == MAX_KNOWN:
-            self._remembered_bytes -= len(remembered.popleft()[0])
         remembered.append((message, kind))
         self._remembered_bytes += len(message)
-        while self._remembered_bytes > MAX_REMEMBERED_BYTES and len(remembered) > 1:
+        while len(remembered) > MAX_KNOWN or (
+            self._remembered_bytes > MAX_REMEMBERED_BYTES and len(remembered) > 1
+        ):
             self._remembered_bytes -= len(remembered.popleft()[0])
 
 
@@ -170,7 +168,8 @@ class SharedTopics:
         if topic is None:
             if len(topics) >= limit:
                 return None
-            topic = topics[subscription] = SharedTopic(robot, subscription)
+            topic = SharedTopic(robot, subscription)
+            self._registry.ensure_robot(robot.id).topics[subscription] = topic
             self._tasks[topic] = self._start(self._run(topic), topic)
         elif topic.failure is not None:
             subscriber.on_topic_failed(subscription.topic, topic.failure)
@@ -214,7 +213,7 @@ class SharedTopics:
 
     async def _run(self, topic: SharedTopic) -> None:
         try:
-            with self._registry.robot(topic.robot.id).media_demand.counted():
+            with self._registry.ensure_robot(topic.robot.id).media_demand.counted():
                 await self._connector.run(topic)
         except Exception:
             log.exception("robot %s: a topic failed", topic.robot.name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import replace
 from typing import Any
 
 import aiohttp
@@ -182,3 +183,18 @@ async def test_topics_end_with_the_robots_session(relay, robot, sim1, observe):
     while (message := await socket.receive(timeout=5)).type is not aiohttp.WSMsgType.CLOSE:
         pass
     assert message.data == 4505
+
+
+class Client:
+    """Takes whatever comes."""
+
+    def on_message(self, topic: str, message: bytes, kind: aiohttp.WSMsgType) -> None: ...
+
+    def on_topic_failed(self, topic: str, why: str) -> None: ...
+
+
+async def test_a_topic_of_a_robot_that_was_dropped_is_no_others(relay, sim1):
+    """An operator may subscribe while the robot's removal ends the connection."""
+    dropped = replace(sim1, id=99)
+    relay.relay.shared_topics.join(dropped, TopicRequest("/odom"), Client(), limit=1)
+    assert relay.relay.registry.robot(100).topics == {}
