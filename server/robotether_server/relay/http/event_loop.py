@@ -41,6 +41,17 @@ class EventLoop(uvloop.Loop):
 # ended long before this.
 MAX_LATENESS_S = 10.0
 REARM_EVERY_S = 1.0
+# Maximum number of messages before yielding to the event loop; a socket with a backlog would never
+# yield.
+MESSAGES_A_TURN = 64
+
+
+async def next_turn(count: int) -> int:
+    """Count a message that is about to be read; let everybody else go first now and then."""
+    if count >= MESSAGES_A_TURN:
+        await asyncio.sleep(0)
+        return 1
+    return count + 1
 
 
 async def watched(work: Awaitable[None], max_lateness_s: float = MAX_LATENESS_S) -> None:

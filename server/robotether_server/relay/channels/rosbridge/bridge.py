@@ -40,6 +40,7 @@ from robotether_server.relay.control.control import Control
 from robotether_server.relay.drives.drive_path import CommandTimestamps, DriveLease, DrivePath
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.http.sockets import (
     SEND_BUFFER_BYTES,
     OperatorConnection,
@@ -51,9 +52,6 @@ from robotether_server.relay.http.timing import Excess, Liveness, LivenessLimits
 # Time limit for the robot's session to end after rosbridge's connection: a lost tunnel ends both in
 # either order, and the operator reads which of the two it was.
 LINK_GRACE_S = 0.3
-# Maximum number of messages before yielding to the event loop; a socket with a backlog would never
-# yield.
-MESSAGES_A_TURN = 64
 # How much is read ahead of a message that waits, to find a stop; one more message may go beyond the bytes.
 MAX_AHEAD, MAX_AHEAD_BYTES = 1000, SEND_BUFFER_BYTES
 # Maximum size of large messages that observers have not read; with copies and the next messages the
@@ -174,7 +172,7 @@ class Bridge(OperatorConnection):
     async def _pump_to_robot(self, robot: RobotSocket) -> CloseReason:
         count = 0
         while True:
-            count = await _next_turn(count)
+            count = await next_turn(count)
             message = self._next_ahead() if self._ahead else await self._receive()
             if message.type not in PASSED_ON:
                 return self._close_reason_by_operator(message.type, message.data)
@@ -302,7 +300,7 @@ class Bridge(OperatorConnection):
     async def _pump_to_client(self, robot: RobotSocket) -> CloseReason:
         count = 0
         while True:
-            count = await _next_turn(count)
+            count = await next_turn(count)
             message = await robot.receive()
             if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
                 await self._deliver(message.data, message.type)
@@ -397,14 +395,6 @@ class Bridge(OperatorConnection):
     async def _close_reason_by_robot(self, why: str) -> CloseReason:
         await asyncio.sleep(LINK_GRACE_S)
         return close_reasons.rosbridge_down(self._name, why)
-
-
-async def _next_turn(count: int) -> int:
-    """Count a message that is about to be read; let everybody else go first now and then."""
-    if count >= MESSAGES_A_TURN:
-        await asyncio.sleep(0)
-        return 1
-    return count + 1
 
 
 def _close_reason_of_broken(error: WebSocketError, sender: str, limit: int) -> CloseReason:

@@ -20,6 +20,7 @@ from robotether_server.relay.channels.rosbridge.operations import NotJsonError, 
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
+from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import delays
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S
@@ -32,8 +33,6 @@ FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 30.0
 STEADY_S = 10.0
 # Time limit for what a robot repeats to a newcomer.
 REPEATED_WITHIN_S = 5.0
-# Maximum number of messages before yielding to the event loop; a topic with a backlog would never yield.
-MESSAGES_A_TURN = 64
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class TopicLinks:
                 why = "rosbridge ended the subscription"
             except ConnectionClosedError as closed:
                 why = closed.close_reason.reason
-            except (ClientError, ConnectionError, OSError):
+            except (ClientError, OSError):
                 why = "the connection broke"
             topic.on_failed(why)
             log.info("robot %s: topic %s: %s", topic.robot.name, topic.subscription.topic, why)
@@ -72,7 +71,7 @@ class TopicLinks:
                         repeated.append(str(name))
                 finally:
                     socket.drop()
-        except (ConnectionClosedError, ClientError, OSError, TimeoutError) as error:
+        except (ConnectionClosedError, ClientError, OSError) as error:
             log.debug("robot %s: cannot ask what it repeats: %r", topic.robot.name, error)
         return repeated
 
@@ -81,6 +80,7 @@ class TopicLinks:
         count = 0
         try:
             while True:
+                count = await next_turn(count)
                 message = await socket.receive()
                 if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
                     topic.on_message(message.data, message.type)
@@ -88,9 +88,6 @@ class TopicLinks:
                     await socket.pong(message.data)
                 elif message.type is not WSMsgType.PONG:
                     return
-                count += 1
-                if count % MESSAGES_A_TURN == 0:
-                    await asyncio.sleep(0)
         finally:
             socket.drop()
 
