@@ -102,6 +102,13 @@ class Agent:
         self._recheck = asyncio.Event()
         self._guard_moved = asyncio.Event()
         self._guard = self._supervisor() if settings.guard == "on" else None
+        self._beside = self._connections_beside(source_settings)
+
+    def _connections_beside(
+        self, source_settings: SourceSettings
+    ) -> tuple[RequestedConnection, ...]:
+        """Return what stays connected beside the session, while the server requests it."""
+        settings = self._settings
         row = partial(
             RequestedConnection,
             connect=self._connect,
@@ -109,7 +116,7 @@ class Agent:
             session_up=self._session_up,
             recheck=self._recheck,
         )
-        self._beside = (
+        return (
             row(
                 kind="media",
                 request=self._features.media,

@@ -23,6 +23,7 @@ SEPARATORS = re.compile(r"[:.\-\s]")
 HEX12 = re.compile(r"[0-9a-f]{12}")
 # As some systems print it, without leading zeros.
 SIX_PARTS = re.compile(r"[0-9a-f]{1,2}(?:([:-])[0-9a-f]{1,2})(?:\1[0-9a-f]{1,2}){4}")
+TOPIC = re.compile(r"(/[A-Za-z0-9_]+)+")
 ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
 # Maximum number of cells used of a list: each that does not answer costs some seconds.
 MAX_CELLS = 8

@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 from collections.abc import Mapping
 from contextlib import suppress
 
 import aiohttp
-from aiohttp import WSMsgType, web
+from aiohttp import WSCloseCode, WSMsgType, web
 from robotether_common.topics import (
     KNOWN,
     KNOWN_OP,
@@ -27,9 +26,10 @@ from robotether_common.topics import (
 )
 
 from robotether_agent.describe_error import describe_error
-from robotether_agent.fields import FieldError, JsonObject, get_match, parse_object
+from robotether_agent.fields import TOPIC, FieldError, JsonObject, get_match, parse_object
 from robotether_agent.rosbridge_socket import (
     CONNECT_WITHIN_S,
+    FAREWELL_S,
     RosbridgeSocket,
     new_http,
     open_rosbridge,
@@ -42,9 +42,6 @@ MAX_CONNECTIONS = 2 * MAX_TOPICS
 SUBSCRIPTION_WITHIN_S = 5.0
 # Time for which a new subscription is watched for what rosbridge repeats to newcomers; ROS 2 has to find it first.
 REPEATED_WITHIN_S = 2.0
-FAREWELL_S = 0.5
-PROTOCOL_BROKEN = 1002
-TOPIC = re.compile(r"(/[A-Za-z0-9_]+)+")
 # What a subscription may hold.
 MEMBERS = frozenset(
     ("op", "topic", "type", "throttle_rate", "queue_length", "fragment_size", "compression", "qos")
@@ -110,7 +107,9 @@ class TopicsService:
             try:
                 subscription = parse_subscription(first.data)
             except FieldError as error:
-                await relay.close(code=PROTOCOL_BROKEN, message=str(error).encode()[:120])
+                await relay.close(
+                    code=WSCloseCode.PROTOCOL_ERROR, message=str(error).encode()[:120]
+                )
                 return
             await rosbridge.send_frame(json.dumps(subscription).encode(), WSMsgType.TEXT)
             stream = TopicStream(relay, rosbridge, subscription)
@@ -164,7 +163,7 @@ class TopicStream:
         """Wait until the relay goes; it has no more to say."""
         message = await self._relay.receive()
         if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
-            await self._relay.close(code=PROTOCOL_BROKEN)
+            await self._relay.close(code=WSCloseCode.PROTOCOL_ERROR)
 
     async def name_repeated(self, known: frozenset[str]) -> None:
         """Name what rosbridge repeats to a newcomer and the relay still has, up to the first other message."""

@@ -21,6 +21,7 @@ from robotether_agent.battery import BatterySettings, Unit
 from robotether_agent.clock import robot_time
 from robotether_agent.fields import (
     ROBOT_NAME,
+    TOPIC,
     FieldError,
     JsonObject,
     ListedCell,
@@ -197,7 +198,6 @@ def _port(message: JsonObject, service: ForwardedService) -> int | None:
 
 
 UNIT = re.compile("fraction|percent")
-TOPIC = re.compile(r"(/[A-Za-z0-9_]+)+")
 
 
 def _battery_settings(message: JsonObject) -> BatterySettings:

@@ -42,7 +42,6 @@ MAX_TOPIC_LENGTH = 256
 MAX_RECEIVERS = 2 * MAX_SHARED_SOURCES
 SHUTDOWN_S = 0.2
 FAREWELL_S = 0.5
-PROTOCOL_BROKEN = 1002
 STILL_WITHIN_S = 5.0
 BOUNDARY = "robotether"
 
@@ -121,7 +120,9 @@ class FramesService:
             await receiver.run()
         except FieldError as error:
             log.warning("ended a receiver of %s: %s", topic, error)
-            await answer.close(code=PROTOCOL_BROKEN, message=str(error).encode()[:120])
+            await answer.close(
+                code=aiohttp.WSCloseCode.PROTOCOL_ERROR, message=str(error).encode()[:120]
+            )
         except ConnectionError as error:
             log.debug("a receiver of %s left: %r", topic, error)
 
