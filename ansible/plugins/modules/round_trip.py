@@ -170,16 +170,19 @@ def _published(socket: Any, end: float) -> float:
     while True:
         text, started = secrets.token_hex(8), time.monotonic()
         socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": {"data": text}}))
-        try:
-            while text not in _received(socket):
-                # Each ping of the server begins the socket's own time limit anew.
-                if time.monotonic() - started > AGAIN_S:
-                    raise websocket.WebSocketTimeoutException("no echo")  # noqa: TRY301
-        except websocket.WebSocketTimeoutException:
-            if time.monotonic() > end:
-                raise
-        else:
+        if _comes_back(socket, text, started + AGAIN_S):
             return time.monotonic() - started
+        if time.monotonic() > end:
+            raise websocket.WebSocketTimeoutException(f"no echo in {ANSWER_S:g} s")
+
+
+def _comes_back(socket: Any, text: str, end: float) -> bool:
+    # By our clock, too: each ping of the server begins the socket's own time limit anew.
+    with contextlib.suppress(websocket.WebSocketTimeoutException):
+        while time.monotonic() <= end:
+            if text in _received(socket):
+                return True
+    return False
 
 
 def _received(socket: Any) -> str:
