@@ -230,7 +230,7 @@ class Relay:
         settings, timing = self._settings, self._timing
         self._client = robot_client()
         media = MediaDialer(self._client, settings.tunnel_host, self.registry)
-        self.feeds = Feeds(self.registry, FeedConnector(media).start)
+        self.feeds = Feeds(self.registry, FeedConnector(media).run)
         self.shared_topics = SharedTopics(
             self.registry, TopicLinks(media, settings.message_limit_bytes)
         )

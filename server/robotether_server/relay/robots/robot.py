@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal, Protocol, get_args
@@ -148,14 +148,6 @@ MEDIA_KEPT_S = 300.0
 USE_KEPT_S = 10.0
 
 
-class OpenFeed(Protocol):
-    """One camera that is watched, as a robot holds it; `channels/video/feeds` makes it."""
-
-    @property
-    def topic(self) -> str:
-        """The camera's topic."""
-
-
 class RecordedDrive(Protocol):
     """One drive with its record, as a robot holds it; `drives/drive_path` makes it."""
 
@@ -188,10 +180,9 @@ class Robot:
         self.usage = Demand(self._on_usage, kept_s=USE_KEPT_S, always=always_needed)
         # Viewers' need for the media connection, which costs a log-in, memory and heartbeats at both ends.
         self.media_demand = Demand(self._on_media_demand, kept_s=MEDIA_KEPT_S, always=always_needed)
-        # By the camera's topic.
-        self.feeds: dict[str, OpenFeed] = {}
-        # By what is requested of a topic; `channels/rosbridge/shared_topics` makes them.
-        self.topics: dict[object, object] = {}
+        # Copies of what it sends, by what tells them apart; `shared_copies` keeps them.
+        self.feeds: dict[Hashable, object] = {}
+        self.topics: dict[Hashable, object] = {}
         self.viewer_stats = ViewerStats()
         # The records of its session, and of its newest drive: a guard reports later what it refused.
         self.session_entry: SessionEntry | None = None

@@ -7,25 +7,23 @@ message to a new subscription, and this one is an old one to it.
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from collections import deque
-from collections.abc import Collection, Coroutine, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Protocol, cast
+from operator import attrgetter
+from typing import Any, Protocol
 
 from aiohttp import WSMsgType
-from robotether_common.topics import MAX_KNOWN, digest
+from robotether_common.topics import MAX_KNOWN, MAX_TOPICS, digest
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.channels.rosbridge.operations import write_json
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import Change
+from robotether_server.relay.robots.shared_copies import SharedCopies, SharedCopy
 
 log = logging.getLogger(__name__)
 
-# Time for which a subscription stays without subscribers, for a page that reloads.
-LINGER_S = 0.5
 # Maximum size of the messages that newcomers may get, besides the newest.
 MAX_REMEMBERED_BYTES = 1024 * 1024
 
@@ -98,13 +96,11 @@ class TopicClient(Protocol):
         """The topic brings nothing for now."""
 
 
-class SharedTopic:
+class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
     """One subscription on a robot, and who shares it."""
 
     def __init__(self, robot: RelayRobot, subscription: TopicRequest) -> None:
-        self.robot = robot
-        self.subscription = subscription
-        self.subscribers: set[TopicClient] = set()
+        super().__init__(robot, subscription)
         # Why it brings nothing now; None: it does, or that is not known yet.
         self.failure: str | None = None
         # What newcomers may get, the newest last.
@@ -115,14 +111,14 @@ class SharedTopic:
         """Give a message to all who share the topic."""
         self.failure = None
         self._remember(message, kind)
-        for subscriber in list(self.subscribers):
-            subscriber.on_message(self.subscription.topic, message, kind)
+        for subscriber in list(self.users):
+            subscriber.on_message(self.key.topic, message, kind)
 
     def on_failed(self, why: str) -> None:
         """Tell all, once, that it brings nothing for now."""
         if self.failure is None:
-            for subscriber in list(self.subscribers):
-                subscriber.on_topic_failed(self.subscription.topic, why)
+            for subscriber in list(self.users):
+                subscriber.on_topic_failed(self.key.topic, why)
         self.failure = why
 
     def known(self) -> dict[str, tuple[bytes, WSMsgType]]:
@@ -149,15 +145,12 @@ class TopicConnector(Protocol):
         """Return the digests of those known messages that rosbridge repeats to a newcomer."""
 
 
-class SharedTopics:
+class SharedTopics(SharedCopies[SharedTopic]):
     """All shared topics, by robot and subscription."""
 
     def __init__(self, registry: SessionRegistry, connector: TopicConnector) -> None:
-        self._registry = registry
+        super().__init__(registry, attrgetter("topics"), max_lingering=MAX_TOPICS)
         self._connector = connector
-        self._tasks: dict[SharedTopic, asyncio.Task[None]] = {}
-        # Those that end, and those that ask what a newcomer missed.
-        self._all: set[asyncio.Task[None]] = set()
 
     def join(
         self, robot: RelayRobot, subscription: TopicRequest, subscriber: TopicClient, limit: int
@@ -168,58 +161,26 @@ class SharedTopics:
         if topic is None:
             if len(topics) >= limit:
                 return None
-            topic = SharedTopic(robot, subscription)
-            self._registry.ensure_robot(robot.id).topics[subscription] = topic
-            self._tasks[topic] = self._start(self._run(topic), topic)
+            topic = self._open(SharedTopic(robot, subscription))
         elif topic.failure is not None:
             subscriber.on_topic_failed(subscription.topic, topic.failure)
         elif known := topic.known():
-            self._start(self._repeat(topic, known, subscriber), topic)
-        topic.subscribers.add(subscriber)
+            self._start(self._repeat(topic, known, subscriber))
+        topic.users.add(subscriber)
         return topic
 
     def leave(self, topic: SharedTopic, subscriber: TopicClient) -> None:
         """Share it no more; the last one's leaving ends it after a while."""
-        topic.subscribers.discard(subscriber)
-        if not topic.subscribers:
-            asyncio.get_running_loop().call_later(LINGER_S, self._end_unless_shared, topic)
+        topic.users.discard(subscriber)
+        self._let_linger(topic)
 
-    def on_robot_change(self, change: Change) -> None:
-        """Something happened to a robot; with its session end its topics."""
-        if change.what == "disconnected":
-            for topic in list(self._of(change.robot_id).values()):
-                self._end(topic)
-
-    async def close(self) -> None:
-        """End all topics; the relay stops."""
-        for task in self._all:
-            task.cancel()
-        await asyncio.gather(*self._all, return_exceptions=True)
-
-    def count(self) -> int:
-        """How many topics are shared."""
-        return len(self._tasks)
-
-    def _of(self, robot_id: int) -> dict[TopicRequest, SharedTopic]:
-        # Nobody else makes one.
-        return cast(dict[TopicRequest, SharedTopic], self._registry.robot(robot_id).topics)
-
-    def _start(self, work: Coroutine[Any, Any, None], topic: SharedTopic) -> asyncio.Task[None]:
-        name = f"topic {topic.subscription.topic} of {topic.robot.name}"
-        task: asyncio.Task[None] = asyncio.create_task(work, name=name)
-        self._all.add(task)
-        task.add_done_callback(self._all.discard)
-        return task
-
-    async def _run(self, topic: SharedTopic) -> None:
+    async def _bring(self, copy: SharedTopic) -> None:
         try:
-            with self._registry.ensure_robot(topic.robot.id).media_demand.counted():
-                await self._connector.run(topic)
+            with self._registry.ensure_robot(copy.robot.id).media_demand.counted():
+                await self._connector.run(copy)
         except Exception:
-            log.exception("robot %s: a topic failed", topic.robot.name)
-            topic.on_failed("the relay failed")
-        finally:
-            self._forget(topic)
+            log.exception("robot %s: a topic failed", copy.robot.name)
+            copy.on_failed("the relay failed")
 
     async def _repeat(
         self,
@@ -227,27 +188,10 @@ class SharedTopics:
         known: Mapping[str, tuple[bytes, WSMsgType]],
         subscriber: TopicClient,
     ) -> None:
-        name = topic.subscription.topic
+        name = topic.key.topic
         repeated = await self._connector.repeat(topic, known.keys())
         # Each publisher of static transforms has latched one, of which rosbridge for ROS 2 repeats the last alone.
         digests = known.keys() if repeated and name.endswith("/tf_static") else repeated
         for each in digests:
-            if subscriber in topic.subscribers:
+            if subscriber in topic.users:
                 subscriber.on_message(name, *known[each])
-
-    def _end_unless_shared(self, topic: SharedTopic) -> None:
-        if not topic.subscribers:
-            self._end(topic)
-
-    def _end(self, topic: SharedTopic) -> None:
-        task = self._tasks.get(topic)
-        self._forget(topic)
-        if task is not None:
-            task.cancel()
-
-    def _forget(self, topic: SharedTopic) -> None:
-        """Let the next subscriber open a new one."""
-        self._tasks.pop(topic, None)
-        topics = self._of(topic.robot.id)
-        if topics.get(topic.subscription) is topic:
-            del topics[topic.subscription]

@@ -93,7 +93,7 @@ class TopicSubscriptions:
         subscription = combined(requested.values()) if requested else None
         joined = self._joined.get(topic)
         if joined is not None:
-            if joined.subscription == subscription:
+            if joined.key == subscription:
                 return
             del self._joined[topic]
             self._shared_topics.leave(joined, self)

@@ -55,7 +55,7 @@ class TopicLinks:
             except (ClientError, OSError):
                 why = "the connection broke"
             topic.on_failed(why)
-            log.info("robot %s: topic %s: %s", topic.robot.name, topic.subscription.topic, why)
+            log.info("robot %s: topic %s: %s", topic.robot.name, topic.key.topic, why)
             if time.monotonic() - opened_s > STEADY_S:
                 pauses = delays(FIRST_PAUSE_S, MAX_PAUSE_S)
             await asyncio.sleep(next(pauses))
@@ -95,7 +95,7 @@ class TopicLinks:
         unknown = close_reasons.topics_unknown(topic.robot.name)
         path = MediaPath(PATH, query, self.message_limit, unknown)
         socket = await self.dialer.open(topic.robot, path, OPENS_WITHIN_S)
-        await socket.send_frame(topic.subscription.message(), WSMsgType.TEXT)
+        await socket.send_frame(topic.key.message(), WSMsgType.TEXT)
         return socket
 
 

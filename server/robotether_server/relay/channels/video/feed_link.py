@@ -1,7 +1,7 @@
 """The WebSocket to a robot's frames service, from which one feed gets its frames.
 
-`main` gives `Feeds` the way to start one a feed. It opens the connection, opens it again when it breaks
-while the robot is there, asks for the robot's clock, and sends the robot what the feed requests and has received.
+`feeds` runs one a feed. It opens the connection, opens it again when it breaks while the robot is there, asks for the
+robot's clock, and sends the robot what the feed requests and has received.
 """
 
 from __future__ import annotations
@@ -57,17 +57,17 @@ class FeedConnector:
 
     dialer: MediaDialer
 
-    def start(self, feed: Feed) -> asyncio.Task[CloseReason]:
-        """Start to bring a feed its frames; the task returns why there are no more."""
-        return asyncio.create_task(FeedLink(feed, self).run(), name=f"feed {feed.robot.name}")
+    async def run(self, feed: Feed) -> CloseReason:
+        """Bring a feed its frames until there is no way to the robot; return why."""
+        return await FeedLink(feed, self.dialer).run()
 
 
 class FeedLink:
     """Brings one feed its frames."""
 
-    def __init__(self, feed: Feed, connector: FeedConnector) -> None:
+    def __init__(self, feed: Feed, dialer: MediaDialer) -> None:
         self._feed = feed
-        self._connector = connector
+        self._dialer = dialer
         self._clock = SenderClock()
         self._received_s = 0.0
 
@@ -173,11 +173,11 @@ class FeedLink:
         robot = self._feed.robot
         frames = MediaPath(
             PATH,
-            {"topic": self._feed.topic},
+            {"topic": self._feed.key},
             HEADER.size + MAX_FRAME_BYTES,
             close_reasons.frames_unknown(robot.name),
         )
-        return await self._connector.dialer.open(robot, frames, within_s)
+        return await self._dialer.open(robot, frames, within_s)
 
 
 async def pause(pause_s: float) -> None:

@@ -9,11 +9,12 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
-from typing import Protocol, cast
+from operator import attrgetter
+from typing import Protocol
 
 from robotether_common.codecs import CODECS
 from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
@@ -29,13 +30,10 @@ from robotether_server.relay.channels.video.frame_protocol import (
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import Change
+from robotether_server.relay.robots.shared_copies import SharedCopies, SharedCopy
 
 log = logging.getLogger(__name__)
 
-# Time for which a feed stays open without viewers, for a page that reloads or swaps its cameras; it
-# must close within 1 s.
-LINGER_S = 0.5
 # Maximum number of feeds of one robot without viewers; its agent has room for 8 cameras.
 MAX_LINGERING = 2
 # Maximum age of the frame that a new viewer gets at once.
@@ -67,12 +65,11 @@ class Viewer(Protocol):
         """The feed is over."""
 
 
-class Feed:
+class Feed(SharedCopy[str, Viewer]):
     """The newest frame of one camera of one robot, and its viewers."""
 
     def __init__(self, robot: RelayRobot, topic: str, traffic: FeedTraffic) -> None:
-        self.robot = robot
-        self.topic = topic
+        super().__init__(robot, topic)
         self.newest: Frame | None = None
         self.status: VideoStatus | None = None
         # None as long as nobody knows whether the robot has such a service; then why it has not.
@@ -80,7 +77,6 @@ class Feed:
         # Something is to be sent to the robot.
         self.due = asyncio.Event()
         self._traffic = traffic
-        self._viewers: set[Viewer] = set()
         self._untaken: deque[int] = deque()
         self._credits_due = 0
         self._credits_open = 0
@@ -90,24 +86,19 @@ class Feed:
 
     def join(self, viewer: Viewer) -> None:
         """Notify this viewer of what is new."""
-        self._viewers.add(viewer)
+        self.users.add(viewer)
         self.due.set()
 
     def leave(self, viewer: Viewer) -> None:
         """Notify it no more."""
-        self._viewers.discard(viewer)
+        self.users.discard(viewer)
         self.due.set()
-
-    @property
-    def watched(self) -> bool:
-        """Whether there is a viewer."""
-        return bool(self._viewers)
 
     def end(self, close_reason: CloseReason) -> None:
         """Notify all viewers that it is over."""
         if not self.opened.done():
             self.opened.set_result(close_reason)
-        for viewer in list(self._viewers):
+        for viewer in list(self.users):
             viewer.end(close_reason)
 
     def taken(self, sequence: int) -> None:
@@ -133,7 +124,7 @@ class Feed:
     def stream_request(self) -> StreamRequest | None:
         """What all viewers want together."""
         requests = [
-            viewer.stream_request for viewer in self._viewers if viewer.stream_request is not None
+            viewer.stream_request for viewer in self.users if viewer.stream_request is not None
         ]
         return reduce(combined, requests) if requests else None
 
@@ -186,7 +177,7 @@ class Feed:
         self._notify()
 
     def _notify(self) -> None:
-        for viewer in list(self._viewers):
+        for viewer in list(self.users):
             self._notify_one(viewer)
 
     def _notify_one(self, viewer: Viewer) -> None:
@@ -198,99 +189,37 @@ class Feed:
             viewer.end(close_reasons.relay_failed())
 
 
-StartFeed = Callable[[Feed], "asyncio.Task[CloseReason]"]
+RunFeed = Callable[[Feed], Awaitable[CloseReason]]
 
 
-class Feeds:
-    """All feeds, by robot and topic. `start` starts the task that brings a feed its frames."""
+class Feeds(SharedCopies[Feed]):
+    """All feeds, by robot and topic. `run` brings a feed its frames until there are no more, and returns why."""
 
-    def __init__(self, registry: SessionRegistry, start: StartFeed) -> None:
+    def __init__(self, registry: SessionRegistry, run: RunFeed) -> None:
+        super().__init__(registry, attrgetter("feeds"), max_lingering=MAX_LINGERING)
         self.traffic = FeedTraffic()
-        self._registry = registry
-        self._start = start
-        self._tasks: dict[Feed, asyncio.Task[CloseReason]] = {}
-        # A task that is cancelled needs some time to end.
-        self._all: set[asyncio.Task[CloseReason]] = set()
+        self._run_feed = run
 
     @contextmanager
     def followed(self, robot: RelayRobot, topic: str, viewer: Viewer) -> Iterator[Feed]:
         """Follow a camera inside the block; the last one's end closes the feed."""
-        feed = self._of(robot.id).get(topic) or self._opened(robot, topic)
+        feed = self._of(robot.id).get(topic) or self._open(Feed(robot, topic, self.traffic))
         feed.join(viewer)
         try:
             yield feed
         finally:
             feed.leave(viewer)
-            if not feed.watched:
-                self._let_linger(feed)
+            self._let_linger(feed)
 
-    def count(self) -> int:
-        """How many feeds there are."""
-        return len(self._all_feeds())
+    def _on_link_lost(self, copy: Feed) -> None:
+        copy.end(close_reasons.link_lost(copy.robot.name))
 
-    def on_robot_change(self, change: Change) -> None:
-        """Something happened to a robot; with its link end its feeds."""
-        if change.what == "disconnected":
-            for feed in list(self._of(change.robot_id).values()):
-                feed.end(close_reasons.link_lost(feed.robot.name))
-                self._close(feed)
-
-    async def close(self) -> None:
-        """Close all feeds; the relay stops."""
-        for feed in self._all_feeds():
-            self._close(feed)
-        await asyncio.gather(*self._all, return_exceptions=True)
-
-    def _of(self, robot_id: int) -> dict[str, Feed]:
-        # Nobody else makes a feed.
-        return cast(dict[str, Feed], self._registry.robot(robot_id).feeds)
-
-    def _all_feeds(self) -> list[Feed]:
-        return [feed for robot in self._registry.robots() for feed in self._of(robot.id).values()]
-
-    def _opened(self, robot: RelayRobot, topic: str) -> Feed:
-        feed = Feed(robot, topic, self.traffic)
-        self._registry.ensure_robot(robot.id).feeds[topic] = feed
-        task = self._tasks[feed] = self._start(feed)
-        self._all.add(task)
-        task.add_done_callback(lambda task: self._done(feed, task))
-        return feed
-
-    def _done(self, feed: Feed, task: asyncio.Task[CloseReason]) -> None:
-        self._all.discard(task)
-        self._forget(feed)
-        if task.cancelled():
-            return
-        if (problem := task.exception()) is not None:
-            log.error("robot %s: a feed failed", feed.robot.name, exc_info=problem)
-            feed.end(close_reasons.relay_failed())
-            return
-        close_reason = task.result()
-        log.info(
-            "robot %s: feed of %r ended: %s", feed.robot.name, feed.topic[:100], close_reason.reason
-        )
-        feed.end(close_reason)
-
-    def _let_linger(self, feed: Feed) -> None:
-        feeds = self._of(feed.robot.id).values()
-        lingering = [feed for feed in feeds if not feed.watched]
-        if len(lingering) > MAX_LINGERING:
-            self._close(feed)
-        else:
-            asyncio.get_running_loop().call_later(LINGER_S, self._close_unwatched, feed)
-
-    def _close_unwatched(self, feed: Feed) -> None:
-        if not feed.watched:
-            self._close(feed)
-
-    def _close(self, feed: Feed) -> None:
-        task = self._forget(feed)
-        if task is not None:
-            task.cancel()
-
-    def _forget(self, feed: Feed) -> asyncio.Task[CloseReason] | None:
-        """Let the next viewer open a new one."""
-        feeds = self._of(feed.robot.id)
-        if feeds.get(feed.topic) is feed:
-            del feeds[feed.topic]
-        return self._tasks.pop(feed, None)
+    async def _bring(self, copy: Feed) -> None:
+        name = copy.robot.name
+        try:
+            close_reason = await self._run_feed(copy)
+            log.info("robot %s: feed of %r ended: %s", name, copy.key[:100], close_reason.reason)
+        except Exception:
+            log.exception("robot %s: a feed failed", name)
+            close_reason = close_reasons.relay_failed()
+        copy.end(close_reason)

@@ -51,7 +51,7 @@ async def test_all_who_request_the_same_share_one_copy(relay, robot, observe):
     shared = relay.relay.shared_topics
     await until(lambda: len(robot.topics) == 1, "the robot has a subscription")
     [topic] = shared._tasks
-    await until(lambda: len(topic.subscribers) == 3, "all three share it")
+    await until(lambda: len(topic.users) == 3, "all three share it")
     await robot.send_to_topics(b"news")
     for socket in sockets:
         while await socket.receive_str(timeout=5) != "news":
@@ -59,7 +59,7 @@ async def test_all_who_request_the_same_share_one_copy(relay, robot, observe):
     assert subscribed(robot) == [ODOM]
     await sockets[0].send_json({"op": "unsubscribe", "topic": "/odom"})
     await sockets[1].close()
-    await until(lambda: len(topic.subscribers) == 1, "one is left")
+    await until(lambda: len(topic.users) == 1, "one is left")
     assert len(robot.topics) == 1
     await sockets[2].close()
     await until(lambda: not robot.topics, "the subscription ends")
@@ -94,7 +94,7 @@ async def test_a_newcomer_gets_what_rosbridge_repeats(relay, robot, observe):
     robot.repeats = False
     third = await observe(ODOM)
     [topic] = relay.relay.shared_topics._tasks
-    await until(lambda: len(topic.subscribers) == 3, "the third shares it")
+    await until(lambda: len(topic.users) == 3, "the third shares it")
     await until(lambda: len(relay.relay.shared_topics._all) == 1, "the robot has answered")
     await robot.send_to_topics(b"news")
     assert await third.receive_str(timeout=5) == "news"
@@ -106,7 +106,7 @@ async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
     slow, quick = await observe(ODOM), await observe(ODOM)
     await until(lambda: robot.topics, "the robot has a subscription")
     [topic] = relay.relay.shared_topics._tasks
-    await until(lambda: len(topic.subscribers) == 2, "both share it")
+    await until(lambda: len(topic.users) == 2, "both share it")
     # Either may have come too late for the echo of the subscription.
     await robot.send_to_topics(b"begin")
     for socket in (slow, quick):

@@ -146,12 +146,12 @@ async def _for_ever() -> CloseReason:
 
 def feeds_that(work) -> Feeds:
     """Feeds whose links do this."""
-    return Feeds(SessionRegistry(), lambda _feed: asyncio.create_task(work()))
+    return Feeds(SessionRegistry(), lambda _feed: work())
 
 
 async def test_a_feed_closes_after_its_last_viewer_and_not_before(sim1, monkeypatch):
     """A viewer that comes while it lingers keeps it."""
-    monkeypatch.setattr("robotether_server.relay.channels.video.feeds.LINGER_S", 0.05)
+    monkeypatch.setattr("robotether_server.relay.robots.shared_copies.LINGER_S", 0.05)
     feeds = feeds_that(_for_ever)
     with feeds.followed(sim1, "/a", Eye()) as feed:
         with feeds.followed(sim1, "/a", Eye()) as same, feeds.followed(sim1, "/b", Eye()) as other:
@@ -169,7 +169,7 @@ async def test_a_feed_closes_after_its_last_viewer_and_not_before(sim1, monkeypa
 
 async def test_few_feeds_linger(sim1, monkeypatch):
     """Who opens and leaves one camera after the other must not use up the room that a robot has for others."""
-    monkeypatch.setattr("robotether_server.relay.channels.video.feeds.LINGER_S", 60)
+    monkeypatch.setattr("robotether_server.relay.robots.shared_copies.LINGER_S", 60)
     feeds = feeds_that(_for_ever)
     with feeds.followed(sim1, "/watched", Eye()):
         for sequence in range(20):

@@ -1,0 +1,125 @@
+"""Copies of what a robot sends, which all who want the same share: opened for the first, ended a while after the last.
+
+`channels/video/feeds` and `channels/rosbridge/shared_topics` are such copies; each has a task that brings it what the
+robot sends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Coroutine, Hashable
+from typing import Any, Generic, TypeVar, cast
+
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change, Robot
+
+Key = TypeVar("Key", bound=Hashable)
+User = TypeVar("User")
+
+# Time for which a copy stays without users, for a page that reloads or swaps its cameras; a feed
+# must close within 1 s.
+LINGER_S = 0.5
+
+
+class SharedCopy(Generic[Key, User]):
+    """One copy, and who shares it. `key` tells it from the robot's others of its kind."""
+
+    def __init__(self, robot: RelayRobot, key: Key) -> None:
+        self.robot = robot
+        self.key = key
+        self.users: set[User] = set()
+
+
+Copy = TypeVar("Copy", bound=SharedCopy[Any, Any])
+
+
+class SharedCopies(ABC, Generic[Copy]):
+    """All copies of one kind. `copies_of` says where a robot holds them; `max_lingering` of one stay without users."""
+
+    def __init__(
+        self,
+        registry: SessionRegistry,
+        copies_of: Callable[[Robot], dict[Hashable, object]],
+        *,
+        max_lingering: int,
+    ) -> None:
+        self._registry = registry
+        self._copies_of = copies_of
+        self._max_lingering = max_lingering
+        self._tasks: dict[Copy, asyncio.Task[None]] = {}
+        # With those that are cancelled, which need some time to end.
+        self._all: set[asyncio.Task[None]] = set()
+
+    def count(self) -> int:
+        """How many copies there are."""
+        return len(self._tasks)
+
+    def on_robot_change(self, change: Change) -> None:
+        """Something happened to a robot; with its session end its copies."""
+        if change.what == "disconnected":
+            for copy in list(self._of(change.robot_id).values()):
+                self._on_link_lost(copy)
+                self._end(copy)
+
+    async def close(self) -> None:
+        """End all; the relay stops."""
+        for task in self._all:
+            task.cancel()
+        await asyncio.gather(*self._all, return_exceptions=True)
+
+    @abstractmethod
+    async def _bring(self, copy: Copy) -> None:
+        """Bring a copy what the robot sends, until this is cancelled or there is no more."""
+
+    def _on_link_lost(self, copy: Copy) -> None:
+        """Do what else a robot that disconnected means to a copy."""
+
+    def _of(self, robot_id: int) -> dict[Hashable, Copy]:
+        # Nobody else makes one.
+        return cast(dict[Hashable, Copy], self._copies_of(self._registry.robot(robot_id)))
+
+    def _open(self, copy: Copy) -> Copy:
+        self._copies_of(self._registry.ensure_robot(copy.robot.id))[copy.key] = copy
+        self._tasks[copy] = self._start(self._run(copy))
+        return copy
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task: asyncio.Task[None] = asyncio.create_task(work)
+        self._all.add(task)
+        task.add_done_callback(self._all.discard)
+        return task
+
+    async def _run(self, copy: Copy) -> None:
+        try:
+            await self._bring(copy)
+        finally:
+            self._forget(copy)
+
+    def _let_linger(self, copy: Copy) -> None:
+        """End a copy without users, after a while in which somebody may come."""
+        if copy.users:
+            return
+        unused = [each for each in self._of(copy.robot.id).values() if not each.users]
+        if len(unused) > self._max_lingering:
+            self._end(copy)
+        else:
+            asyncio.get_running_loop().call_later(LINGER_S, self._end_unused, copy)
+
+    def _end_unused(self, copy: Copy) -> None:
+        if not copy.users:
+            self._end(copy)
+
+    def _end(self, copy: Copy) -> None:
+        task = self._tasks.get(copy)
+        self._forget(copy)
+        if task is not None:
+            task.cancel()
+
+    def _forget(self, copy: Copy) -> None:
+        """Let the next who wants the same open a new one."""
+        self._tasks.pop(copy, None)
+        copies = self._of(copy.robot.id)
+        if copies.get(copy.key) is copy:
+            del copies[copy.key]
