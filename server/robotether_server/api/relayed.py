@@ -3,42 +3,18 @@
 Described here, as one API has one description; nothing of it is handled here.
 """
 
-from typing import Annotated, Any, Literal
-
-from msgspec import UNSET, Meta, Struct, UnsetType
+from typing import Any
 
 from robotether_server.api.operations import ApiOperation
-from robotether_server.contract.control import ControlObject, StoppedRobotList
-from robotether_server.schemas import PlainName, Timestamp
+from robotether_server.contract.control import (
+    ControlObject,
+    LeaseAction,
+    ShownStop,
+    SiteStop,
+    StoppedRobotList,
+    StopReason,
+)
 
-
-class LeaseAction(Struct):
-    """An action on the lease; `to`, with hand_over: who must be asking, else 409 nobody_asks."""
-
-    action: Literal["ask", "withdraw", "hand_over", "refuse", "take"]
-    to: str | UnsetType = UNSET
-
-
-class StopReason(Struct):
-    """A reason for people to read."""
-
-    reason: Annotated[str, Meta(max_length=255)] | UnsetType = UNSET
-
-
-class ReleasedStop(Struct):
-    """The stop that is meant, as the control object shows it."""
-
-    by: str | UnsetType = UNSET
-    at: Timestamp | UnsetType = UNSET
-
-
-class StoppedSite(StopReason):
-    """The site, if not all, and the reason."""
-
-    site: PlainName | UnsetType = UNSET
-
-
-BOTH_OR_NEITHER = Meta(extra_json_schema={"dependentRequired": {"by": ["at"], "at": ["by"]}})
 CONTROL: dict[int, Any] = {200: ControlObject}
 
 RELAYED = (
@@ -97,7 +73,7 @@ RELAYED = (
         "409 not_possible names that one.",
         who="user",
         tag="control",
-        body=Annotated[ReleasedStop, BOTH_OR_NEITHER],
+        body=ShownStop,
         is_body_required=False,
         answers=CONTROL,
         problems=(400, 409, 504),
@@ -109,7 +85,7 @@ RELAYED = (
         summary="Stop all robots, or those of a site, that the caller manages",
         who="user",
         tag="control",
-        body=StoppedSite,
+        body=SiteStop,
         is_body_required=False,
         answers={200: StoppedRobotList},
         problems=(400,),

@@ -1,15 +1,42 @@
-"""The control object of a robot, and the answers to stops: who drives, who asks, and who stopped the robot."""
+"""The control object of a robot, the requests that change it, and the answers to stops.
 
-from typing import Annotated
+The relay reads and answers these; `api.relayed` describes them.
+"""
 
-from msgspec import Meta, Struct
+from typing import Annotated, Literal
 
-from robotether_server.schemas import RobotName
+from msgspec import UNSET, Meta, Struct, UnsetType
+
+from robotether_server.problems import FieldInvalidError
+from robotether_server.schemas import PlainName, RobotName, UserName
+
+MAX_REASON = 255
+# Maximum length of the members of a stop that a release names. They are compared as they are, and never shown.
+MAX_SHOWN = 255
 
 # As `times.rfc3339` writes it. A stop is named by this text, hence it is no datetime.
 TimestampText = Annotated[str, Meta(extra_json_schema={"format": "date-time"})]
 # A cell of a newer version may send another one.
 GuardText = Annotated[str, Meta(extra_json_schema={"enum": ["down", "off", "ready", "unknown"]})]
+AS_SHOWN = Meta(
+    extra={
+        "as_typed": True,
+        "longest": MAX_SHOWN,
+        "must": "a text; give by and at, as the control object shows them",
+    }
+)
+
+
+def _reason(value: object, path: str) -> str:
+    """Return a text for people, which may be empty: no stop fails for the lack of a reason."""
+    if not isinstance(value, str) or len(value) > MAX_REASON or not value.isprintable():
+        raise FieldInvalidError(
+            f"cannot use {path}: it must be a text of at most {MAX_REASON} characters", path
+        )
+    return value
+
+
+Reason = Annotated[str, Meta(extra_json_schema={"maxLength": MAX_REASON}, extra={"read": _reason})]
 
 
 class DriverObject(Struct, frozen=True):
@@ -41,6 +68,32 @@ class StopObject(Struct, frozen=True):
     by: str
     at: TimestampText
     confirmed: bool
+
+
+class ShownStop(Struct, frozen=True, forbid_unknown_fields=True):
+    """The stop that is meant, as the control object shows it, which is all that a person knows of it."""
+
+    by: Annotated[str, AS_SHOWN]
+    at: Annotated[TimestampText, AS_SHOWN]
+
+
+class StopReason(Struct, frozen=True, forbid_unknown_fields=True):
+    """A reason for people to read."""
+
+    reason: Reason | None = None
+
+
+class SiteStop(StopReason, frozen=True, forbid_unknown_fields=True):
+    """The site, if not all, and the reason."""
+
+    site: PlainName | None = None
+
+
+class LeaseAction(Struct, frozen=True, forbid_unknown_fields=True):
+    """An action on the lease; `to`, with hand_over: who must be asking, else 409 nobody_asks."""
+
+    action: Literal["ask", "withdraw", "hand_over", "refuse", "take"]
+    to: UserName | UnsetType = UNSET
 
 
 class ControlObject(Struct, frozen=True):

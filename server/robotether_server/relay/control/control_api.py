@@ -8,27 +8,31 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable, Collection, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import msgspec
 from aiohttp import web
-from msgspec import Struct
+from msgspec import UNSET, Struct
 
-from robotether_server.contract.control import StoppedRobot, StoppedRobotList
+from robotether_server import schemas
+from robotether_server.contract.control import (
+    LeaseAction,
+    ShownStop,
+    SiteStop,
+    StoppedRobot,
+    StoppedRobotList,
+    StopReason,
+)
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.db.grants import includes
 from robotether_server.problems import FieldInvalidError, GrantMissingError, HttpError
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.control import leasing
 from robotether_server.relay.control.control import Control
-from robotether_server.relay.control.stops import ShownStop
 from robotether_server.schemas import Level
 
-MAX_REASON = 255
-MAX_SITE = 63
 NO_STORE = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
 
 
@@ -83,15 +87,16 @@ class ControlApi:
     async def stop(self, request: web.Request) -> web.Response:
         """Stop a robot: whoever may see it."""
         user, robot = await self._who_and_what(request, stops=True)
-        reason = _text(await _members(request, ("reason",)), "reason", MAX_REASON)
-        self._control.stops.stop(robot, user.name, reason=reason, address=_address(request))
+        body = schemas.read(await _members(request), StopReason)
+        self._control.stops.stop(robot, user.name, reason=body.reason, address=_address(request))
         await self._control.stops.confirmation(robot.id)
         return self._answer(robot)
 
     async def release(self, request: web.Request) -> web.Response:
         """Release a robot: a driver."""
         user, robot = await self._who_and_what(request)
-        seen = _seen_stop(await _members(request, ("by", "at")))
+        members = await _members(request)
+        seen = schemas.read(members, ShownStop) if members else None
         self._check_level(user, robot, "drive", "release")
         stops = self._control.stops
         await stops.release(robot, user.name, seen=seen, address=_address(request))
@@ -100,33 +105,25 @@ class ControlApi:
     async def lease(self, request: web.Request) -> web.Response:
         """Ask for the control, answer who asks, or take it."""
         user, robot = await self._who_and_what(request)
-        members = await _members(request, ("action", "to"))
-        name = _text(members, "action", MAX_SITE)
-        action = self._actions.get(name or "")
-        if action is None:
-            names = ", ".join(self._actions)
-            raise FieldInvalidError(f"cannot use action: it must be one of {names}")
-        if "to" in members:
-            action = self._handing_over_to(name, members["to"])
-        self._check_level(user, robot, "manage" if name == "take" else "drive", f"{name}")
+        body = schemas.read(await _members(request), LeaseAction)
+        action = self._actions[body.action]
+        if body.to is not UNSET:
+            action = self._handing_over_to(body.action, body.to)
+        self._check_level(user, robot, "manage" if body.action == "take" else "drive", body.action)
         action(robot, leasing.LeaseRequester(user, _address(request)))
         return self._answer(robot)
 
     async def stop_many(self, request: web.Request) -> web.Response:
         """Stop all robots, or those of a site, that the caller manages."""
         user = await self._changer(request, stops=True)
-        members = await _members(request, ("site", "reason"))
-        site = _text(members, "site", MAX_SITE)
-        reason = _text(members, "reason", MAX_REASON)
-        robots = [
-            robot for robot in self._managed_robots(user) if site is None or robot.site == site
-        ]
+        body = schemas.read(await _members(request), SiteStop)
+        robots = [robot for robot in self._managed_robots(user) if body.site in {None, robot.site}]
         if not robots:
-            where = "" if site is None else f" of site {site}"
+            where = "" if body.site is None else f" of site {body.site}"
             raise GrantMissingError(f"cannot stop all robots{where}: you manage none of them")
         stops, address = self._control.stops, _address(request)
         for robot in robots:
-            stops.stop(robot, user.name, reason=reason, address=address)
+            stops.stop(robot, user.name, reason=body.reason, address=address)
         elsewhere = self._other_cells.confirmation
         confirmed = await asyncio.gather(
             *(elsewhere(robot.id) or stops.confirmation(robot.id) for robot in robots)
@@ -138,9 +135,9 @@ class ControlApi:
         return _answer(StoppedRobotList(results, self._other_cells.unreached()))
 
     def _handing_over_to(
-        self, action: str | None, to: object
+        self, action: str, to: str
     ) -> Callable[[RelayRobot, leasing.LeaseRequester], None]:
-        if action != "hand_over" or not isinstance(to, str):
+        if action != "hand_over":
             raise FieldInvalidError(
                 "cannot use to: it is a user's name, and goes with hand_over alone"
             )
@@ -188,7 +185,7 @@ def _address(request: web.Request) -> str | None:
     return request.headers.get("X-Forwarded-For")
 
 
-async def _members(request: web.Request, names: Collection[str]) -> Mapping[str, Any]:
+async def _members(request: web.Request) -> Mapping[str, object]:
     """Read a body, which may be missing."""
     data = await request.read()
     if not data:
@@ -201,28 +198,4 @@ async def _members(request: web.Request, names: Collection[str]) -> Mapping[str,
         raise HttpError(400, "cannot read the body: it is no JSON") from exc
     if not isinstance(members, dict):
         raise FieldInvalidError("cannot read the body: it must be an object")
-    for name in members:
-        if name not in names:
-            raise FieldInvalidError(f"cannot use {name[:40]!r}: there is no such member here")
     return members
-
-
-def _seen_stop(members: Mapping[str, Any]) -> ShownStop | None:
-    """Return which stop a release is for, None when it names none; it is compared and never shown."""
-    if not members:
-        return None
-    by, at = members.get("by"), members.get("at")
-    if not isinstance(by, str) or not isinstance(at, str):
-        raise FieldInvalidError("cannot use by and at: give both, as the control object shows them")
-    return ShownStop(by, at)
-
-
-def _text(members: Mapping[str, Any], name: str, max_length: int) -> str | None:
-    value = members.get(name)
-    if value is None:
-        return None
-    if not isinstance(value, str) or len(value) > max_length or not value.isprintable():
-        raise FieldInvalidError(
-            f"cannot use {name}: it must be a text of at most {max_length} characters"
-        )
-    return value

@@ -16,8 +16,8 @@ import logging
 import math
 import secrets
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 
+from robotether_server.contract.control import ShownStop
 from robotether_server.db.control import MAX_NAME, Stop, StopEntry, StopId
 from robotether_server.db.fleet import AuditEntry, RelayRobot
 from robotether_server.problems import GuardSilentError, NotPossibleError, RobotOfflineError
@@ -43,14 +43,6 @@ INSIST_EVERY_S = 0.2
 SAME_PRESS_S = 1.0
 # No name of a user reads like this.
 AT_ROBOT = "somebody at the robot"
-
-
-@dataclass(frozen=True)
-class ShownStop:
-    """A stop as the control object shows it, which is all that a person knows of it."""
-
-    by: str
-    at: str
 
 
 class Stops:

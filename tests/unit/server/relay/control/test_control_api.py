@@ -188,6 +188,14 @@ async def test_bad_bodies_are_named(relay, ask, body, status, code):
     assert (answer[0], answer[1]["code"]) == (status, code)
 
 
+@pytest.mark.parametrize("body", [None, {}, {"reason": None}, {"reason": ""}, {"reason": " "}])
+async def test_no_stop_fails_for_lack_of_a_reason(relay, guarded, sim1, ask, body):
+    """One robot and all of them stop without a reason, with an empty one, and with null."""
+    for path, by in ((f"{SIM1}/stop", "bob"), ("/api/v1/stop", "carl")):
+        assert (await ask("POST", path, by, body))[0] == 200
+    assert relay.relay.control.stops.of(sim1.id) is not None
+
+
 async def test_a_body_is_json(relay, http, people):
     """Another type is 415, broken JSON 400."""
     url = f"{relay.url}{SIM1}/stop"

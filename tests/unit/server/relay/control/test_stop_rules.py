@@ -15,11 +15,12 @@ from unittest.mock import ANY
 import pytest
 from fake_robot import WAIT_S
 from relay_server import until, utc
+from robotether_server.contract.control import ShownStop
 from robotether_server.db.control import Stop, StopEntry
 from robotether_server.db.fleet import AuditEntry, RelayRobot, Snapshot
 from robotether_server.problems import GuardSilentError, NotPossibleError, RobotOfflineError
 from robotether_server.relay.control import stops as stops_module
-from robotether_server.relay.control.stops import ShownStop, Stops
+from robotether_server.relay.control.stops import Stops
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import GuardReport, Robot

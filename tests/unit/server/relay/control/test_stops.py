@@ -8,10 +8,10 @@ import pytest
 from fake_robot import FakeRobot
 from relay_clients import audit_lines, closing, misbehaving
 from relay_server import SESSION_KEY, running_relay, until, utc
+from robotether_server.contract.control import ShownStop
 from robotether_server.db.control import Stop, StopEntry
 from robotether_server.problems import GuardSilentError, NotPossibleError, RobotOfflineError
 from robotether_server.relay.control import stops as stops_module
-from robotether_server.relay.control.stops import ShownStop
 from robotether_server.relay.robots.robot import GuardReport
 from stopwatch import Stopwatch
 
