@@ -11,7 +11,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import grants
-from robotether_server.db.grants import Grant, Group, Site
+from robotether_server.db.grants import GROUPS, SITES, Grant, Group, Site
 from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import (
     GivenTimestamp,
@@ -184,25 +184,25 @@ def _describe(grant: Grant) -> ShownGrant:
 @operation("GET", "/groups", "admin")
 def list_groups(caller: Caller) -> GroupList:
     """List groups; members have the grants of the group."""
-    return GroupList(grants.list_groups(caller.tx))
+    return GroupList(GROUPS.list_all(caller.tx))
 
 
 @operation("POST", "/groups", "admin", problems=(409,))
 def add_group(caller: Caller, body: NewGroup) -> Created[Group]:
     """Add a group."""
-    return grant_service.add_group(caller.tx, caller.source, body.name), 201
+    return grant_service.add_collection(caller.tx, caller.source, GROUPS, body.name), 201
 
 
 @operation("GET", "/groups/<group>", "admin")
 def show_group(caller: Caller, group: str) -> Group:
     """Get a group."""
-    return grants.get_group(caller.tx, group)
+    return GROUPS.get(caller.tx, group)
 
 
 @operation("DELETE", "/groups/<group>", "admin")
 def remove_group(caller: Caller, group: str) -> None:
     """Remove the group with its grants; its members stay users."""
-    grant_service.remove_group(caller.tx, caller.source, group)
+    grant_service.remove_collection(caller.tx, caller.source, GROUPS, group)
 
 
 @operation("PUT", "/groups/<group>/members/<user>", "admin")
@@ -220,22 +220,22 @@ def remove_member(caller: Caller, group: str, user: str) -> None:
 @operation("GET", "/sites", "admin")
 def list_sites(caller: Caller) -> SiteList:
     """List sites of robots."""
-    return SiteList(grants.list_sites(caller.tx))
+    return SiteList(SITES.list_all(caller.tx))
 
 
 @operation("POST", "/sites", "admin", problems=(409,))
 def add_site(caller: Caller, body: NewSite) -> Created[Site]:
     """Add a site."""
-    return grant_service.add_site(caller.tx, caller.source, body.name), 201
+    return grant_service.add_collection(caller.tx, caller.source, SITES, body.name), 201
 
 
 @operation("GET", "/sites/<site>", "admin")
 def show_site(caller: Caller, site: str) -> Site:
     """Get a site."""
-    return grants.get_site(caller.tx, site)
+    return SITES.get(caller.tx, site)
 
 
 @operation("DELETE", "/sites/<site>", "admin")
 def remove_site(caller: Caller, site: str) -> None:
     """Remove the site with its grants; its robots stay, without a site."""
-    grant_service.remove_site(caller.tx, caller.source, site)
+    grant_service.remove_collection(caller.tx, caller.source, SITES, site)

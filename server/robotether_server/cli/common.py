@@ -47,7 +47,7 @@ def remove_after_question(
     question: str,
     *,
     get: Callable[[Transaction, str], object],
-    remove: Callable[[Transaction, Source, str], object],
+    remove: Callable[..., object],
     yes: bool,
 ) -> None:
     """Ask whether to remove what `get` finds, unless `yes`, and remove it; the question may have fields of `record`."""
@@ -58,7 +58,7 @@ def remove_after_question(
         text = question.format(record=record)
         agree(f"remove {kind} {name}", text, f"say --yes to remove the {kind}")
     with database.transaction() as tx:
-        remove(tx, SOURCE, name)
+        remove(tx, SOURCE, name=name)
     click.echo(f"removed {kind} {name}")
 
 

@@ -11,10 +11,9 @@ from robotether_server import __version__, settings
 from robotether_server.cli.audit_log import audit_log
 from robotether_server.cli.cells import cell
 from robotether_server.cli.grants import grant, revoke
-from robotether_server.cli.groups import group
+from robotether_server.cli.groups_and_sites import group, site
 from robotether_server.cli.robot_keys import rejected
 from robotether_server.cli.robots import robot
-from robotether_server.cli.sites import site
 from robotether_server.cli.ssh_keys import print_ssh_config, ssh_key
 from robotether_server.cli.tokens import join_token, token
 from robotether_server.cli.users import add_first_admin, ensure_first_admin, user

@@ -1,12 +1,17 @@
 """Grants: what a user, or a group of users, may do with a robot, a site's robots or all. Written by services.
 
 What holds of them, with the admins' own, is in the view relay_grants: the highest level of all that have not ended.
+Groups of users and sites of robots are here, too, as two collections.
 """
 
 import datetime as dt
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
+from typing import Generic, Literal, TypeVar
 
-from robotether_server.db.database import Transaction, unique
+from robotether_server.db.database import Transaction, Values, unique
 from robotether_server.problems import RecordMissingError
 from robotether_server.schemas import Level, PlainName, RobotName, UserName
 
@@ -71,6 +76,84 @@ class Site:
     id: int
     name: PlainName
     robots: tuple[RobotName, ...]
+
+    @property
+    def members(self) -> tuple[RobotName, ...]:
+        """Return the robots, by the name that they have in any collection."""
+        return self.robots
+
+
+R = TypeVar("R", Group, Site)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collection(Generic[R]):
+    """The groups or the sites: each has a name and members, and may be in a grant.
+
+    `members` is the name of the record's field; `select` gives a row for each member, with `id`, `name` and `member`.
+    """
+
+    kind: Literal["group", "site"]
+    members: Literal["members", "robots"]
+    record: Callable[[int, PlainName, tuple[str, ...]], R]
+    select: str
+    insert: str
+    delete: str
+
+    def list_all(self, tx: Transaction) -> list[R]:
+        """Return every record, by name."""
+        return self._find(tx, "ORDER BY c.name, member")
+
+    def names(self, tx: Transaction) -> list[str]:
+        """Return every name, in order."""
+        return [record.name for record in self.list_all(tx)]
+
+    def get(self, tx: Transaction, name: str) -> R:
+        """Return the record of that name; raise RecordMissingError."""
+        for record in self._find(tx, "WHERE c.name = %s ORDER BY member", (name,)):
+            return record
+        raise RecordMissingError(
+            f"cannot find {self.kind} {name}: no such {self.kind}; add one with: {self.kind} add {name}"
+        )
+
+    def add(self, tx: Transaction, name: str) -> int:
+        """Add a record without members; return its id. Raises RecordExistsError or RecordRefusedError."""
+        with unique(f"cannot add {self.kind} {name}: the name is taken"):
+            return tx.insert(self.insert, (name,))
+
+    def remove(self, tx: Transaction, record_id: int) -> None:
+        """Remove a record with its grants; its members stay, without it."""
+        tx.change(self.delete, (record_id,))
+
+    def _find(self, tx: Transaction, rest: str, values: Values = ()) -> list[R]:
+        rows = tx.rows(self.select + rest, values)
+        return [
+            self.record(
+                record_id,
+                name,
+                tuple(row["member"] for row in members if row["member"] is not None),
+            )
+            for (record_id, name), members in groupby(rows, itemgetter("id", "name"))
+        ]
+
+
+GROUPS = Collection(
+    kind="group",
+    members="members",
+    record=Group,
+    select="SELECT c.id, c.name, u.name AS member FROM user_groups c "
+    "LEFT JOIN user_group_members m ON m.group_id = c.id LEFT JOIN users u ON u.id = m.user_id ",
+    insert="INSERT INTO user_groups (name) VALUES (%s)",
+    delete="DELETE FROM user_groups WHERE id = %s",
+)
+SITES = Collection(
+    kind="site",
+    members="robots",
+    record=Site,
+    select="SELECT c.id, c.name, r.name AS member FROM sites c LEFT JOIN robots r ON r.site_id = c.id ",
+    insert="INSERT INTO sites (name) VALUES (%s)",
+    delete="DELETE FROM sites WHERE id = %s",
+)
 
 
 @dataclass(frozen=True)
@@ -139,44 +222,6 @@ def list_all(tx: Transaction) -> list[Grant]:
     return [Grant(**row) for row in rows]
 
 
-def add_group(tx: Transaction, name: str) -> int:
-    """Add a group without members; return its id. Raises RecordExistsError or RecordRefusedError."""
-    with unique(f"cannot add group {name}: the name is taken"):
-        return tx.insert("INSERT INTO user_groups (name) VALUES (%s)", (name,))
-
-
-def get_group(tx: Transaction, name: str) -> Group:
-    """Return the group of that name; raise RecordMissingError."""
-    row = tx.row("SELECT id, name FROM user_groups WHERE name = %s", (name,))
-    if row is None:
-        raise RecordMissingError(
-            f"cannot find group {name}: no such group; add one with: group add {name}"
-        )
-    members = tx.rows(
-        "SELECT u.name FROM user_group_members m JOIN users u ON u.id = m.user_id "
-        "WHERE m.group_id = %s ORDER BY u.name",
-        (row["id"],),
-    )
-    return Group(row["id"], row["name"], tuple(member["name"] for member in members))
-
-
-def list_groups(tx: Transaction) -> list[Group]:
-    """Return every group, by name."""
-    members: dict[int, list[str]] = {}
-    for row in tx.rows(
-        "SELECT m.group_id, u.name FROM user_group_members m JOIN users u ON u.id = m.user_id "
-        "ORDER BY u.name"
-    ):
-        members.setdefault(row["group_id"], []).append(row["name"])
-    rows = tx.rows("SELECT id, name FROM user_groups ORDER BY name")
-    return [Group(row["id"], row["name"], tuple(members.get(row["id"], ()))) for row in rows]
-
-
-def remove_group(tx: Transaction, group_id: int) -> None:
-    """Remove a group with its grants; its members stay users."""
-    tx.change("DELETE FROM user_groups WHERE id = %s", (group_id,))
-
-
 def add_member(tx: Transaction, group_id: int, user_id: int) -> bool:
     """Make a user a member; return whether the user was none before."""
     return bool(
@@ -195,37 +240,6 @@ def remove_member(tx: Transaction, group_id: int, user_id: int) -> bool:
             (group_id, user_id),
         )
     )
-
-
-def add_site(tx: Transaction, name: str) -> int:
-    """Add a site without robots; return its id. Raises RecordExistsError or RecordRefusedError."""
-    with unique(f"cannot add site {name}: the name is taken"):
-        return tx.insert("INSERT INTO sites (name) VALUES (%s)", (name,))
-
-
-def get_site(tx: Transaction, name: str) -> Site:
-    """Return the site of that name; raise RecordMissingError."""
-    row = tx.row("SELECT id, name FROM sites WHERE name = %s", (name,))
-    if row is None:
-        raise RecordMissingError(
-            f"cannot find site {name}: no such site; add one with: site add {name}"
-        )
-    robots = tx.rows("SELECT name FROM robots WHERE site_id = %s ORDER BY name", (row["id"],))
-    return Site(row["id"], row["name"], tuple(robot["name"] for robot in robots))
-
-
-def list_sites(tx: Transaction) -> list[Site]:
-    """Return every site, by name."""
-    robots: dict[int, list[str]] = {}
-    for row in tx.rows("SELECT site_id, name FROM robots WHERE site_id IS NOT NULL ORDER BY name"):
-        robots.setdefault(row["site_id"], []).append(row["name"])
-    rows = tx.rows("SELECT id, name FROM sites ORDER BY name")
-    return [Site(row["id"], row["name"], tuple(robots.get(row["id"], ()))) for row in rows]
-
-
-def remove_site(tx: Transaction, site_id: int) -> None:
-    """Remove a site with its grants; its robots stay, at no site."""
-    tx.change("DELETE FROM sites WHERE id = %s", (site_id,))
 
 
 def place_robot(tx: Transaction, robot_id: int, site_id: int | None) -> None:

@@ -3,8 +3,9 @@
 import datetime as dt
 from dataclasses import dataclass
 
-from robotether_server.db import credentials, grants
+from robotether_server.db import credentials
 from robotether_server.db.database import Transaction, unique
+from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.problems import RecordMissingError
 from robotether_server.schemas import Label, Timestamp
 
@@ -51,8 +52,8 @@ def create(
 
     `api_token` is the hash of the one that made it.
     """
-    site_id = grants.get_site(tx, place.site).id if place.site else None
-    group_id = grants.get_group(tx, place.group).id if place.group else None
+    site_id = SITES.get(tx, place.site).id if place.site else None
+    group_id = GROUPS.get(tx, place.group).id if place.group else None
     text = credentials.new_secret(PREFIX)
     with unique(
         f"cannot create join token {name}: there is one of that name; delete it or choose another name"

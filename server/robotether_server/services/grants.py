@@ -1,6 +1,6 @@
 """Grants: which user or group may observe, drive or manage which robot, site or all, and until when.
 
-Groups of users and sites of robots are made, filled and removed by admins.
+Admins add, fill and remove groups of users and sites of robots.
 """
 
 import datetime as dt
@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 from robotether_server import schemas, times
 from robotether_server.db import Transaction, audit, grants, robots, users
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import Grant, Group, Pair, Site
+from robotether_server.db.grants import GROUPS, SITES, Collection, Grant, Group, Pair, R
 from robotether_server.db.robots import RobotRow
 from robotether_server.problems import NotPossibleError, RecordMissingError
 from robotether_server.schemas import Level, NewPlainName
@@ -85,10 +85,10 @@ def _pair(tx: Transaction, grantee: Grantee, scope: Scope) -> Pair:
     is_user = grantee.kind == "user"
     return Pair(
         robot_id=robots.get(tx, scope.name).id if scope.kind == "robot" else None,
-        site_id=grants.get_site(tx, scope.name).id if scope.kind == "site" else None,
+        site_id=SITES.get(tx, scope.name).id if scope.kind == "site" else None,
         all_robots=scope.kind == "all",
         user_id=users.get(tx, grantee.name).id if is_user else None,
-        group_id=None if is_user else grants.get_group(tx, grantee.name).id,
+        group_id=None if is_user else GROUPS.get(tx, grantee.name).id,
     )
 
 
@@ -108,66 +108,51 @@ def _text(timestamp: dt.datetime | None) -> str | None:
     return timestamp.isoformat(timespec="seconds") if timestamp else None
 
 
-def add_group(tx: Transaction, source: Source, name: str) -> Group:
-    """Add a group without members; raise FieldInvalidError or RecordExistsError."""
+def add_collection(tx: Transaction, source: Source, collection: Collection[R], name: str) -> R:
+    """Add a group or a site without members; raise FieldInvalidError or RecordExistsError."""
     schemas.check("name", name, NewPlainName)
-    grants.add_group(tx, name)
-    audit.record(tx, source, "group_added", group=name)
-    return grants.get_group(tx, name)
+    collection.add(tx, name)
+    audit.record(tx, source, f"{collection.kind}_added", **{collection.kind: name})
+    return collection.get(tx, name)
 
 
-def remove_group(tx: Transaction, source: Source, name: str) -> Group:
-    """Remove a group with its grants; return it as it was. Raises RecordMissingError."""
-    group = grants.get_group(tx, name)
-    grants.remove_group(tx, group.id)
-    audit.record(tx, source, "group_removed", group=name, members=list(group.members))
-    return group
+def remove_collection(tx: Transaction, source: Source, collection: Collection[R], name: str) -> R:
+    """Remove a group or a site with its grants; return it as it was. Raises RecordMissingError."""
+    record = collection.get(tx, name)
+    collection.remove(tx, record.id)
+    details = {collection.kind: name, collection.members: list(record.members)}
+    audit.record(tx, source, f"{collection.kind}_removed", **details)
+    return record
 
 
 def add_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
     """Give a user the grants of a group; raise RecordMissingError. Who is a member already stays one."""
-    if grants.add_member(tx, grants.get_group(tx, name).id, users.get(tx, user).id):
+    if grants.add_member(tx, GROUPS.get(tx, name).id, users.get(tx, user).id):
         audit.record(tx, source, "group_member_added", group=name, user=user)
-    return grants.get_group(tx, name)
+    return GROUPS.get(tx, name)
 
 
 def remove_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
     """Remove a user from a group; raise RecordMissingError."""
-    if not grants.remove_member(tx, grants.get_group(tx, name).id, users.get(tx, user).id):
+    if not grants.remove_member(tx, GROUPS.get(tx, name).id, users.get(tx, user).id):
         raise RecordMissingError(
             f"cannot remove user {user} from group {name}: the user is no member"
         )
     audit.record(tx, source, "group_member_removed", group=name, user=user)
-    return grants.get_group(tx, name)
-
-
-def add_site(tx: Transaction, source: Source, name: str) -> Site:
-    """Add a site without robots; raise FieldInvalidError or RecordExistsError."""
-    schemas.check("name", name, NewPlainName)
-    grants.add_site(tx, name)
-    audit.record(tx, source, "site_added", site=name)
-    return grants.get_site(tx, name)
-
-
-def remove_site(tx: Transaction, source: Source, name: str) -> Site:
-    """Remove a site with its grants; return it as it was. Its robots are at no site then. Raises RecordMissingError."""
-    site = grants.get_site(tx, name)
-    grants.remove_site(tx, site.id)
-    audit.record(tx, source, "site_removed", site=name, robots=list(site.robots))
-    return site
+    return GROUPS.get(tx, name)
 
 
 def place_robot(tx: Transaction, source: Source, robot: str, site: str | None) -> RobotRow:
     """Put a robot at a site, or at none; raise RecordMissingError."""
     row = robots.get(tx, robot)
     if row.site != site:
-        grants.place_robot(tx, row.id, None if site is None else grants.get_site(tx, site).id)
+        grants.place_robot(tx, row.id, None if site is None else SITES.get(tx, site).id)
         audit.record(tx, source, "robot_site_set", robot, was=row.site, site=site)
     return robots.get(tx, robot)
 
 
-def remove_robot(tx: Transaction, source: Source, robot: str, site: str) -> RobotRow:
-    """Put a robot of this site at none; raise RecordMissingError, or NotPossibleError when it is not there."""
-    if robots.get(tx, robot).site != site:
-        raise NotPossibleError(f"cannot remove robot {robot} from site {site}: it is not there")
+def remove_robot(tx: Transaction, source: Source, name: str, robot: str) -> RobotRow:
+    """Remove a robot from a site; raise RecordMissingError, or NotPossibleError when it is not there."""
+    if robots.get(tx, robot).site != name:
+        raise NotPossibleError(f"cannot remove robot {robot} from site {name}: it is not there")
     return place_robot(tx, source, robot, None)

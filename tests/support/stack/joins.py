@@ -115,8 +115,8 @@ class Site:
         with self.database.transaction() as tx:
             return [seen.robot.name for seen in seen_robots.list_all(tx)]
 
-    def events(self, kind: str) -> list[AuditEvent]:
-        """The audit log's events of one kind, the oldest first."""
+    def events(self, kind: str | None = None) -> list[AuditEvent]:
+        """The audit log's events, or those of one kind, the oldest first."""
         with self.database.transaction() as tx:
             return audit.find(tx, audit.AuditSearch(kind=kind))[::-1]
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from robotether_server.db import Database, Transaction, grants, robots, users
+from robotether_server.db import Database, Transaction, robots, users
 from robotether_server.db.audit import AuditSearch, Source, find, record
+from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.problems import RecordMissingError, RobotUnknownError
 
 LOOK_UPS: list[Callable[[Transaction, str], object]] = [
     users.get,
     robots.get,
-    grants.get_site,
-    grants.get_group,
+    SITES.get,
+    GROUPS.get,
 ]
 
 
@@ -40,8 +41,8 @@ def test_name_with_a_blank_or_in_other_case_is_another_name(
     with database.transaction() as tx:
         users.add(tx, "x", "hash", "admin")
         robots.add(tx, "02:00:00:00:00:01", "x")
-        grants.add_site(tx, "x")
-        grants.add_group(tx, "x")
+        SITES.add(tx, "x")
+        GROUPS.add(tx, "x")
         assert look_up(tx, "x") is not None
         with pytest.raises((RecordMissingError, RobotUnknownError)):
             look_up(tx, name)

@@ -8,7 +8,7 @@ import itertools
 import pytest
 from mariadb_server import MariaDb
 from robotether_server.db import Database, Transaction, fleet, grants, robots, seen_robots, users
-from robotether_server.db.grants import Pair
+from robotether_server.db.grants import GROUPS, SITES, Pair
 from robotether_server.db.robots import Report
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordRefusedError
@@ -23,7 +23,7 @@ def ids(database: Database) -> dict[str, int]:
     """Ann in the group crew, ben in none; robots a and b at the site lab, c at none."""
     with database.transaction() as tx:
         found = {name: users.add(tx, name, "x", "user") for name in ("ann", "ben")}
-        found |= {"crew": grants.add_group(tx, "crew"), "lab": grants.add_site(tx, "lab")}
+        found |= {"crew": GROUPS.add(tx, "crew"), "lab": SITES.add(tx, "lab")}
         grants.add_member(tx, found["crew"], found["ann"])
         for number, name in enumerate("abc"):
             found[name] = robots.add(tx, f"02:00:00:00:00:0{number}", name)
@@ -103,8 +103,8 @@ def test_what_is_removed_takes_its_grants_along(database: Database, ids: dict[st
             Pair(user_id=ids["ben"], robot_id=ids["c"]),
         ):
             grants.put(tx, pair, "manage")
-        grants.remove_group(tx, ids["crew"])
-        grants.remove_site(tx, ids["lab"])
+        GROUPS.remove(tx, ids["crew"])
+        SITES.remove(tx, ids["lab"])
         robots.remove(tx, ids["c"])
         assert grants.list_all(tx) == []
         assert robots.get(tx, "a").site is None
@@ -150,9 +150,9 @@ def test_each_change_of_rights_is_a_new_version(
         lambda tx: grants.put(tx, Pair(group_id=crew, site_id=lab), "drive", now() + HOUR),
         lambda tx: grants.put(tx, Pair(group_id=crew, site_id=lab), "drive", now() + 2 * HOUR),
         later,
-        lambda tx: grants.remove_site(tx, lab),
-        lambda tx: grants.add_site(tx, "lab"),
-        lambda tx: grants.remove_group(tx, crew),
+        lambda tx: SITES.remove(tx, lab),
+        lambda tx: SITES.add(tx, "lab"),
+        lambda tx: GROUPS.remove(tx, crew),
     )
     seen = []
     for change in changes:

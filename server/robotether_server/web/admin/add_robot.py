@@ -11,8 +11,8 @@ from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, cells, join_tokens, seen_robots
-from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
+from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.db.join_tokens import JoinToken, Place
 from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.install_line import EnrolmentLines, enrolment_lines
@@ -96,8 +96,8 @@ def _page(
         made=invitation,
         arrived=_arrivals(tx, everyone, invitation),
         live=f"{PAGE}/{invitation.token.id}" if invitation else request.full_path.rstrip("?"),
-        sites=_choices("no site", [site.name for site in db_grants.list_sites(tx)]),
-        groups=_choices("no group", [group.name for group in db_grants.list_groups(tx)]),
+        sites=_choices("no site", SITES.names(tx)),
+        groups=_choices("no group", GROUPS.names(tx)),
         regions=_choices("no region", cells.list_regions(tx)),
         waiting=pending.waiting(tx),
         rejected=pending.rejected(tx),

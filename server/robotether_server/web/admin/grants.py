@@ -12,7 +12,7 @@ from robotether_server.api.context import context
 from robotether_server.db import Transaction, seen_robots, users
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import LEVELS, Grant
+from robotether_server.db.grants import GROUPS, LEVELS, SITES, Grant
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import User
 from robotether_server.problems import FieldInvalidError
@@ -67,7 +67,7 @@ def for_site(tx: Transaction, site: str) -> list[Grant]:
 
 def of_user(tx: Transaction, user: User) -> list[Grant]:
     """Return the grants that a user has, alone or in a group."""
-    joined = {group.name for group in db_grants.list_groups(tx) if user.name in group.members}
+    joined = {group.name for group in GROUPS.list_all(tx) if user.name in group.members}
     return [
         grant
         for grant in db_grants.list_all(tx)
@@ -83,7 +83,7 @@ def of_group(tx: Transaction, group: str) -> list[Grant]:
 def holders(tx: Transaction) -> Choices:
     """Return who may be given a grant; admins need none."""
     people = [user.name for user in users.list_all(tx) if not user.is_admin]
-    groups = [group.name for group in db_grants.list_groups(tx)]
+    groups = GROUPS.names(tx)
     return [
         ("Users", [(f"user:{name}", name) for name in people]),
         ("Groups", [(f"group:{name}", f"group {name}") for name in groups]),
@@ -93,7 +93,7 @@ def holders(tx: Transaction) -> Choices:
 def scopes(tx: Transaction) -> Choices:
     """Return what a grant may be for."""
     robots = [seen.robot.name for seen in seen_robots.list_all(tx)]
-    sites = [site.name for site in db_grants.list_sites(tx)]
+    sites = SITES.names(tx)
     return [
         ("Robots", [(f"robot:{name}", name) for name in robots]),
         ("Sites", [(f"site:{name}", f"site {name}") for name in sites]),

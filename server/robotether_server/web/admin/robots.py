@@ -12,9 +12,8 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, audit, cells, seen_robots
-from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import LEVELS
+from robotether_server.db.grants import LEVELS, SITES
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.seen_robots import FREE, ControlState, SeenRobot
 from robotether_server.problems import RobotetherError, RobotUnknownError
@@ -83,7 +82,7 @@ def show_all() -> str:
     with context().database.transaction() as tx:
         everyone = seen_robots.list_seen(tx, current_user.get())
         control = seen_robots.control_of_all(tx)
-        sites = [site.name for site in db_grants.list_sites(tx)]
+        sites = SITES.names(tx)
         holders = grants.holders(tx)
     hits = [seen for seen in everyone if search.finds(seen, control.get(seen.robot.id, FREE))]
     first = max(request.args.get("page", 1, type=int) - 1, 0) * filters.PER_PAGE
@@ -127,7 +126,7 @@ def show(name: str, problem: RobotetherError | None = None) -> str:
             "admin/robot.html",
             seen=seen,
             robot=seen.robot,
-            sites=[site.name for site in db_grants.list_sites(tx)],
+            sites=SITES.names(tx),
             regions=_regions(tx, seen.robot),
             settings=setting_fields.summary(seen.robot.settings),
             control=seen_robots.control_of(tx, seen.robot.id),

@@ -8,9 +8,8 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import passwords
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, credentials, seen_robots, users
-from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import LEVELS
+from robotether_server.db.grants import GROUPS, LEVELS
 from robotether_server.db.users import ROLES
 from robotether_server.problems import RobotetherError
 from robotether_server.schemas import MAX_NAME_LENGTH
@@ -59,7 +58,7 @@ def show(name: str, problem: RobotetherError | None = None) -> str:
             "admin/user.html",
             subject=user,
             grants=grants.of_user(tx, user),
-            groups=[group.name for group in db_grants.list_groups(tx) if name in group.members],
+            groups=[group.name for group in GROUPS.list_all(tx) if name in group.members],
             tokens=credentials.list_tokens_of(tx, user),
             choices=grants.scopes(tx),
             levels=LEVELS,

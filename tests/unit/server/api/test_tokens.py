@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 from api_visitor import API, Program, in_person, new_public_key
-from robotether_server.db import Database, grants, join_tokens
+from robotether_server.db import Database, join_tokens
+from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.db.join_tokens import Place
 from web_visitor import Browser, audit_kinds
 
@@ -93,8 +94,8 @@ def test_join_token_says_where_its_robots_belong(
     place = {"site": "hall", "group": "crew", "region": "eu"}
     assert root.refused("POST", "/join-tokens", JOIN_TOKEN | place) == (404, "record_missing")
     with database.transaction() as tx:
-        grants.add_site(tx, "hall")
-        grants.add_group(tx, "crew")
+        SITES.add(tx, "hall")
+        GROUPS.add(tx, "crew")
     made = root.ask("POST", "/join-tokens", JOIN_TOKEN | place).json
     with database.transaction() as tx:
         assert join_tokens.place_of(tx, made["id"]) == Place("hall", "crew", "eu")

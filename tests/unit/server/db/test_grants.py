@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from robotether_server.db import Database, grants, robots, users
-from robotether_server.db.grants import Group, Site
+from robotether_server.db.grants import GROUPS, SITES, Collection, Group, Site
 from robotether_server.problems import RecordExistsError, RecordMissingError
 from robotether_server.schemas import Level
 
@@ -26,52 +28,52 @@ def test_level_includes_the_lower_ones(held: Level, asked: Level, may: bool) -> 
 
 
 def test_group_has_members_by_name(database: Database) -> None:
-    """A second time changes nothing; who leaves is no member."""
+    """Adding a member again changes nothing; users that leave or are removed are no members."""
     with database.transaction() as tx:
-        crew, empty = grants.add_group(tx, "crew"), grants.add_group(tx, "a-team")
+        crew, empty = GROUPS.add(tx, "crew"), GROUPS.add(tx, "a-team")
         ids = {name: users.add(tx, name, "x", "user") for name in ("zoe", "ann")}
         assert [grants.add_member(tx, crew, ids[name]) for name in ("zoe", "ann", "ann")] == [
             True,
             True,
             False,
         ]
-        assert grants.list_groups(tx) == [
+        assert GROUPS.list_all(tx) == [
             Group(empty, "a-team", ()),
             Group(crew, "crew", ("ann", "zoe")),
         ]
+        assert GROUPS.names(tx) == ["a-team", "crew"]
         assert grants.remove_member(tx, crew, ids["ann"])
         assert not grants.remove_member(tx, crew, ids["ann"])
         users.remove(tx, ids["zoe"])
-        assert grants.get_group(tx, "crew") == Group(crew, "crew", ())
-        grants.remove_group(tx, crew)
-        with pytest.raises(RecordMissingError, match="cannot find group crew"):
-            grants.get_group(tx, "crew")
+        assert GROUPS.get(tx, "crew") == Group(crew, "crew", ())
 
 
-def test_name_is_had_once_and_must_exist(database: Database) -> None:
-    """The sentences say which."""
+@pytest.mark.parametrize("collection", [GROUPS, SITES])
+def test_name_is_unique_and_must_exist(database: Database, collection: Collection[Any]) -> None:
+    """The sentences say which name of what is meant; another record of that name in the other collection is none."""
+    kind = collection.kind
     with database.transaction() as tx:
-        grants.add_group(tx, "crew")
-        grants.add_site(tx, "lab")
-        with pytest.raises(RecordExistsError, match="cannot add site lab: the name is taken"):
-            grants.add_site(tx, "lab")
-        with pytest.raises(RecordMissingError, match="cannot find site yard"):
-            grants.get_site(tx, "yard")
-        with pytest.raises(RecordExistsError, match="cannot add group crew: the name is taken"):
-            grants.add_group(tx, "crew")
+        for each in (GROUPS, SITES):
+            each.add(tx, "lab")
+        with pytest.raises(RecordExistsError, match=f"cannot add {kind} lab: the name is taken"):
+            collection.add(tx, "lab")
+        collection.remove(tx, collection.get(tx, "lab").id)
+        with pytest.raises(RecordMissingError, match=f"cannot find {kind} lab: .*: {kind} add lab"):
+            collection.get(tx, "lab")
+        assert len(GROUPS.names(tx) + SITES.names(tx)) == 1
 
 
 def test_robot_is_at_one_site_or_none(database: Database) -> None:
-    """A site that goes leaves its robots."""
+    """A site that is removed leaves its robots."""
     with database.transaction() as tx:
-        lab, yard = grants.add_site(tx, "lab"), grants.add_site(tx, "yard")
+        lab, yard = SITES.add(tx, "lab"), SITES.add(tx, "yard")
         robot_id = robots.add(tx, "02:00:00:00:00:01", "a")
         for site in (yard, lab):
             grants.place_robot(tx, robot_id, site)
-        assert grants.list_sites(tx) == [Site(lab, "lab", ("a",)), Site(yard, "yard", ())]
+        assert SITES.list_all(tx) == [Site(lab, "lab", ("a",)), Site(yard, "yard", ())]
         assert robots.get(tx, "a").site == "lab"
-        grants.remove_site(tx, lab)
+        SITES.remove(tx, lab)
         assert robots.get(tx, "a").site is None
         grants.place_robot(tx, robot_id, yard)
         grants.place_robot(tx, robot_id, None)
-        assert grants.get_site(tx, "yard") == Site(yard, "yard", ())
+        assert SITES.get(tx, "yard") == Site(yard, "yard", ())

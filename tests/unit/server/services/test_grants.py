@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from joins import Site
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import Grant, list_all
+from robotether_server.db.grants import GROUPS, SITES, Collection, Grant, list_all
 from robotether_server.problems import FieldInvalidError, RecordMissingError
 from robotether_server.services import grants
 from robotether_server.services.grants import Grantee, Scope
@@ -28,48 +30,50 @@ def test_grant_is_given_changed_and_taken(site: Site) -> None:
     assert (len(site.events("grant_given")), len(site.events("grant_taken"))) == (2, 1)
 
 
-def test_each_change_of_a_group_is_in_the_log_once(site: Site) -> None:
-    """Who is a member already stays one without a line."""
+@pytest.mark.parametrize(
+    ("collection", "member", "kinds"),
+    [
+        (GROUPS, "ann", ["group_member_added", "group_member_removed", "group_member_added"]),
+        (SITES, "sim1", ["robot_site_set"] * 3),
+    ],
+)
+def test_each_change_of_a_collection_is_in_the_log_once(
+    site: Site, collection: Collection[Any], member: str, kinds: list[str]
+) -> None:
+    """Adding a member again changes nothing and leaves no line; removal names the members."""
+    kind = collection.kind
+
+    def set_member(*, to_be: bool) -> None:
+        if collection is GROUPS:
+            change = grants.add_member if to_be else grants.remove_member
+            change(tx, ADMIN, "x", member)
+        else:
+            grants.place_robot(tx, ADMIN, member, "x" if to_be else None)
+        assert collection.get(tx, "x").members == ((member,) if to_be else ())
+
     with site.database.transaction() as tx:
-        grants.add_group(tx, ADMIN, "crew")
-        for _ in range(2):
-            assert grants.add_member(tx, ADMIN, "crew", "ann").members == ("ann",)
-        assert grants.remove_member(tx, ADMIN, "crew", "ann").members == ()
+        assert grants.add_collection(tx, ADMIN, collection, "x").name == "x"
+        for to_be in (True, True, False, True):
+            set_member(to_be=to_be)
+        assert grants.remove_collection(tx, ADMIN, collection, "x").members == (member,)
+        assert collection.list_all(tx) == []
+    events = site.events()
+    assert [event.kind for event in events] == [f"{kind}_added", *kinds, f"{kind}_removed"]
+    assert events[0].details == {kind: "x"}
+    assert events[-1].details == {kind: "x", collection.members: [member]}
+
+
+def test_missing_member_and_invalid_name_are_refused(site: Site) -> None:
+    """The sentence says what is wrong."""
+    with site.database.transaction() as tx:
+        grants.add_collection(tx, ADMIN, GROUPS, "crew")
         with pytest.raises(
             RecordMissingError, match="user ann from group crew: the user is no member"
         ):
             grants.remove_member(tx, ADMIN, "crew", "ann")
-        grants.add_member(tx, ADMIN, "crew", "ann")
-        assert grants.remove_group(tx, ADMIN, "crew").members == ("ann",)
-    counts = {
-        kind: len(site.events(kind))
-        for kind in ("group_added", "group_member_added", "group_member_removed", "group_removed")
-    }
-    assert counts == {
-        "group_added": 1,
-        "group_member_added": 2,
-        "group_member_removed": 1,
-        "group_removed": 1,
-    }
-
-
-def test_each_change_of_a_site_is_in_the_log_once(site: Site) -> None:
-    """A robot that is there already stays without a line."""
-    with site.database.transaction() as tx:
-        grants.add_site(tx, ADMIN, "lab")
-        for where in ("lab", "lab", None, "lab"):
-            assert grants.place_robot(tx, ADMIN, "sim1", where).site == where
-        assert grants.remove_site(tx, ADMIN, "lab").robots == ("sim1",)
-    kinds = ("site_added", "robot_site_set", "site_removed")
-    assert [len(site.events(kind)) for kind in kinds] == [1, 3, 1]
-
-
-def test_site_that_is_not_there_or_has_no_name_is_refused(site: Site) -> None:
-    """The sentence says what."""
-    with site.database.transaction() as tx:
         with pytest.raises(RecordMissingError, match="cannot find site ghost"):
             grants.place_robot(tx, ADMIN, "sim1", "ghost")
         with pytest.raises(RecordMissingError, match="cannot find robot ghost"):
             grants.place_robot(tx, ADMIN, "ghost", None)
         with pytest.raises(FieldInvalidError, match="cannot use name"):
-            grants.add_site(tx, ADMIN, "The Lab")
+            grants.add_collection(tx, ADMIN, SITES, "The Lab")

@@ -12,6 +12,7 @@ from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_mes
 from robotether_server.db import Database, credentials, robots, users
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
+from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.db.join_tokens import Place
 from robotether_server.db.robots import Report
 from robotether_server.problems import (
@@ -295,8 +296,8 @@ def test_token_puts_a_robot_in_its_place(site: Site) -> None:
     crew = Grantee("group", "crew")
     with site.database.transaction() as tx:
         for name in ("lab", "yard"):
-            grants.add_site(tx, ADMIN, name)
-        grants.add_group(tx, ADMIN, "crew")
+            grants.add_collection(tx, ADMIN, SITES, name)
+        grants.add_collection(tx, ADMIN, GROUPS, "crew")
         grants.place_robot(tx, ADMIN, "sim2", "yard")
         grants.give(tx, ADMIN, crew, Scope("robot", "sim2"), "observe")
         robot_service.set_settings(tx, ADMIN, "sim2", {"region": "us", "shell_user": "pi"})
@@ -322,9 +323,9 @@ def test_token_outlives_its_place(site: Site) -> None:
     with site.database.transaction() as tx:
         with pytest.raises(RecordMissingError, match="site lab"):
             tokens.create_join_token(tx, ADMIN, "lab", 1, ends_at, place=Place("lab"))
-        grants.add_site(tx, ADMIN, "lab")
+        grants.add_collection(tx, ADMIN, SITES, "lab")
         token = tokens.create_join_token(tx, ADMIN, "lab", 1, ends_at, place=Place("lab"))
-        grants.remove_site(tx, ADMIN, "lab")
+        grants.remove_collection(tx, ADMIN, SITES, "lab")
     assert site.ask(token=token).code == "active"
 
 

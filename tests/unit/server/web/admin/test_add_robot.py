@@ -16,9 +16,8 @@ from flask import Flask
 from relay_server import cell_settings
 from robot_signer import RobotSigner
 from robotether_server.db import Database, cells, join_tokens, robots
-from robotether_server.db.audit import Source
+from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.install_line import SiteCertificates
-from robotether_server.services import grants
 from robotether_server.settings import SiteAddressSettings
 from web_visitor import Browser, audit_kinds
 
@@ -84,8 +83,8 @@ def test_a_robot_arrives_as_it_was_said(
 ) -> None:
     """With its name, at its site, in its region, driven by its group; the page then leads to it, and waits no more."""
     with database.transaction() as tx:
-        grants.add_site(tx, Source("root"), "lab")
-        grants.add_group(tx, Source("root"), "crew")
+        SITES.add(tx, "lab")
+        GROUPS.add(tx, "crew")
     assert 'name="region"' not in admin.ask("GET", "/admin/add-robot").text
     with relay_database.transaction() as tx:
         cell = cell_settings("a", region="eu")

@@ -8,7 +8,7 @@ import pytest
 from admin_visitor import send
 from robotether_server.db import Database, robots, users
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import list_all
+from robotether_server.db.grants import GROUPS, SITES, list_all
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web.admin import grants as grant_pages
@@ -30,9 +30,9 @@ def _crew_and_lab(admin: Browser, database: Database) -> None:
     """A group with ann, and a site with sim2; after the users and robots of `admin`."""
     assert admin
     with database.transaction() as tx:
-        grants.add_group(tx, ADMIN, "crew")
+        GROUPS.add(tx, "crew")
         grants.add_member(tx, ADMIN, "crew", "ann")
-        grants.add_site(tx, ADMIN, "lab")
+        SITES.add(tx, "lab")
         grants.place_robot(tx, ADMIN, "sim2", "lab")
 
 
