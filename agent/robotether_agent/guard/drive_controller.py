@@ -55,18 +55,18 @@ log = logging.getLogger(__name__)
 
 
 class DriveController:
-    """Implements `rosbridge.PublisherListener`; `publisher` is set before anything else is called."""
-
-    publisher: CmdVelPublisher
+    """Decides what the publisher sends; implements `rosbridge.PublisherListener`."""
 
     def __init__(
         self,
+        publisher: CmdVelPublisher,
         authorizer: Authorizer,
         motion_file: MotionFile,
         clock: Callable[[], float],
         changed: Callable[[], None],
     ) -> None:
         self.refusals: dict[RefusedKind, int] = dict.fromkeys(REFUSED_KINDS, 0)
+        self._publisher = publisher
         self._authorizer = authorizer
         self._motion = MotionTracker(motion_file)
         self._clock = clock
@@ -163,7 +163,7 @@ class DriveController:
         self._topics.on_rosbridge_lost()
         self.halt()
         # Also where the last command was zero: that may be what was lost.
-        unread = [t.name for t in self._topics if t.sent and t.sent_at > self.publisher.read_until]
+        unread = [t.name for t in self._topics if t.sent and t.sent_at > self._publisher.read_until]
         self._deadman.force(unread, self._clock())
         self._deadman.restart_zeros()
 
@@ -250,7 +250,7 @@ class DriveController:
     def _is_removable(self, topic: Topic) -> bool:
         """Return whether a topic is at rest, and rosbridge has read so: no zero is owed to it, nor may be soon."""
         is_at_rest = topic.waiting is None and self._deadman.is_at_rest(topic.name)
-        return is_at_rest and (topic.sent is None or topic.sent_at <= self.publisher.read_until)
+        return is_at_rest and (topic.sent is None or topic.sent_at <= self._publisher.read_until)
 
     async def _advertise(self, source: CommandSource, message: DriveMessage) -> None:
         # The field latch is left out: a robot must not get its last command again by itself.
@@ -303,7 +303,7 @@ class DriveController:
 
     def _old_at(self, source: CommandSource, t_ms: object, now: float) -> float:
         """Return until when a command may be sent, or refuse it."""
-        if not self.publisher.up or self._deadman.owes:
+        if not self._publisher.up or self._deadman.owes:
             raise DriveMessageRefusedError("held", "rosbridge does not accept commands")
         if source.authorization.mode == "direct":
             return now + self._config.max_age_s
@@ -352,25 +352,25 @@ class DriveController:
 
     async def _announce(self, topic: Topic) -> None:
         is_due = topic.type and not topic.announced and self._clock() >= topic.withheld_until
-        if is_due and self.publisher.can_send:
+        if is_due and self._publisher.can_send:
             advertise = {"op": "advertise", "topic": topic.name, "type": topic.type}
             # Meanwhile it may be forgotten, and then rosbridge must be notified.
             topic.announced, topic.announced_at = True, self._clock()
-            if not await self.publisher.send(_json(advertise)):
+            if not await self._publisher.send(_json(advertise)):
                 topic.announced = False
 
     async def _unadvertise(self) -> None:
-        while self._topics.parting and self.publisher.can_send:
+        while self._topics.parting and self._publisher.can_send:
             forgotten = {"op": "unadvertise", "topic": self._topics.next_parting()}
-            await self.publisher.send(_json(forgotten))
+            await self._publisher.send(_json(forgotten))
 
     async def _zero(self, topic: Topic, now: float) -> None:
         topic.waiting = None
-        if topic.sent is not None and self.publisher.can_send:
+        if topic.sent is not None and self._publisher.can_send:
             topic.withheld_until = 0.0
             await self._announce(topic)
             command = zero(topic.sent.shape, topic.sent.frame_id)
-            if await self.publisher.send(_publish(topic, command, None)):
+            if await self._publisher.send(_publish(topic, command, None)):
                 topic.sent, topic.sent_at = command, now
                 self._deadman.zeroed(topic.name, now)
                 return
@@ -384,7 +384,7 @@ class DriveController:
         if now > waiting.old_at:
             topic.waiting = None
             self._drop_old(topic, waiting, now)
-        elif self.publisher.can_send and not self._deadman.owes:
+        elif self._publisher.can_send and not self._deadman.owes:
             await self._announce(topic)
             # Meanwhile a stop may have come, or a newer command.
             if topic.waiting is waiting:
@@ -407,7 +407,7 @@ class DriveController:
             # Before it is sent: if the connection breaks meanwhile, it may have arrived.
             self._deadman.commanded(topic.name, now, moves=True)
             topic.moved = True
-        sent = await self.publisher.send(_publish(topic, command, waiting.message_id))
+        sent = await self._publisher.send(_publish(topic, command, waiting.message_id))
         if sent and not command.moves and topic.sent is command:
             self._deadman.commanded(topic.name, now, moves=False)
             self._wake.set()

@@ -61,11 +61,13 @@ class Guard:
         self._exiting = asyncio.Event()
         self._fences = FenceStore(FenceFile(state_dir))
         self._authorizer = Authorizer(self._clock(), self._fences.on_disk)
+        self._publisher = CmdVelPublisher(http, self._clock)
         self._controller = DriveController(
-            self._authorizer, MotionFile(run_dir), self._clock, self._report_state
-        )
-        self._controller.publisher = self._publisher = CmdVelPublisher(
-            http, self._controller, self._clock
+            self._publisher,
+            self._authorizer,
+            MotionFile(run_dir),
+            self._clock,
+            self._report_state,
         )
         self._watch = SubscriberWatch(
             self._controller, lambda: self._config.rosbridge_url if self._config else ""
@@ -91,7 +93,7 @@ class Guard:
                 self._receive(lines),
                 self._tick(),
                 self._controller.run(),
-                self._publisher.run(),
+                self._publisher.run(self._controller),
                 self._watch.run(),
                 self._latch.run(),
             )

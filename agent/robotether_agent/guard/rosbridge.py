@@ -15,7 +15,7 @@ import asyncio
 import logging
 import socket
 from collections.abc import Callable
-from typing import Protocol
+from typing import NoReturn, Protocol
 
 import aiohttp
 from aiohttp import ClientSession, WSMsgType
@@ -64,11 +64,8 @@ class PublisherListener(Protocol):
 class CmdVelPublisher:
     """One connection after the other."""
 
-    def __init__(
-        self, http: ClientSession, listener: PublisherListener, clock: Callable[[], float]
-    ) -> None:
+    def __init__(self, http: ClientSession, clock: Callable[[], float]) -> None:
         self._http = http
-        self._listener = listener
         self._clock = clock
         self.read_until = 0.0
         self._url = ""
@@ -117,17 +114,17 @@ class CmdVelPublisher:
             return False
         return True
 
-    async def run(self) -> None:
-        """Keep the connection, without end."""
+    async def run(self, listener: PublisherListener) -> NoReturn:
+        """Keep the connection, without end; notify the listener of what happens on it."""
         await self._has_url.wait()
         while True:
             try:
-                await self._connection()
+                await self._connection(listener)
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
                 self._log_down(describe_error(error, STALLED_AFTER_S))
             await asyncio.sleep(RETRY_S)
 
-    async def _connection(self) -> None:
+    async def _connection(self, listener: PublisherListener) -> None:
         connection = await open_rosbridge(self._http, self._url)
         _keep_small(connection)
         self._socket, self._pinged_at, self._sent_since_ping = connection, None, False
@@ -135,25 +132,26 @@ class CmdVelPublisher:
         self._logged_down = False
         pinger = asyncio.ensure_future(self._ping_on(connection))
         try:
-            self._listener.on_rosbridge_connected()
-            await self._read(connection)
+            listener.on_rosbridge_connected()
+            await self._read(connection, listener)
         finally:
             self._socket = None
             pinger.cancel()
             connection.drop()
-            self._listener.on_rosbridge_lost()
+            listener.on_rosbridge_lost()
             await asyncio.gather(pinger, return_exceptions=True)
         self._log_down("it closed the connection")
 
-    async def _read(self, connection: RosbridgeSocket) -> None:
+    async def _read(self, connection: RosbridgeSocket, listener: PublisherListener) -> None:
         while True:
             message = await connection.receive()
             if message.type is WSMsgType.PONG:
                 await self._ponged(connection)
+                listener.on_rosbridge_drained()
             elif message.type is WSMsgType.PING:
                 await connection.pong(message.data)
             elif message.type is WSMsgType.TEXT:
-                self._listener.on_rosbridge_message(message.data)
+                listener.on_rosbridge_message(message.data)
             elif message.type is not WSMsgType.BINARY:
                 return
 
@@ -163,7 +161,6 @@ class CmdVelPublisher:
         self._pinged_at = None
         if self._sent_since_ping:
             await self._ping(connection)
-        self._listener.on_rosbridge_drained()
 
     async def _ping_on(self, connection: RosbridgeSocket) -> None:
         """Ping also while nobody drives, so that the first command does not find a dead line."""

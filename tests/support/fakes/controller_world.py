@@ -100,9 +100,12 @@ class World:
         self.source = FakeSource()
         self.changes = 0
         self.controller = DriveController(
-            self.authorizer, self.motion_file, lambda: self.now, self._changed
+            self.publisher,  # type: ignore[arg-type]  # has all that it uses
+            self.authorizer,
+            self.motion_file,
+            lambda: self.now,
+            self._changed,
         )
-        self.controller.publisher = self.publisher  # type: ignore[assignment]  # has all that it uses
         self.controller.use(CONFIG)
 
     def _changed(self) -> None:

@@ -77,8 +77,8 @@ async def running(
     """A line that is connected."""
     heard = MonitoredSession()
     async with new_http() as http:
-        line = CmdVelPublisher(http, heard, time.monotonic)
-        task = asyncio.create_task(line.run())
+        line = CmdVelPublisher(http, time.monotonic)
+        task = asyncio.create_task(line.run(heard))
         line.use(f"ws://127.0.0.1:{rosbridge.port}/")
         await until("it is up", lambda: "up" in heard.events)
         yield line, heard

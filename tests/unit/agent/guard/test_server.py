@@ -34,8 +34,10 @@ async def running(
     authorizer.session(up=True)
     authorizer.lease(13, held=True)
     async with new_http() as http:
-        controller = DriveController(authorizer, MotionFile(place), time.monotonic, lambda: None)
-        controller.publisher = CmdVelPublisher(http, controller, time.monotonic)
+        publisher = CmdVelPublisher(http, time.monotonic)
+        controller = DriveController(
+            publisher, authorizer, MotionFile(place), time.monotonic, lambda: None
+        )
         fences = FenceStore(FenceFile(state_dir or place))
         server = Server(
             http, authorizer, controller, lambda: config, lambda: True, keep_fence=fences.keep
