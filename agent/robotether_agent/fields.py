@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast
 
+from robotether_agent.problems import DetailError
+
 JsonObject = Mapping[str, object]
 
 HOST = re.compile(r"(?!-)[A-Za-z0-9._-]{1,253}")
@@ -30,8 +32,8 @@ MAX_CELLS = 8
 MAX_PORTS = 8
 
 
-class FieldError(ValueError):
-    """A field is missing or has the wrong type or range; callers translate it into an AgentError."""
+class FieldError(DetailError, ValueError):
+    """A field is missing or has the wrong type or range; callers translate it."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ def printable(text: str, limit: int = 500) -> str:
     return clean if len(text) <= limit else clean[: limit - 3] + "..."
 
 
-class MacError(ValueError):
+class MacError(DetailError, ValueError):
     """The text is no MAC address that can name a robot; the message says why."""
 
 

@@ -1,8 +1,5 @@
 """Everything that can go wrong for the agent, as one tree.
 
-A refusal that its caller always answers or translates has a class beside what raises it: a broken field or value, a
-camera that gives no frames, a drive message that is not let through. All else that a module raises is of this tree.
-
 Each problem has a short code that reaches the log and the status unchanged, knows whether trying again
 can help, and says in one sentence what was impossible and why, and in another what a person can do.
 
@@ -16,7 +13,8 @@ can help, and says in one sentence what was impossible and why, and in another w
     |- LinkError
     |  |- LinkLostError, ServerSilentError, NetworkChangedError, ProtocolBrokenError
     |  `- SessionRefusedError, PortTakenError, ForwardFailedError, SessionEndedError
-    `- GuardDownError, RosbridgeDownError, VideoSourceDownError
+    |- GuardDownError, RosbridgeDownError, VideoSourceDownError
+    `- DetailError, whose classes stand beside what raises them
 """
 
 from __future__ import annotations
@@ -44,9 +42,11 @@ class AgentError(Exception):
     exit_code: ClassVar[int] = 1
 
     def __init_subclass__(
-        cls, *, code: str, retry: Retry = Retry.SOON, advice: str = "", exit_code: int = 1
+        cls, *, code: str = "", retry: Retry = Retry.SOON, advice: str = "", exit_code: int = 1
     ) -> None:
-        cls.default_code, cls.default_retry = code, retry
+        if code:
+            cls.default_code = code
+        cls.default_retry = retry
         cls.default_advice, cls.exit_code = advice, exit_code
 
     def __init__(
@@ -204,3 +204,10 @@ class RosbridgeDownError(AgentError, code="rosbridge_down"):
 
 class VideoSourceDownError(AgentError, code="video_down"):
     """web_video_server on the robot does not answer; never ends a connection."""
+
+
+class DetailError(AgentError, code="detail"):
+    """Why something fails, in words alone: its caller answers it, or translates it into a problem with a code."""
+
+    def __str__(self) -> str:
+        return self.message

@@ -18,7 +18,7 @@ from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
 from robotether_agent.fields import HOST, IPV6, MAX_PORTS, ROBOT_NAME, MacError, normalise_mac
-from robotether_agent.problems import SettingsInvalidError
+from robotether_agent.problems import DetailError, SettingsInvalidError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -89,7 +89,7 @@ class Settings:
         return {name: url for name, _, url in (item.partition("=") for item in self.cameras)}
 
 
-class RefusedValueError(ValueError):
+class RefusedValueError(DetailError, ValueError):
     """The value is not allowed; the message says what is."""
 
 

@@ -31,7 +31,7 @@ from robotether_agent.enrolment.join import REDIRECTS, SshAccess, parse_ssh
 from robotether_agent.fields import FieldError, get_object, get_text, parse_object, printable
 from robotether_agent.net.http_proxy import DEAD_ADVICE, Proxy, ask_for, proxy_of
 from robotether_agent.net.tcp import CHECK_NETWORK, CHECK_SERVER, Resolver, connect
-from robotether_agent.problems import AgentError
+from robotether_agent.problems import AgentError, DetailError
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 
@@ -46,7 +46,7 @@ CLOCK_TOLERANCE = timedelta(minutes=5)
 BUILT = datetime(2025, 1, 1, tzinfo=timezone.utc)
 
 
-class CertificateError(ValueError):
+class CertificateError(DetailError, ValueError):
     """The bytes are no certificate that can be read."""
 
 

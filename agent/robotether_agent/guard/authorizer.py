@@ -15,11 +15,12 @@ from robotether_common.session import MAX_FENCE
 
 from robotether_agent.guard.drive_messages import DriveMessageRefusedError
 from robotether_agent.guard.topics import Authorization
+from robotether_agent.problems import DetailError
 
 AGENT_SILENT_S = 1.0
 
 
-class DriveNotAuthorizedError(Exception):
+class DriveNotAuthorizedError(DetailError):
     """A handshake gets the HTTP `status` and this text."""
 
     def __init__(self, status: int, why: str) -> None:

@@ -33,6 +33,7 @@ from robotether_common.ros import (
 )
 
 from robotether_agent.fields import printable
+from robotether_agent.problems import DetailError
 
 Operation = Literal["publish", "advertise", "unadvertise"]
 MessageId = str | int | None
@@ -71,7 +72,7 @@ MAX_WHOLE = 2**63 - 1
 MAX_STEP_S = 0.1
 
 
-class DriveMessageRefusedError(Exception):
+class DriveMessageRefusedError(DetailError):
     """Raised by every check, counted and answered; `why` goes on where "cannot DO WHAT: " ends."""
 
     def __init__(self, kind: RefusedKind, why: str) -> None:

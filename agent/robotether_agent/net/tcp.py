@@ -21,7 +21,7 @@ from typing import Any
 
 from robotether_agent.describe_error import NAME_ADVICE, cause_of
 from robotether_agent.net.happy_eyeballs import HappyEyeballs, after
-from robotether_agent.problems import NoAnswerError, ServerUnreachableError
+from robotether_agent.problems import DetailError, NoAnswerError, ServerUnreachableError
 from robotether_agent.tasks import readable, within
 
 # Time limit for acknowledgements, after which the kernel closes a connection, even if its agent has
@@ -119,7 +119,7 @@ def interleaved(addresses: Sequence[Address]) -> list[Address]:
     return [item for item in pairs if item is not None]
 
 
-class NameUnknownError(OSError):
+class NameUnknownError(DetailError, OSError):
     """No address is known, for a reason in our own words."""
 
 

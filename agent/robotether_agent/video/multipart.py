@@ -8,11 +8,13 @@ from email.message import Message
 
 from robotether_common.frames import MAX_FRAME_BYTES
 
+from robotether_agent.problems import DetailError
+
 MAX_HEAD_BYTES = 8 * 1024
 BLANK = b"\r\n"
 
 
-class MultipartBrokenError(ValueError):
+class MultipartBrokenError(DetailError, ValueError):
     """What came is no such stream."""
 
 

@@ -28,6 +28,7 @@ from yarl import URL
 from robotether_agent.clock import robot_time
 from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject, printable
+from robotether_agent.problems import DetailError
 from robotether_agent.rosbridge import (
     COMPRESSED,
     IMAGE_TYPE,
@@ -93,7 +94,7 @@ class SourceRequest:
     fps: float
 
 
-class SourceDownError(Exception):
+class SourceDownError(DetailError):
     """A source gives no frames; the message says why."""
 
     def __init__(self, message: str, *, answers: bool = True) -> None:

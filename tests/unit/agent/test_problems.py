@@ -2,33 +2,53 @@
 
 from __future__ import annotations
 
+import builtins
 import re
 from pathlib import Path
 
 from robotether_agent import problems
+from robotether_agent.fields import FieldError
 from robotether_agent.problems import AgentError, Retry, ServerKeyChangedError, SettingsInvalidError
 
 UNIT = Path(__file__).parents[3] / "agent/systemd/robotether-agent.service"
 
 
-def all_problems(base: type[AgentError] = AgentError) -> list[type[AgentError]]:
-    found = [base]
-    for child in base.__subclasses__():
-        found += all_problems(child)
-    return found
+PROBLEMS = [
+    member
+    for member in vars(problems).values()
+    if isinstance(member, type) and issubclass(member, AgentError)
+]
+
+
+def test_every_exception_of_the_agent_is_in_the_tree():
+    """Of all classes of the package, the tree's root alone extends a class of Python's."""
+    texts = [path.read_text("utf-8") for path in Path(problems.__file__).parent.rglob("*.py")]
+    pattern = re.compile(r"^class (\w+)\(\s*(\w+)", re.MULTILINE)
+    classes = [pair for text in texts for pair in pattern.findall(text)]
+    roots = [
+        name
+        for name, base in classes
+        if base.endswith(("Error", "Exception")) and hasattr(builtins, base)
+    ]
+    assert roots == ["AgentError"]
 
 
 def test_the_drawn_tree_is_the_real_one():
-    """The picture in the docstring names every problem, and no other."""
+    """The picture in the docstring names every problem of the module, and no other."""
     drawn = set(re.findall(r"[A-Z]\w+[A-Z]\w+", problems.__doc__ or ""))
-    assert drawn == {problem.__name__ for problem in all_problems()}
+    assert drawn == {problem.__name__ for problem in PROBLEMS}
 
 
 def test_codes_are_short_and_unique():
     """A code is one word in small letters, and names one problem."""
-    codes = [problem.default_code for problem in all_problems()]
+    codes = [problem.default_code for problem in PROBLEMS]
     assert len(codes) == len(set(codes))
     assert all(re.fullmatch("[a-z_]{3,25}", code) for code in codes)
+
+
+def test_a_detail_is_its_words_alone():
+    """Its caller ends a sentence with it, and adds a code of its own."""
+    assert str(FieldError("field seq is missing")) == "field seq is missing"
 
 
 def test_a_problem_reads_as_a_sentence_with_advice_and_code():
