@@ -28,6 +28,7 @@ from robotether_agent.tunnel.connection import Role
 from robotether_agent.tunnel.openssh import ServiceAddress, target_of
 from robotether_agent.tunnel.session import FeatureRequest, Session, SessionConfig
 from robotether_agent.video.frames_service import FramesService
+from robotether_agent.video.receiver import OnFrameSent
 from robotether_agent.video.sources import SourceSettings
 from robotether_agent.video.video_proxy import LocalService, VideoProxy
 
@@ -110,11 +111,16 @@ async def serve_video(
     source_settings: SourceSettings,
     graph: RosGraph,
     has_video: Callable[[], bool],
+    on_frame_sent: OnFrameSent,
 ) -> AsyncIterator[Role]:
     """Serve the robot's cameras and topics by a video proxy."""
     topics = TopicsService(settings.rosbridge_url)
     frames = FramesService(
-        source_settings, graph, has_video=has_video, routes={TOPICS_PATH: topics.answer}
+        source_settings,
+        graph,
+        has_video=has_video,
+        routes={TOPICS_PATH: topics.answer},
+        on_frame_sent=on_frame_sent,
     )
     async with AsyncExitStack() as ends:
         ends.push_async_callback(topics.close)

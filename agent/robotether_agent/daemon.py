@@ -120,7 +120,14 @@ class Agent:
             row(
                 kind="media",
                 request=self._features.media,
-                serve=partial(serve_video, settings, source_settings, self._graph, self._has_video),
+                serve=partial(
+                    serve_video,
+                    settings,
+                    source_settings,
+                    self._graph,
+                    self._has_video,
+                    self._on_frame_sent,
+                ),
                 bye="unwatched",
                 reason="nobody watches its video any more",
                 idle="unwatched",
@@ -247,6 +254,10 @@ class Agent:
         """Wait; a server that takes the robot's session again takes what goes beside it, too."""
         with suppress(asyncio.TimeoutError):
             await within(most_s, self._next_session.wait())
+
+    def _on_frame_sent(self, camera: str, frame: int, taken_s: float) -> None:
+        if self._guard is not None:
+            self._guard.on_frame_sent(camera, frame, taken_s)
 
     def _has_video(self) -> bool:
         return self._health.report.video == "ok"

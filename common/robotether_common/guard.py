@@ -14,8 +14,12 @@ MODE_HEADER = "Robotether-Mode"
 FENCE_HEADER = "Robotether-Fence"
 FENCE_REFUSED = 409
 DISK_REFUSED = 507
-# The member beside `msg` in a drive command, with `t_ms` and `fence`.
+# The member beside `msg` in a drive command, with `t_ms` and `fence`, and `seen` of a client that names frames.
 STAMP = "robotether"
+# Maximum number of frames that one command names, of as many cameras.
+MAX_SEEN_FRAMES = 8
+# Time for which agent and relay remember a frame, and the age from which it counts as unknown.
+MAX_SEEN_S = 10.0
 
 DEFAULT_TOPICS = ("/cmd_vel", "*/cmd_vel")
 # Default limit, in ms, of the deadman and of a command's age: a robot can stop within it.

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 
+from robotether_common.frames import SEQUENCES
 from robotether_common.guard import DEFAULT_MS, DEFAULT_TOPICS, TIMES_MS, RefusedKind
 from robotether_common.ros import MAX_GLOBS
 from robotether_common.session import MAX_FENCE
@@ -31,14 +32,20 @@ from robotether_agent.fields import (
     parse_object,
 )
 from robotether_agent.guard.drive_messages import DriveLimits, DriveTopics
+from robotether_agent.guard.seen_age import SeenAges
 
 MAX_LIMIT = 1e6
 ROSBRIDGE_URL = re.compile(r"wss?://\S{1,500}")
 MAX_KEY_LENGTH = 500
 MAX_BY_LENGTH = 100
+MAX_CAMERA_LENGTH = 256
+# Maximum time in ms of the robot's clock, of one that has run for 30 years.
+MAX_UPTIME_MS = 1e12
 MAX_QUEUE_BYTES = 16 * 1024
 MOTION_EVERY_S = 0.1
 COUNTS_EVERY_S = 1.0
+# Minimum interval between reports of how old is what the driver sees.
+SEEN_EVERY_S = 0.5
 LISTENERS_UNKNOWN = (
     "rosapi no longer answers, so that it is unknown whether anything on the robot listens to what is driven;"
     " after a restart of roscore nothing does until rosbridge is restarted"
@@ -95,38 +102,60 @@ class ReleaseRequest:
 
 
 @dataclass(frozen=True)
+class FrameSent:
+    """A frame leaves the robot; `taken_ms` is on the robot's clock."""
+
+    camera: str
+    frame: int
+    taken_ms: float
+
+
+@dataclass(frozen=True)
 class Exit:
     """Stop the robot, then end."""
 
 
-AgentMessage = GuardConfig | Tick | SessionIs | LeaseUpdate | StopRequest | ReleaseRequest | Exit
+AgentMessage = (
+    GuardConfig | Tick | SessionIs | LeaseUpdate | StopRequest | ReleaseRequest | FrameSent | Exit
+)
 
 
 def parse(line: bytes) -> AgentMessage | None:
     """Return what a line says, None for a type that a newer agent may know; FieldError if it is broken."""
     fields = parse_object(line, "a line of the agent")
-    kind = get_text(fields, "type", limit=50)
-    if kind == "config":
-        return _config(fields)
-    if kind == "session":
-        return SessionIs(get_flag(fields, "up", default=False))
-    if kind == "lease":
-        return LeaseUpdate(
-            get_int(fields, "fence", 0, MAX_FENCE), get_flag(fields, "held", default=False)
-        )
-    if kind in {"stop", "release"}:
-        return _latch(kind, fields)
-    if kind == "tick":
-        return Tick()
-    return Exit() if kind == "exit" else None
+    reader = READERS.get(get_text(fields, "type", limit=50))
+    return None if reader is None else reader(fields)
 
 
-def _latch(kind: str, fields: JsonObject) -> StopRequest | ReleaseRequest:
+def _session(fields: JsonObject) -> SessionIs:
+    return SessionIs(get_flag(fields, "up", default=False))
+
+
+def _lease(fields: JsonObject) -> LeaseUpdate:
+    return LeaseUpdate(
+        get_int(fields, "fence", 0, MAX_FENCE), get_flag(fields, "held", default=False)
+    )
+
+
+def _frame(fields: JsonObject) -> FrameSent:
+    return FrameSent(
+        get_text(fields, "camera", limit=MAX_CAMERA_LENGTH),
+        get_int(fields, "frame", 0, SEQUENCES - 1),
+        get_number(fields, "taken_ms", 0, MAX_UPTIME_MS),
+    )
+
+
+def _stop(fields: JsonObject) -> StopRequest:
     # A stop counts even if it does not say whose it is.
-    who = get_text(fields, "by", default="", limit=MAX_BY_LENGTH)
-    if kind == "stop":
-        return StopRequest(get_text(fields, "id", default=""), who)
-    return ReleaseRequest(get_text(fields, "id"), who)
+    return StopRequest(get_text(fields, "id", default=""), _by(fields))
+
+
+def _release(fields: JsonObject) -> ReleaseRequest:
+    return ReleaseRequest(get_text(fields, "id"), _by(fields))
+
+
+def _by(fields: JsonObject) -> str:
+    return get_text(fields, "by", default="", limit=MAX_BY_LENGTH)
 
 
 def _config(fields: JsonObject) -> GuardConfig:
@@ -173,6 +202,18 @@ def _limit(guard: JsonObject, name: str) -> float | None:
     return get_number(guard, name, 0, MAX_LIMIT) if name in guard else None
 
 
+READERS: Mapping[str, Callable[[JsonObject], AgentMessage]] = {
+    "config": _config,
+    "session": _session,
+    "lease": _lease,
+    "stop": _stop,
+    "release": _release,
+    "frame": _frame,
+    "tick": lambda _: Tick(),
+    "exit": lambda _: Exit(),
+}
+
+
 @dataclass(frozen=True)
 class State:
     """What is reported when it changes."""
@@ -197,6 +238,7 @@ class GuardReporter:
         self._sent: State | None = None
         self._sent_refused: Mapping[RefusedKind, int] = {}
         self._sent_at = 0.0
+        self._seen_at = -SEEN_EVERY_S
 
     def ready(self, port: int) -> None:
         """Report where the guard listens."""
@@ -205,6 +247,14 @@ class GuardReporter:
     def tick(self) -> None:
         """Report that the guard is alive."""
         self._line({"type": "tick"})
+
+    def seen(self, ages: SeenAges) -> None:
+        """Report how old was what the driver saw, now and then, and empty `ages`."""
+        now = self._clock()
+        if not ages.ages_ms or now - self._seen_at < SEEN_EVERY_S:
+            return
+        if self._line({"type": "seen", "fence": ages.fence, "ages_ms": ages.ages_ms}):
+            self._seen_at, ages.ages_ms = now, []
 
     def state(
         self, state: State, refused: Mapping[RefusedKind, int], *, answers: str | None = None

@@ -108,6 +108,11 @@ class GuardProcess:
             return
         self._to_guard.write(line_of(message))
 
+    def offer(self, message: Mapping[str, object]) -> None:
+        """Send one line of many, unless the guard is late with those before."""
+        if not self._to_guard.get_write_buffer_size():
+            self.send(message)
+
     async def serve(self, on_line: Callable[[JsonObject], None]) -> NoReturn:
         """Tick, and hand on each line of the guard; raise GuardDownError when it has ended or hangs."""
         await first_of(self._listen(on_line), self._tick())

@@ -30,6 +30,7 @@ from robotether_agent.guard.drive_messages import (
     zero,
 )
 from robotether_agent.guard.rosbridge import CmdVelPublisher
+from robotether_agent.guard.seen_age import FrameTimes, SeenAges, Sight
 from robotether_agent.guard.topics import (
     CommandSource,
     Deadman,
@@ -74,6 +75,8 @@ class DriveController:
         self._config = GuardConfig("")
         self._deadman = Deadman(self._config.deadman_s)
         self._topics = Topics()
+        self.frame_times = FrameTimes()
+        self.seen_ages = SeenAges()
         self._driver: CommandSource | None = None
         self._wake = asyncio.Event()
         self._stepped = asyncio.Event()
@@ -269,6 +272,7 @@ class DriveController:
         now, raw_stamp = self._clock(), message.fields.get(STAMP)
         stamp: Mapping[str, object] = raw_stamp if isinstance(raw_stamp, dict) else {}
         self._authorizer.check(source.authorization, stamp.get("fence"), now)
+        sight = self._sight(source, stamp, now)
         topic = self._topics.find(message.topic)
         command = read_command(message.fields.get("msg", {}), topic.declared if topic else None)
         try:
@@ -287,10 +291,20 @@ class DriveController:
         command = limited(command, before, now - topic.sent_at, self._config.limits)
         if topic.waiting is not None:
             self.refusals["old"] += 1
-        topic.waiting = PendingCommand(command, source, old_at, message_id(message.fields))
+        identity = message_id(message.fields)
+        topic.waiting = PendingCommand(command, source, old_at, identity, sight)
         await self._send_waiting(topic)
         if topic.waiting is not None:
             self._wake.set()
+
+    def _sight(
+        self, source: CommandSource, stamp: Mapping[str, object], now: float
+    ) -> Sight | None:
+        """Return what the driver saw; a client that has named frames once is one that names them."""
+        source.names_frames = source.names_frames or "seen" in stamp
+        if not source.names_frames:
+            return None
+        return Sight(self.frame_times.oldest_s(stamp.get("seen"), now))
 
     def _check_shape(self, topic: Topic, shape: Shape) -> None:
         """Refuse another shape than the robot is moved with: it may not take it, and would drive on."""
@@ -407,6 +421,9 @@ class DriveController:
             # Before it is sent: if the connection breaks meanwhile, it may have arrived.
             self._deadman.commanded(topic.name, now, moves=True)
             topic.moved = True
+        fence = waiting.source.authorization.fence
+        if command.moves and waiting.sight is not None and fence:
+            self.seen_ages.add(fence, waiting.sight.age_s(now))
         sent = await self._publisher.send(_publish(topic, command, waiting.message_id))
         if sent and not command.moves and topic.sent is command:
             self._deadman.commanded(topic.name, now, moves=False)

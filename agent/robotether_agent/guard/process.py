@@ -20,6 +20,7 @@ from robotether_agent.fields import FieldError
 from robotether_agent.guard.agent_messages import (
     AgentMessage,
     Exit,
+    FrameSent,
     GuardConfig,
     GuardReporter,
     LeaseUpdate,
@@ -154,6 +155,10 @@ class Guard:
             self._server.rights_changed()
         elif isinstance(message, StopRequest | ReleaseRequest):
             self._latch.handle(message)
+        elif isinstance(message, FrameSent):
+            taken_s = message.taken_ms / 1000
+            frames = self._controller.frame_times
+            frames.note(message.camera, message.frame, taken_s, self._clock())
         elif isinstance(message, Exit):
             self.end()
 
@@ -186,6 +191,7 @@ class Guard:
         fence = self._authorizer.fence
         state = State(by is not None, by or "", self._controller.moving, fence, unheard)
         self._reporter.state(state, self._controller.refusals, answers=answers)
+        self._reporter.seen(self._controller.seen_ages)
 
     async def _tick(self) -> None:
         while True:

@@ -112,6 +112,7 @@ class ClientProxy:
         topics: Callable[[], DriveTopics],
     ) -> None:
         self.authorization = authorization
+        self.names_frames = False
         self._client = client
         self._controller = controller
         self._topics = topics

@@ -154,6 +154,14 @@ class GuardSupervisor:
             return
         self._send({"type": "release", "id": message_id, "by": by})
 
+    def on_frame_sent(self, camera: str, frame: int, taken_s: float) -> None:
+        """Report a frame that leaves the robot; a guard that misses it does not know how old it is."""
+        if self._guard is not None:
+            taken_ms = round(taken_s * 1000, 3)
+            self._guard.offer(
+                {"type": "frame", "camera": camera, "frame": frame, "taken_ms": taken_ms}
+            )
+
     async def _run_one(self) -> NoReturn:
         guard = await self._start_guard()
         log.debug("guard %d takes over", guard.pid)
@@ -227,6 +235,8 @@ class GuardSupervisor:
             self._is_ready(get_int(message, "port", 1, 65535))
         elif kind == "guard":
             self._on_status(message)
+        elif kind == "seen":
+            self._notify(message)
 
     def _is_ready(self, port: int) -> None:
         log.info("the guard before %s is ready", self._rosbridge_url)

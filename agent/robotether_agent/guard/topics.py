@@ -36,6 +36,7 @@ from robotether_agent.guard.drive_messages import (
     MessageId,
     Shape,
 )
+from robotether_agent.guard.seen_age import Sight
 from robotether_agent.problems import StateUnusableError
 
 MAX_TOPICS = 16
@@ -68,7 +69,9 @@ class Authorization:
 
 
 class CommandSource(Protocol):
-    """Who sends drive messages: a client proxy."""
+    """Who sends drive messages: a client proxy. `names_frames`: a command has named what its driver saw."""
+
+    names_frames: bool
 
     @property
     def authorization(self) -> Authorization:
@@ -89,6 +92,8 @@ class PendingCommand:
     source: CommandSource
     old_at: float
     message_id: MessageId
+    # None: its client names no frames.
+    sight: Sight | None = None
 
 
 @dataclass

@@ -26,7 +26,7 @@ from robotether_agent.fields import FieldError
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.tasks import within
 from robotether_agent.unsent import SEND_BYTES, keep_little_unsent
-from robotether_agent.video.receiver import Receiver
+from robotether_agent.video.receiver import OnFrameSent, Receiver
 from robotether_agent.video.shared_sources import MAX_SHARED_SOURCES, SharedSources
 from robotether_agent.video.sources import (
     CameraFrame,
@@ -60,11 +60,13 @@ class FramesService:
         *,
         has_video: Callable[[], bool] = lambda: True,
         routes: Mapping[str, Handler] | None = None,
+        on_frame_sent: OnFrameSent = lambda *_: None,
     ) -> None:
         self._routes = routes or {}
         self._source_settings = source_settings
         self._graph = graph
         self._has_video = has_video
+        self._on_frame_sent = on_frame_sent
         self._topics: Counter[str] = Counter()
 
     async def start(self) -> int:
@@ -115,7 +117,13 @@ class FramesService:
 
     async def _serve(self, answer: web.WebSocketResponse, topic: str) -> None:
         steps_quality = self._sources.steps_quality(topic)
-        receiver = Receiver(answer, topic, self._shared_sources, steps_quality=steps_quality)
+        receiver = Receiver(
+            answer,
+            topic,
+            self._shared_sources,
+            steps_quality=steps_quality,
+            on_frame_sent=self._on_frame_sent,
+        )
         try:
             await receiver.run()
         except FieldError as error:

@@ -61,6 +61,8 @@ MAX_CLOCK_MS = 1e13
 
 Getter = Callable[[JsonObject, str, Any, Any], Any]
 JsonFields = dict[str, object]
+# Is notified of the camera, number and timestamp in seconds of each frame that leaves the robot.
+OnFrameSent = Callable[[str, int, float], None]
 
 
 class FrameRateLimiter:
@@ -119,11 +121,13 @@ class Receiver:
         shared_sources: SharedSources,
         *,
         steps_quality: bool,
+        on_frame_sent: OnFrameSent = lambda *_: None,
         clock: Callable[[], float] = robot_time,
     ) -> None:
         self._socket = socket
         self._topic = topic
         self._clock = clock
+        self._on_frame_sent = on_frame_sent
         self._steps_quality = steps_quality
         self._can_scale = True
         self._own_size: tuple[int, int] | None = None
@@ -133,7 +137,8 @@ class Receiver:
         self._limiter = FrameRateLimiter(StreamRequest.fps)
         self._credit = 0
         self._credit_s = clock()
-        self._sequence = 0
+        # No receiver of this camera uses the numbers of another one, which takes fewer than 1000 frames a second.
+        self._sequence = int(clock() * 1000) % SEQUENCES
         self._newest: tuple[int, CameraFrame, SourceRequest] | None = None
         self._in_flight: deque[SentFrame] = deque(maxlen=MAX_IN_FLIGHT)
         self._texts: deque[JsonFields] = deque(maxlen=MAX_TEXTS)
@@ -269,6 +274,8 @@ class Receiver:
         self._in_flight.append(SentFrame(sequence, frame.arrived_s, source_request))
         self._sent.note(self._clock())
         quality = source_request.quality if self._can_step() else 0
+        # Before it can be seen.
+        self._on_frame_sent(self._topic, sequence, frame.timestamp_s)
         header = Header(sequence, frame.timestamp_s * 1000, quality, frame.is_stamped, frame.codec)
         await self._socket.send_bytes(header.packed() + frame.data)
 

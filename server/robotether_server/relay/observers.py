@@ -54,6 +54,8 @@ class RelayObserver:
             self._on_updated(change)
         elif change.what == "guard_status":
             self._on_guard_status(change)
+        elif change.what == "seen":
+            self._on_seen(change)
 
     def session_refused(self, code: str) -> None:
         """A robot's connection was refused."""
@@ -146,6 +148,11 @@ class RelayObserver:
         drive.refused_by_guard(more)
         if drive.ended_s is not None:
             self._event_writer.add(drive.written())
+
+    def _on_seen(self, change: Change) -> None:
+        drive = self._registry.robot(change.robot_id).newest_drive
+        if drive is not None and change.seen is not None:
+            drive.on_seen(change.seen)
 
     def _name(self, robot_id: int) -> str:
         robot = self._snapshot().robots.get(robot_id)

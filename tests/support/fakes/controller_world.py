@@ -50,6 +50,7 @@ class FakeSource:
 
     def __init__(self, authorization: Authorization = DRIVER) -> None:
         self.authorization = authorization
+        self.names_frames = False
         self.refused: list[tuple[RefusedKind, str]] = []
         self.notified: list[bytes] = []
 

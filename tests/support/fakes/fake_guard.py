@@ -1,6 +1,6 @@
 """A fork server of fake guards, for tests of the supervisor: `python fake_guard.py PLACE MODE`, with named modes.
 
-serves         listens, ticks, answers stop and release, ends when it is told to
+serves         listens, ticks, answers stop, release and frame, ends when it is told to
 dies           ends at once, before a word
 crashes        serves, and ends with status 3 when it gets a stop, before it answers
 hangs          listens, says so, and then never a word again
@@ -95,6 +95,8 @@ class FakeGuard:
         if kind in {"stop", "release"}:
             latch = {"stopped": kind == "stop", "by": message["by"] if kind == "stop" else ""}
             self._say({**STATE, **latch, "answers": message["id"], "refused": REFUSED})
+        if kind == "frame":
+            self._say({"type": "seen", "fence": 13, "ages_ms": [140.0]})
         return None
 
     def _note(self, message: dict[str, Any]) -> None:

@@ -67,10 +67,11 @@ class FakeOperator:
         """Send a clock sync."""
         await self.send(op="robotether.clock_sync", t_ms=self.clock_ms())
 
-    async def drive(self, speed: float, *, age_ms: float = 0.0, topic: str = "/cmd_vel") -> None:
-        """Send a command of an input event that was so long ago."""
-        timestamp = self.clock_ms() - age_ms + max(self._ahead_ms)
-        stamp = {"t_ms": timestamp}
+    async def drive(
+        self, speed: float, *, age_ms: float = 0.0, topic: str = "/cmd_vel", **stamp: object
+    ) -> None:
+        """Send a command of an input event that was so long ago; `stamp` are more members beside its time."""
+        stamp["t_ms"] = self.clock_ms() - age_ms + max(self._ahead_ms)
         msg = {"linear": {"x": speed}}
         await self.send(op="publish", topic=topic, msg=msg, robotether=stamp)
 

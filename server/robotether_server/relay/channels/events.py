@@ -146,7 +146,7 @@ class FleetEvents:
         """Something happened to a robot; round trips are sent at most every 2 s."""
         if change.what == "heartbeat":
             self._rtt_changed(change.robot_id)
-        else:
+        elif change.what != "seen":
             self.changed(change.robot_id)
 
     def on_snapshot(self, _snapshot: Snapshot) -> None:

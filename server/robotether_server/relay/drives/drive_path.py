@@ -15,17 +15,20 @@ import math
 import struct
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, NamedTuple, NoReturn
 
+import msgspec
 from aiohttp import WSMsgType
 from robotether_common.guard import STAMP
 
 from robotether_server.db.control import DriveEntry
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import RateLimiter, RobotClock
+from robotether_server.relay.robots.delivered_frames import NamedFrame
+from robotether_server.relay.robots.robot import SeenReport
 from robotether_server.relay.robots.viewer_stats import NOTHING, ViewerCounts
 
 # Maximum number of unanswered pings; beyond it the oldest are dropped.
@@ -33,6 +36,7 @@ MAX_PINGS_OPEN = 64
 # Maximum time by which a timestamp may be ahead: clocks drift between clock syncs, and some
 # browsers round theirs to 0.1 s.
 AHEAD_S = 0.25
+_written = msgspec.json.Encoder().encode
 _SEQUENCE = struct.Struct("!Q")
 # Maximum number of topics whose newest command waits; clients drive one or two.
 MAX_WAITING = 8
@@ -41,7 +45,17 @@ POLL_EVERY_S = 0.005
 GUARD = "guard_"
 MIN_LATENCY_MS, MAX_LATENCY_MS = 0.1, 60_000.0
 LATENCY_STEP = math.log(1.02)
-_STAMPED = b'%%b,"%b":{"t_ms":%%.3f,"fence":%%d}}' % STAMP.encode()
+_STAMPED = b'%%b,"%b":{"t_ms":%%.3f,"fence":%%d%%b}}' % STAMP.encode()
+_SEEN = b',"seen":%b'
+
+
+class DriveStamp(NamedTuple):
+    """What a client says of a drive command beside `msg`."""
+
+    # When the input event was on the relay's clock; None: it does not say.
+    t_ms: float | None = None
+    # The frames on the driver's screens, with the numbers that the viewer got; None: the client names none.
+    seen: tuple[NamedFrame, ...] | None = None
 
 
 class DriveCommand(NamedTuple):
@@ -50,16 +64,18 @@ class DriveCommand(NamedTuple):
     topic: str
     message: Mapping[str, Any]
     data: bytes
-    # When the input event was on the relay's clock, as far as the client says.
-    stamp_ms: float | None
+    stamp: DriveStamp
     speed_m_s: float
     # None: the command says how to steer, not how fast to turn.
     turn_rad_s: float | None
 
 
-def stamped(command: DriveCommand, t_ms: float, fence: int) -> bytes:
-    """Write a command for the guard, with its timestamp on the robot's clock and the lease's number."""
-    return _STAMPED % (command.data[:-1], t_ms, fence)
+def stamped(
+    command: DriveCommand, t_ms: float, fence: int, seen: Sequence[NamedFrame] | None = None
+) -> bytes:
+    """Write a command for the guard: its timestamp on the robot's clock, the lease's number, and the robot's frames."""
+    views = b"" if seen is None else _SEEN % _written([view._asdict() for view in seen])
+    return _STAMPED % (command.data[:-1], t_ms, fence, views)
 
 
 class CommandTimestamps:
@@ -103,13 +119,17 @@ class CommandTimestamps:
 
 @dataclass(frozen=True)
 class DriveLease:
-    """A driver's lease, and what its commands need; `clock` None: nobody on the robot reads stamps."""
+    """A driver's lease, and what its commands need; `clock` None: nobody on the robot reads stamps.
+
+    `robots_frame` gives a frame that the driver names under the robot's own number, unknown if it was not sent to them.
+    """
 
     fence: int
     max_age_s: float
     clock: RobotClock | None
     log: DriveLog
     on_command: Callable[[], None]
+    robots_frame: Callable[[NamedFrame], NamedFrame] = lambda named: NamedFrame(named.camera, None)
 
 
 class DrivePath:
@@ -135,7 +155,7 @@ class DrivePath:
     async def submit(self, command: DriveCommand) -> str | None:
         """Send the command or let it wait; return the answer to a client whose command is refused."""
         now = time.monotonic()
-        timestamp = self._timestamps.of(command.stamp_ms, now)
+        timestamp = self._timestamps.of(command.stamp.t_ms, now)
         if timestamp is None:
             return self._refuse(
                 command, "its timestamp lies ahead, by the clock of robotether.clock_sync", now
@@ -194,10 +214,14 @@ class DrivePath:
                 # The guard would refuse what nobody knows the age of.
                 self.log.dropped()
                 return
-            data = stamped(command, t_ms, lease.fence)
+            data = stamped(command, t_ms, lease.fence, self._robots_frames(command))
         self.log.command(now, command.speed_m_s, command.turn_rad_s)
         self._sent(len(data))
         await self._robot.send_frame(data, WSMsgType.TEXT)
+
+    def _robots_frames(self, command: DriveCommand) -> list[NamedFrame] | None:
+        seen = command.stamp.seen
+        return None if seen is None else [self._lease.robots_frame(named) for named in seen]
 
     def _refuse(self, command: DriveCommand, why: str, now: float) -> str | None:
         self.log.dropped()
@@ -232,8 +256,10 @@ class DriveLog:
         deadman_s: float,
         refused: Counter[str],
         counters: DriveCounters = DriveCounters(),
+        show_seen: Callable[[float | None], None] = lambda _: None,
     ) -> None:
         self.entry = entry
+        self._show_seen = show_seen
         self._counters = counters
         self._viewed_before = counters.viewer_counts()
         self._latency = LatencyHistogram()
@@ -274,6 +300,11 @@ class DriveLog:
     def refused_by_guard(self, more: Mapping[str, int]) -> None:
         """Count further messages that the guard refused, by kind; the report may follow the drive's end."""
         self._refused_by_guard.update(more)
+
+    def on_seen(self, report: SeenReport) -> None:
+        """The guard reported what a driver saw; another drive's is of no use here."""
+        if report.fence == self.entry.fence and report.ages_ms:
+            self._show_seen(report.ages_ms[-1])
 
     def written(self) -> DriveEntry:
         """Return the entry as it is now."""

@@ -22,6 +22,7 @@ from robotether_server.relay.robots.robot import (
     Listener,
     Presence,
     Robot,
+    SeenReport,
 )
 from robotether_server.times import utc_now
 
@@ -163,6 +164,11 @@ class SessionRegistry:
         if self._is_online(link):
             after = replace(self.presence(link.robot_id), report=report)
             self._notify(Change("guard_status", link.robot_id, after, answers=answers))
+
+    def on_seen(self, link: Link, report: SeenReport) -> None:
+        """The guard reported how old is what the driver sees."""
+        if self._is_online(link):
+            self._notify(Change("seen", link.robot_id, self.presence(link.robot_id), seen=report))
 
     def on_health(
         self, link: Link, ros: ServiceState, video: ServiceState, *, ros_exposed: bool

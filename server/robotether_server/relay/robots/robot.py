@@ -20,6 +20,7 @@ from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import SessionEntry
 from robotether_server.relay.http.timing import RobotClock
 from robotether_server.relay.robots.connection import Connection
+from robotether_server.relay.robots.delivered_frames import DeliveredFrames
 from robotether_server.relay.robots.demand import Demand
 from robotether_server.relay.robots.lease import Lease
 from robotether_server.relay.robots.robot_stops import RobotStops
@@ -93,6 +94,14 @@ NO_REPORT = GuardReport()
 
 
 @dataclass(frozen=True)
+class SeenReport:
+    """How old was what the driver with this fence saw at its newest commands, in ms; None: unknown."""
+
+    fence: int
+    ages_ms: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
 class Presence:
     """What is known of one robot now; `since` is the last change of `online`."""
 
@@ -128,14 +137,16 @@ NEVER_SEEN = Presence()
 class Change:
     """What happened to a robot: it connected, disconnected, reported something of itself, or sent a heartbeat.
 
-    `guard_status`: its guard reported; `answers` is the id of the stop or release that it answers.
+    `guard_status`: its guard reported; `answers` is the id of the stop or release that it answers. `seen`: its guard
+    reported what its driver saw.
     """
 
-    what: Literal["connected", "disconnected", "updated", "heartbeat", "guard_status"]
+    what: Literal["connected", "disconnected", "updated", "heartbeat", "guard_status", "seen"]
     robot_id: int
     presence: Presence
     code: ByeCode | None = None
     answers: str | None = None
+    seen: SeenReport | None = None
 
 
 # Is notified of every change, in order; must not block.
@@ -157,6 +168,9 @@ class RecordedDrive(Protocol):
 
     def refused_by_guard(self, counts: Counter[str]) -> None:
         """The guard refused messages of this drive."""
+
+    def on_seen(self, report: SeenReport) -> None:
+        """The guard reported what a driver saw, perhaps that of this drive."""
 
     def written(self) -> DriveEntry:
         """Return the record as it is now."""
@@ -184,6 +198,7 @@ class Robot:
         self.feeds: dict[Hashable, object] = {}
         self.topics: dict[Hashable, object] = {}
         self.viewer_stats = ViewerStats()
+        self.delivered_frames = DeliveredFrames()
         # The records of its session, and of its newest drive: a guard reports later what it refused.
         self.session_entry: SessionEntry | None = None
         self.newest_drive: RecordedDrive | None = None

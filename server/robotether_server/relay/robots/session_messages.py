@@ -28,7 +28,7 @@ from robotether_server.db.cells import SshAddresses
 from robotether_server.db.control import MAX_NAME
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import ProtocolError, RobotetherError
-from robotether_server.relay.robots.robot import GuardMode, GuardReport
+from robotether_server.relay.robots.robot import GuardMode, GuardReport, SeenReport
 
 T = TypeVar("T")
 
@@ -38,6 +38,10 @@ UptimeMs = Annotated[float, Meta(ge=0, le=1e12)]
 # Maximum integer that a browser reads exactly.
 MAX_COUNT = 2**53 - 1
 Count = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
+
+# Maximum number of ages in a report, and age in ms.
+MAX_AGES, MAX_AGE_MS = 64, 60_000
+AgeMs = Annotated[float, Meta(ge=0, le=MAX_AGE_MS)]
 
 Epoch = Annotated[int, Meta(ge=0, le=MAX_EPOCH)]
 
@@ -107,6 +111,18 @@ class GuardLine(Struct, tag="guard"):
         return GuardReport(self.state, self.stopped, self.by, self.moving, refused, fence)
 
 
+class SeenLine(Struct, tag="seen"):
+    """How old was what the driver with this fence saw at its newest commands, in ms; None: unknown."""
+
+    fence: Annotated[int, Meta(ge=1, le=MAX_FENCE)]
+    ages_ms: Annotated[list[AgeMs | None], Meta(max_length=MAX_AGES)]
+
+    @property
+    def report(self) -> SeenReport:
+        """What the registry passes on."""
+        return SeenReport(self.fence, tuple(self.ages_ms))
+
+
 class HealthLine(Struct, tag="health"):
     """Whether the robot's own services answer, and whether its rosbridge is open to others."""
 
@@ -146,7 +162,7 @@ class _Head(Struct):
     session_key: Any = None
 
 
-Line = PingLine | PongLine | HelloLine | GuardLine | HealthLine | VitalsLine | CheckLine
+Line = PingLine | PongLine | HelloLine | GuardLine | SeenLine | HealthLine | VitalsLine | CheckLine
 _HEAD = msgspec.json.Decoder(_Head)
 _PREFACE = msgspec.json.Decoder(Preface)
 _LINES: dict[object, msgspec.json.Decoder[Line]] = {

@@ -13,8 +13,10 @@ from robotether_agent.guard.agent_messages import (
     COUNTS_EVERY_S,
     MAX_QUEUE_BYTES,
     MOTION_EVERY_S,
+    SEEN_EVERY_S,
     AgentMessage,
     Exit,
+    FrameSent,
     GuardConfig,
     GuardReporter,
     LeaseUpdate,
@@ -25,6 +27,7 @@ from robotether_agent.guard.agent_messages import (
     Tick,
     parse,
 )
+from robotether_agent.guard.seen_age import SeenAges
 from robotether_common.guard import REFUSED_KINDS
 
 URL = "ws://127.0.0.1:9090"
@@ -46,6 +49,10 @@ def read(**line: Any) -> AgentMessage | None:
         ({"type": "stop", "id": "5f", "by": "ben"}, StopRequest("5f", "ben")),
         ({"type": "stop"}, StopRequest("", "")),
         ({"type": "release", "id": "77", "by": "ann"}, ReleaseRequest("77", "ann")),
+        (
+            {"type": "frame", "camera": "/a", "frame": 2**32 - 1, "taken_ms": 12.5},
+            FrameSent("/a", 2**32 - 1, 12.5),
+        ),
         ({"type": "of tomorrow"}, None),
     ],
 )
@@ -198,3 +205,23 @@ def test_an_agent_that_does_not_read_holds_nothing_up() -> None:
     pipe.waiting = 0
     reports.state(STANDS, COUNTS)
     assert len(pipe.lines) == 1
+
+
+def test_what_is_seen_is_reported_now_and_then() -> None:
+    """All ages since the last report, and none again; an agent that does not read gets them later."""
+    now, ages = 5.0, SeenAges()
+    reports = GuardReporter(pipe := FakePipe(), lambda: now)
+    reports.seen(ages)
+    ages.add(13, 0.14)
+    reports.seen(ages)
+    ages.add(13, None)
+    now += SEEN_EVERY_S / 2
+    reports.seen(ages)
+    assert pipe.lines == [{"type": "seen", "fence": 13, "ages_ms": [140.0]}]
+    now += SEEN_EVERY_S / 2
+    pipe.waiting = MAX_QUEUE_BYTES + 1
+    reports.seen(ages)
+    pipe.waiting = 0
+    reports.seen(ages)
+    reports.seen(ages)
+    assert pipe.lines[1:] == [{"type": "seen", "fence": 13, "ages_ms": [None]}]

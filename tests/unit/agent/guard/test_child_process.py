@@ -102,6 +102,18 @@ async def test_a_guard_that_reads_nothing_is_killed(start):
     assert await serving == "the guard was ended by SIGKILL"
 
 
+async def test_frames_alone_never_kill_a_guard(start):
+    """What waits behind them would: a guard that is late misses some, and they are unknown to it."""
+    guard = await start("deaf")
+    serving = asyncio.ensure_future(served(guard))
+    for _ in range(2000):
+        guard.offer({"type": "frame", "pad": "x" * 1000})
+        await asyncio.sleep(0)
+    assert not serving.done()
+    await guard.kill()
+    await serving
+
+
 async def test_is_asked_to_end_and_waited_for(start, place):
     """The orderly end says exit, so that the robot is stopped by then."""
     guard = await start("serves")

@@ -126,6 +126,49 @@ async def test_a_direct_connection_needs_no_time(world: World) -> None:
     assert world.publisher.speeds == [1.0]
 
 
+def seen(world: World, *frames: int) -> dict[str, object]:
+    """Return what a command's stamp says of the frames of one camera."""
+    views = [{"camera": "/a", "frame": frame} for frame in frames]
+    return {"robotether": {"t_ms": world.now * 1000, "fence": 13, "seen": views}}
+
+
+async def test_the_age_of_what_is_seen_counts_up_to_the_output(world: World) -> None:
+    """The time in which rosbridge takes nothing included; of a zero nobody asks."""
+    world.controller.frame_times.note("/a", 1, world.now - 0.1, world.now)
+    world.publisher.full = True
+    await world.drive(0.5, **seen(world, 1))
+    assert world.controller.seen_ages.ages_ms == []
+    world.now += 0.04
+    world.publisher.full = False
+    await world.controller.step()
+    assert (world.controller.seen_ages.fence, world.controller.seen_ages.ages_ms) == (13, [140.0])
+    await world.drive(0.0, **seen(world, 1))
+    assert len(world.controller.seen_ages.ages_ms) == 1
+
+
+async def test_a_client_that_names_no_frame_any_more_sees_nothing(world: World) -> None:
+    """One that never named any is not asked; that of an unknown frame is unknown."""
+    await world.drive(0.5)
+    assert world.controller.seen_ages.ages_ms == []
+    world.controller.frame_times.note("/a", 1, world.now - 0.1, world.now)
+    await world.drive(0.5, **seen(world, 2))
+    await world.drive(0.5, **seen(world, 1, 2))
+    await world.drive(0.5, **seen(world))
+    await world.drive(0.5)
+    assert world.controller.seen_ages.ages_ms == [None] * 4
+    await world.drive(0.5, FakeSource())
+    await world.drive(0.5, **seen(world, 1))
+    assert world.controller.seen_ages.ages_ms == [None] * 4 + [100.0]
+
+
+async def test_a_refused_command_that_names_a_frame_counts_as_naming(world: World) -> None:
+    stamp = {"t_ms": 0, "fence": 13, "seen": []}
+    await world.drive(0.5, robotether=stamp)
+    assert world.source.kinds == ["old"]
+    await world.drive(0.5)
+    assert world.controller.seen_ages.ages_ms == [None]
+
+
 async def test_observers_move_nothing(world: World) -> None:
     """The server refuses them first; here is the second door."""
     observer = FakeSource(Authorization("observe"))

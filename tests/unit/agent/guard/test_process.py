@@ -9,12 +9,14 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
+from typing import Any
 
 import aiohttp
 import pytest
 from fake_pipe import FakePipe
 from fake_rosbridge import FakeRosbridge
 from guard_process import WAIT_S, GuardClient, GuardEnd, GuardHere, GuardProcess
+from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.latch import StopFile
 from robotether_agent.guard.process import Guard
@@ -244,6 +246,29 @@ async def test_the_line_of_a_lease_brings_its_number_to_the_disk(place: Path, ro
     async with GuardHere(place, robot.port) as guard:
         await guard.grant(13)
     assert json.loads((place / "fence.json").read_text()) == {"fence": 13}
+
+
+async def test_the_guard_reports_how_old_is_what_the_driver_sees(place: Path, robot: Robot) -> None:
+    """By the robot's clock, from when the frame was taken up to the command; rosbridge reads nothing of it."""
+    async with GuardHere(place, robot.port) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            taken_ms = robot_time() * 1000 - 300
+            guard.tell(type="frame", camera="/a", frame=41, taken_ms=taken_ms)
+            await guard.heard()
+            for frame in (41, 42):
+                stamp = {"t_ms": robot_time() * 1000, "fence": 13}
+                seen = {"seen": [{"camera": "/a", "frame": frame}]}
+                await client.drive(0.5, robotether=stamp | seen)
+            await guard.until(lambda: len(ages_ms(guard)) == 2, "both are reported")
+            known, unknown = ages_ms(guard)
+            assert 300 <= known <= robot_time() * 1000 - taken_ms
+            assert unknown is None
+            assert robot.speeds == [0.5, 0.5]
+
+
+def ages_ms(guard: GuardEnd) -> list[Any]:
+    return [age for line in guard.lines if line["type"] == "seen" for age in line["ages_ms"]]
 
 
 async def test_everything_else_passes_unchanged(place: Path) -> None:

@@ -119,6 +119,22 @@ async def test_a_session_reaches_the_guard_in_order(keep, place):
     ]
 
 
+async def test_frames_reach_the_guard_and_its_ages_the_session(keep, place):
+    """Each age once: a session that comes later gets the state alone."""
+    running = keep("serves")
+    running.supervisor.on_frame_sent("/early", 1, 0.5)
+    await running.ready()
+    with running.supervisor.following() as lines:
+        running.supervisor.on_frame_sent("/a", 41, 12.3456)
+        (frame,) = await running.hears("frame")
+        assert frame == {"type": "frame", "camera": "/a", "frame": 41, "taken_ms": 12345.6}
+        while (line := await asyncio.wait_for(lines.get(), 10))["type"] != "seen":
+            pass
+        assert line == {"type": "seen", "fence": 13, "ages_ms": [140.0]}
+    with running.supervisor.following() as lines:
+        assert [lines.get_nowait()["type"] for _ in range(lines.qsize())] == ["guard"]
+
+
 async def test_a_killed_guard_is_back_with_all_that_it_must_know(keep, place, caplog):
     """The next one starts at once, on a port of its own, with configuration, session and lease."""
     running = keep("serves")

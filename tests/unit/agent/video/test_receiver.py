@@ -104,11 +104,16 @@ class FakeSocket:
             await asyncio.Event().wait()
 
 
+# The numbers of a receiver begin at its clock in ms.
+FIRST = 100_000
+
+
 class World:
     """A receiver, its socket, its source, and the clock of all."""
 
     def __init__(self, *, steps_quality: bool = True) -> None:
-        self.now_s = 100.0
+        self.now_s = FIRST / 1000
+        self.sent: list[tuple[str, int, float]] = []
         self.socket = FakeSocket()
         self.open: dict[SourceRequest, object] = {}
         self.shared_sources = SharedSources(self._run, lambda: self.now_s)
@@ -117,6 +122,7 @@ class World:
             "/camera",
             self.shared_sources,
             steps_quality=steps_quality,
+            on_frame_sent=lambda *frame: self.sent.append(frame),
             clock=lambda: self.now_s,
         )
         self.task = asyncio.ensure_future(self.receiver.run())
@@ -164,7 +170,7 @@ async def test_the_newest_goes_out_when_credit_comes(world):
         world.give(number)
     world.socket.ask("credit", frames=99)
     assert await world.got(1) == [3]
-    assert unpacked(world.socket.pictures[0]).sequence == 3
+    assert unpacked(world.socket.pictures[0]).sequence == FIRST + 3
     world.give(4)
     assert await world.got(2) == [3, 4]
     world.give(5)
@@ -173,9 +179,22 @@ async def test_the_newest_goes_out_when_credit_comes(world):
     assert world.socket.texts[-1]["sender_ms"] == world.now_s * 1000
     assert len(world.socket.pictures) == 2
     # Taking the second one takes the first.
-    world.socket.ask("credit", taken=4)
+    world.socket.ask("credit", taken=FIRST + 4)
     assert await world.got(3) == [3, 4, 5]
     assert len(world.receiver._in_flight) == 1
+
+
+async def test_each_frame_is_reported_before_it_leaves(world):
+    """With the number that goes out, and the time at which it was taken; one that is skipped is not."""
+    world.socket.stuck = True
+    world.socket.ask("stream_request")
+    await world.until_open()
+    world.give(1)
+    world.give(2)
+    world.socket.ask("credit")
+    assert await world.got(1) == [2]
+    assert world.sent == [("/camera", FIRST + 2, world.now_s)]
+    assert unpacked(world.socket.pictures[0]).sequence == FIRST + 2
 
 
 async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):
@@ -202,7 +221,7 @@ async def test_the_size_goes_down_when_the_quality_is_at_its_least(world):
         world.give(number)
         await world.got(number)
         world.now_s += 0.15
-        world.socket.ask("credit", taken=number)
+        world.socket.ask("credit", taken=FIRST + number)
         await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
     await eventually(lambda: len(world.open) == 2, lambda: str(list(world.open)))
     assert list(world.open)[-1] == SourceRequest("/camera", 50, 480, 360, 15.0)
@@ -219,7 +238,7 @@ async def test_a_camera_that_takes_no_requests_is_asked_for_none():
             world.give(number)
             await world.got(number)
             world.now_s += 1
-            world.socket.ask("credit", taken=number)
+            world.socket.ask("credit", taken=FIRST + number)
         assert len(world.open) == 1
         assert {unpacked(data).quality for data in world.socket.pictures} == {0}
     finally:

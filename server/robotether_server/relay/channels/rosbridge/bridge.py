@@ -133,6 +133,10 @@ class Bridge(OperatorConnection):
         finally:
             self._topics.close()
 
+    def show_seen(self, age_ms: float | None) -> None:
+        """Report to the operator how old is what they saw at their newest command."""
+        self._own.show_seen(age_ms)
+
     async def close_reason_of_gone(self) -> CloseReason:
         """Return why a connection that is gone ended, by the frames that nobody has read yet."""
         code = await self._operator.goodbye_code()
@@ -419,6 +423,9 @@ class OwnOperations:
         self._clock_syncs = False
         self._key: dict[str, object] = {}
         self._update_due = asyncio.Event()
+        self._has_changed = False
+        # The newest age in ms, in a tuple until it is sent.
+        self._seen: tuple[float | None] | None = None
 
     def watched(self) -> AbstractContextManager[None]:
         """Be notified of changes inside the block."""
@@ -434,19 +441,32 @@ class OwnOperations:
         self._key = {"key": own["key"]} if "key" in own else {}
         if not self._clock_syncs:
             self._clock_syncs = True
-            self._update_due.set()
+            self._changed()
         relay_ms = round(time.monotonic() * 1000, 3)
         return _written(operation, t_ms=own.get("t_ms"), relay_ms=relay_ms, **self._key)
 
+    def show_seen(self, age_ms: float | None) -> None:
+        """Send how old is what the client's operator saw at the newest command; None: unknown."""
+        self._seen = (age_ms,)
+        if self._clock_syncs:
+            self._update_due.set()
+
     async def next_update(self) -> bytes:
-        """Wait until there is something to send; return the control object's message."""
+        """Wait until there is something to send; return its message, the control object's first."""
         await self._update_due.wait()
-        self._update_due.clear()
+        if self._seen is not None and not self._has_changed:
+            (age_ms,), self._seen = self._seen, None
+            self._update_due.clear()
+            return _written("robotether.seen", age_ms=age_ms, **self._key)
+        self._has_changed = False
+        if self._seen is None:
+            self._update_due.clear()
         control = msgspec.to_builtins(self._control.describe(self._robot.id))
         return _written("robotether.control", control=control, **self._key)
 
     def _changed(self) -> None:
         if self._clock_syncs:
+            self._has_changed = True
             self._update_due.set()
 
 

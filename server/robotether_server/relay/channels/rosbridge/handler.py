@@ -208,7 +208,13 @@ class OperatorSession:
         entry = DriveEntry(
             robot.id, robot.name, self.connection.user, driver.fence, utc_now(), self.address
         )
-        self.drive = DriveLog(entry, guard.deadman_ms / 1000, self.bridge.refused, self._counters())
+        self.drive = DriveLog(
+            entry,
+            guard.deadman_ms / 1000,
+            self.bridge.refused,
+            self._counters(),
+            self.bridge.show_seen,
+        )
         presence, link = (
             self.context.registry.presence(robot.id),
             self.context.registry.session_of(robot.id),
@@ -220,6 +226,10 @@ class OperatorSession:
             clock=link.clock if link is not None and guarded else None,
             log=self.drive,
             on_command=lambda: driver.on_command(now()),
+            robots_frame=partial(
+                self.context.registry.ensure_robot(robot.id).delivered_frames.robots,
+                self.connection.user_id,
+            ),
         )
 
     def _counters(self) -> DriveCounters:

@@ -39,7 +39,7 @@ from robotether_server.relay.channels.rosbridge.operations import (
     speeds,
     write_json,
 )
-from robotether_server.relay.drives.drive_path import DriveCommand
+from robotether_server.relay.drives.drive_path import DriveCommand, DriveStamp
 from robotether_server.relay.http.timing import Excess, RateLimiter
 from robotether_server.robot_settings import LevelPolicy, Limits
 
@@ -221,7 +221,7 @@ class MessageValidator:
             raise _RefusalError("subscriptions", why, subscription_id)
 
     def _publish(self, fields: dict[str, Any]) -> ValidatedMessage:
-        stamp_ms = fields.pop(STAMP, None)
+        stamp = fields.pop(STAMP, None) or DriveStamp()
         topic = fields["topic"]
         if not self._is_drive_topic(topic):
             return ValidatedMessage(write_json(fields), "publish")
@@ -232,7 +232,7 @@ class MessageValidator:
                 "shape", f"cannot publish to {topic}: msg {exc}", fields.get("id")
             ) from exc
         data = write_json(fields)
-        command = DriveCommand(topic, fields, data, stamp_ms, speed, turn)
+        command = DriveCommand(topic, fields, data, stamp, speed, turn)
         return ValidatedMessage(data, "publish", command)
 
 

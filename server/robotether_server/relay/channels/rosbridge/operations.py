@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import msgspec
-from robotether_common.guard import MAX_NUMBER, STAMP
+from robotether_common.frames import SEQUENCES
+from robotether_common.guard import MAX_NUMBER, MAX_SEEN_FRAMES, STAMP
 from robotether_common.ros import (
     ACKERMANN,
     ACKERMANN_STAMPED,
@@ -26,6 +27,8 @@ from robotether_common.ros import (
 )
 
 from robotether_server.problems import RobotetherError
+from robotether_server.relay.drives.drive_path import DriveStamp
+from robotether_server.relay.robots.delivered_frames import NamedFrame
 
 Check = Callable[[Any], object]
 # Whose globs of the level's policy the operation's name must match.
@@ -162,6 +165,9 @@ def number(low: float, high: float) -> Check:
     return check
 
 
+_frame_number = whole(0, SEQUENCES - 1)
+
+
 def choice(*allowed: str) -> Check:
     """Make a check for one of some words."""
 
@@ -203,11 +209,27 @@ def timestamp(value: Any) -> float:
     return float(value)
 
 
-def stamp(value: Any) -> float:
-    """Return the timestamp of a drive command, out of the object beside `msg`."""
-    if not isinstance(value, dict) or "t_ms" not in value:
-        raise FieldRefusedError("is no object with t_ms")
-    return timestamp(value["t_ms"])
+def stamp(value: Any) -> DriveStamp:
+    """Return what stands beside `msg` of a drive command: its timestamp, the frames that were seen, or both."""
+    if not isinstance(value, dict) or not value.keys() & {"t_ms", "seen"}:
+        raise FieldRefusedError("is no object with t_ms or seen")
+    return DriveStamp(
+        timestamp(value["t_ms"]) if "t_ms" in value else None,
+        _seen(value["seen"]) if "seen" in value else None,
+    )
+
+
+def _seen(value: Any) -> tuple[NamedFrame, ...]:
+    if not isinstance(value, list) or len(value) > MAX_SEEN_FRAMES:
+        raise FieldRefusedError(f"has a seen that is no array of up to {MAX_SEEN_FRAMES} frames")
+    return tuple(map(_named_frame, value))
+
+
+def _named_frame(value: Any) -> NamedFrame:
+    if not isinstance(value, dict) or not {"camera", "frame"} <= value.keys():
+        raise FieldRefusedError("has a seen with what is no object with camera and frame")
+    number = None if value["frame"] is None else _frame_number(value["frame"])
+    return NamedFrame(text(value["camera"]), number)
 
 
 def scalars(value: Any) -> dict[str, object] | list[object]:

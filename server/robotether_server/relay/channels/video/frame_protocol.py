@@ -44,13 +44,14 @@ STATES, SOURCES = get_args(State), get_args(Source)
 class Frame:
     """One frame on its way through the relay; `timestamp_s` and `received_s` are on the relay's clock.
 
-    `position` counts the frames that came, `sequence` those that the robot's source gave. The codec must be known.
+    `position` counts the frames that came, `sequence` those that the robot's source gave; the robot's own number of it
+    is `robot_sequence`. The codec must be known.
     """
 
     def __init__(
         self, data: bytes, *, sequence: int, position: int, timestamp_s: float, received_s: float
     ) -> None:
-        number, flags, quality, _, _ = HEADER.unpack_from(data)
+        number, flags, quality, self.robot_sequence, _ = HEADER.unpack_from(data)
         self.codec = CODECS[number]
         self.sequence = sequence
         self.position = position

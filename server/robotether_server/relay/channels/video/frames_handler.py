@@ -31,6 +31,7 @@ from robotether_server.relay.channels.video.viewers import (
     VideoContext,
     connection_of,
     counted,
+    note_sent,
     topic_of,
 )
 from robotether_server.relay.http import close_reasons
@@ -204,8 +205,7 @@ class FramesSession(OperatorConnection):
         self._credits -= 1
         self._under_way.append(frame.sequence)
         self._cursor.sent(frame)
-        robot = self._context.registry.ensure_robot(self._permit.robot.id)
-        robot.viewer_stats.count(self._permit.user.id, frame.size)
+        note_sent(self._context, self._permit, self._feed.topic, frame)
         return frame.message
 
     async def _watch(self) -> CloseReason:

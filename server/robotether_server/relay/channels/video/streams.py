@@ -26,7 +26,12 @@ from robotether_server.relay.auth.access import Permit
 from robotether_server.relay.channels.video.feeds import Feed
 from robotether_server.relay.channels.video.frame_protocol import Frame, parse_stream_request
 from robotether_server.relay.channels.video.headers import headers_of_stream
-from robotether_server.relay.channels.video.viewers import Cursor, VideoContext, topic_of
+from robotether_server.relay.channels.video.viewers import (
+    Cursor,
+    VideoContext,
+    note_sent,
+    topic_of,
+)
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.sockets import keep_little_unsent
@@ -149,10 +154,11 @@ class StreamSession:
             await response.write(f"--{BOUNDARY}\r\n".encode())
             while frame is not None:
                 self._cursor.sent(frame)
+                note_sent(self._context, self._permit, self._feed.topic, frame)
                 async with asyncio.timeout(VIEWER_SLOW_AFTER_S):
                     await response.write(frame.part(BOUNDARY, time.time() - time.monotonic()))
                     await writer.drain()
-                self._count(frame)
+                self._feed.taken(frame.sequence)
                 frame = await self._viewer.next(self._cursor)
         except (ConnectionError, TimeoutError):
             log.info("robot %s: a stream's viewer did not take it", self._permit.robot.name)
@@ -160,11 +166,6 @@ class StreamSession:
         if request.transport is not None:
             request.transport.abort()
         return response
-
-    def _count(self, frame: Frame) -> None:
-        self._feed.taken(frame.sequence)
-        robot, user = self._permit.robot, self._permit.user
-        self._context.registry.ensure_robot(robot.id).viewer_stats.count(user.id, frame.size)
 
 
 def stream_request_of(request: web.Request) -> StreamRequest:

@@ -82,6 +82,14 @@ class Cursor:
         self._last, self._is_sent = frame, True
 
 
+def note_sent(context: VideoContext, permit: Permit, camera: str, frame: Frame) -> None:
+    """Note that a viewer is sent the frame, which it may name when it drives."""
+    robot, user_id = context.registry.ensure_robot(permit.robot.id), permit.user.id
+    robot.viewer_stats.count(user_id, frame.size)
+    if permit.may_drive:
+        robot.delivered_frames.note(user_id, camera, frame.sequence, frame.robot_sequence)
+
+
 def topic_of(request: web.Request) -> str:
     """Return which camera is asked for; FieldInvalidError when none is."""
     topic: str = request.query.get("topic", "")

@@ -27,6 +27,7 @@ from robotether_server.relay.drives.drive_path import (
     DriveLease,
     DriveLog,
     DrivePath,
+    DriveStamp,
     LatencyHistogram,
     stamped,
 )
@@ -41,7 +42,7 @@ TWIST = {"linear": {"x": 3, "y": 4.0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 
 def test_a_command_is_stamped_without_writing_it_again():
     """Moment and number stand behind all that was checked."""
     data = json.dumps({"op": "publish", "topic": "/cmd_vel", "msg": TWIST}).encode()
-    command = DriveCommand("/cmd_vel", json.loads(data), data, None, 5.0, 2.0)
+    command = DriveCommand("/cmd_vel", json.loads(data), data, DriveStamp(), 5.0, 2.0)
     written = stamped(command, 123456.7891, 13)
     assert written.endswith(b',"robotether":{"t_ms":123456.789,"fence":13}}')
     assert json.loads(written) == {
@@ -94,6 +95,42 @@ async def test_of_other_clients_the_timestamp_is_that_of_a_ping(relay, guarded, 
         (stamp,) = stamps(guarded)
         assert stamp["t_ms"] < guarded.session.clock_ms()
         assert json.loads(guarded.received[0])["msg"] == {"linear": {"x": 0.5}}
+
+
+async def test_a_command_names_the_robots_own_frames(relay, guarded, sim1, http):
+    """Only those that this very user was sent; of a client that names none the robot reads nothing."""
+    delivered = relay.relay.registry.ensure_robot(sim1.id).delivered_frames
+    delivered.note(1, "/a", 41, 900)
+    delivered.note(2, "/b", 7, 500)
+    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
+        await ann.clock_sync()
+        await ann.until("robotether.clock_sync")
+        await ann.drive(0.5)
+        for camera, frame in (("/a", 41), ("/a", 42), ("/b", 7), ("/c", 41), ("/a", None)):
+            await ann.drive(0.5, seen=[{"camera": camera, "frame": frame}])
+        await ann.drive(0.5, seen=[])
+        await until(lambda: len(guarded.received) == 7, "the commands came")
+    assert [stamp.get("seen") for stamp in stamps(guarded)] == [
+        None,
+        [{"camera": "/a", "frame": 900}],
+        [{"camera": "/a", "frame": None}],
+        [{"camera": "/b", "frame": None}],
+        [{"camera": "/c", "frame": None}],
+        [{"camera": "/a", "frame": None}],
+        [],
+    ]
+
+
+async def test_frames_are_named_without_a_timestamp_too(relay, guarded, sim1, http):
+    """The age of the command counts from a ping, as of other clients."""
+    relay.relay.registry.ensure_robot(sim1.id).delivered_frames.note(1, "/a", 41, 900)
+    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        seen = {"seen": [{"camera": "/a", "frame": 41}]}
+        await socket.send_str(json.dumps({**json.loads(PUBLISH), "robotether": seen}))
+        await until(lambda: guarded.received, "the command came")
+        (stamp,) = stamps(guarded)
+    assert stamp["seen"] == [{"camera": "/a", "frame": 900}]
+    assert stamp["t_ms"] < guarded.session.clock_ms()
 
 
 async def test_an_old_command_is_dropped_and_its_sender_told(

@@ -466,6 +466,28 @@ async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, htt
         assert bob.messages == []
 
 
+async def test_the_driver_reads_how_old_is_what_they_see(relay, guarded, sim1, http):
+    """The newest age of a report on this drive; unknown as such, and nobody else reads it."""
+    async with (
+        FakeOperator(http, relay.ros_url(sim1)) as ann,
+        FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob,
+    ):
+        for operator in (ann, bob):
+            await operator.send(op="robotether.clock_sync", t_ms=1, key="k")
+            await operator.until("robotether.clock_sync")
+        await until(lambda: relay.relay.registry.robot(sim1.id).newest_drive, "the drive began")
+        guarded.session.send(type="seen", fence=2, ages_ms=[999.0])
+        guarded.session.send(type="seen", fence=1, ages_ms=[])
+        guarded.session.send(type="seen", fence=1, ages_ms=[None, 120.5, 140.2])
+        seen = await ann.until("robotether.seen")
+        assert seen == {"op": "robotether.seen", "age_ms": 140.2, "key": "k"}
+        guarded.session.send(type="seen", fence=1, ages_ms=[120.5, None])
+        assert (await ann.until("robotether.seen"))["age_ms"] is None
+        relay.relay.control.stops.stop(sim1, "carl")
+        await bob.until("robotether.control")
+        assert all(message["op"] != "robotether.seen" for message in bob.messages)
+
+
 async def test_who_repeats_a_stop_is_answered_too(relay, guarded, sim1, http):
     """A program that has no other word of it would stop the robot again and again."""
     async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:

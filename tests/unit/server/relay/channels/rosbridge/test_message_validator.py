@@ -16,7 +16,7 @@ from robotether_server.relay.channels.rosbridge.operations import (
     OPERATIONS,
     ROSAPI_LOOKUPS_OF_DRIVERS,
 )
-from robotether_server.relay.drives.drive_path import stamped
+from robotether_server.relay.drives.drive_path import DriveStamp, stamped
 from robotether_server.robot_settings import DEFAULTS, Limits
 from validators import DRIVING, MANAGING, OBSERVING, check, name_of, refused, sent, validator
 
@@ -247,7 +247,7 @@ def test_a_drive_command_is_recognised():
     checked = check(message, validator("drive"))
     command = checked.drive
     assert command is not None
-    assert (command.topic, command.stamp_ms) == ("/left/cmd_vel", 12.5)
+    assert (command.topic, command.stamp) == ("/left/cmd_vel", DriveStamp(12.5))
     assert (command.speed_m_s, command.turn_rad_s) == (5.0, 0.5)
     assert "robotether" not in json.loads(checked.data)
     assert json.loads(stamped(command, 81.25, 13)) == {

@@ -8,6 +8,7 @@ from contextlib import suppress
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from robotether_common.guard import MAX_SEEN_FRAMES
 from robotether_server.relay.channels.rosbridge import operations
 from robotether_server.relay.channels.rosbridge.operations import (
     MAX_DEPTH,
@@ -17,6 +18,8 @@ from robotether_server.relay.channels.rosbridge.operations import (
     read_json,
     write_json,
 )
+from robotether_server.relay.drives.drive_path import DriveStamp
+from robotether_server.relay.robots.delivered_frames import NamedFrame
 
 
 @pytest.mark.parametrize(
@@ -203,12 +206,40 @@ def test_each_type_passes_as_it_is(check, passes, refused):
             check(value)
 
 
-def test_a_stamp_is_its_timestamp():
-    """Whatever else stands beside it."""
-    assert operations.stamp({"t_ms": 12, "fence": 3}) == 12.0
+def test_a_stamp_is_a_timestamp_and_what_was_seen():
+    """Whatever else stands beside it; of an older client the timestamp alone."""
+    assert operations.stamp({"t_ms": 12, "fence": 3}) == DriveStamp(12.0)
+    view = {"camera": "/a", "frame": 2**32 - 1, "taken_ms": 5}
+    seen = (NamedFrame("/a", 2**32 - 1), NamedFrame("/b", None))
+    assert operations.stamp(
+        {"t_ms": 12, "seen": [view, {"camera": "/b", "frame": None}]}
+    ) == DriveStamp(12.0, seen)
+    assert operations.stamp({"seen": []}) == DriveStamp(None, ())
     for value in (None, 12, {}, {"t_ms": None}, {"t_ms": float("nan")}, [{"t_ms": 1}]):
         with pytest.raises(FieldRefusedError):
             operations.stamp(value)
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        None,
+        {},
+        "/a",
+        [1],
+        [{"camera": "/a"}],
+        [{"frame": 1}],
+        [{"camera": 1, "frame": 1}],
+        [{"camera": "/a", "frame": -1}],
+        [{"camera": "/a", "frame": 2**32}],
+        [{"camera": "/a", "frame": True}],
+        [{"camera": "/a", "frame": 1.5}],
+        [{"camera": "/a", "frame": 1}] * (MAX_SEEN_FRAMES + 1),
+    ],
+)
+def test_what_was_seen_is_a_list_of_cameras_and_numbers(seen):
+    with pytest.raises(FieldRefusedError, match=r"seen|is no"):
+        operations.stamp({"t_ms": 1, "seen": seen})
 
 
 TWIST = {"linear": {"x": 3, "y": 4.0, "z": 0}, "angular": {"x": 0, "y": 0, "z": -2}}

@@ -11,6 +11,7 @@ import pytest
 from relay_clients import closing
 from relay_server import until
 from robotether_server.db.fleet import RelayUser
+from robotether_server.relay.robots.delivered_frames import NamedFrame
 from stopwatch import Stopwatch
 
 ANN, BOB = RelayUser(1, "ann"), RelayUser(2, "bob")
@@ -70,6 +71,24 @@ async def test_who_is_slow_skips_and_slows_no_one(camera, watch, relay):
     assert relay.relay.registry.robot(7).viewer_stats.of(BOB.id).frames == 2
     assert relay.relay.registry.robot(7).viewer_stats.of(BOB.id).bytes == 2 * (len(JPEG) + 1)
     assert relay.relay.registry.robot(7).viewer_stats.of(BOB.id).viewed_s > 0
+
+
+async def test_only_frames_that_a_driver_was_sent_can_be_named(camera, watch, relay):
+    """By the number that the viewer got; not those that were skipped, nor by who only observes."""
+    driver, observer = await watch(), await watch(BOB)
+    await camera.wait_for("credit")
+    await driver.credit()
+    await observer.credit()
+    camera.sequence = 70
+    await camera.show(JPEG)
+    first = (await driver.frame()).sequence
+    skipped = await camera.show(JPEG + b"2")
+    await camera.wait_for("credit", taken=skipped - 1)
+    delivered = relay.relay.registry.robot(7).delivered_frames
+    assert delivered.robots(ANN.id, NamedFrame("/a", first)) == NamedFrame("/a", 71)
+    assert delivered.robots(ANN.id, NamedFrame("/a", first + 1)).frame is None
+    await observer.frame()
+    assert delivered.robots(BOB.id, NamedFrame("/a", first)).frame is None
 
 
 async def test_one_stream_leaves_the_robot(camera, watch, relay):

@@ -1,0 +1,86 @@
+"""How old is what a driver sees: when frames left the robot, and the ages of the commands that name them.
+
+The agent reports each frame to the guard as it sends it, and each drive command names the frames that were on the
+driver's screens. Both times are on the robot's clock, so the age contains camera, screen, hand and way back. What the
+guard was not told is unknown, never young. Pure: times in seconds are given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robotether_common.guard import MAX_SEEN_FRAMES, MAX_SEEN_S
+
+# Maximum number of cameras whose frames are remembered.
+MAX_CAMERAS = 16
+# Maximum number of frames of one camera, some more than come at 60 a second.
+MAX_FRAMES = 1000
+# Maximum number of ages in one report.
+MAX_AGES = 64
+
+
+class FrameTimes:
+    """When the frames that left the robot in the last MAX_SEEN_S were taken, by camera and number."""
+
+    def __init__(self) -> None:
+        # The camera whose frame came last is the last one.
+        self._cameras: dict[str, dict[int, float]] = {}
+
+    def note(self, camera: str, frame: int, taken_s: float, now: float) -> None:
+        """Note a frame that leaves the robot now; of two with one number the older counts."""
+        frames = self._cameras[camera] = self._cameras.pop(camera, {})
+        taken_s = min(taken_s, now, frames.pop(frame, now))
+        frames[frame] = taken_s
+        while len(frames) > MAX_FRAMES or now - next(iter(frames.values())) > MAX_SEEN_S:
+            del frames[next(iter(frames))]
+            if not frames:
+                break
+        if len(self._cameras) > MAX_CAMERAS:
+            del self._cameras[next(iter(self._cameras))]
+
+    def oldest_s(self, seen: object, now: float) -> float | None:
+        """Return when the oldest frame of a stamp's `seen` was taken; None: one is unknown, or there is none."""
+        if not isinstance(seen, list) or not 0 < len(seen) <= MAX_SEEN_FRAMES:
+            return None
+        times = [self._taken_s(view, now) for view in seen]
+        return None if None in times else min(taken_s for taken_s in times if taken_s is not None)
+
+    def _taken_s(self, view: object, now: float) -> float | None:
+        if not isinstance(view, dict):
+            return None
+        camera, frame = view.get("camera"), view.get("frame")
+        # True is a number to Python only.
+        if not isinstance(camera, str) or type(frame) is not int:
+            return None
+        taken_s = self._cameras.get(camera, {}).get(frame)
+        return None if taken_s is None or now - taken_s > MAX_SEEN_S else taken_s
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What a driver saw at a command: when the oldest frame on the screens was taken; None: unknown."""
+
+    taken_s: float | None = None
+
+    def age_s(self, now: float) -> float | None:
+        """Return how old it is now; None: unknown."""
+        return None if self.taken_s is None else max(0.0, now - self.taken_s)
+
+
+class SeenAges:
+    """The ages of one drive's commands that the agent has not been told yet, in ms; None: unknown."""
+
+    def __init__(self) -> None:
+        self.fence = 0
+        self.ages_ms: list[float | None] = []
+
+    def add(self, fence: int, age_s: float | None) -> None:
+        """Add the age of a command that was sent; without a lease there is no drive."""
+        if fence != self.fence:
+            self.fence, self.ages_ms = fence, []
+        age_ms = None if age_s is None else round(age_s * 1000, 1)
+        if len(self.ages_ms) < MAX_AGES:
+            self.ages_ms.append(age_ms)
+        elif age_ms is None or (self.ages_ms[-1] or age_ms) < age_ms:
+            # More commands than are reported: the greatest age must not get lost.
+            self.ages_ms[-1] = age_ms

@@ -1,0 +1,117 @@
+"""How old is what a driver sees: frames that the guard knows, and those that it does not."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_agent.guard.seen_age import (
+    MAX_AGES,
+    MAX_CAMERAS,
+    MAX_FRAMES,
+    FrameTimes,
+    SeenAges,
+    Sight,
+)
+from robotether_common.guard import MAX_SEEN_FRAMES, MAX_SEEN_S
+
+NOW = 1000.0
+
+
+@pytest.fixture
+def times() -> FrameTimes:
+    """Two frames of one camera, and one of another."""
+    times = FrameTimes()
+    times.note("/a", 1, NOW - 0.3, NOW - 0.2)
+    times.note("/a", 2, NOW - 0.2, NOW - 0.1)
+    times.note("/b", 2, NOW - 0.9, NOW)
+    return times
+
+
+def view(camera: object, frame: object) -> dict[str, object]:
+    return {"camera": camera, "frame": frame}
+
+
+def test_of_several_views_the_oldest_counts(times: FrameTimes) -> None:
+    assert times.oldest_s([view("/a", 2)], NOW) == NOW - 0.2
+    assert times.oldest_s([view("/a", 2), view("/b", 2), view("/a", 1)], NOW) == NOW - 0.9
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        [view("/a", 3)],
+        [view("/a", 2), view("/a", 3)],
+        [view("/c", 2)],
+        [view("/a", None)],
+        [view("/a", True)],
+        [view("/a", 2.0)],
+        [view("/a", "2")],
+        [view(["/a"], 2)],
+        [view("/a", [2])],
+        [2],
+        [],
+        {},
+        None,
+        "/a",
+        [view("/a", 2)] * (MAX_SEEN_FRAMES + 1),
+    ],
+)
+def test_what_did_not_leave_the_robot_is_unknown(times: FrameTimes, forged: object) -> None:
+    """Also beside a frame that is known, and whatever type a stranger writes."""
+    assert times.oldest_s(forged, NOW) is None
+
+
+def test_a_guard_that_was_told_nothing_knows_nothing() -> None:
+    assert FrameTimes().oldest_s([view("/a", 1)], NOW) is None
+
+
+def test_an_old_frame_is_unknown(times: FrameTimes) -> None:
+    assert times.oldest_s([view("/a", 2)], NOW - 0.2 + MAX_SEEN_S) == NOW - 0.2
+    assert times.oldest_s([view("/a", 2)], NOW - 0.1 + MAX_SEEN_S) is None
+
+
+def test_of_two_frames_of_one_number_the_older_counts(times: FrameTimes) -> None:
+    """Receivers of a camera could use one number at the same time; no frame is of the future."""
+    times.note("/a", 2, NOW - 0.05, NOW)
+    assert times.oldest_s([view("/a", 2)], NOW) == NOW - 0.2
+    times.note("/a", 5, NOW + 3, NOW)
+    assert times.oldest_s([view("/a", 5)], NOW) == NOW
+
+
+def test_memory_of_frames_is_bounded() -> None:
+    times = FrameTimes()
+    for number in range(MAX_FRAMES + 1):
+        times.note("/a", number, NOW, NOW)
+    assert times.oldest_s([view("/a", 0)], NOW) is None
+    assert times.oldest_s([view("/a", 1)], NOW) == NOW
+    for number in range(MAX_CAMERAS):
+        times.note(f"/{number}", 1, NOW, NOW)
+    assert times.oldest_s([view("/a", 1)], NOW) is None
+    assert times.oldest_s([view("/0", 1)], NOW) == NOW
+    times.note("/0", 2, NOW - MAX_SEEN_S - 1, NOW + 1)
+    times.note("/0", 3, NOW + 20, NOW + 20)
+    assert len(times._cameras["/0"]) == 1
+
+
+def test_an_age_is_never_negative() -> None:
+    assert Sight(NOW).age_s(NOW - 0.01) == 0
+    assert Sight(NOW).age_s(NOW + 0.14) == pytest.approx(0.14)
+    assert Sight().age_s(NOW) is None
+
+
+def test_ages_are_of_one_drive() -> None:
+    ages = SeenAges()
+    ages.add(13, 0.14)
+    ages.add(13, None)
+    assert (ages.fence, ages.ages_ms) == (13, [140.0, None])
+    ages.add(14, 0.2)
+    assert (ages.fence, ages.ages_ms) == (14, [200.0])
+
+
+@pytest.mark.parametrize("worst", [9.0, None])
+def test_the_worst_age_is_never_lost(worst: float | None) -> None:
+    """However many commands come between two reports."""
+    ages = SeenAges()
+    for age_s in [0.1] * (MAX_AGES + 5) + [worst] + [0.1] * 5:
+        ages.add(13, age_s)
+    assert len(ages.ages_ms) == MAX_AGES
+    assert ages.ages_ms[-1] == (None if worst is None else 9000)
