@@ -142,7 +142,7 @@ def flag(value: Any) -> bool:
     return value
 
 
-def whole(low: int, high: int) -> Check:
+def whole(low: int, high: int) -> Callable[[Any], int]:
     """Make a check for whole numbers from `low` to `high`."""
 
     def check(value: Any) -> int:

@@ -205,7 +205,7 @@ class FramesSession(OperatorConnection):
         self._credits -= 1
         self._under_way.append(frame.sequence)
         self._cursor.sent(frame)
-        note_sent(self._context, self._permit, self._feed.topic, frame)
+        note_sent(self._context, self._permit, self._feed.key, frame)
         return frame.message
 
     async def _watch(self) -> CloseReason:

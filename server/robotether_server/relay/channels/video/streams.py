@@ -154,7 +154,7 @@ class StreamSession:
             await response.write(f"--{BOUNDARY}\r\n".encode())
             while frame is not None:
                 self._cursor.sent(frame)
-                note_sent(self._context, self._permit, self._feed.topic, frame)
+                note_sent(self._context, self._permit, self._feed.key, frame)
                 async with asyncio.timeout(VIEWER_SLOW_AFTER_S):
                     await response.write(frame.part(BOUNDARY, time.time() - time.monotonic()))
                     await writer.drain()
