@@ -30,7 +30,7 @@ from robotether_agent.guard.drive_messages import (
     zero,
 )
 from robotether_agent.guard.rosbridge import CmdVelPublisher
-from robotether_agent.guard.seen_age import FrameTimes, SeenAges, Sight
+from robotether_agent.guard.seen_age import FrameTimes, SeenAges, SeenFrames
 from robotether_agent.guard.topics import (
     CommandSource,
     Deadman,
@@ -272,7 +272,7 @@ class DriveController:
         now, raw_stamp = self._clock(), message.fields.get(STAMP)
         stamp: Mapping[str, object] = raw_stamp if isinstance(raw_stamp, dict) else {}
         self._authorizer.check(source.authorization, stamp.get("fence"), now)
-        sight = self._sight(source, stamp, now)
+        seen = self._seen_frames(source, stamp, now)
         topic = self._topics.find(message.topic)
         command = read_command(message.fields.get("msg", {}), topic.declared if topic else None)
         try:
@@ -292,19 +292,19 @@ class DriveController:
         if topic.waiting is not None:
             self.refusals["old"] += 1
         identity = message_id(message.fields)
-        topic.waiting = PendingCommand(command, source, old_at, identity, sight)
+        topic.waiting = PendingCommand(command, source, old_at, identity, seen)
         await self._send_waiting(topic)
         if topic.waiting is not None:
             self._wake.set()
 
-    def _sight(
+    def _seen_frames(
         self, source: CommandSource, stamp: Mapping[str, object], now: float
-    ) -> Sight | None:
+    ) -> SeenFrames | None:
         """Return what the driver saw; a client that has named frames once is one that names them."""
         source.names_frames = source.names_frames or "seen" in stamp
         if not source.names_frames:
             return None
-        return Sight(self.frame_times.oldest_s(stamp.get("seen"), now))
+        return SeenFrames(self.frame_times.oldest_s(stamp.get("seen"), now))
 
     def _check_shape(self, topic: Topic, shape: Shape) -> None:
         """Refuse another shape than the robot is moved with: it may not take it, and would drive on."""
@@ -422,8 +422,8 @@ class DriveController:
             self._deadman.commanded(topic.name, now, moves=True)
             topic.moved = True
         fence = waiting.source.authorization.fence
-        if command.moves and waiting.sight is not None and fence:
-            self.seen_ages.add(fence, waiting.sight.age_s(now))
+        if command.moves and waiting.seen is not None and fence:
+            self.seen_ages.add(fence, waiting.seen.age_s(now))
         sent = await self._publisher.send(_publish(topic, command, waiting.message_id))
         if sent and not command.moves and topic.sent is command:
             self._deadman.commanded(topic.name, now, moves=False)

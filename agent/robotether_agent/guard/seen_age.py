@@ -57,7 +57,7 @@ class FrameTimes:
 
 
 @dataclass(frozen=True)
-class Sight:
+class SeenFrames:
     """What a driver saw at a command: when the oldest frame on the screens was taken; None: unknown."""
 
     taken_s: float | None = None

@@ -36,7 +36,7 @@ from robotether_agent.guard.drive_messages import (
     MessageId,
     Shape,
 )
-from robotether_agent.guard.seen_age import Sight
+from robotether_agent.guard.seen_age import SeenFrames
 from robotether_agent.problems import StateUnusableError
 
 MAX_TOPICS = 16
@@ -93,7 +93,7 @@ class PendingCommand:
     old_at: float
     message_id: MessageId
     # None: its client names no frames.
-    sight: Sight | None = None
+    seen: SeenFrames | None = None
 
 
 @dataclass

@@ -9,7 +9,7 @@ from robotether_agent.guard.seen_age import (
     MAX_FRAMES,
     FrameTimes,
     SeenAges,
-    Sight,
+    SeenFrames,
 )
 from robotether_common.guard import MAX_SEEN_FRAMES, MAX_SEEN_S
 
@@ -93,9 +93,9 @@ def test_memory_of_frames_is_bounded() -> None:
 
 
 def test_an_age_is_never_negative() -> None:
-    assert Sight(NOW).age_s(NOW - 0.01) == 0
-    assert Sight(NOW).age_s(NOW + 0.14) == pytest.approx(0.14)
-    assert Sight().age_s(NOW) is None
+    assert SeenFrames(NOW).age_s(NOW - 0.01) == 0
+    assert SeenFrames(NOW).age_s(NOW + 0.14) == pytest.approx(0.14)
+    assert SeenFrames().age_s(NOW) is None
 
 
 def test_ages_are_of_one_drive() -> None:
