@@ -14,6 +14,7 @@ from robotether_server.contract.control import (
     StoppedRobotList,
     StopReason,
 )
+from robotether_server.contract.uplink import UplinkObject
 
 CONTROL: dict[int, Any] = {200: ControlObject}
 
@@ -36,6 +37,18 @@ RELAYED = (
         who="user",
         tag="control",
         answers=CONTROL,
+    ),
+    ApiOperation(
+        method="GET",
+        path="/robots/<robot>/uplink",
+        name="showUplink",
+        summary="Get what fills the robot's uplink: cameras, topics, and the rest that passes the server",
+        details="Takes 1 s when nobody has asked lately. Shells, heartbeats, published ports and what SSH adds are not "
+        "measured. 503 robot_offline: the robot is at no machine of the site.",
+        who="user",
+        tag="control",
+        answers={200: UplinkObject},
+        problems=(503,),
     ),
     ApiOperation(
         method="POST",

@@ -267,6 +267,7 @@ class Relay:
         self._control_api = ControlApi(
             self.access,
             self.control,
+            self.registry,
             self.fleet.snapshot,
             OtherCells(self.peers.confirmation, self.peer_feeds.unreached),
         )

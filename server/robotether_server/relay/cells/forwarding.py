@@ -17,7 +17,7 @@ from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.cells.peers import Peers
 
 FORWARDED = re.compile(
-    r"/robots/(?P<robot>[^/]+)/.+|/api/v1/robots/(?P<controlled>[^/]+)/(?P<action>stop|release|lease|control)"
+    r"/robots/(?P<robot>[^/]+)/.+|/api/v1/robots/(?P<controlled>[^/]+)/(?P<action>stop|release|lease|control|uplink)"
 )
 # The named locations of images/nginx/peer-forward.conf. When the other cell does not answer, a stop begins here.
 LOCATION, STOP_LOCATION = "@cell", "@cell_or_here"

@@ -1,4 +1,4 @@
-"""Answers the HTTP requests stop, release, lease and control.
+"""Answers the HTTP requests stop, release, lease, control and uplink.
 
 `app` routes them here. Who asks shows a login or a token, never a ticket; what a login changes must come
 from a page of this site. Handlers decide who may, `leasing` and `stops` do it.
@@ -25,13 +25,22 @@ from robotether_server.contract.control import (
     StoppedRobotList,
     StopReason,
 )
+from robotether_server.contract.uplink import UplinkObject
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.db.grants import includes
-from robotether_server.problems import FieldInvalidError, GrantMissingError, HttpError
+from robotether_server.problems import (
+    FieldInvalidError,
+    GrantMissingError,
+    HttpError,
+    RobotOfflineError,
+)
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.control import leasing
 from robotether_server.relay.control.control import Control
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.schemas import Level
+from robotether_server.times import utc_now
 
 NO_STORE = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
 
@@ -55,11 +64,13 @@ class ControlApi:
         self,
         access: Access,
         control: Control,
+        registry: SessionRegistry,
         snapshot: Callable[[], Snapshot],
         other_cells: OtherCells,
     ) -> None:
         self._access = access
         self._control = control
+        self._registry = registry
         self._snapshot = snapshot
         self._other_cells = other_cells
         self._actions: Mapping[str, Callable[[RelayRobot, leasing.LeaseRequester], None]] = {
@@ -73,6 +84,7 @@ class ControlApi:
     def add_routes(self, app: web.Application) -> None:
         """Route the paths of the contract here."""
         app.router.add_get("/api/v1/robots/{name}/control", self.show, allow_head=False)
+        app.router.add_get("/api/v1/robots/{name}/uplink", self.show_uplink, allow_head=False)
         app.router.add_post("/api/v1/robots/{name}/stop", self.stop)
         app.router.add_post("/api/v1/robots/{name}/release", self.release)
         app.router.add_post("/api/v1/robots/{name}/lease", self.lease)
@@ -80,9 +92,19 @@ class ControlApi:
 
     async def show(self, request: web.Request) -> web.Response:
         """Answer with the control object."""
-        access_request = request_of(request.headers, request.cookies, request.query)
-        asker = await self._access.for_events(access_request)
-        return self._answer(self._access.visible_robot(asker.user, request.match_info["name"]))
+        _, robot = await self._viewer_and_robot(request)
+        return self._answer(robot)
+
+    async def show_uplink(self, request: web.Request) -> web.Response:
+        """Answer with what fills the uplink: whoever may see the robot, as everybody who watches fills it."""
+        user, robot = await self._viewer_and_robot(request)
+        presence = self._registry.presence(robot.id)
+        if not presence.online:
+            raise RobotOfflineError(
+                close_reasons.offline_sentence(robot.name, presence.since, utc_now())
+            )
+        uplink = self._registry.ensure_robot(robot.id).uplink
+        return _answer(UplinkObject(await uplink.measured(user.id)))
 
     async def stop(self, request: web.Request) -> web.Response:
         """Stop a robot: whoever may see it."""
@@ -142,6 +164,11 @@ class ControlApi:
                 "cannot use to: it is a user's name, and goes with hand_over alone"
             )
         return partial(self._control.leasing.hand_over, to=to)
+
+    async def _viewer_and_robot(self, request: web.Request) -> tuple[RelayUser, RelayRobot]:
+        access_request = request_of(request.headers, request.cookies, request.query)
+        user = (await self._access.for_events(access_request)).user
+        return user, self._access.visible_robot(user, request.match_info["name"])
 
     async def _who_and_what(
         self, request: web.Request, *, stops: bool = False

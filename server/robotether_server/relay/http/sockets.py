@@ -10,7 +10,7 @@ import asyncio
 import logging
 import struct
 from collections.abc import Coroutine, Mapping
-from socket import IPPROTO_TCP, SO_SNDBUF, SOL_SOCKET, TCP_NOTSENT_LOWAT
+from socket import IPPROTO_TCP, SO_SNDBUF, SOL_SOCKET, TCP_INFO, TCP_NOTSENT_LOWAT
 from types import SimpleNamespace
 from typing import Any, Literal, NoReturn, cast
 
@@ -51,6 +51,8 @@ ROBOT_FAREWELL_S = 0.5
 NEVER_SENT = 1006
 # Margin of aiohttp's limit, which rejects a message of exactly that size.
 LIMIT_MARGIN = 1
+# linux/tcp.h, struct tcp_info: `tcpi_bytes_received`, since Linux 4.1.
+RECEIVED_BYTES = struct.Struct("=128xQ")
 
 
 class OperatorSocket(web.WebSocketResponse[Literal[False]]):
@@ -203,6 +205,16 @@ class RobotSocket(ClientWebSocketResponse[Literal[False]]):
     def waiting_bytes(self) -> int:
         """Return how much of what was sent is still in this program."""
         return _waiting(self._transport)
+
+    def received_bytes(self) -> int | None:
+        """Return how much has come, also of a message that is still on the way; None: the kernel does not say."""
+        connection = self._transport.get_extra_info("socket")
+        try:
+            info = connection.getsockopt(IPPROTO_TCP, TCP_INFO, RECEIVED_BYTES.size)
+            return int(RECEIVED_BYTES.unpack(info)[0])
+        except (AttributeError, OSError, ValueError, struct.error):
+            # It is closed, or the kernel an old one.
+            return None
 
     def keep_little(self) -> None:
         """Have the system keep little of what is sent: drive commands must not grow old in it."""

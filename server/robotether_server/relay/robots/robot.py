@@ -24,6 +24,7 @@ from robotether_server.relay.robots.delivered_frames import DeliveredFrames
 from robotether_server.relay.robots.demand import Demand
 from robotether_server.relay.robots.lease import Lease
 from robotether_server.relay.robots.robot_stops import RobotStops
+from robotether_server.relay.robots.uplink import Uplink
 from robotether_server.relay.robots.viewer_stats import ViewerStats
 
 # What the agent does in front of rosbridge; unknown until it has said so.
@@ -197,6 +198,7 @@ class Robot:
         # Copies of what it sends, by what tells them apart; `shared_copies` keeps them.
         self.feeds: dict[Hashable, object] = {}
         self.topics: dict[Hashable, object] = {}
+        self.uplink = Uplink()
         self.viewer_stats = ViewerStats()
         self.delivered_frames = DeliveredFrames()
         # The records of its session, and of its newest drive: a guard reports later what it refused.

@@ -9,14 +9,23 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Coroutine, Hashable
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change, Robot
 
+
+class CopyUser(Protocol):
+    """A connection that shares a copy."""
+
+    @property
+    def user_id(self) -> int:
+        """Whose it is."""
+
+
 Key = TypeVar("Key", bound=Hashable)
-User = TypeVar("User")
+User = TypeVar("User", bound=CopyUser)
 
 # Time for which a copy stays without users, for a page that reloads or swaps its cameras; a feed
 # must close within 1 s.
@@ -30,6 +39,10 @@ class SharedCopy(Generic[Key, User]):
         self.robot = robot
         self.key = key
         self.users: set[User] = set()
+
+    def user_ids(self) -> set[int]:
+        """Return who shares it."""
+        return {user.user_id for user in self.users}
 
 
 Copy = TypeVar("Copy", bound=SharedCopy[Any, Any])

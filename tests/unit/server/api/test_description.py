@@ -19,6 +19,7 @@ ELSEWHERE = {
     ("/api/v1/events", "get"),
     ("/api/v1/stop", "post"),
     ("/api/v1/robots/{robot}/control", "get"),
+    ("/api/v1/robots/{robot}/uplink", "get"),
     ("/api/v1/robots/{robot}/lease", "post"),
     ("/api/v1/robots/{robot}/release", "post"),
     ("/api/v1/robots/{robot}/stop", "post"),

@@ -15,7 +15,7 @@ import json
 import time
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -75,10 +75,11 @@ class Traffic:
 
 @dataclass(frozen=True)
 class RobotEnd:
-    """The robot's end of a connection; `lease` is that of a driver."""
+    """The robot's end of a connection; `lease` is that of a driver, `counted` counts what comes while it is open."""
 
     socket: RobotSocket
     lease: DriveLease | None = None
+    counted: AbstractContextManager[None] = field(default_factory=nullcontext)
 
 
 class Bridge(OperatorConnection):
@@ -171,7 +172,8 @@ class Bridge(OperatorConnection):
         if robot_end.lease is not None:
             self._drive = DrivePath(robot_end.lease, robot, self._timestamps, self._count_to_robot)
             parts.append(self._send_commands(self._drive))
-        return await self._run_together(*parts)
+        with robot_end.counted:
+            return await self._run_together(*parts)
 
     async def _pump_to_robot(self, robot: RobotSocket) -> CloseReason:
         count = 0

@@ -138,7 +138,9 @@ class RosbridgeHandler:
             ),
             operator=operator,
             own=OwnOperations(self._control, robot, permit.user.name, address),
-            topics=TopicSubscriptions(robot, rules.shared_topics, is_driver=permit.use == "drive"),
+            topics=TopicSubscriptions(
+                robot, permit.user.id, rules.shared_topics, is_driver=permit.use == "drive"
+            ),
             limits=rules.limits if permit.use == "observe" else rules.driver_limits,
             message_limit=rules.message_limit,
             traffic=rules.traffic,
@@ -191,7 +193,10 @@ class OperatorSession:
             lease = self._lease(driver)
         self.context.connections.connected(self.connection)
         self._send_report()
-        return RobotEnd(socket, lease)
+        uplink = self.context.registry.ensure_robot(self.connection.robot.id).uplink
+        user_ids = (self.connection.user_id,)
+        counted = uplink.counted("rosbridge", "", socket.received_bytes, lambda: user_ids)
+        return RobotEnd(socket, lease, counted)
 
     async def _check_credential(self) -> None:
         """Let nobody drive with a ticket whose login or token has ended since; `held` alone would a second later."""

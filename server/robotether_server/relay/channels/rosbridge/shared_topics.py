@@ -20,7 +20,7 @@ from robotether_common.topics import MAX_KNOWN, MAX_TOPICS, digest
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.channels.rosbridge.operations import write_json
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.shared_copies import SharedCopies, SharedCopy
+from robotether_server.relay.robots.shared_copies import CopyUser, SharedCopies, SharedCopy
 
 log = logging.getLogger(__name__)
 
@@ -86,7 +86,7 @@ def combined(subscriptions: Collection[TopicRequest]) -> TopicRequest:
     )
 
 
-class TopicClient(Protocol):
+class TopicClient(CopyUser, Protocol):
     """A client's connection; what it is told must not wait."""
 
     def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:

@@ -34,7 +34,10 @@ Deliver = Callable[[bytes, WSMsgType], Awaitable[None]]
 class TopicSubscriptions:
     """Implements `shared_topics.TopicClient`."""
 
-    def __init__(self, robot: RelayRobot, shared_topics: SharedTopics, *, is_driver: bool) -> None:
+    def __init__(
+        self, robot: RelayRobot, user_id: int, shared_topics: SharedTopics, *, is_driver: bool
+    ) -> None:
+        self.user_id = user_id
         self._robot = robot
         self._limit = MAX_TOPICS if is_driver else MAX_OBSERVED_TOPICS
         self._shared_topics = shared_topics

@@ -77,17 +77,11 @@ class TopicLinks:
 
     async def _bring(self, topic: SharedTopic) -> None:
         socket = await self._open(topic, {})
-        count = 0
+        uplink = self.dialer.registry.ensure_robot(topic.robot.id).uplink
+        name = topic.key.topic
         try:
-            while True:
-                count = await next_turn(count)
-                message = await socket.receive()
-                if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
-                    topic.on_message(message.data, message.type)
-                elif message.type is WSMsgType.PING:
-                    await socket.pong(message.data)
-                elif message.type is not WSMsgType.PONG:
-                    return
+            with uplink.counted("topic", name, socket.received_bytes, topic.user_ids):
+                await _pass_on(socket, topic)
         finally:
             socket.drop()
 
@@ -97,6 +91,19 @@ class TopicLinks:
         socket = await self.dialer.open(topic.robot, path, OPENS_WITHIN_S)
         await socket.send_frame(topic.key.message(), WSMsgType.TEXT)
         return socket
+
+
+async def _pass_on(socket: RobotSocket, topic: SharedTopic) -> None:
+    count = 0
+    while True:
+        count = await next_turn(count)
+        message = await socket.receive()
+        if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
+            topic.on_message(message.data, message.type)
+        elif message.type is WSMsgType.PING:
+            await socket.pong(message.data)
+        elif message.type is not WSMsgType.PONG:
+            return
 
 
 def _name_in(message: WSMessageNoDecodeText) -> object:

@@ -96,8 +96,11 @@ class FeedLink:
         self._clock, self._received_s = SenderClock(), time.monotonic()
         self._feed.on_connected()
         sending = asyncio.create_task(self._send_due(socket), name=f"feed {name} sends")
+        uplink = self._dialer.registry.ensure_robot(self._feed.robot.id).uplink
+        received, user_ids = socket.received_bytes, self._feed.user_ids
         try:
-            await self._read(socket)
+            with uplink.counted("camera", self._feed.key, received, user_ids):
+                await self._read(socket)
             log.info("robot %s: the connection of a feed broke", name)
         except ConnectionError as exc:
             log.info("robot %s: the connection of a feed broke: %r", name, exc)

@@ -30,7 +30,7 @@ from robotether_server.relay.channels.video.frame_protocol import (
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.shared_copies import SharedCopies, SharedCopy
+from robotether_server.relay.robots.shared_copies import CopyUser, SharedCopies, SharedCopy
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ class FeedTraffic:
     skipped: int = 0
 
 
-class Viewer(Protocol):
+class Viewer(CopyUser, Protocol):
     """Somebody who follows a feed."""
 
     @property

@@ -87,6 +87,7 @@ class FramesSession(OperatorConnection):
         self._limiter = RateLimiter(
             self._received_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE
         )
+        self.user_id = permit.user.id
         self.stream_request: StreamRequest | None = None
         self._credits = 0
         # Numbers of frames that were sent and not yet taken.

@@ -92,7 +92,7 @@ class VideoHandler:
             answer = await self._streams.show(request, permit, embeddable=embeddable)
             if answer is not None:
                 return answer
-        return await self._pass_on(request, permit.robot, presence, embeddable=embeddable)
+        return await self._pass_on(request, permit, presence, embeddable=embeddable)
 
     def _presence(self, robot: RelayRobot) -> Presence:
         presence = self._context.registry.presence(robot.id)
@@ -103,8 +103,9 @@ class VideoHandler:
         return presence
 
     async def _pass_on(
-        self, request: web.Request, robot: RelayRobot, presence: Presence, *, embeddable: bool
+        self, request: web.Request, permit: Permit, presence: Presence, *, embeddable: bool
     ) -> web.StreamResponse:
+        robot, user_ids = permit.robot, (permit.user.id,)
         async with self._asked_robot(request, robot, presence) as answer:
             headers = headers_for_viewer(
                 answer.headers,
@@ -114,7 +115,9 @@ class VideoHandler:
             response = web.StreamResponse(status=answer.status, headers=headers)
             await response.prepare(request)
             if request.method == "GET":
-                await _stream(answer, response, request, robot.name)
+                counter, uplink = _Counter(), self._context.registry.ensure_robot(robot.id).uplink
+                with uplink.counted("video", "", counter.received_bytes, lambda: user_ids):
+                    await _stream(counter.counted(answer), response, request, robot.name)
             return response
 
     @asynccontextmanager
@@ -190,11 +193,28 @@ def _no_answer(
     return VideoDownError(f"{cannot}: its web_video_server does not answer")
 
 
+class _Counter:
+    """Counts an answer's bytes. The kernel cannot: the connection of a short answer is gone before anybody asks."""
+
+    def __init__(self) -> None:
+        self._bytes = 0
+
+    def received_bytes(self) -> int:
+        """Return how much has come so far."""
+        return self._bytes
+
+    async def counted(self, answer: ClientResponse) -> AsyncIterator[bytes]:
+        """Yield the chunks of an answer."""
+        async for chunk in answer.content.iter_any():
+            self._bytes += len(chunk)
+            yield chunk
+
+
 async def _stream(
-    answer: ClientResponse, response: web.StreamResponse, request: web.Request, robot: str
+    chunks: AsyncIterator[bytes], response: web.StreamResponse, request: web.Request, robot: str
 ) -> None:
     try:
-        async for chunk in answer.content.iter_any():
+        async for chunk in chunks:
             async with asyncio.timeout(VIEWER_SLOW_AFTER_S):
                 await response.write(chunk)
     except (ClientError, ConnectionError, TimeoutError) as exc:

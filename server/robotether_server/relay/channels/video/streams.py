@@ -60,7 +60,8 @@ def is_for_feed(request: web.Request) -> bool:
 class StreamViewer:
     """Who follows a feed for a multipart answer."""
 
-    def __init__(self, stream_request: StreamRequest) -> None:
+    def __init__(self, user_id: int, stream_request: StreamRequest) -> None:
+        self.user_id = user_id
         self.stream_request = stream_request
         self.close_reason: CloseReason | None = None
         self._changed = asyncio.Event()
@@ -95,7 +96,7 @@ class Streams:
     ) -> web.StreamResponse | None:
         """Answer until either side ends; None when the robot has no frames service."""
         robot, user = permit.robot, permit.user
-        viewer = StreamViewer(stream_request_of(request))
+        viewer = StreamViewer(user.id, stream_request_of(request))
         with (
             self._context.feeds.followed(robot, topic_of(request), viewer) as feed,
             self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id),

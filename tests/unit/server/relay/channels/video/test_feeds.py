@@ -27,6 +27,7 @@ class Eye:
     def __init__(
         self, stream_request: StreamRequest | None = None, *, breaks: bool = False
     ) -> None:
+        self.user_id = 1
         self.stream_request = stream_request
         self.on_status = 0
         self.close_reasons: list[CloseReason] = []

@@ -1,0 +1,110 @@
+"""What fills a robot's uplink, as the API shows it."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import pytest
+from relay_server import until
+from robotether_server.db.fleet import RelayUser
+from robotether_server.relay.robots.uplink import Uplink
+
+ANN, BOB, EVE = RelayUser(1, "ann"), RelayUser(2, "bob"), RelayUser(5, "eve")
+UPLINK = "/api/v1/robots/sim1/uplink"
+
+
+@pytest.fixture
+def show(relay, http, memory_database):
+    """Return status and body of the uplink as a user gets it."""
+
+    async def ask(user: RelayUser) -> tuple[int, dict[str, Any]]:
+        token = memory_database.add_credential("token", user)
+        headers = {"Authorization": f"Bearer {token}"}
+        async with http.get(relay.url + UPLINK, headers=headers) as answer:
+            return answer.status, await answer.json()
+
+    return ask
+
+
+def stream_of(body: dict[str, Any], kind: str) -> dict[str, Any]:
+    """Return the one stream of this kind."""
+    [stream] = [stream for stream in body["streams"] if stream["kind"] == kind]
+    return stream
+
+
+async def test_a_message_counts_while_it_is_on_the_way(*, relay, robot, sim1, http, show):
+    """A large map fills the uplink long before its last byte has come."""
+    sockets = [await http.ws_connect(relay.ros_url(sim1, "observe", user)) for user in (ANN, BOB)]
+    for socket in (*sockets, sockets[1]):
+        await socket.send_json({"op": "subscribe", "topic": "/map"})
+    topics = relay.relay.registry.robot(sim1.id).topics
+    await until(
+        lambda: [topic.user_ids() for topic in topics.values()] == [{1, 2}], "both share it"
+    )
+    await until(lambda: robot.topics, "the robot sends it")
+    header = struct.pack("!BBQ", 0x81, 127, 10_000_000)
+    robot.topics[0]._req.transport.write(header + b"x" * 3_000_000)
+    status, body = await show(BOB)
+    assert status == 200
+    stream = stream_of(body, "topic")
+    assert stream["bytes_per_s"] > 100_000
+    assert (stream["name"], stream["people"], stream["yours"]) == ("/map", 2, True)
+    assert stream_of(body, "rosbridge")["people"] == 2
+    assert "ann" not in str(body)
+    for socket in sockets:
+        await socket.close()
+
+
+async def test_cameras_and_snapshots_count_apart(*, relay, camera, watch, http, sim1, show):
+    await watch(ANN)
+    url = f"{relay.url}/robots/sim1/video/snapshot?topic=/a&ticket="
+    for _ in range(3):
+        async with http.get(url + relay.ticket(sim1, "observe", ANN)) as answer:
+            await answer.read()
+    _, body = await show(BOB)
+    watched, passed_on = stream_of(body, "camera"), stream_of(body, "video")
+    assert (watched["name"], watched["people"], watched["yours"]) == ("/a", 1, False)
+    assert watched["bytes_per_s"] > 0
+    assert passed_on["bytes_per_s"] > 0
+    assert (passed_on["name"], passed_on["people"]) == ("", 0)
+
+
+async def test_nothing_is_said_of_a_robot_that_is_offline_or_unseen(relay, show):
+    assert (await show(EVE))[0] == 404
+    status, body = await show(ANN)
+    assert (status, body["code"]) == (503, "robot_offline")
+
+
+async def test_a_rate_is_that_of_the_last_seconds():
+    now_s, received = 100.0, 0
+    uplink = Uplink(lambda: now_s)
+    with uplink.counted("topic", "/scan", lambda: received, lambda: {1}):
+        for _ in range(20):
+            now_s, received = now_s + 1, received + 500
+            [stream] = await uplink.measured(1)
+        assert stream.bytes_per_s == 500
+        now_s += 5
+        [stream] = await uplink.measured(1)
+        assert stream.bytes_per_s == 0
+    assert await uplink.measured(1) == []
+
+
+async def test_what_the_kernel_does_not_say_is_not_measured():
+    now_s = 100.0
+    uplink = Uplink(lambda: now_s)
+    with uplink.counted("topic", "/scan", lambda: None, lambda: {1}):
+        now_s += 2
+        [stream] = await uplink.measured(1)
+        assert stream.bytes_per_s is None
+
+
+async def test_a_connection_that_opens_again_goes_on_with_its_count():
+    now_s = 100.0
+    uplink = Uplink(lambda: now_s)
+    with uplink.counted("video", "", lambda: 3000, lambda: {1}):
+        now_s += 1
+    with uplink.counted("video", "", lambda: 1000, lambda: {1}):
+        now_s += 1
+        [stream] = await uplink.measured(1)
+    assert stream.bytes_per_s == 2000
