@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from report import Row, Section
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.drives.drive_path import stamped
-from robotether_server.robot_settings import DEFAULTS, Limits
+from robotether_server.settings.robot import DEFAULTS, Limits
 
 # The check alone is measured, not how soon it says that there were too many.
 UNLIMITED = Limits(messages_per_s=10**9, message_kb=DEFAULTS.policy.limits.message_kb)

@@ -20,7 +20,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
 from robotether_server.problems import FieldInvalidError, SiteCertificateUnavailableError, reason_in
-from robotether_server.settings import SiteAddressSettings
+from robotether_server.settings.server import SiteAddressSettings
 
 HTTPS_PORT = 443
 CERTIFICATE_TIMEOUT_S = 3.0

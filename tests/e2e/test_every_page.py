@@ -16,7 +16,7 @@ from axe_playwright_python.sync_playwright import Axe
 from page_users import PageUsers
 from pages import expect_no_sideways_scroll, expect_small_map, resize
 from playwright.sync_api import Browser, BrowserContext, Page, expect
-from robotether_server.settings import (
+from robotether_server.settings.server import (
     DatabaseSettings,
     JoinSettings,
     SiteAddressSettings,

@@ -28,7 +28,7 @@ with atheris.instrument_imports(include=["robotether_common", "robotether_server
         ROSAPI_LOOKUPS_OF_DRIVERS,
     )
     from robotether_server.relay.drives.drive_path import stamped
-    from robotether_server.robot_settings import LevelPolicy, Limits
+    from robotether_server.settings.robot import LevelPolicy, Limits
 
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])
 FULL_NAME = re.compile(r"(/[A-Za-z0-9_]+)+")

@@ -13,7 +13,7 @@ from mariadb_server import MariaDb
 from outside import marks_of
 from robotether_server.db import Database
 from robotether_server.db.migrate import migrate, set_port_range, set_shell_port_range
-from robotether_server.settings import MigrateSettings
+from robotether_server.settings.server import MigrateSettings
 
 # The first and the last judge the speed of the machine that tests, and not what is tested. Continuous integration plays
 # the same examples each time, so that a failure is the change's; elsewhere new ones are looked for. For a mutant

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from robotether_agent import __version__ as agent_version
 from robotether_server import __version__ as server_version
-from robotether_server.settings import VARIABLES
+from robotether_server.settings.server import VARIABLES
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE = ROOT / "compose"

@@ -110,7 +110,7 @@ ALLOWED = {
     ("records", "relay/records/"): "of the database, the audit and drives",
     ("switch", "robotether_agent/cli.py"): "a command of the program",
     ("take", "server/robotether_server/relay/"): "an action of the API",
-    ("tls_front", "robotether_server/settings.py"): "TLS_FRONT's field",
+    ("tls_front", "robotether_server/settings/server.py"): "TLS_FRONT's field",
 }
 WHOLE = set(" ".join(BANNED_NAMES).split())
 SINGULAR = " ".join(BANNED_WORDS).split()

@@ -24,7 +24,7 @@ from robotether_server import problems
 from robotether_server.api import description
 from robotether_server.relay.channels.rosbridge.operations import OPERATIONS
 from robotether_server.relay.http import close_reasons
-from robotether_server.settings import VARIABLES, Variable
+from robotether_server.settings.server import VARIABLES, Variable
 
 ROOT = Path(__file__).resolve().parents[2]
 OUTWARD = re.compile(r"\[([^\]]*)\]\(((?:\.\./)+[^)#\s]*)(?:#[^)]*)?\)")

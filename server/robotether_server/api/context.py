@@ -10,7 +10,7 @@ from robotether_server.api.recent_users import RecentUsers
 from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
 from robotether_server.install_line import SiteCertificates
-from robotether_server.settings import JoinSettings
+from robotether_server.settings.server import JoinSettings
 from robotether_server.tickets import TicketSigner
 
 csrf = CSRFProtect()

@@ -19,8 +19,8 @@ from robotether_server import __version__
 from robotether_server.api.auth import Who
 from robotether_server.api.operations import OPERATIONS, ApiOperation, operation
 from robotether_server.api.relayed import RELAYED
-from robotether_server.robot_settings import GivenSettings
 from robotether_server.schemas import PlainName, RobotName, UserName
+from robotether_server.settings.robot import GivenSettings
 
 REF = "#/components/{kind}/{name}"
 Id = Annotated[int, Meta(ge=1)]

@@ -27,7 +27,7 @@ from robotether_server.schemas import (
 from robotether_server.services import joining, pending
 from robotether_server.services.joining import PresentedKey
 from robotether_server.services.pending import Reason
-from robotether_server.settings import JoinSettings
+from robotether_server.settings.server import JoinSettings
 
 SSH_USER = "tunnel"
 KEY_WORDS = 2

@@ -13,7 +13,6 @@ from robotether_server.api.context import context
 from robotether_server.api.exports import USUAL_LIMIT, Limit
 from robotether_server.api.join import Ssh, ssh_of
 from robotether_server.api.operations import operation
-from robotether_server.buttons import GivenButtons
 from robotether_server.db import cells, robots, seen_robots
 from robotether_server.db.robots import State
 from robotether_server.db.seen_robots import (
@@ -23,7 +22,6 @@ from robotether_server.db.seen_robots import (
     SeenRobot,
     Stopped,
 )
-from robotether_server.page_settings import PageSettings
 from robotether_server.problems import RobotUnknownError
 from robotether_server.schemas import (
     AT_LEAST_ONE,
@@ -43,6 +41,8 @@ from robotether_server.services import drive_pages, grants, pending
 from robotether_server.services import robots as robot_service
 from robotether_server.services.pending import PendingKey, RejectedKey
 from robotether_server.services.robots import Registration
+from robotether_server.settings.buttons import GivenButtons
+from robotether_server.settings.page import PageSettings
 
 CLOSED = Meta(extra_json_schema={"additionalProperties": False})
 # Described by this type; the service parses them.

@@ -17,9 +17,9 @@ from robotether_server.db.join_tokens import JoinToken, Place
 from robotether_server.db.users import User
 from robotether_server.install_line import enrolment_lines
 from robotether_server.problems import RecordMissingError, StoreUnavailableError
-from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label, UserName
 from robotether_server.services import tokens as token_service
+from robotether_server.settings.robot import Region
 
 
 class NewToken(Struct, forbid_unknown_fields=True):

@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 
 import click
 
-from robotether_server import settings
 from robotether_server.db import Database, Transaction
 from robotether_server.db.audit import Source
 from robotether_server.problems import RobotetherError
+from robotether_server.settings.server import DatabaseSettings, load
 
 T = TypeVar("T")
 
@@ -30,7 +30,7 @@ class NotDoneError(RobotetherError, code="not_done"):
 
 def open_database() -> Database:
     """Return the database that the environment names."""
-    return Database(settings.load(settings.DatabaseSettings, os.environ))
+    return Database(load(DatabaseSettings, os.environ))
 
 
 def agree(action: str, question: str, without_terminal: str) -> None:

@@ -7,7 +7,7 @@ import sys
 
 import click
 
-from robotether_server import __version__, settings
+from robotether_server import __version__
 from robotether_server.cli.audit_log import audit_log
 from robotether_server.cli.cells import cell
 from robotether_server.cli.grants import grant, revoke
@@ -19,6 +19,7 @@ from robotether_server.cli.tokens import join_token, token
 from robotether_server.cli.users import add_first_admin, ensure_first_admin, user
 from robotether_server.db import migrate
 from robotether_server.problems import RobotetherError, StoreUnavailableError
+from robotether_server.settings.server import MigrateSettings, WebSettings, in_force, load
 
 # One process, because the database does the work; gthread, because a thread may wait for it.
 GUNICORN = (
@@ -63,14 +64,14 @@ def cli() -> None:
 @cli.command("show-settings")
 def show_settings() -> None:
     """Print what is in force, secrets masked."""
-    for name, value in settings.in_force(os.environ).items():
+    for name, value in in_force(os.environ).items():
         click.echo(f"{name}={value}")
 
 
 @cli.command("migrate")
 def run_migrate() -> None:
     """Bring the database up to date: schema and ports; with ADMIN_PASSWORD also the first admin."""
-    loaded = settings.load(settings.MigrateSettings, os.environ)
+    loaded = load(MigrateSettings, os.environ)
     applied = migrate.migrate(loaded)
     if loaded.admin_password:
         add_first_admin(loaded.database, loaded.admin_password)
@@ -81,7 +82,7 @@ def run_migrate() -> None:
 @cli.command("web")
 def run_web() -> None:
     """Serve pages and API on port 8000, after making the first admin where there is no user."""
-    loaded = settings.load(settings.WebSettings, os.environ)
+    loaded = load(WebSettings, os.environ)
     ensure_first_admin(loaded)
     arguments = [*GUNICORN, f"--log-level={loaded.log_level}", APPLICATION]
     # In place of this process, so that the engine's signals reach gunicorn itself.

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 import click
 
-from robotether_server import robot_settings
 from robotether_server.cli.common import SOURCE, NotDoneError, open_database, print_json
 from robotether_server.db import seen_robots
 from robotether_server.problems import FieldInvalidError
-from robotether_server.robot_settings import Settings, get_path, is_in, put_path, remove_path
 from robotether_server.services import robots
+from robotether_server.settings import robot as robot_settings
+from robotether_server.settings.robot import Settings, get_path, is_in, put_path, remove_path
 
 SHELL_USER = "shell_user"
 # What is missing in the settings in force when there is none.

@@ -5,10 +5,10 @@ from typing import TextIO
 
 import click
 
-from robotether_server import settings
 from robotether_server.cli.common import JSON, SOURCE, NotDoneError, open_database, print_records
 from robotether_server.db import users
 from robotether_server.services import ssh_keys
+from robotether_server.settings.server import JoinSettings, load
 
 USER = click.option("--user", "user_name", required=True, help="Whose key it is.")
 
@@ -72,7 +72,7 @@ def print_ssh_config(user_name: str, host: str | None) -> None:
     One Host entry a robot whose shell the person may reach. With it, ssh NAME, scp, rsync, Ansible and
     `robotether fleet` reach robots behind NAT.
     """
-    join = settings.load(settings.JoinSettings, os.environ)
+    join = load(JoinSettings, os.environ)
     where = host or join.public_host
     if where is None:
         raise NotDoneError(

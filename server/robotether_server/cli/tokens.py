@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import click
 
-from robotether_server import settings
 from robotether_server.cli.common import (
     JSON,
     SOURCE,
@@ -25,6 +24,7 @@ from robotether_server.install_line import (
     parse_site_address,
 )
 from robotether_server.services import tokens
+from robotether_server.settings.server import SiteAddressSettings, load
 
 USER = click.option("--user", "user_name", required=True, help="Whose rights the token has.")
 NAME = click.option("--name", required=True, help="What it is for; unique for this user.")
@@ -182,7 +182,7 @@ def delete_join_token(name: str) -> None:
 
 def _site(host: str | None) -> tuple[SiteCertificates, str]:
     """Return the certificates, and the address for robots; --host wins over PUBLIC_HOST."""
-    loaded = settings.load(settings.SiteAddressSettings, os.environ)
+    loaded = load(SiteAddressSettings, os.environ)
     if host is None:
         if loaded.public_host is None:
             raise NotDoneError(

@@ -19,7 +19,7 @@ from robotether_server.db.users import ROLES, Role
 from robotether_server.install_line import SiteAddress
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.services import users
-from robotether_server.settings import DatabaseSettings, WebSettings
+from robotether_server.settings.server import DatabaseSettings, WebSettings
 
 PASSWORD_STDIN = click.option(
     "--password-stdin",

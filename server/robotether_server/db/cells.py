@@ -13,7 +13,7 @@ from datetime import datetime
 from robotether_server import __version__
 from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.problems import RecordMissingError
-from robotether_server.settings import CellSettings
+from robotether_server.settings.server import CellSettings
 from robotether_server.times import MAX_TICKET_AHEAD_S, MAX_TICKET_TTL_S, utc_now
 
 # Maximum age of a living cell's row; its relay writes it each second.

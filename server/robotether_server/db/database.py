@@ -28,7 +28,7 @@ from robotether_server.problems import (
     StoreUnavailableError,
     reason_in,
 )
-from robotether_server.settings import DatabaseSettings
+from robotether_server.settings.server import DatabaseSettings
 
 Row = dict[str, Any]
 Values = Sequence[object] | Mapping[str, object]

@@ -15,14 +15,14 @@ from functools import cached_property
 
 from robotether_common.services import SERVICES, ServiceName
 
-from robotether_server import robot_settings
 from robotether_server.db import control
 from robotether_server.db.cells import LOST_CODE
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, StopEntry
 from robotether_server.db.database import Row, Transaction
 from robotether_server.problems import FieldInvalidError
-from robotether_server.robot_settings import LevelPolicy, Policy, RobotSettings
 from robotether_server.schemas import Level
+from robotether_server.settings import robot as robot_settings
+from robotether_server.settings.robot import LevelPolicy, Policy, RobotSettings
 from robotether_server.tickets import CredentialKind
 
 log = logging.getLogger(__name__)

@@ -18,7 +18,7 @@ from pymysql.cursors import Cursor
 from robotether_server.db import Database
 from robotether_server.db.database import CONNECT_TIMEOUT_S, Transaction, tls_options
 from robotether_server.problems import MigrationFailedError, StoreUnavailableError
-from robotether_server.settings import DatabaseSettings, MigrateSettings
+from robotether_server.settings.server import DatabaseSettings, MigrateSettings
 
 logger = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ from robotether_server.relay.cells.keys import read_peer_keys
 from robotether_server.relay.http.event_loop import EventLoop, watched
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.wiring import Listen, Relay
-from robotether_server.settings import RelaySettings, load
+from robotether_server.settings.server import RelaySettings, load
 
 log = logging.getLogger(__name__)
 

@@ -53,7 +53,7 @@ from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
-from robotether_server.settings import RelaySettings
+from robotether_server.settings.server import RelaySettings
 from robotether_server.tickets import TicketSigner
 from robotether_server.times import utc_now
 

@@ -8,9 +8,6 @@ import json
 from collections.abc import Callable
 from typing import Literal
 
-from robotether_server import buttons as button_settings
-from robotether_server import robot_settings
-from robotether_server.buttons import Button
 from robotether_server.db import Transaction, audit, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.seen_robots import SeenRobot
@@ -21,8 +18,11 @@ from robotether_server.problems import (
     NotPossibleError,
     RobotUnknownError,
 )
-from robotether_server.robot_settings import RobotSettings, Settings, put_path, same_json
 from robotether_server.services import robots as robot_service
+from robotether_server.settings import buttons as button_settings
+from robotether_server.settings import robot as robot_settings
+from robotether_server.settings.buttons import Button
+from robotether_server.settings.robot import RobotSettings, Settings, put_path, same_json
 
 # All settings before a change, to those after it; and the same of the buttons.
 SettingsChange = Callable[[Settings], Settings]

@@ -44,10 +44,10 @@ from robotether_server.problems import (
     TokenUsedUpError,
     TooManyPendingError,
 )
-from robotether_server.robot_settings import put_path
 from robotether_server.services import grants
 from robotether_server.services.grants import Grantee, Scope
-from robotether_server.settings import JoinSettings
+from robotether_server.settings.robot import put_path
+from robotether_server.settings.server import JoinSettings
 
 # Maximum number of unannounced robots and keys that wait per network, and time for which they wait.
 MAX_UNKNOWN_PER_NETWORK = 10

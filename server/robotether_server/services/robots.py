@@ -6,7 +6,7 @@ Every action takes the enrolment lock first: joins and other actions wait for th
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robotether_server import identity, robot_settings
+from robotether_server import identity
 from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Source
 from robotether_server.db.robots import Claim, Report, RobotRow, State
@@ -16,9 +16,10 @@ from robotether_server.problems import (
     RecordExistsError,
     RobotDisabledError,
 )
-from robotether_server.robot_settings import Settings
 from robotether_server.services import joining
 from robotether_server.services.joining import EnrolmentCredential
+from robotether_server.settings import robot as robot_settings
+from robotether_server.settings.robot import Settings
 
 
 @dataclass(frozen=True)

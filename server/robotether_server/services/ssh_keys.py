@@ -10,8 +10,8 @@ from robotether_server.db.grants import includes
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import SshKey, User
 from robotether_server.problems import FieldInvalidError, NotPossibleError
-from robotether_server.robot_settings import ShellUser
 from robotether_server.schemas import MAX_NAME_LENGTH, Label
+from robotether_server.settings.robot import ShellUser
 
 MAX_KEYS = 20
 JUMP_USER = "jump"

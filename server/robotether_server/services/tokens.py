@@ -10,10 +10,10 @@ from robotether_server.db.credentials import Token
 from robotether_server.db.join_tokens import NOWHERE, JoinToken, Place
 from robotether_server.db.users import User
 from robotether_server.problems import FieldInvalidError, GrantMissingError, NotPossibleError
-from robotether_server.robot_settings import Region
 from robotether_server.schemas import Label
 from robotether_server.services import ssh_keys
 from robotether_server.services.joining import ROBOT_NAME
+from robotether_server.settings.robot import Region
 
 # Maximum number of tokens per user, so that nobody fills the table or the lists of admins.
 MAX_TOKENS = 1000

@@ -16,7 +16,7 @@ from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
 from robotether_server.install_line import SiteCertificates
 from robotether_server.problems import OriginRefusedError
-from robotether_server.settings import WebSettings, load
+from robotether_server.settings.server import WebSettings, load
 from robotether_server.tickets import TicketSigner
 from robotether_server.web import admin, current_user, errors, forms, page_texts
 from robotether_server.web.pages import (

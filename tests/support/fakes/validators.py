@@ -10,8 +10,8 @@ from robotether_server.relay.channels.rosbridge.message_validator import (
     MessageValidator,
     ValidatedMessage,
 )
-from robotether_server.robot_settings import parse
 from robotether_server.schemas import Level
+from robotether_server.settings.robot import parse
 
 # Messages that an observer may send, each with all that it may hold.
 OBSERVING = [

@@ -22,7 +22,7 @@ from robotether_server.db.robots import Report, RobotRow
 from robotether_server.identity import PublicKey
 from robotether_server.services import joining
 from robotether_server.services.joining import Answer, PresentedKey
-from robotether_server.settings import JoinSettings
+from robotether_server.settings.server import JoinSettings
 
 MAC = "00:1b:44:00:61:01"
 OTHER_MAC = "00:1b:44:00:61:02"

@@ -17,7 +17,7 @@ from dated_certificate import make_certificate
 from docker.errors import ImageNotFound
 from docker.models.containers import Container
 from inside import run_inside
-from robotether_server.settings import DatabaseSettings
+from robotether_server.settings.server import DatabaseSettings
 
 ROOT = Path(__file__).resolve().parents[3]
 IMAGE_DIR = ROOT / "images" / "mysql"

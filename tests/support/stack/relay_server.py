@@ -34,7 +34,7 @@ from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.wiring import Listen, Relay, Timing
 from robotether_server.schemas import Level
-from robotether_server.settings import (
+from robotether_server.settings.server import (
     CellSettings,
     DatabaseSettings,
     RelaySettings,

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from typing import Any, Protocol
 
-from robotether_server import robot_settings
+from robotether_server.settings import robot as robot_settings
 
 
 class Request(Protocol):

@@ -9,7 +9,7 @@ import pytest
 import tls_web
 from mariadb_server import MariaDb
 from robotether_server.db import Database, users
-from robotether_server.settings import (
+from robotether_server.settings.server import (
     JoinSettings,
     SiteAddressSettings,
     TicketSettings,

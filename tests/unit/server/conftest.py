@@ -9,7 +9,7 @@ from flask import Flask
 from granted import give
 from mariadb_server import MariaDb
 from robotether_server.db import Database, robots, users
-from robotether_server.settings import (
+from robotether_server.settings.server import (
     JoinSettings,
     SiteAddressSettings,
     TicketSettings,

@@ -21,7 +21,7 @@ from robotether_server.install_line import (
     site_of,
 )
 from robotether_server.problems import FieldInvalidError, SiteCertificateUnavailableError
-from robotether_server.settings import SiteAddressSettings
+from robotether_server.settings.server import SiteAddressSettings
 from tls_front import TlsFront, openssl
 
 FINGERPRINT = "ab" * 32

@@ -20,7 +20,7 @@ from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.relay.channels.rosbridge import message_validator
 from robotether_server.relay.wiring import Timing
-from robotether_server.robot_settings import Limits
+from robotether_server.settings.robot import Limits
 from syrupy.assertion import SnapshotAssertion
 from transcripts import Transcript
 from validators import DRIVING, MANAGING, OBSERVING

@@ -14,7 +14,7 @@ from robotether_server.db import cells
 from robotether_server.db.cells import ALIVE_S, Cell, SshAddresses
 from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.records.database import RelayDatabase
-from robotether_server.settings import CellSettings
+from robotether_server.settings.server import CellSettings
 from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)

@@ -18,7 +18,7 @@ from robotether_server.db.cells import Cell
 from robotether_server.db.control import NewLease, StoredControl
 from robotether_server.db.fleet import Changes, Credential, Entry, RelayUser, Snapshot
 from robotether_server.problems import StoreUnavailableError
-from robotether_server.settings import CellSettings
+from robotether_server.settings.server import CellSettings
 
 T = TypeVar("T")
 

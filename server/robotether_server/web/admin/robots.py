@@ -17,10 +17,10 @@ from robotether_server.db.grants import LEVELS, SITES
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.seen_robots import FREE, ControlState, SeenRobot
 from robotether_server.problems import RobotetherError, RobotUnknownError
-from robotether_server.robot_settings import put_path, remove_path
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.services import robots
+from robotether_server.settings.robot import put_path, remove_path
 from robotether_server.web import confirmation, current_user, filters, forms
 from robotether_server.web.admin import grants
 from robotether_server.web.confirmation import ConfirmedAction, Field, Words

@@ -7,19 +7,21 @@ from flask import Blueprint, redirect, render_template, request
 from robotether_common import ros
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server import buttons, robot_settings, schemas
+from robotether_server import schemas
 from robotether_server.api.context import context
-from robotether_server.buttons import (
+from robotether_server.db import Transaction
+from robotether_server.db.audit import Source
+from robotether_server.problems import FieldInvalidError, NotPossibleError, RobotetherError
+from robotether_server.services import drive_pages
+from robotether_server.settings import buttons
+from robotether_server.settings import robot as robot_settings
+from robotether_server.settings.buttons import (
     MAX_FIELDS_BYTES,
     MAX_NAME_LENGTH,
     MEMBERS,
     Button,
     PublishButton,
 )
-from robotether_server.db import Transaction
-from robotether_server.db.audit import Source
-from robotether_server.problems import FieldInvalidError, NotPossibleError, RobotetherError
-from robotether_server.services import drive_pages
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import ConfirmedAction, Words
 from robotether_server.web.forms import METHODS, Saved, form

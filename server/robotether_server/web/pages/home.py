@@ -18,7 +18,6 @@ from flask import (
 )
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server import robot_settings
 from robotether_server.api import auth
 from robotether_server.api.context import context
 from robotether_server.db import seen_robots
@@ -32,6 +31,7 @@ from robotether_server.problems import (
     ThrottledError,
 )
 from robotether_server.services import logging_in
+from robotether_server.settings import robot as robot_settings
 from robotether_server.times import rfc3339
 from robotether_server.web import current_user
 

@@ -15,20 +15,21 @@ from functools import partial
 from flask import Blueprint, redirect, render_template, request
 from werkzeug.wrappers import Response as AnyResponse
 
-from robotether_server import robot_settings, schemas
+from robotether_server import schemas
 from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
-from robotether_server.page_settings import MAX_CAMERAS, MAX_LABEL_LENGTH, TURNS, Camera
 from robotether_server.problems import (
     FieldInvalidError,
     FieldsInvalidError,
     GrantMissingError,
     RobotetherError,
 )
-from robotether_server.robot_settings import GivenSettings, Settings, get_path, is_in, put_path
 from robotether_server.services import drive_pages
 from robotether_server.services import robots as robot_service
+from robotether_server.settings import robot as robot_settings
+from robotether_server.settings.page import MAX_CAMERAS, MAX_LABEL_LENGTH, TURNS, Camera
+from robotether_server.settings.robot import GivenSettings, Settings, get_path, is_in, put_path
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import ConfirmedAction, Words
 from robotether_server.web.forms import Saved, form

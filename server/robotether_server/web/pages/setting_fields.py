@@ -10,10 +10,11 @@ from typing import Literal
 
 from msgspec import inspect
 
-from robotether_server import robot_settings, schemas
+from robotether_server import schemas
 from robotether_server.problems import FieldInvalidError
-from robotether_server.robot_settings import GivenSettings, get_path, is_in
 from robotether_server.schemas import Level
+from robotether_server.settings import robot as robot_settings
+from robotether_server.settings.robot import GivenSettings, get_path, is_in
 from robotether_server.web import forms
 
 CAMERAS_PATH = "page.cameras"

@@ -9,7 +9,7 @@ from api_visitor import Program, program_of
 from flask import Flask
 from robotether_server.db import Database
 from robotether_server.install_line import Certificate, SiteCertificates
-from robotether_server.settings import SiteAddressSettings
+from robotether_server.settings.server import SiteAddressSettings
 from web_visitor import Browser
 
 PIN = "q83vEjRWeJA+/q83vEjRWeJAq83vEjRWeJAq83vEjRW="

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from flask import Flask
 from jsonschema import Draft202012Validator
-from robotether_server.settings import WebSettings
+from robotether_server.settings.server import WebSettings
 from robotether_server.web import create_app
 from web_visitor import Browser
 

@@ -19,7 +19,7 @@ from robotether_server.db.robots import RefusedJoin, Report
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.services import pending
 from robotether_server.services.joining import PresentedKey
-from robotether_server.settings import JoinSettings
+from robotether_server.settings.server import JoinSettings
 from web_visitor import Browser, bearer
 
 MAC = "02:00:00:00:61:01"

@@ -15,7 +15,7 @@ from relay_server import cell_settings
 from robotether_server.db import Database, cells, credentials, fleet, robots, users
 from robotether_server.db import database as database_module
 from robotether_server.db.fleet import SessionEntry
-from robotether_server.settings import DatabaseSettings
+from robotether_server.settings.server import DatabaseSettings
 from robotether_server.tickets import TicketSigner
 from stopwatch import Stopwatch
 from web_visitor import Browser, bearer

@@ -7,7 +7,7 @@ import json
 import pytest
 from admin_records import ADD, Run, details_of, events, kinds, robot
 from robotether_server.db import Database, robots
-from robotether_server.robot_settings import DEFAULTS
+from robotether_server.settings.robot import DEFAULTS
 
 
 @pytest.fixture(autouse=True)

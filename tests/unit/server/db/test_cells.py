@@ -13,7 +13,7 @@ from robotether_server.db import Database, cells, fleet, robots
 from robotether_server.db.cells import Cell, sort_for, sort_for_join
 from robotether_server.db.fleet import SessionEntry
 from robotether_server.problems import RecordExistsError
-from robotether_server.settings import CellSettings
+from robotether_server.settings.server import CellSettings
 from robotether_server.times import MAX_TICKET_AHEAD_S, MAX_TICKET_TTL_S
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)

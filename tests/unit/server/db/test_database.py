@@ -24,7 +24,7 @@ from robotether_server.problems import (
     StoreError,
     StoreUnavailableError,
 )
-from robotether_server.settings import DatabaseSettings
+from robotether_server.settings.server import DatabaseSettings
 from stopwatch import Stopwatch
 
 ADD_USER = "INSERT INTO users (name, password_hash, role) VALUES (%s, 'x', %s)"

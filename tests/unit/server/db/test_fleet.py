@@ -17,7 +17,7 @@ from robotether_server.db.fleet import (
 )
 from robotether_server.problems import RecordRefusedError
 from robotether_server.relay.auth.credentials import credential_of
-from robotether_server.robot_settings import DEFAULTS
+from robotether_server.settings.robot import DEFAULTS
 
 HOUR = dt.timedelta(hours=1)
 MAC = "00:1b:44:11:3a:b{}"

@@ -16,7 +16,7 @@ from robotether_server.db import migrate as migrations
 from robotether_server.db.audit import Source
 from robotether_server.db.migrate import migrate
 from robotether_server.problems import MigrationFailedError
-from robotether_server.settings import MigrateSettings
+from robotether_server.settings.server import MigrateSettings
 
 
 def settings(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 from joins import Site
-from robotether_server.buttons import parse_one
 from robotether_server.db import Database, audit, robots
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalidError, NotPossibleError
 from robotether_server.services import drive_pages
 from robotether_server.services import robots as robot_service
+from robotether_server.settings.buttons import parse_one
 
 MAY = Source("may", "198.51.100.7")
 WAVE = {"name": "Wave", "kind": "call", "service": "/arm/wave"}

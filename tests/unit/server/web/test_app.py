@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from flask import Flask
 from robotether_server.db import Database
-from robotether_server.settings import WebSettings
+from robotether_server.settings.server import WebSettings
 from robotether_server.web import create_app
 from robotether_server.web.app import MAX_REQUEST_BYTES, content_security_policy, make_app
 from web_visitor import Browser, bearer

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from admin_visitor import join
 from flask import Flask
-from robotether_server.settings import WebSettings
+from robotether_server.settings.server import WebSettings
 from robotether_server.web import create_app
 from web_visitor import Browser, paths
 

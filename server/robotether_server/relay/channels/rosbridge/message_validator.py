@@ -41,7 +41,7 @@ from robotether_server.relay.channels.rosbridge.operations import (
 )
 from robotether_server.relay.drives.drive_path import DriveCommand, DriveStamp
 from robotether_server.relay.http.timing import Excess, RateLimiter
-from robotether_server.robot_settings import LevelPolicy, Limits
+from robotether_server.settings.robot import LevelPolicy, Limits
 
 Kind = Literal["topic", "service", "operation", "shape", "rate", "size", "subscriptions", "json"]
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 from relay_server import MemoryDatabase
-from robotether_server import robot_settings
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.relay.auth.connections import Caps, Connections
 from robotether_server.relay.http import close_reasons
@@ -16,6 +15,7 @@ from robotether_server.relay.robots.connection import Connection, Use, permits
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import NEVER_SEEN, Change
 from robotether_server.schemas import Level
+from robotether_server.settings import robot as robot_settings
 
 USERS = {1: "ann", 2: "bob"}
 

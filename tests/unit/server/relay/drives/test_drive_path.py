@@ -32,7 +32,7 @@ from robotether_server.relay.drives.drive_path import (
     stamped,
 )
 from robotether_server.relay.robots.viewer_stats import ViewerCounts
-from robotether_server.robot_settings import DEFAULTS
+from robotether_server.settings.robot import DEFAULTS
 from stopwatch import Stopwatch
 
 NOON = utc(2026, 1, 1, 12, 0)

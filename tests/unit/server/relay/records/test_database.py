@@ -24,7 +24,7 @@ from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.records import database as module
 from robotether_server.relay.records.database import RelayDatabase
-from robotether_server.settings import DatabaseSettings
+from robotether_server.settings.server import DatabaseSettings
 from stopwatch import Stopwatch
 
 PUBLISH = '{"op":"publish","topic":"/cmd_vel"}'

@@ -13,7 +13,7 @@ from robotether_server.relay.robots.authorization import (
     port_of,
 )
 from robotether_server.relay.robots.session_messages import Preface
-from robotether_server.robot_settings import parse
+from robotether_server.settings.robot import parse
 
 SIM1 = RelayRobot(
     7,

@@ -14,7 +14,7 @@ from relay_server import FAST, MemoryDatabase, RelayServer, until
 from robotether_server.db.cells import Cell
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.robot import Presence
-from robotether_server.robot_settings import DEFAULTS, parse
+from robotether_server.settings.robot import DEFAULTS, parse
 from stopwatch import Stopwatch
 
 SLOW_WHEN_IDLE = replace(FAST, idle_heartbeat_s=60.0)

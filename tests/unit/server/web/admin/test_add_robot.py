@@ -18,7 +18,7 @@ from robot_signer import RobotSigner
 from robotether_server.db import Database, cells, join_tokens, robots
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.install_line import SiteCertificates
-from robotether_server.settings import SiteAddressSettings
+from robotether_server.settings.server import SiteAddressSettings
 from web_visitor import Browser, audit_kinds
 
 FORM = {"name": "", "uses": "1", "hours": "1"}

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from flask import Flask
 from robotether_server.db import Database, robots
-from robotether_server.robot_settings import parse
+from robotether_server.settings.robot import parse
 from web_visitor import PASSWORD, Browser, audit_kinds
 
 

@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 
 import pytest
-from robotether_server.settings import WebSettings
+from robotether_server.settings.server import WebSettings
 from robotether_server.web.pages.installer import listed
 from web_visitor import Browser
 

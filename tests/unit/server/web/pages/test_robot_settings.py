@@ -20,7 +20,7 @@ from drive_settings import (
     problem_of,
 )
 from robotether_server.db import Database, robots
-from robotether_server.page_settings import MAX_CAMERAS
+from robotether_server.settings.page import MAX_CAMERAS
 from web_visitor import Browser
 
 FORMS = (SETTINGS, CAMERAS, DRIVING, PERMISSIONS)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import pytest
 from robotether_server import schemas
-from robotether_server.robot_settings import DEFAULTS, GivenSettings, get_path
+from robotether_server.settings.robot import DEFAULTS, GivenSettings, get_path
 from robotether_server.web.pages.setting_fields import (
     CAMERAS,
     CAMERAS_PATH,

@@ -14,12 +14,12 @@ from aiohttp import WSMsgType
 from fake_operator import FakeOperator
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import FAST, MESSAGE_LIMIT, until
-from robotether_server import robot_settings
 from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.relay.channels.rosbridge import bridge, message_validator
 from robotether_server.relay.channels.rosbridge.handler import OBSERVER_LIMIT
 from robotether_server.relay.channels.rosbridge.message_validator import STOP
 from robotether_server.relay.http.sockets import RobotSocket
+from robotether_server.settings import robot as robot_settings
 from stopwatch import Stopwatch
 
 BOB = RelayUser(2, "bob")

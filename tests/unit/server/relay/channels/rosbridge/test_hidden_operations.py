@@ -18,8 +18,8 @@ from robotether_server.relay.channels.rosbridge.operations import (
     OPERATIONS,
     ROSAPI_LOOKUPS_OF_DRIVERS,
 )
-from robotether_server.robot_settings import LevelPolicy, Limits
 from robotether_server.schemas import Level
+from robotether_server.settings.robot import LevelPolicy, Limits
 
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])
 

@@ -17,7 +17,7 @@ from robotether_server.relay.channels.rosbridge.operations import (
     ROSAPI_LOOKUPS_OF_DRIVERS,
 )
 from robotether_server.relay.drives.drive_path import DriveStamp, stamped
-from robotether_server.robot_settings import DEFAULTS, Limits
+from robotether_server.settings.robot import DEFAULTS, Limits
 from validators import DRIVING, MANAGING, OBSERVING, check, name_of, refused, sent, validator
 
 RIGHTS_OF = {

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_common.ros import MAX_GLOBS, Globs
 from robotether_server.problems import FieldInvalidError
-from robotether_server.robot_settings import DEFAULTS, get_path, is_in, parse, put_path, remove_path
+from robotether_server.settings.robot import DEFAULTS, get_path, is_in, parse, put_path, remove_path
 
-DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "reference" / "robot-settings.md"
+DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "reference" / "robot-settings.md"
 BUTTONS_POLICY = {"drive": {"publish": ["/lights"], "call": ["/dock"]}}
 NAMES = [
     "page",

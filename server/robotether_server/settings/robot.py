@@ -17,12 +17,13 @@ from msgspec import UNSET, Meta, Struct, UnsetType, field, structs
 from robotether_common.guard import DEFAULT_MS, DEFAULT_TOPICS, TIMES_MS
 from robotether_common.ros import Globs
 
-from robotether_server import buttons as button_settings
-from robotether_server import page_settings, schemas
-from robotether_server.buttons import Button, GivenButtons
-from robotether_server.page_settings import PageSettings, Speed
+from robotether_server import schemas
 from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import GLOBS_SCHEMA, GivenGlobs, Level, setting
+from robotether_server.settings import buttons as button_settings
+from robotether_server.settings import page as page_settings
+from robotether_server.settings.buttons import Button, GivenButtons
+from robotether_server.settings.page import PageSettings, Speed
 
 SHELL_USER_PATTERN = "^[a-z_][a-z0-9_-]*$"
 MAX_SHELL_USER_LENGTH = 32

@@ -5,8 +5,8 @@ from __future__ import annotations
 import drive_settings
 import pytest
 from drive_settings import LIGHTS
-from robotether_server.buttons import MAX_BUTTONS, MAX_FIELDS_BYTES, parse, parse_one
 from robotether_server.problems import FieldInvalidError
+from robotether_server.settings.buttons import MAX_BUTTONS, MAX_FIELDS_BYTES, parse, parse_one
 
 DOCK = {**drive_settings.DOCK, "type": ""}
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from robotether_server.problems import SettingsError
-from robotether_server.settings import (
+from robotether_server.settings.server import (
     MASK,
     VARIABLES,
     DatabaseSettings,

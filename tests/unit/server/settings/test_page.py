@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 
 import pytest
-from robotether_server.page_settings import MAX_CAMERAS, Camera, parse
 from robotether_server.problems import FieldInvalidError
+from robotether_server.settings.page import MAX_CAMERAS, Camera, parse
 
 FRONT = {"topic": "/camera/image_raw", "name": "Front", "turned_deg": 180}
 

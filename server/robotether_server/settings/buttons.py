@@ -1,6 +1,6 @@
 """The buttons of a robot's drive page: each publishes one message or calls one service.
 
-Part of a robot's settings (robot_settings.py), as `buttons`; docs/reference/robot-settings.md describes them.
+Part of a robot's settings (`settings.robot`), as `buttons`; docs/reference/robot-settings.md describes them.
 A button grants nothing: robot_settings refuses one that the robot's policy does not let a driver send. Pure.
 """
 
