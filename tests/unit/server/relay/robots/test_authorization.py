@@ -10,7 +10,6 @@ from robotether_server.relay.robots.authorization import (
     NotAuthorizedError,
     authorize,
     needs_config,
-    port_of,
 )
 from robotether_server.relay.robots.session_messages import Preface
 from robotether_server.settings.robot import parse
@@ -29,7 +28,6 @@ MINE = frozenset({20000, 20001, 24000})
 
 
 def refusal(robot: RelayRobot | None, **preface: object) -> str | None:
-    """The code of the refusal, None when it is admitted."""
     fields = {"kind": "session", "robot_id": 7, "address": "", "fingerprint": "SHA256:new"}
     robots = {} if robot is None else {robot.id: robot}
     try:
@@ -60,28 +58,26 @@ def refusal(robot: RelayRobot | None, **preface: object) -> str | None:
     ],
 )
 def test_who_is_admitted(robot, preface, code):
-    """By state, key, shell and the ports that the login may listen on, in this order."""
     assert refusal(robot, **preface) == code
 
 
 @pytest.mark.parametrize(
-    ("change", "needed"),
+    ("before", "change", "needed"),
     [
-        ({}, False),
-        ({"name": "turtle"}, True),
-        ({"rotate_key": True}, True),
-        ({"agent_version": "9"}, False),
-        ({"fingerprint": "SHA256:newer"}, False),
+        (SIM1, {}, False),
+        (SIM1, {"name": "turtle"}, True),
+        (SIM1, {"rotate_key": True}, True),
+        (SIM1, {"agent_version": "9"}, False),
+        (SIM1, {"fingerprint": "SHA256:newer"}, False),
+        (SIM1, {"settings": parse({"guard": {"deadman_ms": 300}})}, True),
+        (SIM1, {"settings": parse({"policy": {"drive": {"call": ["*"]}}})}, False),
+        # A first shell port takes no port away from a login.
+        (replace(SIM1, shell_port=None), {"shell_port": 24000}, True),
     ],
 )
-def test_what_is_told_to_a_live_link(change, needed):
-    """A new name or request is; what the agent knows or need not know is not."""
-    assert needs_config(SIM1, replace(SIM1, **change)) is needed
-
-
-def test_a_first_shell_port_is_news():
-    """It takes no port away from a login that is."""
-    assert needs_config(replace(SIM1, shell_port=None), SIM1)
+def test_what_is_told_to_a_live_link(before, change, needed):
+    """What the agent knows or need not know is not told: the policy is the relay's."""
+    assert needs_config(before, replace(before, **change)) is needed
 
 
 @pytest.mark.parametrize(
@@ -99,16 +95,3 @@ def test_a_port_that_is_taken_away_needs_a_new_login(change):
     with pytest.raises(NotAuthorizedError) as refused:
         needs_config(SIM1, replace(SIM1, **change))
     assert refused.value.code == "ports_changed"
-
-
-def test_each_kind_has_its_port():
-    """The port that must be free before a link of that kind is configured."""
-    assert [port_of(kind, SIM1) for kind in ("session", "media", "shell")] == [20000, 20001, 24000]
-
-
-def test_other_guard_settings_are_news_and_another_policy_is_not():
-    """The robot is told what its guard holds commands to; the policy is the relay's."""
-    assert needs_config(SIM1, replace(SIM1, settings=parse({"guard": {"deadman_ms": 300}})))
-    assert not needs_config(
-        SIM1, replace(SIM1, settings=parse({"policy": {"drive": {"call": ["*"]}}}))
-    )

@@ -22,7 +22,6 @@ async def test_the_last_user_is_remembered_for_a_while():
 
 
 async def test_a_robot_with_published_ports_is_always_needed():
-    """Demand that always exists reports no change."""
     changes: list[bool] = []
     demand = Demand(lambda: changes.append(True), always=True, kept_s=0)
     with demand.counted():
@@ -32,7 +31,6 @@ async def test_a_robot_with_published_ports_is_always_needed():
 
 
 async def test_close_cancels_the_timer():
-    """A relay that stops calls nobody later."""
     changes: list[bool] = []
     demand = Demand(lambda: changes.append(True), kept_s=0.01)
     with demand.counted():

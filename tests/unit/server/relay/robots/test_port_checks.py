@@ -23,7 +23,13 @@ from robotether_server.relay.robots.port_checks import (
 from stopwatch import Stopwatch
 
 Serve = Callable[[bytes, float], Awaitable[int]]
-HTTP = b"HTTP/1.1 400 Bad Request\r\n\r\n"
+
+
+def http(status: int) -> bytes:
+    return b"HTTP/1.1 %d Any Reason\r\n\r\n" % status
+
+
+HTTP = http(400)
 SSH = b"SSH-2.0-OpenSSH_9.2\r\n"
 
 
@@ -51,38 +57,25 @@ def robot(ros: int, video: int, shell: int | None = None) -> RelayRobot:
     return RelayRobot(7, "sim1", "active", ros, video, shell_port=shell)
 
 
-async def test_each_service_is_known_by_its_first_bytes(serve):
-    """HTTP for rosbridge and video, a version for SSH."""
+@pytest.mark.parametrize(
+    ("answers", "found"),
+    [
+        ((HTTP, HTTP, SSH), ("ok", "ok", "ok")),
+        # The guard without its rosbridge; of video any status is an answer.
+        ((http(502), http(502), SSH), ("down", "ok", "ok")),
+        ((http(426), HTTP, SSH), ("ok", "ok", "ok")),
+        # A tunnel to nothing closes without a word.
+        ((SSH, b"", HTTP), ("down", "down", "down")),
+        # Nobody watches, so that nothing is asked.
+        ((HTTP, None, SSH), ("ok", "unknown", "ok")),
+    ],
+)
+async def test_each_service_is_known_by_its_first_bytes(serve, answers, found):
     noted: list[tuple[str, str]] = []
     checker = PortChecker(HOST, lambda service, health: noted.append((service, health)))
-    ports = (await serve(HTTP, 0), await serve(HTTP, 0), await serve(SSH, 0))
-    assert await checker.check(robot(*ports), video=True) == PortHealth("ok", "ok", "ok")
-    assert sorted(noted) == [("ros", "ok"), ("shell", "ok"), ("video", "ok")]
-
-
-async def test_video_without_a_connection_is_unknown(serve):
-    """Nobody watches, so nothing is asked."""
-    checker = PortChecker(HOST, lambda _service, _health: None)
-    ports = (await serve(HTTP, 0), await serve(HTTP, 0), await serve(SSH, 0))
-    found = await checker.check(robot(*ports), video=False)
-    assert found == PortHealth("ok", "unknown", "ok")
-
-
-async def test_a_guard_without_its_rosbridge_is_down(serve):
-    """The guard answers, but says 502; of video any status is an answer."""
-    checker = PortChecker(HOST, lambda _service, _health: None)
-    bad = b"HTTP/1.1 502 Bad Gateway\r\n\r\n"
-    ports = (await serve(bad, 0), await serve(bad, 0), await serve(SSH, 0))
-    assert await checker.check(robot(*ports), video=True) == PortHealth("down", "ok", "ok")
-    ports = (await serve(b"HTTP/1.1 426 Upgrade Required\r\n\r\n", 0), *ports[1:])
-    assert (await checker.check(robot(*ports), video=True)).ros == "ok"
-
-
-async def test_another_service_or_none_is_down(serve):
-    """What answers in another tongue, or closes without a word, as a tunnel to nothing does."""
-    checker = PortChecker(HOST, lambda _service, _health: None)
-    ports = (await serve(SSH, 0), await serve(b"", 0), await serve(HTTP, 0))
-    assert await checker.check(robot(*ports), video=True) == PortHealth("down", "down", "down")
+    ports = [await serve(HTTP if answer is None else answer, 0) for answer in answers]
+    assert await checker.check(robot(*ports), video=answers[1] is not None) == PortHealth(*found)
+    assert sorted(noted) == sorted(zip(("ros", "video", "shell"), found, strict=True))
 
 
 async def test_no_forward_is_unknown():
@@ -105,14 +98,11 @@ async def test_a_check_takes_a_bounded_time(serve):
 
 @pytest.fixture
 def asked() -> list[float]:
-    """When the check of a link ran."""
     return []
 
 
 @pytest_asyncio.fixture
 async def link(asked: list[float]) -> AsyncIterator[LinkChecks]:
-    """Checks of one link, with a short pause."""
-
     async def check() -> None:
         asked.append(time.monotonic())
         if len(asked) == 1:
@@ -138,7 +128,6 @@ async def test_who_asks_in_the_pause_is_answered_once_after_it(link, asked):
 
 
 async def test_a_link_that_ends_checks_no_more(asked):
-    """A check that is under way ends with its link."""
     started = asyncio.Event()
 
     async def check() -> None:
@@ -154,7 +143,6 @@ async def test_a_link_that_ends_checks_no_more(asked):
 
 
 async def test_a_host_that_is_away_holds_no_port():
-    """When sshd itself cannot be found, no port of it is taken."""
     assert await wait_released("no-such-host.invalid", 20000, within_s=10)
 
 

@@ -26,7 +26,6 @@ class FakeLink:
 
 @pytest.fixture
 def changes() -> list[Change]:
-    """What a listener hears."""
     return []
 
 
@@ -46,11 +45,11 @@ def online(registry: SessionRegistry) -> FakeLink:
 
 
 def test_a_robot_is_online_once_it_is_established(registry, changes):
-    """Admission alone makes nobody online."""
     link = FakeLink()
     assert registry.make_current(link) is None
-    assert registry.presence(7) is NEVER_SEEN
+    assert (registry.presence(7), registry.session_of(7)) == (NEVER_SEEN, None)
     registry.established(link)
+    assert registry.session_of(7) is link
     assert registry.presence(7) == Presence(
         online=True, since=NOW, connected_at=5.0, address="198.51.100.7"
     )
@@ -59,7 +58,6 @@ def test_a_robot_is_online_once_it_is_established(registry, changes):
 
 
 def test_a_newer_link_makes_the_older_leave_first(registry, changes):
-    """Listeners hear that the older left before the newer came."""
     older, newer = online(registry), FakeLink()
     assert registry.make_current(newer) is older
     registry.established(newer)
@@ -73,7 +71,6 @@ def test_a_newer_link_makes_the_older_leave_first(registry, changes):
 
 
 def test_robots_that_are_online_are_counted(registry):
-    """Whatever they report, and however often they come back."""
     registry.remember([(8, NOW, "timeout")])
     counts = [registry.online_count()]
     for link in (online(registry), online(registry)):
@@ -87,7 +84,6 @@ def test_robots_that_are_online_are_counted(registry):
 
 
 def test_a_late_establishment_of_an_older_link_changes_nothing(registry, changes):
-    """A link that was superseded while it waited is not made online."""
     older, newer = FakeLink(), FakeLink()
     registry.make_current(older)
     registry.make_current(newer)
@@ -96,7 +92,6 @@ def test_a_late_establishment_of_an_older_link_changes_nothing(registry, changes
 
 
 def test_links_are_counted_by_kind(registry):
-    """Each kind of a robot has a place of its own."""
     for kind in ("session", "media", "shell"):
         assert registry.make_current(FakeLink(kind=kind)) is None
     registry.make_current(FakeLink(robot_id=8, kind="shell"))
@@ -119,7 +114,6 @@ def test_what_an_offline_media_or_shell_link_tells_is_ignored(registry, changes)
 
 
 def test_the_same_health_again_is_no_change(registry, changes):
-    """Listeners hear of differences only."""
     link = online(registry)
     registry.on_health(link, "ok", "down", ros_exposed=False)
     registry.on_health(link, "ok", "down", ros_exposed=False)
@@ -137,7 +131,7 @@ def test_leaving_forgets_what_holds_only_while_online(registry):
         since=NOW, end_code="timeout", agent_version="0.1.0", epoch=8
     )
     assert registry.count("session") == 0
-    assert registry.online() == []
+    assert (registry.online(), registry.session_of(7)) == ([], None)
 
 
 def test_the_database_tell_since_when_but_never_overrule(registry):
@@ -152,7 +146,6 @@ def test_the_database_tell_since_when_but_never_overrule(registry):
 
 
 def test_robots_that_are_gone_are_forgotten_unless_connected(registry):
-    """What is known is never more than the fleet and its links."""
     online(registry)
     registry.remember([(8, NOW, None), (9, NOW, None)])
     registry.on_snapshot(Snapshot({9: RelayRobot(9, "sim3", "active", 1, 2)}, {}))
@@ -178,14 +171,3 @@ def test_the_guard_is_shown_as_the_agent_has_it(registry, changes, mode, state, 
     assert (changes[-1].what, changes[-1].answers) == ("guard_status", "5f0c")
     registry.disconnected(link, "timeout")
     assert registry.presence(7).guard == "unknown"
-
-
-def test_only_who_is_online_has_a_session(registry):
-    """Orders go to the current link, once it is established."""
-    link = FakeLink()
-    registry.make_current(link)
-    assert registry.session_of(7) is None
-    registry.established(link)
-    assert registry.session_of(7) is link
-    registry.disconnected(link, "timeout")
-    assert registry.session_of(7) is None

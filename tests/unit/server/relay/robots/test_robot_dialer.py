@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from relay_clients import closing, misbehaving
 from relay_server import utc
 from robotether_server.db.fleet import RelayUser
@@ -25,35 +26,28 @@ async def test_the_guard_is_shown_key_mode_and_number(relay, guarded, sim1, http
     assert drive["Robotether-Key"] == observe["Robotether-Key"] == key
 
 
-async def test_a_guard_that_refuses_the_driver_is_told_within_a_second(relay, sim1, http):
-    """The reason says that it is the guard; no lease is left."""
-    robot = await misbehaving(relay, sim1, "guard_refuses")
+@pytest.mark.parametrize(
+    ("mode", "forward_within_s", "says"),
+    [
+        ("guard_refuses", None, "guard"),
+        # The try that is cut short has no answer, and those before it had one.
+        ("guard_refuses", 60.0, "guard"),
+        ("disk_full", None, "its guard cannot write to the robot's disk"),
+    ],
+)
+async def test_who_is_refused_by_the_guard_hears_why(
+    *, relay, sim1, http, monkeypatch, mode, forward_within_s, says
+):
+    """No lease is left; where retrying does not help, nobody retries."""
+    if forward_within_s is not None:
+        monkeypatch.setattr(robot_dialer, "FORWARD_WITHIN_S", forward_within_s)
+    robot = await misbehaving(relay, sim1, mode)
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         code, reason = await closing(socket)
     assert code == 4504
-    assert "guard" in reason
+    assert says in reason
     assert relay.relay.control.driver(sim1.id) is None
-    await robot.stop()
-
-
-async def test_a_robot_whose_disk_is_full_says_so(relay, sim1, http):
-    """The robot says at once that retrying does not help."""
-    robot = await misbehaving(relay, sim1, "disk_full")
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        code, reason = await closing(socket)
-    assert (code, len(robot.handshakes)) == (4504, 1)
-    assert reason.endswith("its guard cannot write to the robot's disk")
-    await robot.stop()
-
-
-async def test_what_the_guard_said_is_told_when_patience_ends_first(relay, sim1, http, monkeypatch):
-    """The try that is cut short has no answer, and those before it had one."""
-    monkeypatch.setattr(robot_dialer, "FORWARD_WITHIN_S", 60.0)
-    robot = await misbehaving(relay, sim1, "guard_refuses")
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        code, reason = await closing(socket)
-    assert code == 4504
-    assert "guard" in reason
+    assert (len(robot.handshakes) == 1) == (mode == "disk_full")
     await robot.stop()
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from unittest.mock import ANY
 
@@ -11,6 +13,7 @@ from fake_robot import HOST, WAIT_S
 from local_network import free_port
 from relay_clients import configured, ended
 from relay_server import FAST, MemoryDatabase, RelayServer, until
+from robotether_common.services import BY_CONNECTION
 from robotether_server.db.cells import Cell
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.robot import Presence
@@ -34,8 +37,14 @@ async def give_shell(
     return with_shell
 
 
+@asynccontextmanager
+async def port_taken(port: int) -> AsyncIterator[None]:
+    """Listen on a robot's port in the block, as a tunnel that sshd has not given up yet."""
+    async with await asyncio.start_server(lambda _r, w: w.close(), HOST, port):
+        yield
+
+
 async def test_a_session_gets_its_configuration(relay, sim1, connect):
-    """The first line is the robot's configuration, and the robot is online."""
     session = await configured(await connect())
     assert session.configs == [
         {
@@ -62,7 +71,6 @@ async def test_a_session_gets_its_configuration(relay, sim1, connect):
 async def test_other_kinds_get_a_configuration_but_make_no_robot_online(
     relay, sim1, memory_database, connect, kind
 ):
-    """Only the session says that a robot is online."""
     await give_shell(relay, memory_database, sim1)
     await configured(await connect(kind))
     assert not presence(relay, sim1).online
@@ -70,7 +78,6 @@ async def test_other_kinds_get_a_configuration_but_make_no_robot_online(
 
 
 async def test_a_robot_hears_where_else_it_can_connect(relay, memory_database, connect):
-    """On its session alone, and again whenever that changes, but not when only a count does."""
     other = Cell("b", "b.example", 443, (2222, 443), None, "0.1.0", 3, False, True)
     memory_database.cells["b"] = other
     await until(lambda: relay.relay.cells.addresses(7), "b is known")
@@ -106,7 +113,6 @@ async def test_a_robot_in_another_region_hears_of_its_cells(relay, sim1, memory_
 
 
 async def test_heartbeats_measure_the_round_trip_and_are_answered(relay, sim1, connect):
-    """The relay learns the round trip, and answers the agent's pings with the agent's clock."""
     session = await connect()
     session.send(type="ping", seq=17, t_ms=123456.7)
     answer = {"type": "pong", "seq": 17, "t_ms": 123456.7}
@@ -115,7 +121,6 @@ async def test_heartbeats_measure_the_round_trip_and_are_answered(relay, sim1, c
 
 
 async def test_health_and_version_are_told(relay, sim1, connect):
-    """What the agent tells of itself stands in the robot's presence."""
     session = await connect()
     session.send(type="hello", hostname="turtle", agent_version="0.1.0", guard="on")
     session.send(type="health", ros="ok", video="down", detail="nothing", ros_exposed=False)
@@ -128,76 +133,52 @@ async def test_health_and_version_are_told(relay, sim1, connect):
     await until(lambda: presence(relay, sim1).ros_exposed, "whom rosbridge answers is known")
 
 
-async def test_new_ports_end_a_live_session(relay, sim1, memory_database, connect):
-    """New ports need a new SSH login, so the session ends with ports_changed."""
-    session = await configured(await connect())
-    memory_database.robots = {sim1.id: replace(sim1, ros_port=sim1.ros_port + 1)}
-    assert await ended(session) == "ports_changed"
-
-
-async def test_a_new_name_is_told_on_the_same_session(relay, sim1, memory_database, connect):
-    """Renaming reaches the agent as a new configuration line."""
-    session = await configured(await connect())
-    memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
-    await until(lambda: len(session.configs) == 2, "the new name is told")
-    assert session.configs[1]["robot"] == "turtle"
-    assert session.bye is None
-
-
-async def test_a_first_shell_port_and_a_key_request_are_sent_on_the_same_session(
+async def test_what_the_agent_must_know_is_told_on_the_same_session(
     relay, sim1, memory_database, connect
 ):
-    """Both reach the agent as a new configuration line; nothing ends."""
+    """A name, a first shell port, a request for a new key, settings of the guard; nothing ends."""
     session = await configured(await connect())
-    with_shell = await give_shell(relay, memory_database, sim1)
-    await until(lambda: len(session.configs) == 2, "the shell port is told")
-    assert session.configs[1]["shell_port"] == with_shell.shell_port
-    memory_database.robots = {sim1.id: replace(with_shell, rotate_key=True)}
-    await until(lambda: len(session.configs) == 3, "the wish is told")
-    assert session.configs[2]["rotate_key"] is True
+    guard = session.configs[0]["guard"]
+    row, port = sim1, free_port()
+    for changes, told in (
+        ({"name": "turtle"}, {"robot": "turtle"}),
+        ({"shell_port": port}, {"shell_port": port}),
+        ({"rotate_key": True}, {"rotate_key": True}),
+        (
+            {"settings": parse({"guard": {"max_speed_m_s": 0.5}})},
+            {"guard": guard | {"max_speed_m_s": 0.5}},
+        ),
+    ):
+        row, count = replace(row, **changes), len(session.configs)
+        memory_database.robots = {sim1.id: row}
+        await until(lambda count=count: len(session.configs) > count, "it is told")
+        assert told.items() <= session.configs[-1].items()
     assert session.bye is None
 
 
+@pytest.mark.parametrize(
+    ("new_port", "shell_hears"), [(lambda: None, "shell_off"), (free_port, "ports_changed")]
+)
 async def test_a_shell_port_that_is_taken_away_ends_every_link(
-    relay, sim1, memory_database, connect
+    *, relay, sim1, memory_database, connect, new_port, shell_hears
 ):
-    """An old login may listen on it still: the shell hears that it is off, the others connect again."""
-    await give_shell(relay, memory_database, sim1)
+    """An old login may listen on it still: the others connect again, and so does a shell that has another."""
+    with_shell = await give_shell(relay, memory_database, sim1)
     links = [await configured(await connect(kind)) for kind in ("session", "media", "shell")]
-    memory_database.robots = {sim1.id: sim1}
+    memory_database.robots = {sim1.id: replace(with_shell, shell_port=new_port())}
     codes = [await ended(link) for link in links]
-    assert codes == ["ports_changed", "ports_changed", "shell_off"]
-
-
-async def test_a_shell_port_that_moves_ends_every_link(relay, sim1, memory_database, connect):
-    """The shell, too, can come again, on its new port."""
-    with_shell = await give_shell(relay, memory_database, sim1)
-    links = [await configured(await connect(kind)) for kind in ("session", "media", "shell")]
-    memory_database.robots = {sim1.id: replace(with_shell, shell_port=free_port())}
-    assert [await ended(link) for link in links] == ["ports_changed"] * 3
-
-
-async def test_a_shell_port_that_stays_taken_goes_to_nobody(relay, sim1, memory_database, connect):
-    """As with the other ports: who holds it would get the people who look for this robot."""
-    with_shell = await give_shell(relay, memory_database, sim1)
-    holder = await asyncio.start_server(lambda _r, w: w.close(), HOST, with_shell.shell_port)
-    try:
-        assert await ended(await connect("shell")) == "port_taken"
-    finally:
-        holder.close()
-        await holder.wait_closed()
+    assert codes == ["ports_changed", "ports_changed", shell_hears]
 
 
 async def test_a_new_row_says_nothing_before_the_older_link_is_gone(
-    relay, robot, sim1, memory_database, connect
+    relay, sim1, memory_database, connect
 ):
     """The agent opens its forwards on the configuration, so a new name waits with the rest of it."""
-    robot.mode = "port_taken"
-    waiting = await connect()
-    memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
-    await until(lambda: "turtle" in relay.relay.fleet.known().by_name, "the name is known")
-    assert waiting.configs == []
-    await robot._close_ports()
+    async with port_taken(sim1.ros_port):
+        waiting = await connect()
+        memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
+        await until(lambda: "turtle" in relay.relay.fleet.known().by_name, "the name is known")
+        assert waiting.configs == []
     await configured(waiting)
     assert [config["robot"] for config in waiting.configs] == ["turtle"]
 
@@ -230,25 +211,6 @@ async def test_a_flood_of_checks_gets_one_answer_and_stops_nothing(relay, robot)
     assert len(robot.session.checked) == 1
 
 
-async def test_a_newer_session_ends_the_older_first(relay, sim1, connect):
-    """The older session hears superseded before the newer is configured."""
-    older = await configured(await connect())
-    newer = await connect()
-    assert await ended(older) == "superseded"
-    await configured(newer)
-    assert presence(relay, sim1).online
-    assert relay.relay.registry.count("session") == 1
-
-
-async def test_media_and_session_do_not_end_each_other(relay, connect):
-    """Only a connection of the same kind takes over."""
-    session, media = await connect(), await connect("media")
-    await configured(session)
-    await configured(media)
-    registry = relay.relay.registry
-    assert (registry.count("session"), registry.count("media")) == (1, 1)
-
-
 async def test_a_takeover_waits_until_the_port_is_free(relay, robot, sim1, connect):
     """While the older tunnel's port is accepted, the newer gets no configuration."""
     newer = await connect()
@@ -258,29 +220,19 @@ async def test_a_takeover_waits_until_the_port_is_free(relay, robot, sim1, conne
         await asyncio.open_connection(HOST, sim1.ros_port)
 
 
-@pytest.mark.parametrize("kind", ["session", "media"])
-async def test_a_port_that_stays_taken_goes_to_nobody(relay, robot, sim1, connect, kind):
-    """Who holds a port that is never released gets no operators: the robot is not online."""
-    robot.mode = "port_taken"
-    await robot.session.close()
-    await until(lambda: not presence(relay, sim1).online, "it is offline")
-    with Stopwatch() as stopwatch:
-        session = await connect(kind)
-        assert await ended(session) == "port_taken"
-    assert stopwatch.clock_s > 0.9
-    assert stopwatch.s < 2
-    assert session.configs == []
-    assert not presence(relay, sim1).online
-
-
-async def test_a_port_that_is_released_can_be_taken_over_later(relay, robot, sim1, connect):
-    """After port_taken the same robot comes in as soon as its port is free."""
-    robot.mode = "port_taken"
-    await robot.session.close()
-    assert await ended(await connect()) == "port_taken"
-    await robot._close_ports()
-    await configured(await connect())
-    assert presence(relay, sim1).online
+@pytest.mark.parametrize("kind", ["session", "media", "shell"])
+async def test_a_port_that_stays_taken_goes_to_nobody(relay, sim1, memory_database, connect, kind):
+    """Its holder would get the people who look for this robot, which comes in once the port is free."""
+    with_shell = await give_shell(relay, memory_database, sim1)
+    async with port_taken(with_shell.ports[BY_CONNECTION[kind].name]):
+        with Stopwatch() as stopwatch:
+            session = await connect(kind)
+            assert await ended(session) == "port_taken"
+        assert stopwatch.clock_s > 0.9
+        assert stopwatch.s < 2
+        assert session.configs == []
+        assert not presence(relay, sim1).online
+    await configured(await connect(kind))
 
 
 async def test_more_lines_than_allowed_end_the_session(relay, sim1, connect):
@@ -295,7 +247,6 @@ async def test_more_lines_than_allowed_end_the_session(relay, sim1, connect):
 
 
 async def test_of_many_sessions_at_once_one_stays(relay, connect):
-    """When several sessions of a robot come together, all but the last hear superseded."""
     sessions = [await connect() for _ in range(5)]
     await configured(sessions[-1])
     assert [await ended(session) for session in sessions[:-1]] == ["superseded"] * 4
@@ -319,7 +270,6 @@ async def test_a_robot_is_asked_for_video_while_somebody_watches(relay, sim1, co
 
 
 async def test_a_robot_that_returns_while_somebody_watches_is_asked_at_once(relay, sim1, connect):
-    """The viewer waits."""
     with relay.relay.registry.ensure_robot(sim1.id).media_demand.counted():
         session = await configured(await connect())
     assert session.configs[0]["media"]
@@ -379,7 +329,6 @@ async def test_on_media_only_the_agent_pings(relay, connect, silent):
 
 @pytest.mark.parametrize("timing", [FAST, SLOW_WHEN_IDLE])
 async def test_a_silent_robot_times_out(relay, sim1, connect):
-    """A robot that answers no heartbeat, however rare, hears timeout after the time-out, and is offline."""
     session = await connect(silent=True)
     with Stopwatch() as stopwatch:
         assert await ended(session) == "timeout"
@@ -389,7 +338,6 @@ async def test_a_silent_robot_times_out(relay, sim1, connect):
 
 
 async def test_a_robot_that_answers_stays(relay, sim1, connect):
-    """Pongs alone keep a session beyond the time-out."""
     session = await configured(await connect())
     await asyncio.sleep(2 * FAST.timeout_s)
     assert session.bye is None
@@ -406,7 +354,6 @@ async def test_a_robot_that_answers_stays(relay, sim1, connect):
     ],
 )
 async def test_a_broken_line_ends_the_session(relay, sim1, connect, line):
-    """A line that breaks the contract ends the session with protocol_error."""
     session = await configured(await connect())
     session.send_raw(line)
     assert await ended(session) == "protocol_error"
@@ -414,7 +361,6 @@ async def test_a_broken_line_ends_the_session(relay, sim1, connect, line):
 
 
 async def test_a_cut_session_is_offline_at_once(relay, sim1, memory_database, connect):
-    """A session that just ends makes the robot offline, and its row gets an end."""
     session = await configured(await connect())
     await session.close()
     await until(lambda: not presence(relay, sim1).online, "it is offline")
@@ -443,14 +389,3 @@ async def test_each_session_has_its_own_guard_key(relay, connect):
     keys = {(await configured(await connect())).configs[0]["guard"]["key"] for _ in range(2)}
     assert len(keys) == 2
     assert min(map(len, keys)) >= 40
-
-
-async def test_new_guard_settings_come_as_another_configuration(
-    relay, sim1, memory_database, connect
-):
-    """With the same key, on the same connection."""
-    session = await configured(await connect())
-    settings = parse({"guard": {"max_speed_m_s": 0.5}})
-    memory_database.robots = {sim1.id: replace(sim1, settings=settings)}
-    await until(lambda: len(session.configs) == 2, "the robot is told")
-    assert session.configs[1]["guard"] == session.configs[0]["guard"] | {"max_speed_m_s": 0.5}

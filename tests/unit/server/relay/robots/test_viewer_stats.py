@@ -4,8 +4,6 @@ from robotether_server.relay.robots.viewer_stats import ViewerCounts, ViewerStat
 
 
 class _Clock:
-    """A clock that a test turns."""
-
     def __init__(self) -> None:
         self.now = 100.0
 
@@ -14,7 +12,6 @@ class _Clock:
 
 
 def test_tells_what_came_since_an_earlier_count() -> None:
-    """A drive's frames and seconds are those between its beginning and its end."""
     clock = _Clock()
     viewer_stats = ViewerStats(clock)
     viewer_stats.count(3, 1000)
