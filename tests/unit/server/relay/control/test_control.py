@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from relay_server import until
 from robotether_server.contract.control import NO_CONTROL
 
 
@@ -17,16 +16,7 @@ async def test_describing_a_robot_keeps_nothing_of_it(relay, sim1):
     assert not relay.relay.registry.robots()
 
 
-async def test_the_guards_state_is_in_it(relay, guarded, sim1):
-    """As the guard says, and not known any more when the robot is gone."""
-    control = relay.relay.control
-    assert control.describe(sim1.id).guard == "ready"
-    await guarded.stop()
-    await until(lambda: control.describe(sim1.id).guard == "unknown", "it is gone")
-
-
 async def test_a_watcher_hears_inside_the_block(relay, guarded, sim1):
-    """Afterwards it is forgotten."""
     heard: list[int] = []
     control = relay.relay.control
     with control.watched(sim1.id, lambda: heard.append(1)):
@@ -36,12 +26,3 @@ async def test_a_watcher_hears_inside_the_block(relay, guarded, sim1):
     await control.stops.confirmation(sim1.id)
     assert heard == []
     assert not relay.relay.registry.robot(sim1.id).control_watchers
-
-
-async def test_a_robot_that_is_removed_is_forgotten(relay, guarded, sim1, memory_database):
-    """Neither lease nor stop stays in memory."""
-    control = relay.relay.control
-    control.stops.stop(sim1, "ben")
-    memory_database.robots = {}
-    await until(lambda: control.stops.of(sim1.id) is None, "it is forgotten")
-    assert control.stops.count() == 0

@@ -42,14 +42,19 @@ def ask(relay, http, people):
     return send
 
 
-async def test_everybody_who_sees_a_robot_may_stop_it(relay, guarded, sim1, ask):
-    """An observer's stop is answered with the control object; a stranger gets 404."""
+async def test_everybody_who_sees_a_robot_may_stop_it_and_drivers_release_it(relay, guarded, ask):
+    """Each deed is answered with the control object; a release of a robot that is free is none."""
     assert (await ask("POST", f"{SIM1}/stop", "eve"))[0] == 404
     status, body = await ask("POST", f"{SIM1}/stop", "bob", {"reason": "smoke"})
     assert status == 200
     assert (body["stopped"]["by"], body["stopped"]["confirmed"]) == ("bob", True)
     assert body["guard"] == "ready"
     assert (await ask("GET", f"{SIM1}/control", "ann"))[1] == body
+    status, body = await ask("POST", f"{SIM1}/release", "bob")
+    assert (status, body["code"]) == (403, "grant_missing")
+    for _ in range(2):
+        status, body = await ask("POST", f"{SIM1}/release", "ann")
+        assert (status, body["stopped"]) == (200, None)
 
 
 async def test_who_has_a_page_open_stops_a_robot_without_the_database(
@@ -67,16 +72,6 @@ async def test_who_has_a_page_open_stops_a_robot_without_the_database(
     memory_database.down = False
 
 
-async def test_only_drivers_release(relay, guarded, sim1, ask):
-    """An observer gets 403, a driver 200, also when it is not stopped."""
-    await ask("POST", f"{SIM1}/stop", "bob")
-    status, body = await ask("POST", f"{SIM1}/release", "bob")
-    assert (status, body["code"]) == (403, "grant_missing")
-    for _ in range(2):
-        status, body = await ask("POST", f"{SIM1}/release", "ann")
-        assert (status, body["stopped"]) == (200, None)
-
-
 async def test_a_release_may_name_the_stop_that_it_ends(relay, guarded, sim1, ask):
     """Another one by then is 409; half a name is none, and nor is null."""
     first = (await ask("POST", f"{SIM1}/stop", "ann"))[1]["stopped"]
@@ -91,27 +86,6 @@ async def test_a_release_may_name_the_stop_that_it_ends(relay, guarded, sim1, as
     assert (await ask("GET", f"{SIM1}/control", "ann"))[1]["stopped"]["by"] == "bob"
     status, body = await ask("POST", f"{SIM1}/release", "ann", second)
     assert (status, body["stopped"]) == (200, None)
-
-
-async def test_a_hand_over_may_name_to_whom(relay, guarded, sim1, http, ask):
-    """Nobody else gets the control; other deeds name nobody."""
-    lease = f"{SIM1}/lease"
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
-        await ask("POST", lease, "ben", {"action": "ask"})
-        to_carl = {"action": "hand_over", "to": "carl"}
-        status, body = await ask("POST", lease, "ann", to_carl)
-        assert (status, body["code"]) == (409, "nobody_asks")
-        status, body = await ask("POST", lease, "ann", {"action": "hand_over", "to": "ben"})
-        assert (status, body["reserved"]["user"]) == (200, "ben")
-        assert (await closing(socket))[0] == 4010
-
-
-async def test_an_offline_robot_is_not_released(relay, sim1, ask):
-    """503, and it stays stopped."""
-    assert (await ask("POST", f"{SIM1}/stop", "ann"))[1]["stopped"]["confirmed"] is False
-    status, body = await ask("POST", f"{SIM1}/release", "ann")
-    assert (status, body["code"]) == (503, "robot_offline")
 
 
 async def test_control_is_asked_for_and_handed_over(relay, guarded, sim1, http, ask):
@@ -131,8 +105,11 @@ async def test_control_is_asked_for_and_handed_over(relay, guarded, sim1, http, 
         assert (await ask("POST", lease, "ann", {"action": "refuse"}))[1]["code"] == "nobody_asks"
         await ask("POST", lease, "ben", {"action": "ask"})
         assert (await ask("POST", lease, "ben", {"action": "withdraw"}))[1]["waiting"] is None
-        status, body = await ask("POST", lease, "carl", {"action": "take"})
-        assert (status, body["reserved"]["user"]) == (200, "carl")
+        await ask("POST", lease, "ben", {"action": "ask"})
+        to_carl = {"action": "hand_over", "to": "carl"}
+        assert (await ask("POST", lease, "ann", to_carl))[1]["code"] == "nobody_asks"
+        status, body = await ask("POST", lease, "ann", {"action": "hand_over", "to": "ben"})
+        assert (status, body["reserved"]["user"]) == (200, "ben")
         assert (await closing(socket))[0] == 4010
 
 
@@ -183,7 +160,6 @@ async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, memory_data
     ],
 )
 async def test_bad_bodies_are_named(relay, ask, body, status, code):
-    """What is no body of ours changes nothing."""
     answer = await ask("POST", f"{SIM1}/lease", "ann", body)
     assert (answer[0], answer[1]["code"]) == (status, code)
 
@@ -197,7 +173,6 @@ async def test_no_stop_fails_for_lack_of_a_reason(relay, guarded, sim1, ask, bod
 
 
 async def test_a_body_is_json(relay, http, people):
-    """Another type is 415, broken JSON 400."""
     url = f"{relay.url}{SIM1}/stop"
     async with http.post(url, data=b"reason=x", headers=people["ann"]) as answer:
         assert answer.status == 415

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import AsyncExitStack
 from dataclasses import replace
 
 import pytest
@@ -65,22 +66,12 @@ async def test_a_second_driver_is_told_who_drives(relay, guarded, sim1, http):
 
 
 async def test_the_robot_hears_of_each_lease(relay, guarded, sim1, http):
-    """First that nobody drives; the number before its connection comes; and the end with the same number."""
     assert guarded.session.leases[0] == {"type": "lease", "fence": 0, "held": False}
     async with http.ws_connect(relay.ros_url(sim1)):
         await guarded.connections(1)
         assert guarded.session.leases[-1] == {"type": "lease", "fence": 1, "held": True}
     await until(lambda: not guarded.session.leases[-1]["held"], "the robot hears of the end")
     assert guarded.session.leases[-1]["fence"] == 1
-
-
-async def test_a_new_lease_is_above_what_the_guard_knows(relay, guarded, sim1, http):
-    """The robot may come from another relay, or the database from an older copy."""
-    guarded.session.send_guard_status(fence=500)
-    await until(lambda: relay.relay.registry.presence(sim1.id).report.fence == 500, "it is known")
-    async with http.ws_connect(relay.ros_url(sim1)):
-        (handshake,) = await guarded.connections(1)
-    assert handshake["Robotether-Fence"] == "501"
 
 
 @pytest.mark.parametrize("lie", [2**53 - 1, MAX_FENCE])
@@ -177,7 +168,6 @@ async def test_what_a_drive_was_like_stands_in_its_record(
 
 
 async def test_a_users_newer_connection_takes_over(relay, guarded, sim1, http):
-    """The older is closed with 4002, and the newer has a higher number."""
     async with http.ws_connect(relay.ros_url(sim1)) as older:
         await driven(relay, sim1)
         async with http.ws_connect(relay.ros_url(sim1)) as newer:
@@ -269,28 +259,6 @@ async def test_without_a_database_who_drove_lately_drives_again(
     assert leases_written(memory_database)[-2:] == [(LeaseStart, 8), (LeaseEnd, 8)]
 
 
-async def test_without_a_database_who_has_a_newer_ticket_drives(
-    relay, guarded, sim1, http, memory_database
-):
-    """Another cell's web, which the database answers, has signed it."""
-    memory_database.down = True
-    await until(lambda: not relay.relay.fleet.store_up, "the relay gets no answer")
-    relay.relay.credentials._answered_at -= 10
-    async with http.ws_connect(relay.ros_url(sim1)):
-        await driven(relay, sim1)
-
-
-async def test_without_a_database_a_newer_connection_of_the_driver_takes_over(
-    relay, guarded, sim1, http, memory_database
-):
-    async with http.ws_connect(relay.ros_url(sim1)) as first:
-        await driven(relay, sim1)
-        memory_database.down = True
-        async with http.ws_connect(relay.ros_url(sim1)):
-            assert (await closing(first))[0] == 4002
-            assert control(relay, sim1).driver.fence == 2
-
-
 async def test_without_a_database_nobody_drives_a_robot_without_a_guard(
     relay, robot, sim1, http, memory_database
 ):
@@ -308,41 +276,30 @@ def leases_written(memory_database) -> list[tuple[type, int]]:
     return [(type(one), one.fence) for one in memory_database.written if isinstance(one, kinds)]
 
 
+@pytest.mark.parametrize("has_older", [False, True])
 async def test_a_stop_while_the_number_is_on_its_way_wins(
-    *, relay, guarded, sim1, http, memory_database, monkeypatch
+    *, relay, guarded, sim1, http, memory_database, monkeypatch, has_older
 ):
-    """Nobody drives a robot that was stopped before the database answered."""
-    slow = SlowFences(memory_database)
-    monkeypatch.setattr(memory_database, "next_fence", slow.next_fence)
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+    """The connection that drives and the one that waits for its number both end with the stop."""
+    slow, older = SlowFences(memory_database), None
+    async with AsyncExitStack() as stack:
+        if has_older:
+            older = await stack.enter_async_context(http.ws_connect(relay.ros_url(sim1)))
+            await guarded.connections(1)
+        monkeypatch.setattr(memory_database, "next_fence", slow.next_fence)
+        newer = await stack.enter_async_context(http.ws_connect(relay.ros_url(sim1)))
         await slow.asked.wait()
         relay.relay.control.stops.stop(sim1, "ben")
-        assert (await closing(socket))[0] == 4003
-        slow.go_on.set()
-    assert relay.relay.control.driver(sim1.id) is None
-    assert guarded.clients_ever == 0
-
-
-async def test_a_newer_connection_hears_of_a_stop_too(
-    *, relay, guarded, sim1, http, memory_database, monkeypatch
-):
-    """The one that drives and the one that waits for its number both end with the stop."""
-    slow = SlowFences(memory_database)
-    async with http.ws_connect(relay.ros_url(sim1)) as older:
-        await guarded.connections(1)
-        monkeypatch.setattr(memory_database, "next_fence", slow.next_fence)
-        async with http.ws_connect(relay.ros_url(sim1)) as newer:
-            await slow.asked.wait()
-            relay.relay.control.stops.stop(sim1, "ben")
+        if older is not None:
             assert (await closing(older))[0] == 4003
             slow.go_on.set()
-            assert (await closing(newer))[0] == 4003
+        assert (await closing(newer))[0] == 4003
+        slow.go_on.set()
     assert relay.relay.control.driver(sim1.id) is None
-    assert guarded.clients_ever == 1
+    assert guarded.clients_ever == has_older
 
 
 async def test_a_lost_link_ends_the_lease(relay, guarded, sim1, http, memory_database):
-    """4505, and the next session hears that the number is over."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await driven(relay, sim1)
         await guarded.session.close()
@@ -354,7 +311,6 @@ async def test_a_lost_link_ends_the_lease(relay, guarded, sim1, http, memory_dat
 
 
 async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, http, memory_database):
-    """A question ends with the grant of who asked."""
     async with http.ws_connect(relay.ros_url(sim1)):
         await driven(relay, sim1)
         relay.relay.control.leasing.ask(sim1, asker(BEN))

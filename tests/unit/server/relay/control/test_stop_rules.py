@@ -33,8 +33,6 @@ STOPPED = GuardReport("ready", stopped=True, by="ben")
 
 @dataclass(eq=False)
 class FakeLink:
-    """A robot's session, which keeps what it is sent."""
-
     robot_id: int = SIM1.id
     kind: str = "session"
     address: str = "198.51.100.7"
@@ -68,6 +66,10 @@ class World:
     @property
     def robot(self) -> Robot:
         return self.registry.robot(SIM1.id)
+
+    @property
+    def audit(self) -> list[AuditEntry]:
+        return [entry for entry in self.written if isinstance(entry, AuditEntry)]
 
     def add(self, entry: object) -> None:
         self.written.append(entry)
@@ -122,6 +124,7 @@ async def test_a_release_without_a_guard_is_written(world):
 async def test_an_offline_robot_stays_stopped(world):
     """The problem says since when it is offline."""
     world.registry.remember([(SIM1.id, NOON, None)])
+    # A relay that starts finds many in the database.
     world.stops.learn(Stop(SIM1.id, NOON, "ben"), is_written=True)
     with pytest.raises(RobotOfflineError, match="sim1 has been offline since 2026-01-01 12:00 UTC"):
         await world.stops.release(SIM1, "ann")
@@ -140,7 +143,6 @@ async def test_a_stop_at_the_robot_is_written_as_the_robots(world):
 
 
 async def test_a_robot_that_connects_is_greeted_with_its_stop(world):
-    """A robot gets its stop when it connects, and nothing if it is not stopped."""
     world.stops.learn(Stop(SIM1.id, NOON, "ben"))
     [line] = world.stops.greeting(SIM1.id)
     assert json.loads(line) == {"type": "stop", "id": ANY, "by": "ben"}
@@ -183,7 +185,6 @@ async def test_a_stop_that_no_guard_confirmed_is_sent_again(world, monkeypatch, 
 
 
 async def test_all_who_wait_hear_of_the_confirmation(world):
-    """The confirmation reaches all who wait, and nothing of their waiting is left."""
     link = world.online()
     world.stops.stop(SIM1, "ben")
     waiting = [asyncio.create_task(world.stops.confirmation(SIM1.id)) for _ in range(2)]
@@ -241,7 +242,6 @@ async def test_only_the_answer_to_a_release_ends_it(world):
 
 
 async def test_a_robot_that_is_gone_leaves_nothing(world):
-    """Its stop goes, with the timer that repeats it; others keep theirs."""
     world.online()
     for robot in (SIM1, SIM2):
         world.stops.stop(robot, "ben")
@@ -262,13 +262,6 @@ async def test_a_stop_of_another_cell_is_sent_and_written_once(world):
     assert world.revoked == [(SIM1.id, close_reasons.robot_stopped("sim1", "ben", NOON))]
     assert world.changed == [SIM1.id]
     assert world.written == [StopEntry(SIM1.id, stop)]
-
-
-async def test_a_stop_that_the_database_has_is_not_written_again(world):
-    """A relay that starts finds many."""
-    world.stops.learn(Stop(SIM1.id, NOON, "ben"), is_written=True)
-    assert world.stops.of(SIM1.id).by == "ben"
-    assert world.written == []
 
 
 async def test_what_came_last_is_shown_whenever_it_began(world):
@@ -296,16 +289,108 @@ async def test_a_release_ends_all_stops_that_were_here_and_writes_which(world):
     assert world.stops.of(SIM1.id) is None
 
 
-async def test_a_stop_of_another_cell_during_a_release_wins(world):
-    """The guard has it behind the release."""
+@pytest.mark.parametrize("is_answered", [False, True])
+@pytest.mark.parametrize("begins_elsewhere", [False, True])
+async def test_a_stop_during_a_release_wins(world, is_answered, begins_elsewhere):
+    """The guard gets it behind the release, also if it had answered that before anybody heard of it."""
     link = world.online()
     world.stops.stop(SIM1, "ann")
     release = asyncio.create_task(world.stops.release(SIM1, "ann"))
     await until(lambda: "release" in link.kinds, "it is on its way")
-    world.stops.learn(Stop(SIM1.id, NOON, "ben"))
+    if is_answered:
+        world.registry.on_guard_status(link, GuardReport("ready"), link.sent[-1]["id"])
+    if begins_elsewhere:
+        world.stops.learn(Stop(SIM1.id, NOON, "ben"))
+    else:
+        world.stops.stop(SIM1, "ben")
     with pytest.raises(NotPossibleError, match="ben has stopped it again"):
         await release
+    assert world.stops.of(SIM1.id).by == "ben"
     assert link.kinds == ["stop", "release", "stop"]
+
+
+async def test_a_release_that_is_given_up_leaves_a_stop_that_is_repeated(world, monkeypatch):
+    """Who asked went away, and nobody knows what the guard did."""
+    monkeypatch.setattr(stops_module, "REPEAT_EVERY_S", 0.01)
+    link = world.online()
+    world.stops.stop(SIM1, "ben")
+    release = asyncio.create_task(world.stops.release(SIM1, "ann"))
+    await until(lambda: world.robot.stops.repeat_timer is None, "the time to repeat it passes")
+    release.cancel()
+    await asyncio.gather(release, return_exceptions=True)
+    await until(lambda: link.kinds[-2:] == ["release", "stop"], "it is sent again")
+
+
+async def test_who_stops_without_end_fills_neither_the_session_nor_the_log(world):
+    """A session that is full would end, and the robot were offline; each counts once in a while."""
+    link = world.online()
+
+    def insist() -> None:
+        for _ in range(500):
+            world.stops.stop(SIM1, "eve")
+            world.stops.stop(SIM1, "mallory")
+
+    insist()
+    release = asyncio.create_task(world.stops.release(SIM1, "ann"))
+    await until(lambda: "release" in link.kinds, "it is on its way")
+    insist()
+    with pytest.raises(NotPossibleError):
+        await release
+    assert len(link.sent) < 10
+    assert link.kinds[-1] == "stop"
+    assert [entry.actor for entry in world.audit] == ["eve", "mallory", "eve"]
+
+
+async def test_a_release_lets_all_begin_anew(world):
+    """Else the second of two stops after it would be taken for a press of before."""
+    world.online("off")
+    for _ in range(2):
+        world.stops.stop(SIM1, "eve")
+        world.stops.stop(SIM1, "mallory")
+        assert world.stops.of(SIM1.id).by == "mallory"
+        await world.stops.release(SIM1, "ann")
+
+
+async def test_another_persons_stop_takes_the_place_of_the_first(world):
+    """The guard gets the newest name, the log has both, and the stop stays confirmed."""
+    link = world.online()
+    world.stops.stop(SIM1, "ann")
+    world.registry.on_guard_status(link, STOPPED, None)
+    world.stops.stop(SIM1, "ben", reason="smoke")
+    assert world.stops.of(SIM1.id).by == "ben"
+    assert world.stops.confirmed(SIM1.id)
+    assert [line["by"] for line in link.sent] == ["ann", "ben"]
+    assert [(entry.actor, entry.details) for entry in world.audit] == [
+        ("ann", {}),
+        ("ben", {"reason": "smoke"}),
+    ]
+
+
+async def test_one_press_on_two_ways_does_not_hide_a_stop_between_them(world, monkeypatch):
+    """Ann's page tells its stop twice, and Ben's came meanwhile; later she means another one."""
+    for name in ("ann", "ben", "ann", "ben", "ann"):
+        world.stops.stop(SIM1, name)
+    assert world.stops.of(SIM1.id).by == "ben"
+    monkeypatch.setattr(stops_module, "SAME_PRESS_S", 0.0)
+    world.stops.stop(SIM1, "ann")
+    assert world.stops.of(SIM1.id).by == "ann"
+
+
+async def test_a_release_ends_the_stop_that_was_seen_and_no_other(world):
+    """Neither another person's nor a later one; a robot that is free already is no error."""
+    world.online("off")
+    world.stops.stop(SIM1, "ann")
+    seen = world.stops.shown(SIM1.id)
+    world.stops.stop(SIM1, "ben")
+    newer = world.stops.shown(SIM1.id)
+    why = r"^ben stopped sim1 at \d\d:\d\d UTC too; check again"
+    for other in (seen, ShownStop(newer.by, "2026-01-01T12:00:00Z")):
+        with pytest.raises(NotPossibleError, match=why):
+            await world.stops.release(SIM1, "ann", seen=other)
+        assert world.stops.of(SIM1.id).by == "ben"
+    for _ in range(2):
+        await world.stops.release(SIM1, "ann", seen=newer)
+        assert world.stops.of(SIM1.id) is None
 
 
 async def test_a_release_at_another_cell_ends_what_it_names(world, monkeypatch):
@@ -349,7 +434,6 @@ async def test_who_stops_a_robot_once_more_that_is_not_here_makes_a_new_stop(wor
 
 
 async def test_stops_of_a_robot_are_bounded(world):
-    """The oldest are forgotten, of those in force and of those that ended."""
     for minute in range(50):
         world.stops.learn(Stop(SIM1.id, NOON + timedelta(minutes=minute), "ben"))
     known = world.robot.stops
