@@ -70,7 +70,7 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
     open_robot(page, stack, ROBOT)
     take_control(page)
     open_drawer(page)
-    for opener in ("gamepad-open", "topics"):
+    for opener in ("gamepad-open", "topics", "uplink"):
         fold = page.get_by_test_id(opener)
         (fold if opener == "gamepad-open" else fold.locator("summary")).click()
     page.get_by_test_id("topic-list").get_by_role("button", name="/odom").first.click()

@@ -2,9 +2,11 @@
 
 import { offerDrive } from "../fleet/cards.js";
 import { inWindow, WINDOW } from "../fleet/filters.js";
+import { api } from "../dom/calls.js";
 import { foldFilters, hasWords, localTimestamp, make, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 import { fleet as texts } from "../texts/fleet.js";
+import { Uplink } from "../topics/uplink.js";
 
 const SHOWN_MS = 2000;
 const DAY_LENGTH = 10;
@@ -133,12 +135,21 @@ export function wireDrive(page) {
   for (const robot of page.querySelectorAll("[data-robot]")) offerDrive(robot, robot.dataset.robot);
 }
 
+// What fills the uplink, on the page of one robot.
+function wireUplink(page) {
+  for (const panel of page.querySelectorAll('[data-part="uplink"]')) {
+    const path = `/api/v1/robots/${encodeURIComponent(panel.dataset.of)}/uplink`;
+    new Uplink(panel, { get: () => api.get(path) }).renew();
+  }
+}
+
 if (typeof document !== "undefined") {
   new Presses().watch(window);
   wireCopyButtons(document, navigator.clipboard);
   showLocalTimes(document);
   setInterval(() => showLocalTimes(document), RENEW_MS);
   wireDrive(document);
+  wireUplink(document);
   wireTickAll(document);
   for (const select of document.querySelectorAll("select")) wireSearch(select);
   for (const table of document.querySelectorAll("table.list")) wireList(table);

@@ -17,6 +17,7 @@ import { watchers } from "../texts/common.js";
 import { Discovery } from "../topics/discovery.js";
 import { Topics } from "../topics/topicList.js";
 import { ObserverConnection } from "../topics/topicProbe.js";
+import { TopicSwitch, Uplink } from "../topics/uplink.js";
 import { View } from "../video/view.js";
 import { LoginUse, api } from "../dom/calls.js";
 import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, part, setText } from "../dom/page.js";
@@ -56,7 +57,11 @@ const session = new Session({
   onRoundTrip: showRoundTrip,
 });
 const { connection } = session;
-const subscribe = (spec, handler) => connection.subscribe({ onUnread: () => view.failToRead(spec.name), ...spec }, handler);
+const topicSwitch = new TopicSwitch({
+  subscribe: (spec, handler) => connection.subscribe({ onUnread: () => view.failToRead(spec.name), ...spec }, handler),
+  probes: { has: (name) => topics.probes.has(name), close: (name) => topics.closeProbe(name) },
+});
+const subscribe = (spec, handler) => topicSwitch.subscribe(spec, handler);
 
 const banner = new Banner(root, { onRetry: () => connection.retryNow({ asked: true }), onBlind: () => interlock.allow() });
 const readings = new Readings(root, { frameAge: () => interlock.ageMs, limits, holdAfterMs });
@@ -83,6 +88,10 @@ const stopBar = new StopBar(root, {
 const topics = new Topics(part(root, "topics"), {
   observerConnection: new ObserverConnection({ requestUrl: () => requestUrl("observe") }),
   ask: () => discovery.refresh(),
+});
+new Uplink(part(root, "uplink"), {
+  get: () => api.get(`/api/v1/robots/${encodeURIComponent(robot)}/uplink`),
+  switches: { camera: view.tiles, topic: topicSwitch },
 });
 // Drivers have these.
 const summary = driveMode.mayDrive ? new Summary(part(root, "summary"), { robot, me: user }) : null;

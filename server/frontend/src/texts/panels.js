@@ -1,4 +1,6 @@
-// Sentences of the pages: buttons, topics and the summary of a drive. No logic beyond filling in.
+// Sentences of the pages: buttons, topics, uplink and the summary of a drive. No logic beyond filling in.
+
+import { sentence } from "./common.js";
 
 export const buttons = {
   idle: "",
@@ -49,6 +51,25 @@ export const topics = {
     "Messages of this type can be several MB large. While one passes, video and control have less of the robot's uplink: " +
     "1 MB fills 5 Mbit/s for 1.6 s. So the page requests them one by one.",
   getOne: "Get one message",
+};
+
+// `people` and rates are null where nothing is known.
+export const uplink = {
+  kinds: { camera: "Camera", topic: "Topic", video: "Snapshots and other video", rosbridge: "Services and the rest of rosbridge" },
+  measuring: "Measuring",
+  unknown: "? B/s",
+  rate: (size) => `${size}/s`,
+  total: (rate) => `In all ${rate}`,
+  failed: (detail) => `Not measured now. ${detail ? sentence(detail) : "The server does not answer."}`,
+  people: ({ people, yours }) => {
+    if (people === null) return "";
+    if (people === 0) return "nobody now";
+    if (yours) return people === 1 ? "you alone" : `you and ${people - 1} more`;
+    return people === 1 ? "1 person" : `${people} people`;
+  },
+  off: "off on this page",
+  offers: { off: "Switch off here", on: "Switch on" },
+  offer: (offers, name) => `${uplink.offers[offers]}: ${name}`,
 };
 
 export const summary = {

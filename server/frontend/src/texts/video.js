@@ -22,6 +22,7 @@ export const frame = {
     waiting: () => "The camera sends no video.",
     down: reason("The camera does not answer."),
     paused: () => "Paused while this page is in the background.",
+    off: () => "Switched off in the menu, Uplink.",
     old: () => "",
     robot_offline: reason("The robot is offline."),
     video_down: reason("The robot's video server does not answer."),

@@ -13,6 +13,8 @@ export class Tiles {
     this.stage = stage;
     this.options = options;
     this.tiles = new Map();
+    this.off = new Set(); // cameras that the person switched off
+    this.playing = false;
   }
 
   get(id) {
@@ -25,6 +27,7 @@ export class Tiles {
 
   // `shown` are {topic, name}, in their order; `turned(camera)` in degrees; `playing` false ends all streams, and `why` says why.
   arrange({ kind, main, shown, turned, playing, why }) {
+    this.playing = playing;
     this.stage.dataset.layout = shown.length > 1 ? kind : "one";
     this.stage.dataset.tiles = shown.length;
     const ids = shown.map(({ topic }) => topic);
@@ -33,10 +36,23 @@ export class Tiles {
     for (const source of shown) {
       const tile = this.tiles.get(source.topic);
       tile.turn(turned(source));
-      if (playing) tile.start();
+      if (this.off.has(source.topic)) tile.stop("off");
+      else if (playing) tile.start();
       else tile.stop(why);
     }
     this.each((tile) => tile.ask());
+  }
+
+  // Whether a camera has a place here; with switchTo as of topics/uplink.js. Without the main one driving pauses.
+  has(id) {
+    return id !== MAP && this.tiles.has(id);
+  }
+
+  switchTo(id, on) {
+    if (on) this.off.delete(id);
+    else this.off.add(id);
+    if (!on) this.get(id)?.stop("off");
+    else if (this.playing) this.get(id)?.start();
   }
 
   drop(id, tile) {

@@ -1,0 +1,130 @@
+import assert from "node:assert/strict";
+import { beforeEach, mock, test } from "node:test";
+
+import { TopicSwitch, Uplink, totalText, uplinkRows } from "../../src/topics/uplink.js";
+
+// Elements as far as the list uses them.
+class Element {
+  constructor() {
+    Object.assign(this, { children: [], attributes: {}, listeners: {}, textContent: "", hidden: false });
+  }
+
+  setAttribute(name, value) {
+    this.attributes[name] = value;
+  }
+
+  addEventListener(name, act) {
+    this.listeners[name] = act;
+  }
+
+  append(...children) {
+    for (const child of children) if (child instanceof Element) child.parent = this;
+    this.children.push(...children);
+  }
+
+  remove() {
+    this.parent.children = this.parent.children.filter((child) => child !== this);
+  }
+}
+
+globalThis.document = { createElement: () => new Element(), addEventListener() {}, hidden: false };
+
+const MAP = { kind: "topic", name: "/map", bytes_per_s: 118_000, people: 2, yours: true };
+const CAMERA = { kind: "camera", name: "/a", bytes_per_s: 64_000, people: 1, yours: false };
+const REST = { kind: "rosbridge", name: "", bytes_per_s: 300, people: 3, yours: true };
+
+let parts, root, answer, begun, ended, probes, topicSwitch, list;
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setTimeout"] });
+  parts = { "uplink-total": new Element(), "uplink-list": new Element() };
+  root = new Element();
+  Object.assign(root, { open: true, querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] });
+  answer = { ok: true, body: { streams: [MAP, CAMERA, REST] } };
+  [begun, ended] = [[], []];
+  probes = { has: () => false, close: mock.fn() };
+  topicSwitch = new TopicSwitch({
+    subscribe: ({ name }) => {
+      begun.push(name);
+      return () => ended.push(name);
+    },
+    probes,
+  });
+  list = new Uplink(root, { get: async () => answer, switches: { topic: topicSwitch } });
+});
+
+// Name, facts and the button's text of each row; "" for none.
+const shown = () =>
+  parts["uplink-list"].children.map(({ children: [words, button] }) => {
+    const [title, facts] = words.children;
+    return [title.children[0], facts.textContent, button.hidden ? "" : button.textContent];
+  });
+
+test("each stream has a row with its rate and its people, and those of this page have a switch", async () => {
+  topicSwitch.subscribe({ name: "/map" }, () => {});
+  await list.renew();
+  assert.equal(parts["uplink-total"].textContent, "In all 182 KB/s");
+  assert.deepEqual(shown(), [
+    ["/map", "Topic · 118 KB/s · you and 1 more", "Switch off here"],
+    ["/a", "Camera · 64 KB/s · 1 person", ""],
+    ["Services and the rest of rosbridge", "300 B/s · you and 2 more", ""],
+  ]);
+});
+
+test("without an answer no number stays on the page", async () => {
+  await list.renew();
+  answer = { ok: false, detail: "robot sim1 is offline", body: {} };
+  await list.renew();
+  assert.equal(parts["uplink-total"].textContent, "Not measured now. Robot sim1 is offline.");
+  assert.deepEqual(
+    shown().map(([, facts]) => facts),
+    ["Topic · ? B/s", "Camera · ? B/s", "? B/s"],
+  );
+});
+
+test("a rate that is not measured makes the sum unknown", () => {
+  assert.equal(totalText([MAP, { ...CAMERA, bytes_per_s: null }]), "In all ? B/s");
+});
+
+test("a topic that is switched off ends, keeps its row, and begins again", async () => {
+  const end = topicSwitch.subscribe({ name: "/map" }, () => {});
+  await list.renew();
+  const press = () => parts["uplink-list"].children.at(-1).children[1].listeners.click();
+  answer = { ok: true, body: { streams: [] } };
+  list.press("topic", "/map");
+  await list.renew();
+  assert.deepEqual([begun, ended], [["/map"], ["/map"]]);
+  assert.deepEqual(shown(), [["/map", "Topic · off on this page", "Switch on"]]);
+  const another = topicSwitch.subscribe({ name: "/map" }, () => {});
+  assert.deepEqual(begun, ["/map"]);
+  press();
+  assert.deepEqual(begun, ["/map", "/map", "/map"]);
+  end();
+  another();
+  assert.equal(ended.length, 3);
+  assert.equal(topicSwitch.has("/map"), false);
+});
+
+test("a probe that a person opened is closed, and is not waited for", () => {
+  probes.has = (name) => name === "/scan";
+  const [{ offers }] = uplinkRows([{ ...MAP, name: "/scan" }], { topic: topicSwitch });
+  assert.equal(offers, "off");
+  topicSwitch.switchTo("/scan", false);
+  assert.deepEqual([probes.close.mock.calls[0].arguments, topicSwitch.off.size], [["/scan"], 0]);
+});
+
+test("nothing is asked while the list is closed or the page hidden", async () => {
+  const get = mock.fn(async () => answer);
+  list.get = get;
+  root.open = false;
+  await list.renew();
+  root.open = true;
+  globalThis.document.hidden = true;
+  await list.renew();
+  globalThis.document.hidden = false;
+  assert.equal(get.mock.callCount(), 0);
+  await list.renew();
+  mock.timers.tick(2000);
+  assert.equal(get.mock.callCount(), 2);
+});
