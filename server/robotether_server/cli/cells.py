@@ -3,12 +3,11 @@
 import click
 
 from robotether_server.cli.common import (
-    JSON,
     SOURCE,
     YES,
     NotDoneError,
+    add_list,
     open_database,
-    print_records,
     remove_after_question,
     wait_for,
 )
@@ -17,36 +16,31 @@ from robotether_server.db.cells import Cell
 from robotether_server.services import cells as cell_service
 
 
+def _state(cell: Cell) -> str:
+    if not cell.is_alive:
+        return "down"
+    return "draining" if cell.draining else "alive"
+
+
 @click.group()
 def cell() -> None:
     """List the machines of the site; take one out of service and back."""
 
 
-@cell.command("list")
-@JSON
-def list_cells(as_json: bool) -> None:
-    """List the machines with their robots."""
-    with open_database().transaction() as tx:
-        site_cells = cells.read(tx)
-    print_records(
-        site_cells,
-        ("NAME", "HOST", "REGION", "ROBOTS", "VERSION", "STATE"),
-        lambda cell: (
-            cell.name,
-            cell.host or "-",
-            cell.region or "-",
-            str(cell.robots),
-            cell.version,
-            _state(cell),
-        ),
-        as_json=as_json,
-    )
-
-
-def _state(cell: Cell) -> str:
-    if not cell.is_alive:
-        return "down"
-    return "draining" if cell.draining else "alive"
+add_list(
+    cell,
+    "List the machines with their robots.",
+    cells.read,
+    ("NAME", "HOST", "REGION", "ROBOTS", "VERSION", "STATE"),
+    lambda cell: (
+        cell.name,
+        cell.host or "-",
+        cell.region or "-",
+        str(cell.robots),
+        cell.version,
+        _state(cell),
+    ),
+)
 
 
 @cell.command()

@@ -105,6 +105,26 @@ def print_records(
         print_table(heads, [as_row(record) for record in records])
 
 
+def add_list(
+    commands: click.Group,
+    about: str,
+    read: Callable[[Transaction], Iterable[T]],
+    heads: Sequence[str],
+    as_row: Callable[[T], Sequence[str]],
+    *,
+    as_dict: Callable[[T], Mapping[str, Any]] = vars,
+    name: str = "list",
+) -> None:
+    """Add a command that prints all that `read` returns; `about` is its help."""
+
+    @commands.command(name, help=about)
+    @JSON
+    def run(as_json: bool) -> None:
+        with open_database().transaction() as tx:
+            records = read(tx)
+        print_records(records, heads, as_row, as_json=as_json, as_dict=as_dict)
+
+
 def print_json(value: object) -> None:
     """Print for programs; times are ISO 8601."""
     click.echo(json.dumps(value, indent=2, default=_as_text))

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import click
 
 from robotether_server import times
-from robotether_server.cli.common import JSON, SOURCE, open_database, print_records, timestamp
+from robotether_server.cli.common import SOURCE, add_list, open_database, timestamp
 from robotether_server.db.grants import LEVELS, Grant, list_all
 from robotether_server.schemas import Level
 from robotether_server.services import grants
@@ -71,19 +71,19 @@ def give(
     click.echo(f"{grant.holder_words} may {level} {grant.scope_words}{end}")
 
 
-@grant.command("list")
-@JSON
-def list_grants(as_json: bool) -> None:
-    """List the grants, by user or group and robot or site."""
-    with open_database().transaction() as tx:
-        records = list_all(tx)
-    print_records(
-        records,
-        ("WHO", "WHAT", "LEVEL", "UNTIL"),
-        _as_row,
-        as_json=as_json,
-        as_dict=lambda record: vars(record) | {"all": record.is_for_all},
-    )
+def _as_row(grant: Grant) -> tuple[str, str, str, str]:
+    end = timestamp(grant.ends_at, "-") + (" (ended)" if grant.has_ended else "")
+    return grant.holder_words, grant.scope_words, grant.level, end
+
+
+add_list(
+    grant,
+    "List the grants, by user or group and robot or site.",
+    list_all,
+    ("WHO", "WHAT", "LEVEL", "UNTIL"),
+    _as_row,
+    as_dict=lambda record: vars(record) | {"all": record.is_for_all},
+)
 
 
 @click.command()
@@ -132,8 +132,3 @@ def _level(word: str) -> Level:
             return level
     levels = ", ".join(map(repr, LEVELS))
     raise click.UsageError(f"Invalid value for 'LEVEL': {word!r} is not one of {levels}.")
-
-
-def _as_row(grant: Grant) -> tuple[str, str, str, str]:
-    end = timestamp(grant.ends_at, "-") + (" (ended)" if grant.has_ended else "")
-    return grant.holder_words, grant.scope_words, grant.level, end

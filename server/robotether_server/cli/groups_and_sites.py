@@ -8,11 +8,10 @@ from functools import partial
 import click
 
 from robotether_server.cli.common import (
-    JSON,
     SOURCE,
     YES,
+    add_list,
     open_database,
-    print_records,
     remove_after_question,
 )
 from robotether_server.db.grants import GROUPS, SITES, Collection, R
@@ -23,6 +22,14 @@ def _commands(collection: Collection[R], *, about: str, add: str, remove: str) -
     """Return the commands that groups and sites have in common, with these help texts."""
     kind, members = collection.kind, collection.members
     commands = click.Group(kind, help=about)
+    add_list(
+        commands,
+        f"List the {kind}s with their {members}.",
+        collection.list_all,
+        ("NAME", members.upper()),
+        lambda record: (record.name, " ".join(record.members) or "-"),
+        as_dict=lambda record: {"name": record.name, members: record.members},
+    )
 
     @commands.command("add", help=add)
     @click.argument("name")
@@ -30,19 +37,6 @@ def _commands(collection: Collection[R], *, about: str, add: str, remove: str) -
         with open_database().transaction() as tx:
             grants.add_collection(tx, SOURCE, collection, name)
         click.echo(f"added {kind} {name}")
-
-    @commands.command("list", help=f"List the {kind}s with their {members}.")
-    @JSON
-    def list_all(as_json: bool) -> None:
-        with open_database().transaction() as tx:
-            records = collection.list_all(tx)
-        print_records(
-            records,
-            ("NAME", members.upper()),
-            lambda record: (record.name, " ".join(record.members) or "-"),
-            as_json=as_json,
-            as_dict=lambda record: {"name": record.name, members: record.members},
-        )
 
     @commands.command("remove", help=remove)
     @click.argument("name")

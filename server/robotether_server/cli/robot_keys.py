@@ -1,4 +1,4 @@
-"""robotether robot pending, approve, reject, rekey, rotate-key: a robot's key.
+"""robotether robot approve, reject, rekey, rotate-key, and rejected ...: robots' keys.
 
 A key counts for nothing until a person has compared it: approve and reject name the key that was looked at, and do
 nothing when another has come in its place.
@@ -8,13 +8,12 @@ import click
 
 from robotether_server.cli import robot_texts
 from robotether_server.cli.common import (
-    JSON,
     SOURCE,
     NotDoneError,
+    add_list,
     agree,
     open_database,
     print_fields,
-    print_records,
     timestamp,
     wait_for,
 )
@@ -25,15 +24,6 @@ from robotether_server.services import pending, robots
 from robotether_server.services.pending import PendingKey
 
 COMPARE = "compare it with the one that robotether-agent status shows on the robot"
-
-
-@click.command("pending")
-@JSON
-def list_pending(as_json: bool) -> None:
-    """List the keys that wait for an admin, the oldest first."""
-    with open_database().transaction() as tx:
-        keys = pending.waiting(tx)
-    print_records(keys, robot_texts.WAITING_HEADS, robot_texts.as_waiting_row, as_json=as_json)
 
 
 @click.command()
@@ -167,27 +157,22 @@ def rejected() -> None:
     """List rejected keys, or let them join again."""
 
 
-@rejected.command("list")
-@JSON
-def list_rejected(as_json: bool) -> None:
-    """List rejected keys, newest first."""
-    with open_database().transaction() as tx:
-        keys = pending.rejected(tx)
-    print_records(
-        keys,
-        ("ID", "ROBOT", "MAC", "HOST NAME", "ADDRESS", "REJECTED", "BY", "KEY"),
-        lambda key: (
-            str(key.id),
-            key.robot,
-            key.mac,
-            key.hostname,
-            key.address,
-            timestamp(key.rejected_at, ""),
-            key.rejected_by,
-            key.fingerprint,
-        ),
-        as_json=as_json,
-    )
+add_list(
+    rejected,
+    "List rejected keys, newest first.",
+    pending.rejected,
+    ("ID", "ROBOT", "MAC", "HOST NAME", "ADDRESS", "REJECTED", "BY", "KEY"),
+    lambda key: (
+        str(key.id),
+        key.robot,
+        key.mac,
+        key.hostname,
+        key.address,
+        timestamp(key.rejected_at, ""),
+        key.rejected_by,
+        key.fingerprint,
+    ),
+)
 
 
 @rejected.command()

@@ -13,17 +13,16 @@ from robotether_server.cli.common import (
     SOURCE,
     YES,
     NotDoneError,
+    add_list,
     agree,
     open_database,
     print_fields,
     print_json,
-    print_records,
     print_table,
     wait_for,
 )
 from robotether_server.cli.robot_keys import (
     approve,
-    list_pending,
     reject,
     rekey,
     rotate_key,
@@ -121,6 +120,24 @@ def robot() -> None:
     """Add, approve, change, watch and remove robots."""
 
 
+add_list(
+    robot,
+    "List the robots.",
+    seen_robots.list_all,
+    robot_texts.HEADS,
+    robot_texts.as_row,
+    as_dict=robot_texts.as_dict,
+)
+add_list(
+    robot,
+    "List the keys that wait for an admin, the oldest first.",
+    pending.waiting,
+    robot_texts.WAITING_HEADS,
+    robot_texts.as_waiting_row,
+    name="pending",
+)
+
+
 @robot.command()
 @click.argument("name")
 @click.option("--mac", required=True, help="MAC address, in any usual spelling.")
@@ -137,21 +154,6 @@ def add(name: str, mac: str, allow_local_mac: bool) -> None:
     with open_database().transaction() as tx:
         added = robots.add(tx, SOURCE, mac, name, allow_local_mac=allow_local_mac)
     click.echo(f"added robot {name} with ports {added.ros_port} and {added.video_port}")
-
-
-@robot.command("list")
-@JSON
-def list_robots(as_json: bool) -> None:
-    """List the robots."""
-    with open_database().transaction() as tx:
-        seen = seen_robots.list_all(tx)
-    print_records(
-        seen,
-        robot_texts.HEADS,
-        robot_texts.as_row,
-        as_json=as_json,
-        as_dict=robot_texts.as_dict,
-    )
 
 
 @robot.command()
@@ -227,7 +229,6 @@ for command in (
     disable,
     enable,
     invite,
-    list_pending,
     move_ports,
     reject,
     rekey,

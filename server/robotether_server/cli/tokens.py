@@ -7,11 +7,10 @@ from dataclasses import replace
 import click
 
 from robotether_server.cli.common import (
-    JSON,
     SOURCE,
     NotDoneError,
+    add_list,
     open_database,
-    print_records,
     timestamp,
 )
 from robotether_server.db import credentials, join_tokens, users
@@ -52,23 +51,18 @@ def create(user_name: str, name: str, days: int) -> None:
     click.echo(f"token {name} of user {user_name}, shown only once: {text}")
 
 
-@token.command("list")
-@JSON
-def list_tokens(as_json: bool) -> None:
-    """List the tokens, without their texts."""
-    with open_database().transaction() as tx:
-        api_tokens = credentials.list_tokens(tx)
-    print_records(
-        api_tokens,
-        ("USER", "NAME", "CREATED", "ENDS"),
-        lambda api_token: (
-            api_token.user,
-            api_token.name,
-            f"{api_token.created_at:%Y-%m-%d}",
-            f"{api_token.expires_at:%Y-%m-%d %H:%M}" if api_token.expires_at else "never",
-        ),
-        as_json=as_json,
-    )
+add_list(
+    token,
+    "List the tokens, without their texts.",
+    credentials.list_tokens,
+    ("USER", "NAME", "CREATED", "ENDS"),
+    lambda api_token: (
+        api_token.user,
+        api_token.name,
+        f"{api_token.created_at:%Y-%m-%d}",
+        f"{api_token.expires_at:%Y-%m-%d %H:%M}" if api_token.expires_at else "never",
+    ),
+)
 
 
 @token.command()
@@ -146,24 +140,19 @@ def join_token() -> None:
     """
 
 
-@join_token.command("list")
-@JSON
-def list_join_tokens(as_json: bool) -> None:
-    """List the join tokens, without their texts, the newest first."""
-    with open_database().transaction() as tx:
-        records = join_tokens.list_all(tx)
-    print_records(
-        records,
-        ("NAME", "USED", "CREATED", "BY", "ENDS"),
-        lambda record: (
-            record.name,
-            f"{record.used} of {record.uses}",
-            timestamp(record.created_at, ""),
-            record.created_by,
-            timestamp(record.expires_at, ""),
-        ),
-        as_json=as_json,
-    )
+add_list(
+    join_token,
+    "List the join tokens, without their texts, the newest first.",
+    join_tokens.list_all,
+    ("NAME", "USED", "CREATED", "BY", "ENDS"),
+    lambda record: (
+        record.name,
+        f"{record.used} of {record.uses}",
+        timestamp(record.created_at, ""),
+        record.created_by,
+        timestamp(record.expires_at, ""),
+    ),
+)
 
 
 @join_token.command("delete")

@@ -6,11 +6,10 @@ import click
 
 from robotether_server import passwords
 from robotether_server.cli.common import (
-    JSON,
     SOURCE,
     YES,
+    add_list,
     open_database,
-    print_records,
     remove_after_question,
 )
 from robotether_server.db import Database
@@ -87,19 +86,14 @@ def password(name: str, password_stdin: bool) -> None:
     click.echo(f"user {name} has a new password" + ("" if password_stdin else f": {new}"))
 
 
-@user.command("list")
-@JSON
-def list_users(as_json: bool) -> None:
-    """List the users."""
-    with open_database().transaction() as tx:
-        records = db_users.list_all(tx)
-    print_records(
-        records,
-        ("NAME", "ROLE", "STATE"),
-        lambda user: (user.name, user.role, "disabled" if user.disabled else "enabled"),
-        as_json=as_json,
-        as_dict=lambda user: {"name": user.name, "role": user.role, "disabled": user.disabled},
-    )
+add_list(
+    user,
+    "List the users.",
+    db_users.list_all,
+    ("NAME", "ROLE", "STATE"),
+    lambda user: (user.name, user.role, "disabled" if user.disabled else "enabled"),
+    as_dict=lambda user: {"name": user.name, "role": user.role, "disabled": user.disabled},
+)
 
 
 @user.command()
