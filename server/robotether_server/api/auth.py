@@ -73,7 +73,7 @@ def api_user(tx: Transaction, request: Request, *, renew: bool = True) -> User:
 def _credential_user(tx: Transaction, request: Request, *, renew: bool) -> User:
     header = request.headers.get("Authorization")
     if header is not None:
-        return token_user(tx, _bearer(header))
+        return credentials.get_token_user(tx, _bearer(header))
     user = page_user(tx, request, renew=renew)
     if user is None:
         raise LoginMissingError(
@@ -105,16 +105,6 @@ def credential_of(request: Request) -> tuple[CredentialKind, str]:
     if header is not None:
         return "token", credentials.digest(_bearer(header)).hex()
     return "login", credentials.digest(request.cookies.get(COOKIE, "")).hex()
-
-
-def token_user(tx: Transaction, text: str) -> User:
-    """Return the user of an API token; raise TokenInvalidError."""
-    user = credentials.find_token_user(tx, text)
-    if user is None:
-        raise TokenInvalidError(
-            "cannot accept the token: it is unknown, expired or its user disabled"
-        )
-    return user
 
 
 def _bearer(header: str) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from robotether_server.db import users
 from robotether_server.db.database import Transaction, unique
 from robotether_server.db.users import User
-from robotether_server.problems import RecordMissingError
+from robotether_server.problems import RecordMissingError, TokenInvalidError
 from robotether_server.schemas import Label, Timestamp, UserName
 
 RANDOM_BYTES = 32
@@ -123,14 +123,18 @@ def create_token(tx: Transaction, user: User, name: str, expires_at: dt.datetime
     return text
 
 
-def find_token_user(tx: Transaction, text: str) -> User | None:
-    """Return the enabled user whose valid token this is."""
+def get_token_user(tx: Transaction, text: str) -> User:
+    """Return the enabled user whose valid token this is; raise TokenInvalidError."""
     row = tx.row(
         users.SELECT + "JOIN api_tokens t ON t.user_id = u.id WHERE t.token_hash = %s "
         "AND (t.expires_at IS NULL OR t.expires_at > CURRENT_TIMESTAMP(6)) AND NOT u.disabled",
         (digest(text),),
     )
-    return users.from_row(row) if row else None
+    if row is None:
+        raise TokenInvalidError(
+            "cannot accept the token: it is unknown, expired or its user disabled"
+        )
+    return users.from_row(row)
 
 
 def list_tokens(tx: Transaction) -> list[Token]:

@@ -312,12 +312,7 @@ def find_credential(tx: Transaction, text: str) -> EnrolmentCredential:
     """
     if text.startswith(join_tokens.PREFIX):
         return EnrolmentCredential(ROBOT, token=_join_token(tx, text))
-    user = credentials.find_token_user(tx, text)
-    if user is None:
-        raise TokenInvalidError(
-            "cannot accept the token: it is unknown, expired or its user disabled"
-        )
-    return credential_of_admin(user)
+    return credential_of_admin(credentials.get_token_user(tx, text))
 
 
 def credential_of_admin(user: User) -> EnrolmentCredential:

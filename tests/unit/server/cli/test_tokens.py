@@ -12,7 +12,7 @@ from robotether_server.cli import tokens
 from robotether_server.db import Database, credentials, join_tokens
 from robotether_server.db.join_tokens import Place
 from robotether_server.install_line import Certificate, SiteCertificates
-from robotether_server.problems import SiteCertificateUnavailableError
+from robotether_server.problems import SiteCertificateUnavailableError, TokenInvalidError
 
 CI = ("--user", "ann", "--name", "ci")
 
@@ -30,9 +30,8 @@ def test_token_is_the_last_word_of_the_last_line(run: Run, database: Database) -
     run("user", "add", "ann")
     text = run("token", "create", *CI, "--days", "7").out.splitlines()[-1].split()[-1]
     with database.transaction() as tx:
-        user = credentials.find_token_user(tx, text)
+        user = credentials.get_token_user(tx, text)
         details = tx.rows("SELECT kind, details FROM audit_events")
-    assert user is not None
     assert user.name == "ann"
     assert text not in str(details)
     assert details[-1]["kind"] == "token_created"
@@ -51,8 +50,8 @@ def test_deleted_token_works_no_more(run: Run, database: Database) -> None:
     text = run("token", "create", *CI).out.split()[-1]
     assert "has one of that name" in run("token", "create", *CI).err
     assert run("token", "delete", *CI).status == 0
-    with database.transaction() as tx:
-        assert credentials.find_token_user(tx, text) is None
+    with database.transaction() as tx, pytest.raises(TokenInvalidError):
+        credentials.get_token_user(tx, text)
     assert "cannot delete token ci" in run("token", "delete", *CI).err
     assert run("token", "create", *CI).status == 0
 

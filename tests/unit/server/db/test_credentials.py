@@ -5,8 +5,10 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 
+import pytest
 from robotether_server.db import Database, Transaction, credentials, users
 from robotether_server.db.users import User
+from robotether_server.problems import TokenInvalidError
 
 
 def test_texts_differ_and_are_long() -> None:
@@ -76,8 +78,9 @@ def test_token_ends_in_time(database: Database) -> None:
         ann = add_ann(tx)
         over = credentials.create_token(tx, ann, "over", now - dt.timedelta(seconds=1))
         holds = credentials.create_token(tx, ann, "holds", now + dt.timedelta(hours=1))
-        assert credentials.find_token_user(tx, over) is None
-        assert credentials.find_token_user(tx, holds) == ann
+        with pytest.raises(TokenInvalidError):
+            credentials.get_token_user(tx, over)
+        assert credentials.get_token_user(tx, holds) == ann
 
 
 def test_token_of_disabled_user_finds_nobody(database: Database) -> None:
@@ -86,4 +89,5 @@ def test_token_of_disabled_user_finds_nobody(database: Database) -> None:
         ann = add_ann(tx)
         text = credentials.create_token(tx, ann, "ci", None)
         users.set_disabled(tx, ann.id, disabled=True)
-        assert credentials.find_token_user(tx, text) is None
+        with pytest.raises(TokenInvalidError):
+            credentials.get_token_user(tx, text)

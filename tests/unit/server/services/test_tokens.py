@@ -15,6 +15,7 @@ from robotether_server.problems import (
     NotPossibleError,
     RecordExistsError,
     RecordMissingError,
+    TokenInvalidError,
 )
 from robotether_server.services import ssh_keys, tokens
 
@@ -31,10 +32,11 @@ def test_token_works_until_it_is_deleted(site: Site) -> None:
         assert (token.user, token.name) == ("ann", "ci")
         assert text.startswith("rt_")
         assert text not in str(tx.rows("SELECT * FROM api_tokens"))
-        assert credentials.find_token_user(tx, text) == ann
+        assert credentials.get_token_user(tx, text) == ann
         assert [one.user for one in credentials.list_tokens(tx)] == ["ann", "root"]
         assert tokens.delete(tx, ANN, token.id).name == "ci"
-        assert credentials.find_token_user(tx, text) is None
+        with pytest.raises(TokenInvalidError):
+            credentials.get_token_user(tx, text)
         with pytest.raises(RecordMissingError, match=f"cannot find token {token.id}"):
             tokens.delete(tx, ANN, token.id)
     assert len(site.events("token_deleted")) == 1
