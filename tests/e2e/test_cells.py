@@ -9,7 +9,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AsyncExitStack, contextmanager
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -254,6 +254,16 @@ def control(cell: Stack, robot: str) -> dict[str, object]:
 async def test_robot_of_another_cell_is_driven(program: Program) -> None:
     """By a WebSocket that nginx passes on, with what the robot answers."""
     assert await drive_forward(program, "sim1") > 0.4
+
+
+async def test_observers_get_its_topics(program: Program) -> None:
+    """The asked cell shares one copy among them."""
+    async with AsyncExitStack() as stack:
+        for _ in range(2):
+            socket = await stack.enter_async_context(program.connect("sim1", "observe"))
+            await socket.send_json({"op": "subscribe", "topic": "/odom"})
+            answer = await socket.receive_json(timeout=20)
+            assert (answer["op"], answer["topic"]) == ("publish", "/odom")
 
 
 async def test_its_video_is_seen(program: Program) -> None:

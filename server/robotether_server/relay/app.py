@@ -20,6 +20,7 @@ from robotether_server.problems import (
     RobotetherError,
     ThrottledError,
 )
+from robotether_server.relay.cells.cell_topics import ROUTE, PeerTopicsHandler
 from robotether_server.relay.cells.feed import FLEET_PATH, PeerFeedHandler
 from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PROOF_HEADER, PeerKeys
@@ -108,7 +109,9 @@ def public_app(
     return app
 
 
-def peer_app(app: web.Application, keys: PeerKeys, feed: PeerFeedHandler) -> web.Application:
+def peer_app(
+    app: web.Application, keys: PeerKeys, feed: PeerFeedHandler, topics: PeerTopicsHandler
+) -> web.Application:
     """Make of a public one the application for other cells, whose requests nginx's peer listener passes on."""
 
     @web.middleware
@@ -120,6 +123,7 @@ def peer_app(app: web.Application, keys: PeerKeys, feed: PeerFeedHandler) -> web
 
     app.middlewares.insert(0, check_proof)
     app.router.add_get(FLEET_PATH, feed.handle, allow_head=False)
+    app.router.add_get(ROUTE, topics.handle, allow_head=False)
     return app
 
 

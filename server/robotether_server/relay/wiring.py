@@ -9,6 +9,7 @@ import asyncio
 import logging
 from dataclasses import dataclass, field
 from pathlib import Path
+from secrets import token_hex
 
 from aiohttp import web
 
@@ -18,10 +19,13 @@ from robotether_server.relay.app import Cors, inside_app, peer_app, public_app, 
 from robotether_server.relay.auth.access import Access
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
+from robotether_server.relay.cells.cell_client import CellClient, CellTopicDialer
+from robotether_server.relay.cells.cell_topics import PeerTopicsHandler
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.dialer import PeerDialer
 from robotether_server.relay.cells.drain import CellDrain, DrainRules
 from robotether_server.relay.cells.feed import PeerFeedHandler
+from robotether_server.relay.cells.forwarded_observers import ForwardedObservers
 from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PeerKeys
 from robotether_server.relay.cells.peers import Peers
@@ -120,7 +124,7 @@ class Relay:
         self.fleet = Fleet(database, self.credentials, poll_every_s=self._timing.poll_every_s)
         self._make_control()
         self._make_sessions()
-        self._make_channels()
+        self._make_channels(peer_keys)
         self._make_apps(peer_keys)
         self._notify()
         self._add_gauges()
@@ -226,14 +230,16 @@ class Relay:
             refused=self.observer.session_refused,
         )
 
-    def _make_channels(self) -> None:
+    def _make_channels(self, peer_keys: PeerKeys | None) -> None:
         settings, timing = self._settings, self._timing
         self._client = robot_client()
         media = MediaDialer(self._client, settings.tunnel_host, self.registry)
         self.feeds = Feeds(self.registry, FeedConnector(media).run)
-        self.shared_topics = SharedTopics(
-            self.registry, TopicLinks(media, settings.message_limit_bytes)
-        )
+        topics_key = token_hex(16).encode()
+        cells = None if peer_keys is None else CellClient(self._client, peer_keys, topics_key)
+        topics = CellTopicDialer(media, self.peers, cells)
+        topic_links = TopicLinks(topics, settings.message_limit_bytes, topics_key)
+        self.shared_topics = SharedTopics(self.registry, topic_links)
         self.access = Access(
             signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
             credentials=self.credentials,
@@ -251,18 +257,25 @@ class Relay:
             tunnel_host=settings.tunnel_host,
             feeds=self.feeds,
         )
+        rules = BridgeRules(
+            timing.limits,
+            timing.driver_limits,
+            settings.message_limit_bytes,
+            self.traffic,
+            self.shared_topics,
+        )
         self._channels = make_channels(
             context,
             self.control,
             self.fleet_events,
-            rules=BridgeRules(
-                timing.limits,
-                timing.driver_limits,
-                settings.message_limit_bytes,
-                self.traffic,
-                self.shared_topics,
-            ),
+            rules=rules,
             report=self.observer.connection,
+        )
+        self.forwarded_observers = ForwardedObservers(
+            cells, self.peers, self.connections, self.registry, rules
+        )
+        self._peer_topics = PeerTopicsHandler(
+            self.fleet.known, self.registry, self.peers, self.shared_topics, topic_links
         )
         self._control_api = ControlApi(
             self.access,
@@ -275,14 +288,16 @@ class Relay:
     def _make_apps(self, peer_keys: PeerKeys | None) -> None:
         """Make what nginx, the inside and other cells are served; the last if this cell has what to show them."""
         cors = Cors(self._settings.allowed_origins)
-        forwarding = Forwarding(self.peers, self.fleet.known, self.access)
+        forwarding = Forwarding(self.peers, self.fleet.known, self.access, self.forwarded_observers)
         parts = (self.metrics, self._channels, self._control_api, cors)
         self._public = public_app(*parts, forwarding)
         self._inside = inside_app(self.metrics, self.fleet, self.peers.addresses)
         self._peer_app: web.Application | None = None
         self.peer_dialer: PeerDialer | None = None
         if peer_keys is not None:
-            self._peer_app = peer_app(public_app(*parts), peer_keys, self.peer_feeds)
+            self._peer_app = peer_app(
+                public_app(*parts), peer_keys, self.peer_feeds, self._peer_topics
+            )
             if self._settings.cell.peer_address is not None:
                 self.peer_dialer = PeerDialer(self.cells, self.peers, peer_keys)
 
@@ -306,10 +321,12 @@ class Relay:
             self.peers.on_robot_change,
             self.feeds.on_robot_change,
             self.shared_topics.on_robot_change,
+            self.forwarded_observers.on_robot_change,
         )
         self.connections.listen(self.fleet_events.changed)
         self.control.listen(self.fleet_events.changed)
         self.peers.listen(self.fleet_events.changed)
+        self.peers.listen(self.forwarded_observers.on_peer_robot)
         self.cells.listen(self.sessions.on_cells)
 
     def _add_gauges(self) -> None:

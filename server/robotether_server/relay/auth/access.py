@@ -222,6 +222,14 @@ class Access:
             return False
         return True
 
+    def observer_ticket(self, request: Request) -> Ticket | None:
+        """Return the ticket that this site signed for somebody who observes; None: there is none, or it is too old."""
+        try:
+            ticket, _ = self._signer.verify(request.ticket or "")
+        except (TicketExpiredError, TicketForgedError, TicketMalformedError):
+            return None
+        return ticket if ticket.mode == "observe" else None
+
     def check_origin(self, request: Request) -> None:
         """Refuse pages of other sites; programs send no Origin."""
         origin = request.origin

@@ -1,7 +1,8 @@
 """Decides which requests the relay of another cell answers: those for a robot that it has.
 
 `app` asks before any handler. nginx passes the request on as it came, to the other cell's nginx, whose relay checks it.
-So what is forwarded never passes this relay. Strangers are refused here: a forward may cost both cells a TLS handshake.
+So what is forwarded never passes this relay, but observers' topics, of which one copy shall cross the line between the
+cells. Strangers are refused here: a forward may cost both cells a TLS handshake.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ from aiohttp import web
 
 from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.auth.access import Access, request_of
+from robotether_server.relay.cells.forwarded_observers import ForwardedObservers
 from robotether_server.relay.cells.peers import Peers
 
 FORWARDED = re.compile(
-    r"/robots/(?P<robot>[^/]+)/.+|/api/v1/robots/(?P<controlled>[^/]+)/(?P<action>stop|release|lease|control|uplink)"
+    r"/robots/(?P<robot>[^/]+)/(?P<path>.+)|/api/v1/robots/(?P<controlled>[^/]+)/(?P<action>stop|release|lease|control|uplink)"
 )
 # The named locations of images/nginx/peer-forward.conf. When the other cell does not answer, a stop begins here.
 LOCATION, STOP_LOCATION = "@cell", "@cell_or_here"
@@ -27,22 +29,34 @@ CELL_HEADER = "X-Robotether-Cell"
 class Forwarding:
     """Sends nginx to the cell that has the robot."""
 
-    def __init__(self, peers: Peers, snapshot: Callable[[], Snapshot], access: Access) -> None:
+    def __init__(
+        self,
+        peers: Peers,
+        snapshot: Callable[[], Snapshot],
+        access: Access,
+        observers: ForwardedObservers,
+    ) -> None:
         self._peers = peers
         self._snapshot = snapshot
         self._access = access
+        self._observers = observers
 
-    async def answer(self, request: web.Request) -> web.Response | None:
-        """Return what has nginx forward the request; None: it is answered here."""
+    async def answer(self, request: web.Request) -> web.StreamResponse | None:
+        """Serve an observer, or return what has nginx forward the request; None: it is answered here."""
         match = FORWARDED.fullmatch(request.path)
         if match is None or not self._peers.count():
             return None
         robot = self._snapshot().by_name.get(match["robot"] or match["controlled"])
         peer = None if robot is None else self._peers.owner(robot.id)
-        if peer is None:
+        if robot is None or peer is None:
             return None
         stops = match["action"] == "stop"
         access_request = request_of(request.headers, request.cookies, request.query)
+        ticket = self._access.observer_ticket(access_request) if match["path"] == "ros" else None
+        if ticket is not None and _opens_socket(request):
+            served = await self._observers.join(request, ticket, robot, peer)
+            if served is not None:
+                return served
         if not await self._access.is_vouched_for(replace(access_request, stops=stops)):
             return None
         location = STOP_LOCATION if stops else LOCATION
@@ -50,3 +64,7 @@ class Forwarding:
         return web.Response(
             status=204, headers={"X-Accel-Redirect": location, CELL_HEADER: peer.address}
         )
+
+
+def _opens_socket(request: web.Request) -> bool:
+    return bool(web.WebSocketResponse().can_prepare(request))

@@ -179,7 +179,7 @@ def frames_broken(why: str) -> CloseReason:
 
 
 def link_lost(robot: str) -> CloseReason:
-    """The tunnel went down during the connection."""
+    """The tunnel went down during the connection, or the line to the robot's server (observers only)."""
     return CloseReason("link_lost", f"the link to robot {robot} is lost")
 
 

@@ -155,7 +155,7 @@ class OperatorConnection:
     """Runs the parts of an operator's connection beside each other, until one of them or somebody else ends it."""
 
     def __init__(self, robot: str) -> None:
-        self._name = robot
+        self.name = robot
         self._ended: asyncio.Future[CloseReason] = asyncio.get_running_loop().create_future()
 
     def end(self, close_reason: CloseReason) -> None:
@@ -165,7 +165,7 @@ class OperatorConnection:
 
     async def _run_until_ended(self, work: Coroutine[Any, Any, CloseReason]) -> CloseReason:
         """Run the work; all of it is still before this returns, as the close frame is the last."""
-        task = asyncio.create_task(self._guard(work), name=f"connection to {self._name}")
+        task = asyncio.create_task(self._guard(work), name=f"connection to {self.name}")
         try:
             return await self._ended
         finally:
@@ -185,9 +185,9 @@ class OperatorConnection:
         except ConnectionClosedError as exc:
             self.end(exc.close_reason)
         except ConnectionError:
-            self.end(close_reasons.client_vanished(self._name))
+            self.end(close_reasons.client_vanished(self.name))
         except Exception:
-            log.exception("robot %s: an operator's connection failed", self._name)
+            log.exception("robot %s: an operator's connection failed", self.name)
             self.end(close_reasons.relay_failed())
 
 
@@ -241,8 +241,9 @@ async def connect_robot(
     message_limit: int,
     *,
     headers: Mapping[str, str] | None = None,
+    **options: Any,
 ) -> RobotSocket:
-    """Open a WebSocket to a robot, whose pings the caller answers; raise aiohttp's ClientError."""
+    """Open a WebSocket to a robot, or to its cell, whose pings the caller answers; raise aiohttp's ClientError."""
     socket = await client.ws_connect(
         url,
         headers=headers,
@@ -251,6 +252,7 @@ async def connect_robot(
         decode_text=False,
         max_msg_size=message_limit + LIMIT_MARGIN,
         timeout=ClientWSTimeout(ws_close=ROBOT_FAREWELL_S),
+        **options,
     )
     return cast(RobotSocket, socket)
 

@@ -34,6 +34,8 @@ class Connection:
     # Of a viewer: what it views, and whether it could drive.
     camera: str = ""
     may_drive: bool = False
+    # Of an observer whose robot is at another cell: that cell's name.
+    cell: str = ""
 
     def holds_in(self, snapshot: Snapshot) -> bool:
         """Return whether the user may still do this with this robot."""

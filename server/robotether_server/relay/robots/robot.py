@@ -198,6 +198,8 @@ class Robot:
         # Copies of what it sends, by what tells them apart; `shared_copies` keeps them.
         self.feeds: dict[Hashable, object] = {}
         self.topics: dict[Hashable, object] = {}
+        # What observers at other cells share there; `channels/rosbridge/forwarded_topics` makes them.
+        self.forwarded_topics: set[object] = set()
         self.uplink = Uplink()
         self.viewer_stats = ViewerStats()
         self.delivered_frames = DeliveredFrames()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Coroutine, Hashable
+from collections.abc import Callable, Collection, Coroutine, Hashable
 from typing import Any, Generic, Protocol, TypeVar, cast
 
 from robotether_server.db.fleet import RelayRobot
@@ -19,9 +19,8 @@ from robotether_server.relay.robots.robot import Change, Robot
 class CopyUser(Protocol):
     """A connection that shares a copy."""
 
-    @property
-    def user_id(self) -> int:
-        """Whose it is."""
+    def user_ids(self) -> Collection[int]:
+        """Return whose it is; another cell's is its observers'."""
 
 
 Key = TypeVar("Key", bound=Hashable)
@@ -39,10 +38,11 @@ class SharedCopy(Generic[Key, User]):
         self.robot = robot
         self.key = key
         self.users: set[User] = set()
+        self.ended = asyncio.Event()
 
     def user_ids(self) -> set[int]:
         """Return who shares it."""
-        return {user.user_id for user in self.users}
+        return {user_id for user in self.users for user_id in user.user_ids()}
 
 
 Copy = TypeVar("Copy", bound=SharedCopy[Any, Any])
@@ -72,9 +72,13 @@ class SharedCopies(ABC, Generic[Copy]):
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot; with its session end its copies."""
         if change.what == "disconnected":
-            for copy in list(self._of(change.robot_id).values()):
-                self._on_link_lost(copy)
-                self._end(copy)
+            self.end_all_of(change.robot_id)
+
+    def end_all_of(self, robot_id: int) -> None:
+        """End a robot's copies: there is no way to it."""
+        for copy in list(self._of(robot_id).values()):
+            self._on_link_lost(copy)
+            self._end(copy)
 
     async def close(self) -> None:
         """End all; the relay stops."""
@@ -132,6 +136,7 @@ class SharedCopies(ABC, Generic[Copy]):
 
     def _forget(self, copy: Copy) -> None:
         """Let the next who wants the same open a new one."""
+        copy.ended.set()
         self._tasks.pop(copy, None)
         copies = self._of(copy.robot.id)
         if copies.get(copy.key) is copy:

@@ -14,8 +14,8 @@ import asyncio
 import json
 import time
 from collections import Counter, deque
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -70,7 +70,21 @@ class Traffic:
     bytes_to_client: int = 0
     refused: Counter[str] = field(default_factory=Counter)
     # Observers that take a large message now: its bytes, and since when. The slowest is the first.
-    taking: dict[Bridge, tuple[int, float]] = field(default_factory=dict)
+    taking: dict[OperatorConnection, tuple[int, float]] = field(default_factory=dict)
+
+    @contextmanager
+    def taken(self, observer: OperatorConnection, size: int) -> Iterator[None]:
+        """Count a large message that an observer is sent; the slowest go when all have too much to take."""
+        now = asyncio.get_running_loop().time()
+        self.taking[observer] = size, now
+        while sum(size for size, _ in self.taking.values()) > MAX_OBSERVERS_BYTES:
+            slowest = next(iter(self.taking))
+            _, since = self.taking.pop(slowest)
+            slowest.end(close_reasons.client_slow(slowest.name, round(now - since, 1)))
+        try:
+            yield
+        finally:
+            self.taking.pop(observer, None)
 
 
 @dataclass(frozen=True)
@@ -142,7 +156,7 @@ class Bridge(OperatorConnection):
         """Return why a connection that is gone ended, by the frames that nobody has read yet."""
         code = await self._operator.goodbye_code()
         if code is None:
-            return close_reasons.client_vanished(self._name)
+            return close_reasons.client_vanished(self.name)
         return self._close_reason_by_code(code)
 
     async def farewell(self, close_reason: CloseReason) -> None:
@@ -244,7 +258,7 @@ class Bridge(OperatorConnection):
 
     async def _on_ping_or_pong(self, kind: WSMsgType, payload: bytes) -> None:
         if self._pings.add(self._received_at, 1):
-            raise ConnectionClosedError(close_reasons.client_floods(self._name))
+            raise ConnectionClosedError(close_reasons.client_floods(self.name))
         if kind is WSMsgType.PING:
             await self._operator.pong(payload)
         else:
@@ -262,7 +276,7 @@ class Bridge(OperatorConnection):
             self.refused[refused.kind] += 1
             self._traffic.refused[refused.kind] += 1
             if refused.floods:
-                raise ConnectionClosedError(close_reasons.client_floods(self._name)) from refused
+                raise ConnectionClosedError(close_reasons.client_floods(self.name)) from refused
             if refused.answer is not None:
                 await self._send_to_client(refused.answer, WSMsgType.TEXT)
             return
@@ -321,29 +335,17 @@ class Bridge(OperatorConnection):
         self._traffic.messages_to_client += 1
         self._traffic.bytes_to_client += len(data)
         if self._drive is None and len(data) > SEND_BUFFER_BYTES:
-            await self._send_to_observer(data, kind)
+            with self._traffic.taken(self, len(data)):
+                await self._send_to_client(data, kind)
         else:
             await self._send_to_client(data, kind)
-
-    async def _send_to_observer(self, data: bytes, kind: WSMsgType) -> None:
-        """Send a large message; the slowest observers go when all together have too much to take."""
-        taking, now = self._traffic.taking, self._loop.time()
-        taking[self] = len(data), now
-        while sum(size for size, _ in taking.values()) > MAX_OBSERVERS_BYTES:
-            slowest = next(iter(taking))
-            _, since = taking.pop(slowest)
-            slowest.end(close_reasons.client_slow(slowest._name, round(now - since, 1)))
-        try:
-            await self._send_to_client(data, kind)
-        finally:
-            taking.pop(self, None)
 
     async def _send_to_client(self, data: bytes, kind: WSMsgType) -> None:
         self._bytes_to_client += len(data)
         try:
             await self._operator.send_frame(data, kind)
         except ConnectionError as exc:
-            raise ConnectionClosedError(close_reasons.client_vanished(self._name)) from exc
+            raise ConnectionClosedError(close_reasons.client_vanished(self.name)) from exc
 
     def _count_to_robot(self, size: int) -> None:
         self._traffic.messages_to_robot += 1
@@ -362,12 +364,12 @@ class Bridge(OperatorConnection):
                 to_robot=(self._bytes_to_robot, robot.waiting_bytes()),
             )
             if verdict == "client_silent":
-                return close_reasons.client_silent(self._name, limits.silent_after_s)
+                return close_reasons.client_silent(self.name, limits.silent_after_s)
             if verdict == "client_slow":
-                return close_reasons.client_slow(self._name, limits.slow_after_s)
+                return close_reasons.client_slow(self.name, limits.slow_after_s)
             if verdict == "robot_slow":
                 why = f"it took nothing for {limits.slow_after_s:g} s"
-                return close_reasons.rosbridge_down(self._name, why)
+                return close_reasons.rosbridge_down(self.name, why)
 
     async def _ping(self) -> CloseReason:
         """Ping the client; apart from the watch, because a client that takes nothing holds this up."""
@@ -382,28 +384,29 @@ class Bridge(OperatorConnection):
         if kind is WSMsgType.CLOSE:
             return self._close_reason_by_code(data)
         if isinstance(data, WebSocketError):
-            return _close_reason_of_broken(data, "you", self._operator.message_limit)
-        return close_reasons.client_vanished(self._name)
+            return close_reason_of_broken(data, "you", self._operator.message_limit)
+        return close_reasons.client_vanished(self.name)
 
     def _close_reason_by_code(self, code: int) -> CloseReason:
         gave_up = code == CLOSE_CODES["control_given_up"].number
         of_intent = close_reasons.control_given_up if gave_up else close_reasons.client_left
-        return of_intent(self._name)
+        return of_intent(self.name)
 
     async def _close_reason_of_robot(self, kind: WSMsgType, data: object) -> CloseReason:
         if kind is WSMsgType.CLOSE:
-            return close_reasons.rosbridge_down(self._name, "it closed the connection")
+            return close_reasons.rosbridge_down(self.name, "it closed the connection")
         if isinstance(data, WebSocketError):
-            sender, limit = f"robot {self._name}", self._message_limit
-            return _close_reason_of_broken(data, sender, limit)
+            sender, limit = f"robot {self.name}", self._message_limit
+            return close_reason_of_broken(data, sender, limit)
         return await self._close_reason_by_robot("its connection broke")
 
     async def _close_reason_by_robot(self, why: str) -> CloseReason:
         await asyncio.sleep(LINK_GRACE_S)
-        return close_reasons.rosbridge_down(self._name, why)
+        return close_reasons.rosbridge_down(self.name, why)
 
 
-def _close_reason_of_broken(error: WebSocketError, sender: str, limit: int) -> CloseReason:
+def close_reason_of_broken(error: WebSocketError, sender: str, limit: int) -> CloseReason:
+    """Return why a connection ended on which that side sent what nobody reads, or too much of it."""
     if error.code == WSCloseCode.MESSAGE_TOO_BIG:
         return close_reasons.message_too_big(limit, sender)
     return close_reasons.protocol_broken(sender)

@@ -23,9 +23,14 @@ from robotether_server.relay.channels.rosbridge.bridge import (
     RobotEnd,
     Traffic,
 )
+from robotether_server.relay.channels.rosbridge.forwarded_topics import ForwardedTopics, key_of
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
-from robotether_server.relay.channels.rosbridge.subscriptions import TopicSubscriptions
+from robotether_server.relay.channels.rosbridge.subscriptions import (
+    TopicCopies,
+    TopicSharing,
+    TopicSubscriptions,
+)
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.leasing import now
 from robotether_server.relay.drives.drive_path import DriveCounters, DriveLease, DriveLog
@@ -98,7 +103,8 @@ class RosbridgeHandler:
     async def _serve(self, operator: OperatorSocket, permit: Permit, request: web.Request) -> None:
         robot, user = permit.robot, permit.user
         address = request.headers.get("X-Forwarded-For")
-        bridge = self._bridge(operator, permit, address)
+        sharing = self._topic_sharing(permit, request)
+        bridge = self._bridge(operator, permit, address, TopicSubscriptions(sharing))
         connection = Connection(
             user.id, user.name, robot, permit.use, bridge.end, level=permit.level
         )
@@ -128,7 +134,23 @@ class RosbridgeHandler:
         finally:
             bridge.release()
 
-    def _bridge(self, operator: OperatorSocket, permit: Permit, address: str | None) -> Bridge:
+    def _topic_sharing(self, permit: Permit, request: web.Request) -> TopicSharing:
+        observes = permit.use == "observe"
+        if observes and (key := key_of(request.headers)) is not None:
+            forwarded = self._context.registry.ensure_robot(permit.robot.id).forwarded_topics
+            return ForwardedTopics(key, permit.user.id, forwarded)
+        user_ids = (permit.user.id,)
+        return TopicCopies(
+            permit.robot, lambda: user_ids, self._rules.shared_topics, is_driver=not observes
+        )
+
+    def _bridge(
+        self,
+        operator: OperatorSocket,
+        permit: Permit,
+        address: str | None,
+        topics: TopicSubscriptions,
+    ) -> Bridge:
         robot, rules = permit.robot, self._rules
         policy = robot.settings.policy
         return Bridge(
@@ -138,9 +160,7 @@ class RosbridgeHandler:
             ),
             operator=operator,
             own=OwnOperations(self._control, robot, permit.user.name, address),
-            topics=TopicSubscriptions(
-                robot, permit.user.id, rules.shared_topics, is_driver=permit.use == "drive"
-            ),
+            topics=topics,
             limits=rules.limits if permit.use == "observe" else rules.driver_limits,
             message_limit=rules.message_limit,
             traffic=rules.traffic,

@@ -1,6 +1,6 @@
 """One client's subscriptions, merged by topic as rosbridge merges them, and what waits for the client.
 
-A `Bridge` has one. It shares each topic with all who request the same, and gives a slow client the newest.
+A `Bridge` has both. Each topic is shared with all who request the same, and a slow client gets the newest.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 from aiohttp import WSMsgType
 from robotether_common.topics import MAX_TOPICS, MessageQueue
@@ -22,6 +22,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     combined,
 )
 from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.robots.uplink import UserIds
 
 # Maximum number of topics at which an observer may add one: the others are reserved for the driver.
 MAX_OBSERVED_TOPICS = MAX_TOPICS // 2
@@ -31,23 +32,33 @@ MAX_STATUSES = 100
 Deliver = Callable[[bytes, WSMsgType], Awaitable[None]]
 
 
-class TopicSubscriptions:
-    """Implements `shared_topics.TopicClient`."""
+MessageId = str | int | None
 
-    def __init__(
-        self, robot: RelayRobot, user_id: int, shared_topics: SharedTopics, *, is_driver: bool
+
+class TopicSharing(Protocol):
+    """How a client comes to the topics that it has subscribed to."""
+
+    def share(
+        self, topic: str, subscription: TopicRequest | None, message_id: MessageId = None
     ) -> None:
-        self.user_id = user_id
-        self._robot = robot
-        self._limit = MAX_TOPICS if is_driver else MAX_OBSERVED_TOPICS
-        self._shared_topics = shared_topics
+        """Share what is requested of a topic now; None: nothing. Statuses of it have this id."""
+
+    async def send(self, deliver: Deliver) -> CloseReason:
+        """Send the client what waits for it, until this is cancelled."""
+
+    def close(self) -> None:
+        """Share nothing any more."""
+
+
+class TopicSubscriptions:
+    """One client's subscriptions."""
+
+    def __init__(self, sharing: TopicSharing) -> None:
         # By topic, and by the client's id.
-        self._requested: dict[str, dict[str | int | None, TopicRequest]] = {}
-        self._joined: dict[str, SharedTopic] = {}
-        self._queues: dict[str, MessageQueue[WSMsgType]] = {}
-        self._statuses: deque[bytes] = deque(maxlen=MAX_STATUSES)
-        self._due = asyncio.Event()
-        self._clock = asyncio.get_running_loop().time
+        self._requested: dict[str, dict[MessageId, TopicRequest]] = {}
+        self._sharing = sharing
+        self.send = sharing.send
+        self.close = sharing.close
 
     def change(self, message: Mapping[str, Any]) -> None:
         """Do as a checked `subscribe` or `unsubscribe` says; the latter without an id ends all of the topic."""
@@ -59,7 +70,34 @@ class TopicSubscriptions:
             requested.clear()
         else:
             requested.pop(message_id, None)
-        self._follow(topic)
+        if requested:
+            self._sharing.share(topic, combined(requested.values()), next(iter(requested)))
+        else:
+            del self._requested[topic]
+            self._sharing.share(topic, None)
+
+
+class TopicCopies:
+    """The topics that one client shares, and what waits for it; implements `shared_topics.TopicClient`."""
+
+    def __init__(
+        self,
+        robot: RelayRobot,
+        user_ids: UserIds,
+        shared_topics: SharedTopics,
+        *,
+        is_driver: bool,
+    ) -> None:
+        self.user_ids = user_ids
+        self._robot = robot
+        self._limit = MAX_TOPICS if is_driver else MAX_OBSERVED_TOPICS
+        self._shared_topics = shared_topics
+        self.joined: dict[str, SharedTopic] = {}
+        self._message_ids: dict[str, MessageId] = {}
+        self._queues: dict[str, MessageQueue[WSMsgType]] = {}
+        self._statuses: deque[tuple[bytes, WSMsgType]] = deque(maxlen=MAX_STATUSES)
+        self._due = asyncio.Event()
+        self._clock = asyncio.get_running_loop().time
 
     def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
         """A message of a topic came."""
@@ -68,9 +106,9 @@ class TopicSubscriptions:
 
     def on_topic_failed(self, topic: str, why: str) -> None:
         """The topic brings nothing for now."""
-        message_id = next(iter(self._requested.get(topic, {})), None)
-        self._statuses.append(status_error(f"cannot subscribe to {topic}: {why}", message_id))
-        self._due.set()
+        message_id = self._message_ids.get(topic)
+        text = status_error(f"cannot subscribe to {topic}: {why}", message_id)
+        self._add_status(text, WSMsgType.TEXT)
 
     async def send(self, deliver: Deliver) -> CloseReason:
         """Send what waits, a message of each topic in turn, until this is cancelled."""
@@ -78,7 +116,7 @@ class TopicSubscriptions:
             await self._due.wait()
             self._due.clear()
             while self._statuses:
-                await deliver(self._statuses.popleft(), WSMsgType.TEXT)
+                await deliver(*self._statuses.popleft())
             while waiting := [queue for queue in self._queues.values() if queue]:
                 for queue in waiting:
                     if queue:
@@ -86,22 +124,22 @@ class TopicSubscriptions:
 
     def close(self) -> None:
         """End all subscriptions."""
-        for topic in list(self._joined):
-            self._requested[topic].clear()
-            self._follow(topic)
+        for topic in list(self.joined):
+            self.share(topic, None)
 
-    def _follow(self, topic: str) -> None:
-        """Share what is requested of a topic now."""
-        requested = self._requested[topic]
-        subscription = combined(requested.values()) if requested else None
-        joined = self._joined.get(topic)
+    def share(
+        self, topic: str, subscription: TopicRequest | None, message_id: MessageId = None
+    ) -> None:
+        """Share what is requested of a topic now; None: nothing."""
+        self._message_ids[topic] = message_id
+        joined = self.joined.get(topic)
         if joined is not None:
             if joined.key == subscription:
                 return
-            del self._joined[topic]
+            del self.joined[topic]
             self._shared_topics.leave(joined, self)
         if subscription is None:
-            del self._requested[topic]
+            del self._message_ids[topic]
             self._queues.pop(topic, None)
             return
         is_parts = subscription.fragment_size is not None
@@ -110,4 +148,8 @@ class TopicSubscriptions:
         if shared is None:
             self.on_topic_failed(topic, f"{self._robot.name} sends {self._limit} topics already")
         else:
-            self._joined[topic] = shared
+            self.joined[topic] = shared
+
+    def _add_status(self, status: bytes, kind: WSMsgType) -> None:
+        self._statuses.append((status, kind))
+        self._due.set()

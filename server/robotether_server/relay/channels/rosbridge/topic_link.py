@@ -1,4 +1,4 @@
-"""The WebSocket to a robot's topics service, from which one shared topic gets its messages.
+"""The WebSocket to a robot's topics service, or to its cell, from which one shared topic gets its messages.
 
 `shared_topics` runs one a topic. It opens the connection, opens it again when it breaks, and waits longer each time
 while that fails.
@@ -11,11 +11,17 @@ import logging
 import time
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Protocol
 
 from aiohttp import ClientError, WSMsgType
 from aiohttp.http_websocket import WSMessageNoDecodeText
 from robotether_common.topics import KNOWN, KNOWN_OP, PATH
 
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.channels.rosbridge.forwarded_topics import (
+    FailureNotice,
+    read_notice,
+)
 from robotether_server.relay.channels.rosbridge.operations import NotJsonError, read_json
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic
 from robotether_server.relay.http import close_reasons
@@ -24,7 +30,8 @@ from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import delays
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S
-from robotether_server.relay.robots.media_dialer import MediaDialer, MediaPath
+from robotether_server.relay.robots.media_dialer import MediaPath
+from robotether_server.relay.robots.registry import SessionRegistry
 
 log = logging.getLogger(__name__)
 
@@ -35,12 +42,25 @@ STEADY_S = 10.0
 REPEATED_WITHIN_S = 5.0
 
 
+class TopicDialer(Protocol):
+    """The way to topics services."""
+
+    @property
+    def registry(self) -> SessionRegistry:
+        """The robots, which count what comes of each."""
+
+    async def open(self, robot: RelayRobot, media_path: MediaPath, within_s: float) -> RobotSocket:
+        """Open a WebSocket; raise ConnectionClosedError when there is none within that time."""
+
+
 @dataclass(frozen=True)
 class TopicLinks:
     """The way to all robots' topics; implements `shared_topics.TopicConnector`."""
 
-    dialer: MediaDialer
+    dialer: TopicDialer
     message_limit: int
+    # With it begins what a robot's cell notifies this one of.
+    notices_key: bytes
 
     async def run(self, topic: SharedTopic) -> None:
         """Bring a topic's messages until this is cancelled."""
@@ -81,9 +101,26 @@ class TopicLinks:
         name = topic.key.topic
         try:
             with uplink.counted("topic", name, socket.received_bytes, topic.user_ids):
-                await _pass_on(socket, topic)
+                await self._pass_on(socket, topic)
         finally:
             socket.drop()
+
+    async def _pass_on(self, socket: RobotSocket, topic: SharedTopic) -> None:
+        count = 0
+        while True:
+            count = await next_turn(count)
+            message = await socket.receive()
+            is_binary = message.type is WSMsgType.BINARY
+            if is_binary and message.data.startswith(self.notices_key):
+                notice = read_notice(self.notices_key, message.data)
+                if isinstance(notice, FailureNotice):
+                    topic.on_failed(notice.why)
+            elif is_binary or message.type is WSMsgType.TEXT:
+                topic.on_message(message.data, message.type)
+            elif message.type is WSMsgType.PING:
+                await socket.pong(message.data)
+            elif message.type is not WSMsgType.PONG:
+                return
 
     async def _open(self, topic: SharedTopic, query: dict[str, str]) -> RobotSocket:
         unknown = close_reasons.topics_unknown(topic.robot.name)
@@ -91,19 +128,6 @@ class TopicLinks:
         socket = await self.dialer.open(topic.robot, path, OPENS_WITHIN_S)
         await socket.send_frame(topic.key.message(), WSMsgType.TEXT)
         return socket
-
-
-async def _pass_on(socket: RobotSocket, topic: SharedTopic) -> None:
-    count = 0
-    while True:
-        count = await next_turn(count)
-        message = await socket.receive()
-        if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
-            topic.on_message(message.data, message.type)
-        elif message.type is WSMsgType.PING:
-            await socket.pong(message.data)
-        elif message.type is not WSMsgType.PONG:
-            return
 
 
 def _name_in(message: WSMessageNoDecodeText) -> object:

@@ -87,7 +87,6 @@ class FramesSession(OperatorConnection):
         self._limiter = RateLimiter(
             self._received_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE
         )
-        self.user_id = permit.user.id
         self.stream_request: StreamRequest | None = None
         self._credits = 0
         # Numbers of frames that were sent and not yet taken.
@@ -99,6 +98,10 @@ class FramesSession(OperatorConnection):
         # From `run` on.
         self._feed: Feed
         self._cursor: Cursor
+
+    def user_ids(self) -> tuple[int]:
+        """Return whose it is."""
+        return (self._permit.user.id,)
 
     def notify(self) -> None:
         """The feed has something new."""
@@ -135,11 +138,11 @@ class FramesSession(OperatorConnection):
             elif message.type is WSMsgType.PING:
                 await self._socket.pong(message.data)
             elif message.type is WSMsgType.CLOSE:
-                return close_reasons.client_left(self._name)
+                return close_reasons.client_left(self.name)
             elif message.type is WSMsgType.ERROR:
                 return close_reasons.frames_broken("a message is over 4 KiB, or no WebSocket")
             elif message.type in {WSMsgType.CLOSING, WSMsgType.CLOSED}:
-                return close_reasons.client_vanished(self._name)
+                return close_reasons.client_vanished(self.name)
 
     def _on_text(self, data: bytes) -> None:
         try:
@@ -221,9 +224,9 @@ class FramesSession(OperatorConnection):
                 to_robot=(0, 0),
             )
             if verdict == "client_silent":
-                return close_reasons.client_silent(self._name, limits.silent_after_s)
+                return close_reasons.client_silent(self.name, limits.silent_after_s)
             if verdict == "client_slow":
-                return close_reasons.client_slow(self._name, limits.slow_after_s)
+                return close_reasons.client_slow(self.name, limits.slow_after_s)
 
     async def _ping(self) -> CloseReason:
         while True:

@@ -61,10 +61,14 @@ class StreamViewer:
     """Who follows a feed for a multipart answer."""
 
     def __init__(self, user_id: int, stream_request: StreamRequest) -> None:
-        self.user_id = user_id
+        self._user_id = user_id
         self.stream_request = stream_request
         self.close_reason: CloseReason | None = None
         self._changed = asyncio.Event()
+
+    def user_ids(self) -> tuple[int]:
+        """Return whose it is."""
+        return (self._user_id,)
 
     def notify(self) -> None:
         """The feed has something new."""

@@ -188,6 +188,9 @@ async def test_topics_end_with_the_robots_session(relay, robot, sim1, observe):
 class Client:
     """Takes whatever comes."""
 
+    def user_ids(self) -> tuple[int, ...]:
+        return (1,)
+
     def on_message(self, topic: str, message: bytes, kind: aiohttp.WSMsgType) -> None: ...
 
     def on_topic_failed(self, topic: str, why: str) -> None: ...

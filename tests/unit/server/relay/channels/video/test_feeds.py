@@ -27,11 +27,13 @@ class Eye:
     def __init__(
         self, stream_request: StreamRequest | None = None, *, breaks: bool = False
     ) -> None:
-        self.user_id = 1
         self.stream_request = stream_request
         self.on_status = 0
         self.close_reasons: list[CloseReason] = []
         self._breaks = breaks
+
+    def user_ids(self) -> tuple[int]:
+        return (1,)
 
     def notify(self) -> None:
         self.on_status += 1

@@ -1,0 +1,88 @@
+"""Opens WebSockets to the peer listeners of other cells: for one observer, and for topics that a cell's clients share.
+
+`forwarding` and `channels/rosbridge/topic_link` open them, the first beside nginx, which forwards all else.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from aiohttp import ClientError, ClientSession, WSServerHandshakeError
+from yarl import URL
+
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.cells.keys import SERVER_NAME, PeerKeys
+from robotether_server.relay.cells.peers import Peer, Peers
+from robotether_server.relay.channels.rosbridge.forwarded_topics import KEY_HEADER
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.sockets import RobotSocket, connect_robot
+from robotether_server.relay.robots.media_dialer import MediaDialer, MediaPath
+from robotether_server.relay.robots.registry import SessionRegistry
+
+TOPICS_PATH = "/cell/v1/topics"
+CONNECT_WITHIN_S = 3.0
+# Interval between pings on a topic's connection, which may be silent for long.
+PING_EVERY_S = 20.0
+
+
+@dataclass(frozen=True)
+class CellClient:
+    """The way to all other cells; what they notify this one of begins with its `topics_key`."""
+
+    client: ClientSession
+    keys: PeerKeys
+    topics_key: bytes
+
+    async def open(
+        self,
+        peer: Peer,
+        path: str,
+        message_limit: int,
+        headers: Mapping[str, str] | None = None,
+        ping_every_s: float | None = None,
+    ) -> RobotSocket:
+        """Open a WebSocket; raise ClientError, OSError or TimeoutError. The path is encoded, with its query."""
+        async with asyncio.timeout(CONNECT_WITHIN_S):
+            return await connect_robot(
+                self.client,
+                URL(f"https://{peer.address}{path}", encoded=True),
+                message_limit,
+                headers={**(headers or {}), KEY_HEADER: self.topics_key.decode()},
+                heartbeat=ping_every_s,
+                ssl=self.keys.tls,
+                server_hostname=SERVER_NAME,
+            )
+
+
+@dataclass(frozen=True)
+class CellTopicDialer:
+    """The way to topics of robots here and at other cells; implements `topic_link.TopicDialer`."""
+
+    media: MediaDialer
+    peers: Peers
+    cells: CellClient | None
+
+    @property
+    def registry(self) -> SessionRegistry:
+        """The robots, which count what comes of each."""
+        return self.media.registry
+
+    async def open(self, robot: RelayRobot, media_path: MediaPath, within_s: float) -> RobotSocket:
+        """Open a WebSocket to the robot's topics service, or to its cell; raise ConnectionClosedError."""
+        peer = self.peers.owner(robot.id)
+        if peer is None or self.cells is None:
+            return await self.media.open(robot, media_path, within_s)
+        path = URL.build(path=f"{TOPICS_PATH}/{robot.id}", query=media_path.query)
+        try:
+            return await self.cells.open(
+                peer, str(path), media_path.message_limit, ping_every_s=PING_EVERY_S
+            )
+        except WSServerHandshakeError as exc:
+            why = f"cell {peer.name} answered HTTP {exc.status}; is its version older?"
+        except TimeoutError:
+            why = f"cell {peer.name} does not answer in time"
+        except (ClientError, OSError):
+            why = f"cell {peer.name} cannot be reached"
+        raise ConnectionClosedError(CloseReason("link_lost", why))

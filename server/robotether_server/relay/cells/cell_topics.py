@@ -1,0 +1,156 @@
+"""Answers /cell/v1/topics/ROBOT_ID: gives another cell one copy of a topic, which its clients share.
+
+It answers as the robot's own topics service does (docs/reference/media.md, "Topics"). That cell has let its clients
+have the topic only because this one, which checks them, notified it so (`channels/rosbridge/forwarded_topics`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+
+from aiohttp import WSMsgType, web
+from robotether_common.topics import KNOWN, KNOWN_OP, MAX_SUBSCRIPTION_BYTES
+
+from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.problems import HttpError
+from robotether_server.relay.cells.peers import Peers
+from robotether_server.relay.channels.rosbridge.forwarded_topics import (
+    FailureNotice,
+    key_of,
+    users_sharing,
+    write_notice,
+)
+from robotether_server.relay.channels.rosbridge.operations import (
+    NotJsonError,
+    read_json,
+    write_json,
+)
+from robotether_server.relay.channels.rosbridge.shared_topics import (
+    SharedTopic,
+    SharedTopics,
+    TopicConnector,
+    TopicRequest,
+)
+from robotether_server.relay.channels.rosbridge.subscriptions import TopicCopies
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.sockets import OperatorSocket
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.uplink import UserIds
+
+# Time limit for the subscription, and for the next ping of the other cell.
+SUBSCRIBED_WITHIN_S = 3.0
+SILENT_AFTER_S = 60.0
+# Time for which the other cell can read that the robot sends too many topics, before it may try again.
+REFUSED_FOR_S = 1.0
+ROUTE = "/cell/v1/topics/{robot_id:[0-9]{1,18}}"
+
+
+class PeerCopies(TopicCopies):
+    """What waits for a cell; why a topic fails goes there as a notice, which is no message of the robot's."""
+
+    def __init__(
+        self,
+        robot: RelayRobot,
+        user_ids: UserIds,
+        shared_topics: SharedTopics,
+        key: bytes,
+    ) -> None:
+        super().__init__(robot, user_ids, shared_topics, is_driver=False)
+        self._key = key
+
+    def on_topic_failed(self, topic: str, why: str) -> None:
+        """The topic brings nothing for now."""
+        self._add_status(write_notice(self._key, FailureNotice(why)), WSMsgType.BINARY)
+
+
+class PeerTopicsHandler:
+    """Answers /cell/v1/topics/ROBOT_ID."""
+
+    def __init__(
+        self,
+        snapshot: Callable[[], Snapshot],
+        registry: SessionRegistry,
+        peers: Peers,
+        shared_topics: SharedTopics,
+        connector: TopicConnector,
+    ) -> None:
+        self._snapshot = snapshot
+        self._registry = registry
+        self._peers = peers
+        self._shared_topics = shared_topics
+        self._connector = connector
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Send the topic until the other cell leaves, or the robot."""
+        key, robot = key_of(request.headers), self._robot(int(request.match_info["robot_id"]))
+        socket = OperatorSocket(MAX_SUBSCRIPTION_BYTES)
+        if key is None or not socket.can_prepare(request):
+            raise HttpError(426, "cannot share a topic: connect with a WebSocket, and a key")
+        if robot is None:
+            raise HttpError(404, "cannot share a topic: the robot is not at this cell")
+        await socket.open(request)
+        subscription = await _subscription(socket)
+        if subscription is not None and KNOWN in request.query:
+            known = request.query[KNOWN].split(",")
+            for each in await self._connector.repeat(SharedTopic(robot, subscription), known):
+                await socket.send_frame(
+                    write_json({"op": KNOWN_OP, "digest": each}), WSMsgType.TEXT
+                )
+        elif subscription is not None:
+            members = self._registry.ensure_robot(robot.id).forwarded_topics
+            user_ids = partial(users_sharing, members, key, subscription)
+            copies = PeerCopies(robot, user_ids, self._shared_topics, key)
+            await self._send(socket, copies, subscription)
+        await socket.finish(close_reasons.client_left(robot.name))
+        return socket
+
+    def _robot(self, robot_id: int) -> RelayRobot | None:
+        """Return a robot that is here: two cells that each take the other for the robot's must not wait in a circle."""
+        is_here = self._registry.presence(robot_id).online and self._peers.owner(robot_id) is None
+        return self._snapshot().robots.get(robot_id) if is_here else None
+
+    async def _send(
+        self, socket: OperatorSocket, copies: PeerCopies, subscription: TopicRequest
+    ) -> None:
+        copies.share(subscription.topic, subscription)
+        shared = copies.joined.get(subscription.topic)
+        tasks = {
+            asyncio.ensure_future(part)
+            for part in (
+                copies.send(socket.send_frame),
+                _listen(socket),
+                asyncio.sleep(REFUSED_FOR_S) if shared is None else shared.ended.wait(),
+            )
+        }
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            copies.close()
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _subscription(socket: OperatorSocket) -> TopicRequest | None:
+    """Return what the other cell subscribes to; None: nothing that can be read."""
+    try:
+        message = await socket.receive(SUBSCRIBED_WITHIN_S)
+        request = read_json(message.data) if message.type is WSMsgType.TEXT else {}
+        return TopicRequest.of(request)
+    except (TimeoutError, NotJsonError, KeyError):
+        return None
+
+
+async def _listen(socket: OperatorSocket) -> None:
+    """Answer pings until the other cell is gone."""
+    while True:
+        try:
+            message = await socket.receive(SILENT_AFTER_S)
+        except TimeoutError:
+            return
+        if message.type is WSMsgType.PING:
+            await socket.pong(message.data)
+        elif message.type is not WSMsgType.PONG:
+            return

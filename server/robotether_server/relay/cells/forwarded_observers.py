@@ -1,0 +1,243 @@
+"""Passes an observer's connection on to the cell that has the robot, and gives it topics that the cell's clients share.
+
+`forwarding` starts one for each observer of a robot elsewhere; drivers' connections go through nginx alone, so that no
+command passes two relays. The robot's cell checks and answers all that the observer sends. What it lets the observer
+have of topics it notifies this relay of, which takes one copy of each over the line between the cells.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from contextlib import suppress
+
+from aiohttp import ClientError, WebSocketError, WSMsgType, web
+
+from robotether_server.contract.codes import CLOSE_CODES
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.auth.connections import Connections
+from robotether_server.relay.cells.cell_client import CellClient
+from robotether_server.relay.cells.peers import Peer, Peers
+from robotether_server.relay.channels.rosbridge.bridge import (
+    PASSED_ON,
+    Traffic,
+    close_reason_of_broken,
+)
+from robotether_server.relay.channels.rosbridge.forwarded_topics import ShareNotice, read_notice
+from robotether_server.relay.channels.rosbridge.handler import OBSERVER_LIMIT, BridgeRules
+from robotether_server.relay.channels.rosbridge.message_validator import (
+    FLOOD_AFTER_S,
+    MIN_FLOOD_PER_S,
+)
+from robotether_server.relay.channels.rosbridge.subscriptions import TopicCopies
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.http.event_loop import next_turn
+from robotether_server.relay.http.sockets import (
+    SEND_BUFFER_BYTES,
+    OperatorConnection,
+    OperatorSocket,
+    RobotSocket,
+)
+from robotether_server.relay.http.timing import Excess, Liveness
+from robotether_server.relay.robots.connection import Connection
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change
+from robotether_server.tickets import Ticket
+
+log = logging.getLogger(__name__)
+
+# What the robot's cell decides by.
+PASSED_HEADERS = ("Host", "Origin", "X-Forwarded-For")
+NAMES = {code.number: name for name, code in CLOSE_CODES.items()}
+
+
+class ForwardedObservers:
+    """All observers here of robots at other cells."""
+
+    def __init__(
+        self,
+        cells: CellClient | None,
+        peers: Peers,
+        connections: Connections,
+        registry: SessionRegistry,
+        rules: BridgeRules,
+    ) -> None:
+        self._cells = cells
+        self._peers = peers
+        self._connections = connections
+        self._registry = registry
+        self._rules = rules
+
+    async def join(
+        self, request: web.Request, ticket: Ticket, robot: RelayRobot, peer: Peer
+    ) -> web.StreamResponse | None:
+        """Join an observer to the robot's cell until one of them ends; None: that cell refuses, or is not reached."""
+        if self._cells is None:
+            return None
+        headers = {
+            name: request.headers[name] for name in PASSED_HEADERS if name in request.headers
+        }
+        try:
+            cell = await self._cells.open(peer, request.path_qs, self._rules.message_limit, headers)
+        except (ClientError, OSError) as exc:
+            log.info("robot %s: cell %s does not take an observer: %r", robot.name, peer.name, exc)
+            return None
+        operator = OperatorSocket(OBSERVER_LIMIT)
+        user_ids = (ticket.user_id,)
+        topics = TopicCopies(robot, lambda: user_ids, self._rules.shared_topics, is_driver=False)
+        observer = ForwardedObserver(
+            robot.name, operator, cell, topics, rules=self._rules, key=self._cells.topics_key
+        )
+        connection = Connection(
+            ticket.user_id, ticket.user, robot, "observe", observer.end, cell=peer.name
+        )
+        try:
+            with self._connections.joined(connection):
+                await operator.open(request)
+                close_reason = await observer.run()
+            if close_reason.name == "client_left":
+                await cell.leave()
+            await operator.finish(close_reason)
+        finally:
+            cell.drop()
+        return operator
+
+    def on_robot_change(self, change: Change) -> None:
+        """Something happened to a robot here: it may have come from another cell."""
+        if change.what != "heartbeat":
+            self.on_peer_robot(change.robot_id)
+
+    def on_peer_robot(self, robot_id: int) -> None:
+        """End those whose robot is no longer at the cell that they go through, with what they share."""
+        peer = self._peers.owner(robot_id)
+        left = [
+            member
+            for member in self._registry.robot(robot_id).connections
+            if member.cell and (peer is None or peer.name != member.cell)
+        ]
+        for member in left:
+            member.end(close_reasons.link_lost(member.robot.name))
+        if left:
+            self._rules.shared_topics.end_all_of(robot_id)
+
+
+class ForwardedObserver(OperatorConnection):
+    """One observer's connection."""
+
+    def __init__(
+        self,
+        robot: str,
+        operator: OperatorSocket,
+        cell: RobotSocket,
+        topics: TopicCopies,
+        *,
+        rules: BridgeRules,
+        key: bytes,
+    ) -> None:
+        super().__init__(robot)
+        self._operator = operator
+        self._cell = cell
+        self._topics = topics
+        self._limits = rules.limits
+        self._traffic: Traffic = rules.traffic
+        self._key = key
+        self._received_s = time.monotonic()
+        self._pings = Excess(self._received_s, per_s=MIN_FLOOD_PER_S, for_s=FLOOD_AFTER_S)
+        self._bytes_to_cell = 0
+        self._bytes_to_client = 0
+
+    async def run(self) -> CloseReason:
+        """Pass messages until the end; return why."""
+        try:
+            return await self._run_until_ended(
+                self._run_together(
+                    self._pump_to_cell(),
+                    self._pump_to_client(),
+                    self._topics.send(self._deliver),
+                    self._watch(),
+                    self._ping(),
+                )
+            )
+        finally:
+            self._topics.close()
+
+    async def _pump_to_cell(self) -> CloseReason:
+        count = 0
+        while True:
+            count = await next_turn(count)
+            message = await self._operator.receive()
+            self._received_s = time.monotonic()
+            if message.type is WSMsgType.PING or message.type is WSMsgType.PONG:
+                if self._pings.add(self._received_s, 1):
+                    return close_reasons.client_floods(self.name)
+                if message.type is WSMsgType.PING:
+                    await self._operator.pong(message.data)
+            elif message.type in PASSED_ON:
+                self._bytes_to_cell += len(message.data)
+                try:
+                    await self._cell.send_frame(message.data, message.type)
+                except ConnectionError:
+                    return close_reasons.link_lost(self.name)
+            elif message.type is WSMsgType.CLOSE:
+                return close_reasons.client_left(self.name)
+            elif isinstance(message.data, WebSocketError):
+                return close_reason_of_broken(message.data, "you", self._operator.message_limit)
+            else:
+                return close_reasons.client_vanished(self.name)
+
+    async def _pump_to_client(self) -> CloseReason:
+        count = 0
+        while True:
+            count = await next_turn(count)
+            message = await self._cell.receive()
+            if message.type is WSMsgType.BINARY and message.data.startswith(self._key):
+                notice = read_notice(self._key, message.data)
+                if isinstance(notice, ShareNotice):
+                    self._topics.share(notice.topic, notice.subscription, notice.message_id)
+            elif message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
+                await self._deliver(message.data, message.type)
+            elif message.type is WSMsgType.PING:
+                # Why it broke is what is read next.
+                with suppress(ConnectionError):
+                    await self._cell.pong(message.data)
+            elif message.type is WSMsgType.CLOSE and message.data in NAMES:
+                return CloseReason(NAMES[message.data], str(message.extra))
+            elif message.type is not WSMsgType.PONG:
+                return close_reasons.link_lost(self.name)
+
+    async def _deliver(self, data: bytes, kind: WSMsgType) -> None:
+        self._traffic.messages_to_client += 1
+        self._traffic.bytes_to_client += len(data)
+        self._bytes_to_client += len(data)
+        if len(data) > SEND_BUFFER_BYTES:
+            with self._traffic.taken(self, len(data)):
+                await self._operator.send_frame(data, kind)
+        else:
+            await self._operator.send_frame(data, kind)
+
+    async def _watch(self) -> CloseReason:
+        limits = self._limits
+        liveness = Liveness(limits, time.monotonic())
+        while True:
+            await asyncio.sleep(limits.check_every_s)
+            verdict = liveness.check(
+                time.monotonic(),
+                received_at=self._received_s,
+                to_client=(self._bytes_to_client, self._operator.waiting_bytes()),
+                to_robot=(self._bytes_to_cell, self._cell.waiting_bytes()),
+            )
+            if verdict == "client_silent":
+                return close_reasons.client_silent(self.name, limits.silent_after_s)
+            if verdict == "client_slow":
+                return close_reasons.client_slow(self.name, limits.slow_after_s)
+            if verdict == "robot_slow":
+                return close_reasons.link_lost(self.name)
+
+    async def _ping(self) -> CloseReason:
+        while True:
+            await asyncio.sleep(self._limits.ping_every_s)
+            # Behind data that waits a ping would only wait too.
+            if not self._operator.waiting_bytes():
+                await self._operator.ping()

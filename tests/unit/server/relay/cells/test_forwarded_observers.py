@@ -1,0 +1,308 @@
+"""Observers at cell a of a robot at cell b: their topics cross the line between the cells once."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+
+import aiohttp
+import pytest
+import pytest_asyncio
+from aiohttp import WSMsgType
+from fake_robot import HOST, FakeRobot
+from relay_server import until
+from robotether_server.db.fleet import RelayUser
+from robotether_server.relay.cells import cell_client
+from robotether_server.relay.cells.keys import PROOF_HEADER
+from robotether_server.relay.channels.rosbridge import handler, topic_link
+from robotether_server.relay.channels.rosbridge.forwarded_topics import (
+    KEY_HEADER,
+    FailureNotice,
+    ShareNotice,
+    read_notice,
+    write_notice,
+)
+from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic, TopicRequest
+from site_cells import SiteCell
+
+ODOM = {"op": "subscribe", "topic": "/odom"}
+BEN = RelayUser(2, "ben")
+Observe = Callable[..., Awaitable[aiohttp.ClientWebSocketResponse]]
+
+
+@pytest_asyncio.fixture
+async def at_b(site, cell_a, cell_b, sim1) -> AsyncIterator[FakeRobot]:
+    """Have robot sim1 at cell b, as a knows."""
+    robot = await cell_b.robot(sim1, epoch=1)
+    await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
+    yield robot
+    await robot.stop()
+
+
+@pytest_asyncio.fixture
+async def observe(at_b, cell_a, sim1, http) -> AsyncIterator[Observe]:
+    """Open observers' connections at cell a that are closed at the end."""
+    opened: list[aiohttp.ClientWebSocketResponse] = []
+
+    async def open_one(*messages: dict[str, Any]) -> aiohttp.ClientWebSocketResponse:
+        socket = await http.ws_connect(
+            cell_a.server.ros_url(sim1, "observe", BEN), max_msg_size=0, autoping=True
+        )
+        opened.append(socket)
+        for message in messages:
+            await socket.send_json(message)
+        return socket
+
+    yield open_one
+    for socket in opened:
+        await socket.close()
+
+
+def topics_of(cell: SiteCell) -> list[SharedTopic]:
+    """Return the copies at a cell."""
+    return list(cell.relay.shared_topics._tasks)
+
+
+async def read_until(socket: aiohttp.ClientWebSocketResponse, text: str) -> None:
+    """Read until this text comes."""
+    async with asyncio.timeout(5):
+        while await socket.receive_str() != text:
+            pass
+
+
+async def closed_with(socket: aiohttp.ClientWebSocketResponse) -> int:
+    """Read until the connection is closed; return the code."""
+    async with asyncio.timeout(5):
+        while (message := await socket.receive()).type is not WSMsgType.CLOSE:
+            pass
+    return int(message.data)
+
+
+async def test_all_observers_of_a_cell_share_one_copy_over_the_line(
+    *, cell_a, cell_b, at_b, observe
+):
+    sockets = [await observe({**ODOM, "id": number}) for number in range(3)]
+    await until(lambda: [len(topic.users) for topic in topics_of(cell_a)] == [3], "they share it")
+    await until(lambda: [len(topic.users) for topic in topics_of(cell_b)] == [1], "b has one user")
+    await until(lambda: len(at_b.topics) == 1, "the robot has one subscription")
+    await at_b.send_to_topics(b"news")
+    for socket in sockets:
+        await read_until(socket, "news")
+    subscribed = [json.loads(data) for data in at_b.received if b"subscribe" in bytes(data, "utf8")]
+    assert subscribed == [ODOM]
+    await sockets[0].send_json({"op": "unsubscribe", "topic": "/odom"})
+    await sockets[1].close()
+    await until(lambda: [len(topic.users) for topic in topics_of(cell_a)] == [1], "one is left")
+    assert len(at_b.topics) == 1
+    await sockets[2].close()
+    await until(lambda: not at_b.topics, "the subscription ends")
+
+
+async def test_a_copy_is_its_observers(*, cell_a, cell_b, at_b, observe, sim1, http):
+    """The robot's cell knows whose it is: the uplink's object counts people."""
+    await observe(ODOM)
+    ben = await observe(ODOM)
+    async with http.ws_connect(cell_a.server.ros_url(sim1, "observe")) as ann:
+        await ann.send_json({**ODOM, "throttle_rate": 100})
+        await until(lambda: len(topics_of(cell_b)) == 2, "both copies are there")
+        copies = {topic.key.throttle_rate: topic for topic in topics_of(cell_b)}
+        assert [copies[rate].user_ids() for rate in (0, 100)] == [{2}, {1}]
+        await ann.send_json({**ODOM, "id": "also"})
+        await until(lambda: copies[0].user_ids() == {1, 2}, "ann's request is ben's now")
+    await until(lambda: copies[0].user_ids() == {2}, "ann left")
+    await ben.close()
+    assert copies[0].user_ids() == {2}
+
+
+async def test_all_else_is_the_robots_cells(cell_b, sim1, observe, at_b):
+    """A service call reaches the robot, a publish is refused there, and a stop stops the robot."""
+    socket = await observe()
+    await socket.send_json({"op": "call_service", "service": "/rosapi/topics"})
+    assert (await socket.receive_json(timeout=5))["op"] == "call_service"
+    await socket.send_json({"op": "publish", "topic": "/cmd_vel", "msg": {}})
+    assert (await socket.receive_json(timeout=5))["level"] == "error"
+    assert cell_b.relay.connections.observers(sim1.id) == 1
+    await socket.send_json({"op": "robotether.stop"})
+    await until(lambda: at_b.session.stopped, "the robot is stopped")
+
+
+async def test_a_newcomer_gets_what_rosbridge_repeats(*, cell_a, at_b, observe):
+    """Of a latched topic the last message, which does not cross the line again; of any other nothing old."""
+    first = await observe(ODOM)
+    await first.receive_str(timeout=5)
+    await at_b.send_to_topics(b"the map")
+    await read_until(first, "the map")
+    at_b.repeats = True
+    await read_until(await observe(ODOM), "the map")
+    at_b.repeats = False
+    third = await observe(ODOM)
+    [topic] = topics_of(cell_a)
+    await until(lambda: len(topic.users) == 3, "the third shares it")
+    await until(lambda: len(cell_a.relay.shared_topics._all) == 1, "b has answered")
+    await at_b.send_to_topics(b"news")
+    assert await third.receive_str(timeout=5) == "news"
+
+
+async def test_a_slow_observer_skips_and_delays_nobody(*, cell_a, at_b, observe):
+    """Also of those that get the same copy; who reads again gets the newest."""
+    slow, quick = await observe(ODOM), await observe(ODOM)
+    await until(lambda: [len(topic.users) for topic in topics_of(cell_a)] == [2], "both share it")
+    await until(lambda: at_b.topics, "the robot has a subscription")
+    await at_b.send_to_topics(b"begin")
+    for socket in (slow, quick):
+        await read_until(socket, "begin")
+    slow._response.connection.transport.pause_reading()
+    count = 150
+    for number in range(count):
+        await at_b.send_to_topics(b"%d " % number + b"x" * 200_000)
+        assert (await quick.receive_str(timeout=5)).startswith(f"{number} ")
+    slow._response.connection.transport.resume_reading()
+    numbers: list[int] = []
+    while not numbers or numbers[-1] != count - 1:
+        numbers.append(int((await slow.receive_str(timeout=5)).split()[0]))
+    assert numbers == sorted(numbers)
+    assert len(numbers) < count
+
+
+async def test_a_right_that_ends_ends_its_copy(memory_database, cell_a, cell_b, at_b, observe):
+    """Whichever cell learns of it first."""
+    for database in (cell_a.database, cell_b.database):
+        socket = await observe(ODOM)
+        await until(lambda: at_b.topics, "the robot has a subscription")
+        database.grants = {}
+        assert await closed_with(socket) == 4001
+        await until(lambda: not at_b.topics, "the robot sends it no more", 2)
+        database.grants = memory_database.grants
+        await until(
+            lambda: all(each.relay.fleet.known().level(2, 7) for each in (cell_a, cell_b)), "back"
+        )
+
+
+async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatch):
+    """They keep their connections, are notified once, and get the topic again."""
+    monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
+    socket = await observe({**ODOM, "id": "s"})
+    await socket.receive_str(timeout=5)
+    await at_b.topics[0].close()
+    answer = await socket.receive_json(timeout=5)
+    assert (answer["op"], answer["level"], answer["id"]) == ("status", "error", "s")
+    assert answer["msg"] == "cannot subscribe to /odom: rosbridge ended the subscription"
+    assert await socket.receive_json(timeout=5) == ODOM
+
+
+async def test_a_robot_without_room_is_reported(cell_b, sim1, observe, monkeypatch):
+    monkeypatch.setattr(
+        "robotether_server.relay.channels.rosbridge.subscriptions.MAX_OBSERVED_TOPICS", 1
+    )
+    topics = cell_b.relay.registry.robot(sim1.id).topics
+    topics[TopicRequest("/other")] = SharedTopic(sim1, TopicRequest("/other"))
+    answer = await (await observe(ODOM)).receive_json(timeout=5)
+    assert answer["msg"] == "cannot subscribe to /odom: sim1 sends 1 topics already"
+
+
+async def test_a_cell_of_a_version_before_gives_each_observer_a_copy(
+    *, cell_a, cell_b, at_b, observe, monkeypatch
+):
+    monkeypatch.setattr(handler, "key_of", lambda _headers: None)
+    sockets = [await observe(ODOM), await observe(ODOM)]
+    await until(lambda: [len(topic.users) for topic in topics_of(cell_b)] == [2], "both are at b")
+    await at_b.send_to_topics(b"news")
+    for socket in sockets:
+        await read_until(socket, "news")
+    assert topics_of(cell_a) == []
+
+
+async def test_a_cell_that_shares_no_topics_is_reported(observe, monkeypatch):
+    """It may have been exchanged for one of a version before."""
+    monkeypatch.setattr(cell_client, "TOPICS_PATH", "/cell/v1/none")
+    answer = await (await observe(ODOM)).receive_json(timeout=5)
+    assert answer["msg"] == (
+        "cannot subscribe to /odom: cell b answered HTTP 404; is its version older?"
+    )
+
+
+async def test_an_observer_whom_the_cell_refuses_is_left_to_nginx(cell_a, at_b, sim1, http):
+    """So that the cell's own words reach it."""
+    url = cell_a.server.ros_url(sim1, "observe", BEN)
+    async with http.ws_connect(url):
+        pass
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await http.ws_connect(url)
+    assert refused.value.status == 204
+    assert refused.value.headers["X-Accel-Redirect"] == "@cell"
+
+
+async def test_observers_of_a_cell_that_is_gone_are_closed(*, cell_a, cell_b, sim1, observe, at_b):
+    """With what they shared, so that nothing comes through a dead line."""
+    socket = await observe(ODOM)
+    await socket.receive_str(timeout=5)
+    with cell_b.listener.frozen():
+        assert await closed_with(socket) == 4505
+        await until(lambda: not topics_of(cell_a), "nothing is shared")
+
+
+async def test_observers_of_a_robot_that_comes_here_are_closed(*, cell_a, sim1, observe, at_b):
+    """They connect again, and get its topics from here."""
+    socket = await observe(ODOM)
+    await socket.receive_str(timeout=5)
+    # Both tunnels end on this machine.
+    await at_b._close_ports()
+    here = await cell_a.robot(sim1, epoch=2)
+    try:
+        assert await closed_with(socket) == 4505
+        socket = await observe(ODOM)
+        await until(lambda: here.topics, "the robot has a subscription")
+        assert [len(topic.users) for topic in topics_of(cell_a)] == [1]
+    finally:
+        await here.stop()
+
+
+@pytest.mark.parametrize("leaves", ["session", "link"])
+async def test_topics_end_with_the_robots_session(*, cell_a, cell_b, observe, at_b, leaves):
+    socket = await observe(ODOM)
+    await socket.receive_str(timeout=5)
+    if leaves == "session":
+        await at_b.session.close()
+        assert await closed_with(socket) == 4505
+    else:
+        await socket.close()
+    for cell in (cell_a, cell_b):
+        await until(lambda cell=cell: not topics_of(cell), f"nothing is shared at {cell.name}")
+
+
+async def test_only_cells_get_copies_and_only_of_robots_that_are_there(
+    *, cell_a, cell_b, at_b, http, peer_keys, sim1
+):
+    """Two cells that each take the other for the robot's must not wait in a circle."""
+    path, key = f"/cell/v1/topics/{sim1.id}", {KEY_HEADER: "0" * 32}
+    proof = {PROOF_HEADER: peer_keys.proof}
+    for url, headers, status in [
+        (cell_b.server.url, {**key, **proof}, 404),
+        (f"http://{HOST}:{cell_b.relay.peer_port}", key, 403),
+        (f"http://{HOST}:{cell_b.relay.peer_port}", proof, 426),
+        (f"http://{HOST}:{cell_a.relay.peer_port}", {**key, **proof}, 404),
+    ]:
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            await http.ws_connect(url + path, headers=headers)
+        assert refused.value.status == status
+
+
+@pytest.mark.parametrize("subscription", ["{", "[]", '{"op":"subscribe"}'])
+async def test_a_cell_whose_subscription_nobody_can_read_gets_nothing(
+    *, cell_b, at_b, http, peer_keys, sim1, subscription
+):
+    headers = {KEY_HEADER: "0" * 32, PROOF_HEADER: peer_keys.proof}
+    url = f"http://{HOST}:{cell_b.relay.peer_port}/cell/v1/topics/{sim1.id}"
+    async with http.ws_connect(url, headers=headers) as socket:
+        await socket.send_str(subscription)
+        assert (await socket.receive(timeout=5)).type is WSMsgType.CLOSE
+    assert at_b.topics == []
+
+
+def test_a_notice_keeps_what_is_subscribed_to():
+    request = TopicRequest("/a", "a/B", 100, 5, 2000, "cbor", b'{"depth":1}')
+    for notice in (ShareNotice("/a", request, "id"), ShareNotice("/a", None), FailureNotice("why")):
+        assert read_notice(b"key", write_notice(b"key", notice)) == notice
+    assert read_notice(b"key", b'key{"type":"later"}') is None
