@@ -22,6 +22,7 @@ import both_robots
 import bulk_topics
 import comebacks
 import drive_page
+import fan_out
 import operations_rate
 import recovery
 import round_trip
@@ -58,6 +59,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
     "bulk_topics": lambda _, effort: bulk_topics.measure(5 if effort.quick else bulk_topics.SECONDS),
     "picture_age": lambda demo, effort: video.measure_age(demo, 3 if effort.quick else video.SECONDS),
     "viewers": lambda demo, effort: video.measure_viewers(demo, 3 if effort.quick else video.VIEWERS_SECONDS),
+    "fan_out": lambda demo, effort: fan_out.measure(demo, 6 if effort.quick else fan_out.SECONDS),
     "input_latency": lambda demo, effort: drive_page.measure_input(demo, 5 if effort.quick else drive_page.PRESSES),
     "drive_page": lambda demo, effort: drive_page.measure(demo, 3 if effort.quick else drive_page.SECONDS),
     "recovery": lambda _, effort: recovery.measure(effort.times(recovery.REPEAT, 2)),
