@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from report import Row, Section
+from robotether_server.relay.channels.rosbridge.drive_path import stamped
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
-from robotether_server.relay.drives.drive_path import stamped
 from robotether_server.settings.robot import DEFAULTS, Limits
 
 # The check alone is measured, not how soon it says that there were too many.

@@ -1,10 +1,11 @@
-"""Parses times and days as people and programs write them; every refusal names the field.
+"""Parses times and days as people and programs write them, every refusal with its field; and pauses of retries.
 
 Used by web, relay and the command line. Pure, but for the clock in `check_end` and `utc_now`.
 """
 
 import datetime as dt
 import re
+from collections.abc import Iterator
 from typing import overload
 
 from robotether_server.problems import FieldInvalidError
@@ -89,3 +90,11 @@ def duration_words(seconds: float) -> str:
     if hours:
         return f"{hours} h {minutes} min"
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def delays(first_s: float = 0.5, max_s: float = 5.0) -> Iterator[float]:
+    """Yield seconds to wait before the second, third, ... try."""
+    delay = first_s
+    while True:
+        yield delay
+        delay = min(delay * 2, max_s)

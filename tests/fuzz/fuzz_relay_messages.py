@@ -18,6 +18,7 @@ import atheris
 sys.path[:0] = [str(Path(__file__).resolve().parents[2] / name) for name in ("common", "server")]
 with atheris.instrument_imports(include=["robotether_common", "robotether_server", "json"]):
     from robotether_common.ros import Globs
+    from robotether_server.relay.channels.rosbridge.drive_path import stamped
     from robotether_server.relay.channels.rosbridge.message_validator import (
         MessageRefusedError,
         MessageValidator,
@@ -27,7 +28,6 @@ with atheris.instrument_imports(include=["robotether_common", "robotether_server
         OPERATIONS,
         ROSAPI_LOOKUPS_OF_DRIVERS,
     )
-    from robotether_server.relay.drives.drive_path import stamped
     from robotether_server.settings.robot import LevelPolicy, Limits
 
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])

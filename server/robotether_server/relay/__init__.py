@@ -13,9 +13,9 @@ unbounded buffer for anybody.
     cells/       the site's other machines: who has which robot, forwarding, drain, rebalancing
     channels/    what people connect to, each kind a folder or module that imports from no other kind:
                  events     the fleet as operators see it, as server-sent events
-                 rosbridge  a WebSocket joined to a robot's rosbridge; every message is checked and written again
+                 rosbridge  a WebSocket joined to a robot's rosbridge: every message is checked and written again, and
+                            drive commands are counted for the drive's record
                  video      a robot's cameras: the frames protocol, multipart streams, web_video_server passed through
-    drives/      a driver's commands on their way, and what the drive came to, for its record
     control/     grants and ends leases, stops and releases robots, and answers the requests for it
     auth/        who asks and what for: tickets, logins, tokens, and the live connections that they opened
     robots/      one `Robot` for all that is known of a robot, sessions over TCP, and the way to robots' ports

@@ -8,6 +8,8 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Awaitable, Callable, Collection, Iterable
+from dataclasses import dataclass
+from typing import Protocol
 
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
@@ -24,8 +26,6 @@ from robotether_server.relay.cells.cell_topics import ROUTE, PeerTopicsHandler
 from robotether_server.relay.cells.feed import FLEET_PATH, PeerFeedHandler
 from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PROOF_HEADER, PeerKeys
-from robotether_server.relay.channels.kinds import Channels
-from robotether_server.relay.control.control_api import ControlApi
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records.fleet import Fleet
 
@@ -49,6 +49,24 @@ CORS_HEADERS = "Authorization, Content-Type"
 PREFLIGHT_KEPT_S = 600
 
 
+@dataclass(frozen=True)
+class Listen:
+    """Where the relay listens; tests give port 0."""
+
+    host: str = "0.0.0.0"  # noqa: S104  # compose publishes none of these ports
+    http_port: int = 8080
+    session_port: int = 8091
+    peer_port: int = 8092
+    inside_port: int = 9100
+
+
+class Routes(Protocol):
+    """What answers some of the contract's paths."""
+
+    def add_routes(self, app: web.Application) -> None:
+        """Route these paths here."""
+
+
 class WithoutRequest(logging.Filter):
     """Keeps a request that cannot be parsed out of the log: its line may hold a ticket, its headers a login."""
 
@@ -66,9 +84,8 @@ server_log.addFilter(WithoutRequest())
 
 def public_app(
     metrics: Metrics,
-    channels: Channels,
-    control_api: ControlApi,
     cors: Cors,
+    parts: Iterable[Routes],
     forwarding: Forwarding | None = None,
 ) -> web.Application:
     """Make the application that nginx hands requests to; without `forwarding` all are answered here."""
@@ -103,8 +120,8 @@ def public_app(
             return problem_answer(HttpError(500, "cannot answer: see the log of the relay"))
 
     app = web.Application(middlewares=[answer_problems], client_max_size=MAX_BODY_BYTES)
-    channels.add_routes(app)
-    control_api.add_routes(app)
+    for part in parts:
+        part.add_routes(app)
     app.on_response_prepare.append(cors.mark)
     return app
 

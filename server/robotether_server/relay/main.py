@@ -14,10 +14,11 @@ import uvloop
 
 from robotether_server.db import Database
 from robotether_server.problems import SettingsError
+from robotether_server.relay.app import Listen
 from robotether_server.relay.cells.keys import read_peer_keys
 from robotether_server.relay.http.event_loop import EventLoop, watched
 from robotether_server.relay.records.database import RelayDatabase
-from robotether_server.relay.wiring import Listen, Relay
+from robotether_server.relay.wiring import Relay
 from robotether_server.settings.server import RelaySettings, load
 
 log = logging.getLogger(__name__)

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable, Mapping
 
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import AuditEntry, SessionEntry, Snapshot
+from robotether_server.relay.channels.rosbridge.drive_path import DriveLog
 from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
-from robotether_server.relay.drives.drive_path import DriveLog
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.registry import SessionRegistry

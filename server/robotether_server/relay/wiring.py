@@ -15,7 +15,7 @@ from aiohttp import web
 
 from robotether_server.backups import RECORD
 from robotether_server.db.fleet import FormerSessions
-from robotether_server.relay.app import Cors, inside_app, peer_app, public_app, serve
+from robotether_server.relay.app import Cors, Listen, inside_app, peer_app, public_app, serve
 from robotether_server.relay.auth.access import Access
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
@@ -65,17 +65,6 @@ log = logging.getLogger(__name__)
 
 # Time limit for the last events, of the 3 s that a stop takes in all.
 EVENTS_WRITTEN_WITHIN_S = 0.7
-
-
-@dataclass(frozen=True)
-class Listen:
-    """Where the relay listens; tests give port 0."""
-
-    host: str = "0.0.0.0"  # noqa: S104  # compose publishes none of these ports
-    http_port: int = 8080
-    session_port: int = 8091
-    peer_port: int = 8092
-    inside_port: int = 9100
 
 
 @dataclass(frozen=True)
@@ -289,14 +278,14 @@ class Relay:
         """Make what nginx, the inside and other cells are served; the last if this cell has what to show them."""
         cors = Cors(self._settings.allowed_origins)
         forwarding = Forwarding(self.peers, self.fleet.known, self.access, self.forwarded_observers)
-        parts = (self.metrics, self._channels, self._control_api, cors)
-        self._public = public_app(*parts, forwarding)
+        parts = (self._channels, self._control_api)
+        self._public = public_app(self.metrics, cors, parts, forwarding)
         self._inside = inside_app(self.metrics, self.fleet, self.peers.addresses)
         self._peer_app: web.Application | None = None
         self.peer_dialer: PeerDialer | None = None
         if peer_keys is not None:
             self._peer_app = peer_app(
-                public_app(*parts), peer_keys, self.peer_feeds, self._peer_topics
+                public_app(self.metrics, cors, parts), peer_keys, self.peer_feeds, self._peer_topics
             )
             if self._settings.cell.peer_address is not None:
                 self.peer_dialer = PeerDialer(self.cells, self.peers, peer_keys)

@@ -28,11 +28,12 @@ from robotether_server.db.fleet import (
     Snapshot,
 )
 from robotether_server.problems import StoreUnavailableError
+from robotether_server.relay.app import Listen
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.cells.keys import PeerKeys
 from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.records.database import RelayDatabase
-from robotether_server.relay.wiring import Listen, Relay, Timing
+from robotether_server.relay.wiring import Relay, Timing
 from robotether_server.schemas import Level
 from robotether_server.settings.server import (
     CellSettings,

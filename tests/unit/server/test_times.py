@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+from itertools import islice
 
 import pytest
 from robotether_server import times
@@ -103,3 +104,8 @@ def test_moments_are_written_in_utc_and_whole_seconds(
 def test_durations_have_two_units_at_most(seconds: float, words: str) -> None:
     """Durations below an hour have seconds."""
     assert times.duration_words(seconds) == words
+
+
+def test_pauses_double_up_to_the_longest() -> None:
+    """Half a second first, five at most, for ever."""
+    assert list(islice(times.delays(), 7)) == [0.5, 1.0, 2.0, 4.0, 5.0, 5.0, 5.0]

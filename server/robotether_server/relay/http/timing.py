@@ -1,4 +1,4 @@
-"""Judges a connection by its timestamps: too many messages, silence, the clock at its other end; and when to retry.
+"""Judges a connection by its timestamps: too many messages, silence, the clock at its other end.
 
 Rates: `robot_link` keeps a `RateLimiter` for the lines of a robot, a `MessageValidator` for the messages of a client,
 for the answers to them and for what it refuses, a `Lease` for the questions of each user. Silence: `bridge` and
@@ -11,7 +11,6 @@ Pure: no network, no clock of its own; each gets its times from its caller.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -172,11 +171,3 @@ class RobotClock:
         """Return in ms what the robot's clock showed at `timestamp`, at most; None: nothing is known."""
         ahead_ms = self._ahead_ms.at(now)
         return None if ahead_ms is None else timestamp * 1000 + ahead_ms
-
-
-def delays(first_s: float = 0.5, max_s: float = 5.0) -> Iterator[float]:
-    """Yield seconds to wait before the second, third, ... try."""
-    delay = first_s
-    while True:
-        yield delay
-        delay = min(delay * 2, max_s)

@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from robotether_server.db.control import DriveEntry, StopEntry
 from robotether_server.db.fleet import Entry, FormerSessions, SessionEntry
 from robotether_server.problems import StoreError, StoreUnavailableError
-from robotether_server.relay.http.timing import delays
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.journal import Journal, JournalEntry
+from robotether_server.times import delays
 
 log = logging.getLogger(__name__)
 

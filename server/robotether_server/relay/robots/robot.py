@@ -161,7 +161,7 @@ USE_KEPT_S = 10.0
 
 
 class RecordedDrive(Protocol):
-    """One drive with its record, as a robot holds it; `drives/drive_path` makes it."""
+    """One drive with its record, as a robot holds it; `drive_path` makes it."""
 
     @property
     def ended_s(self) -> float | None:

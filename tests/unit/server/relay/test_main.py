@@ -25,9 +25,9 @@ from relay_server import (
 )
 from robotether_server.db.control import Stop, StopEntry
 from robotether_server.db.fleet import Entry, FormerSessions, RelayUser
+from robotether_server.relay.app import Listen
 from robotether_server.relay.main import run
 from robotether_server.relay.records.journal import Journal
-from robotether_server.relay.wiring import Listen
 from stopwatch import Stopwatch
 
 

@@ -13,8 +13,8 @@ from relay_server import MemoryDatabase, utc
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import AuditEntry, Entry, RelayRobot, SessionEntry, Snapshot
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
+from robotether_server.relay.channels.rosbridge.drive_path import DriveLog
 from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
-from robotether_server.relay.drives.drive_path import DriveLog
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver, new_refusals

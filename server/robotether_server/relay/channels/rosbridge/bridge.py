@@ -25,6 +25,11 @@ from aiohttp.http_websocket import WSMessageNoDecodeText
 
 from robotether_server.contract.codes import CLOSE_CODES
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.channels.rosbridge.drive_path import (
+    CommandTimestamps,
+    DriveLease,
+    DrivePath,
+)
 from robotether_server.relay.channels.rosbridge.message_validator import (
     FLOOD_AFTER_S,
     MIN_FLOOD_PER_S,
@@ -37,7 +42,6 @@ from robotether_server.relay.channels.rosbridge.message_validator import (
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import TopicSubscriptions
 from robotether_server.relay.control.control import Control
-from robotether_server.relay.drives.drive_path import CommandTimestamps, DriveLease, DrivePath
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.event_loop import next_turn

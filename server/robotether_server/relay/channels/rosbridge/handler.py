@@ -23,6 +23,11 @@ from robotether_server.relay.channels.rosbridge.bridge import (
     RobotEnd,
     Traffic,
 )
+from robotether_server.relay.channels.rosbridge.drive_path import (
+    DriveCounters,
+    DriveLease,
+    DriveLog,
+)
 from robotether_server.relay.channels.rosbridge.forwarded_topics import ForwardedTopics, key_of
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
@@ -33,7 +38,6 @@ from robotether_server.relay.channels.rosbridge.subscriptions import (
 )
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.leasing import now
-from robotether_server.relay.drives.drive_path import DriveCounters, DriveLease, DriveLog
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import OperatorSocket

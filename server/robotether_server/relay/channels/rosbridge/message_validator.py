@@ -25,6 +25,7 @@ from robotether_common.guard import STAMP
 from robotether_common.ros import Globs
 
 from robotether_server.problems import RobotetherError
+from robotether_server.relay.channels.rosbridge.drive_path import DriveCommand, DriveStamp
 from robotether_server.relay.channels.rosbridge.operations import (
     OPERATIONS,
     ROSAPI_LOOKUPS,
@@ -39,7 +40,6 @@ from robotether_server.relay.channels.rosbridge.operations import (
     speeds,
     write_json,
 )
-from robotether_server.relay.drives.drive_path import DriveCommand, DriveStamp
 from robotether_server.relay.http.timing import Excess, RateLimiter
 from robotether_server.settings.robot import LevelPolicy, Limits
 

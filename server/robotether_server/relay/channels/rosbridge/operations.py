@@ -27,7 +27,7 @@ from robotether_common.ros import (
 )
 
 from robotether_server.problems import RobotetherError
-from robotether_server.relay.drives.drive_path import DriveStamp
+from robotether_server.relay.channels.rosbridge.drive_path import DriveStamp
 from robotether_server.relay.robots.delivered_frames import NamedFrame
 
 Check = Callable[[Any], object]

@@ -28,10 +28,10 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.http.sockets import RobotSocket
-from robotether_server.relay.http.timing import delays
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S
 from robotether_server.relay.robots.media_dialer import MediaPath
 from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.times import delays
 
 log = logging.getLogger(__name__)
 

@@ -28,9 +28,10 @@ from robotether_server.relay.channels.video.frame_protocol import (
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import RobotSocket
-from robotether_server.relay.http.timing import RateLimiter, delays
+from robotether_server.relay.http.timing import RateLimiter
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S
 from robotether_server.relay.robots.media_dialer import MediaDialer, MediaPath
+from robotether_server.times import delays
 
 log = logging.getLogger(__name__)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import islice
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +14,6 @@ from robotether_server.relay.http.timing import (
     RateLimiter,
     RobotClock,
     WindowedMaximum,
-    delays,
 )
 
 LIMITS = LivenessLimits()
@@ -177,8 +174,3 @@ def test_the_fastest_ping_counts():
     clock.on_ping(2.0, 6000)
     assert clock.at(2.5, 2.25) == pytest.approx(6250)
     assert clock.at(2.5 + WINDOW_S, 2.25) is None
-
-
-def test_pauses_double_up_to_the_longest():
-    """Half a second first, five at most, for ever."""
-    assert list(islice(delays(), 7)) == [0.5, 1.0, 2.0, 4.0, 5.0, 5.0, 5.0]

@@ -8,6 +8,7 @@ import re
 
 import pytest
 from robotether_common.ros import Globs
+from robotether_server.relay.channels.rosbridge.drive_path import DriveStamp, stamped
 from robotether_server.relay.channels.rosbridge.message_validator import (
     MessageValidator,
     status_error,
@@ -16,7 +17,6 @@ from robotether_server.relay.channels.rosbridge.operations import (
     OPERATIONS,
     ROSAPI_LOOKUPS_OF_DRIVERS,
 )
-from robotether_server.relay.drives.drive_path import DriveStamp, stamped
 from robotether_server.settings.robot import DEFAULTS, Limits
 from validators import DRIVING, MANAGING, OBSERVING, check, name_of, refused, sent, validator
 

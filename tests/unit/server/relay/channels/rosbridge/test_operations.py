@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_common.guard import MAX_SEEN_FRAMES
 from robotether_server.relay.channels.rosbridge import operations
+from robotether_server.relay.channels.rosbridge.drive_path import DriveStamp
 from robotether_server.relay.channels.rosbridge.operations import (
     MAX_DEPTH,
     MAX_TEXT_LENGTH,
@@ -18,7 +19,6 @@ from robotether_server.relay.channels.rosbridge.operations import (
     read_json,
     write_json,
 )
-from robotether_server.relay.drives.drive_path import DriveStamp
 from robotether_server.relay.robots.delivered_frames import NamedFrame
 
 

@@ -15,8 +15,7 @@ from fake_operator import FakeOperator
 from relay_clients import PUBLISH
 from relay_server import FAST, until, utc
 from robotether_server.db.control import DriveEntry
-from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
-from robotether_server.relay.drives.drive_path import (
+from robotether_server.relay.channels.rosbridge.drive_path import (
     LATENCY_STEP,
     MAX_LATENCY_MS,
     MAX_PINGS_OPEN,
@@ -31,6 +30,7 @@ from robotether_server.relay.drives.drive_path import (
     LatencyHistogram,
     stamped,
 )
+from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.robots.viewer_stats import ViewerCounts
 from robotether_server.settings.robot import DEFAULTS
 from stopwatch import Stopwatch
