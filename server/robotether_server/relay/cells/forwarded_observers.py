@@ -7,7 +7,6 @@ have of topics it notifies this relay of, which takes one copy of each over the 
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import time
 from contextlib import suppress
@@ -40,7 +39,7 @@ from robotether_server.relay.http.sockets import (
     OperatorSocket,
     RobotSocket,
 )
-from robotether_server.relay.http.timing import Excess, Liveness
+from robotether_server.relay.http.timing import Excess
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change
@@ -95,6 +94,8 @@ class ForwardedObservers:
         )
         try:
             with self._connections.joined(connection):
+                # Meanwhile the robot may have left that cell.
+                self.on_peer_robot(robot.id)
                 await operator.open(request)
                 close_reason = await observer.run()
             if close_reason.name == "client_left":
@@ -143,10 +144,8 @@ class ForwardedObserver(OperatorConnection):
         self._limits = rules.limits
         self._traffic: Traffic = rules.traffic
         self._key = key
-        self._received_s = time.monotonic()
         self._pings = Excess(self._received_s, per_s=MIN_FLOOD_PER_S, for_s=FLOOD_AFTER_S)
         self._bytes_to_cell = 0
-        self._bytes_to_client = 0
 
     async def run(self) -> CloseReason:
         """Pass messages until the end; return why."""
@@ -156,8 +155,8 @@ class ForwardedObserver(OperatorConnection):
                     self._pump_to_cell(),
                     self._pump_to_client(),
                     self._topics.send(self._deliver),
-                    self._watch(),
-                    self._ping(),
+                    self._watch(self._operator, self._limits),
+                    self._ping(self._operator, self._limits),
                 )
             )
         finally:
@@ -217,27 +216,5 @@ class ForwardedObserver(OperatorConnection):
         else:
             await self._operator.send_frame(data, kind)
 
-    async def _watch(self) -> CloseReason:
-        limits = self._limits
-        liveness = Liveness(limits, time.monotonic())
-        while True:
-            await asyncio.sleep(limits.check_every_s)
-            verdict = liveness.check(
-                time.monotonic(),
-                received_at=self._received_s,
-                to_client=(self._bytes_to_client, self._operator.waiting_bytes()),
-                to_robot=(self._bytes_to_cell, self._cell.waiting_bytes()),
-            )
-            if verdict == "client_silent":
-                return close_reasons.client_silent(self.name, limits.silent_after_s)
-            if verdict == "client_slow":
-                return close_reasons.client_slow(self.name, limits.slow_after_s)
-            if verdict == "robot_slow":
-                return close_reasons.link_lost(self.name)
-
-    async def _ping(self) -> CloseReason:
-        while True:
-            await asyncio.sleep(self._limits.ping_every_s)
-            # Behind data that waits a ping would only wait too.
-            if not self._operator.waiting_bytes():
-                await self._operator.ping()
+    def _to_robot(self) -> tuple[int, int]:
+        return self._bytes_to_cell, self._cell.waiting_bytes()

@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import struct
-from collections.abc import Coroutine, Mapping
+import time
+from collections.abc import Callable, Coroutine, Mapping
 from socket import IPPROTO_TCP, SO_SNDBUF, SOL_SOCKET, TCP_INFO, TCP_NOTSENT_LOWAT
 from types import SimpleNamespace
 from typing import Any, Literal, NoReturn, cast
@@ -32,6 +33,7 @@ from yarl import URL
 
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.timing import Liveness, LivenessLimits
 
 log = logging.getLogger(__name__)
 
@@ -157,6 +159,9 @@ class OperatorConnection:
     def __init__(self, robot: str) -> None:
         self.name = robot
         self._ended: asyncio.Future[CloseReason] = asyncio.get_running_loop().create_future()
+        # What `_watch` judges by.
+        self._received_s = time.monotonic()
+        self._bytes_to_client = 0
 
     def end(self, close_reason: CloseReason) -> None:
         """End the connection at once; the first ending counts."""
@@ -177,6 +182,41 @@ class OperatorConnection:
             for part in parts:
                 group.create_task(self._guard(part))
         return await self._ended
+
+    async def _watch(self, socket: OperatorSocket, limits: LivenessLimits) -> CloseReason:
+        """Return why, once the client is silent or slow, or the other side slow."""
+        liveness = Liveness(limits, time.monotonic())
+        while True:
+            await asyncio.sleep(limits.check_every_s)
+            verdict = liveness.check(
+                time.monotonic(),
+                received_at=self._received_s,
+                to_client=(self._bytes_to_client, socket.waiting_bytes()),
+                to_robot=self._to_robot(),
+            )
+            if verdict == "client_silent":
+                return close_reasons.client_silent(self.name, limits.silent_after_s)
+            if verdict == "client_slow":
+                return close_reasons.client_slow(self.name, limits.slow_after_s)
+            if verdict == "robot_slow":
+                return self._robot_slow(limits.slow_after_s)
+
+    async def _ping(
+        self, socket: OperatorSocket, limits: LivenessLimits, payload: Callable[[], bytes] = bytes
+    ) -> CloseReason:
+        """Ping the client; apart from the watch, because a client that takes nothing holds this up."""
+        while True:
+            await asyncio.sleep(limits.ping_every_s)
+            # Behind data that waits a ping would only wait too.
+            if limits.strict or not socket.waiting_bytes():
+                await socket.ping(payload())
+
+    def _to_robot(self) -> tuple[int, int]:
+        """Return how many bytes were written to the other side, and how many of them wait."""
+        return 0, 0
+
+    def _robot_slow(self, _limit_s: float) -> CloseReason:
+        return close_reasons.link_lost(self.name)
 
     async def _guard(self, part: Coroutine[Any, Any, CloseReason]) -> None:
         """Run a part; its end, or its defect, ends the connection."""

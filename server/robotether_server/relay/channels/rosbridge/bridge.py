@@ -51,7 +51,7 @@ from robotether_server.relay.http.sockets import (
     OperatorSocket,
     RobotSocket,
 )
-from robotether_server.relay.http.timing import Excess, Liveness, LivenessLimits
+from robotether_server.relay.http.timing import Excess, LivenessLimits
 
 # Time limit for the robot's session to end after rosbridge's connection: a lost tunnel ends both in
 # either order, and the operator reads which of the two it was.
@@ -125,16 +125,13 @@ class Bridge(OperatorConnection):
         self._traffic = traffic
         self._robot: RobotSocket | None = None
         self._drive: DrivePath | None = None
-        self._loop = asyncio.get_running_loop()
         self._timestamps = CommandTimestamps(time.monotonic())
-        self._received_at = self._loop.time()
         # Read while one before them waited, and how many bytes they have.
         self._ahead: deque[WSMessageNoDecodeText] = deque()
         self._ahead_bytes = 0
         # The validator does not see these.
-        self._pings = Excess(self._received_at, per_s=MIN_FLOOD_PER_S, for_s=FLOOD_AFTER_S)
+        self._pings = Excess(self._received_s, per_s=MIN_FLOOD_PER_S, for_s=FLOOD_AFTER_S)
         self._bytes_to_robot = 0
-        self._bytes_to_client = 0
         # By kind, for the records.
         self.refused: Counter[str] = Counter()
 
@@ -182,8 +179,8 @@ class Bridge(OperatorConnection):
         parts = [
             self._pump_to_robot(robot),
             self._pump_to_client(robot),
-            self._watch(robot),
-            self._ping(),
+            self._watch(self._operator, self._limits),
+            self._ping(self._operator, self._limits, self._next_ping),
             self._send_control_updates(),
             self._topics.send(self._deliver),
         ]
@@ -208,7 +205,7 @@ class Bridge(OperatorConnection):
 
     async def _receive(self) -> WSMessageNoDecodeText:
         message = await self._operator.receive()
-        self._received_at = self._loop.time()
+        self._received_s = time.monotonic()
         return message
 
     def _next_ahead(self) -> WSMessageNoDecodeText:
@@ -261,7 +258,7 @@ class Bridge(OperatorConnection):
         return None
 
     async def _on_ping_or_pong(self, kind: WSMsgType, payload: bytes) -> None:
-        if self._pings.add(self._received_at, 1):
+        if self._pings.add(self._received_s, 1):
             raise ConnectionClosedError(close_reasons.client_floods(self.name))
         if kind is WSMsgType.PING:
             await self._operator.pong(payload)
@@ -356,33 +353,15 @@ class Bridge(OperatorConnection):
         self._traffic.bytes_to_robot += size
         self._bytes_to_robot += size
 
-    async def _watch(self, robot: RobotSocket) -> CloseReason:
-        limits, loop = self._limits, self._loop
-        liveness = Liveness(limits, loop.time())
-        while True:
-            await asyncio.sleep(limits.check_every_s)
-            verdict = liveness.check(
-                loop.time(),
-                received_at=self._received_at,
-                to_client=(self._bytes_to_client, self._operator.waiting_bytes()),
-                to_robot=(self._bytes_to_robot, robot.waiting_bytes()),
-            )
-            if verdict == "client_silent":
-                return close_reasons.client_silent(self.name, limits.silent_after_s)
-            if verdict == "client_slow":
-                return close_reasons.client_slow(self.name, limits.slow_after_s)
-            if verdict == "robot_slow":
-                why = f"it took nothing for {limits.slow_after_s:g} s"
-                return close_reasons.rosbridge_down(self.name, why)
+    def _to_robot(self) -> tuple[int, int]:
+        waiting = 0 if self._robot is None else self._robot.waiting_bytes()
+        return self._bytes_to_robot, waiting
 
-    async def _ping(self) -> CloseReason:
-        """Ping the client; apart from the watch, because a client that takes nothing holds this up."""
-        while True:
-            await asyncio.sleep(self._limits.ping_every_s)
-            # Behind data that waits a ping would only wait too.
-            if self._operator.waiting_bytes() and not self._limits.strict:
-                continue
-            await self._operator.ping(self._timestamps.ping(time.monotonic()))
+    def _robot_slow(self, limit_s: float) -> CloseReason:
+        return close_reasons.rosbridge_down(self.name, f"it took nothing for {limit_s:g} s")
+
+    def _next_ping(self) -> bytes:
+        return self._timestamps.ping(time.monotonic())
 
     def _close_reason_by_operator(self, kind: WSMsgType, data: Any) -> CloseReason:
         if kind is WSMsgType.CLOSE:

@@ -37,7 +37,7 @@ from robotether_server.relay.channels.video.viewers import (
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import OperatorConnection, ViewerSocket
-from robotether_server.relay.http.timing import Liveness, LivenessLimits, RateLimiter
+from robotether_server.relay.http.timing import LivenessLimits, RateLimiter
 from robotether_server.times import utc_now
 
 # Maximum rate of messages: two texts per frame at 60 frames a second, and a margin.
@@ -83,7 +83,6 @@ class FramesSession(OperatorConnection):
         self._permit = permit
         self._context = context
         self._limits = limits
-        self._received_s = time.monotonic()
         self._limiter = RateLimiter(
             self._received_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE
         )
@@ -93,7 +92,6 @@ class FramesSession(OperatorConnection):
         self._under_way: deque[int] = deque(maxlen=MAX_CREDITS)
         self._clock_sync_ms: float | None = None
         self._sent_status: VideoStatus | None = None
-        self._written = 0
         self._blocked = asyncio.Event()
         # From `run` on.
         self._feed: Feed
@@ -124,7 +122,10 @@ class FramesSession(OperatorConnection):
 
     async def _work(self) -> CloseReason:
         return await self._run_together(
-            self._read(), self._push_again(), self._watch(), self._ping()
+            self._read(),
+            self._push_again(),
+            self._watch(self._socket, self._limits),
+            self._ping(self._socket, self._limits),
         )
 
     async def _read(self) -> CloseReason:
@@ -179,7 +180,7 @@ class FramesSession(OperatorConnection):
             message = self._next_message()
             if message is None:
                 return
-            self._written += len(message)
+            self._bytes_to_client += len(message)
             self._socket.write_message(message)
         self._blocked.set()
 
@@ -211,26 +212,3 @@ class FramesSession(OperatorConnection):
         self._cursor.sent(frame)
         note_sent(self._context, self._permit, self._feed.key, frame)
         return frame.message
-
-    async def _watch(self) -> CloseReason:
-        limits = self._limits
-        liveness = Liveness(limits, time.monotonic())
-        while True:
-            await asyncio.sleep(limits.check_every_s)
-            verdict = liveness.check(
-                time.monotonic(),
-                received_at=self._received_s,
-                to_client=(self._written, self._socket.waiting_bytes()),
-                to_robot=(0, 0),
-            )
-            if verdict == "client_silent":
-                return close_reasons.client_silent(self.name, limits.silent_after_s)
-            if verdict == "client_slow":
-                return close_reasons.client_slow(self.name, limits.slow_after_s)
-
-    async def _ping(self) -> CloseReason:
-        while True:
-            await asyncio.sleep(self._limits.ping_every_s)
-            # Behind data that waits a ping would only wait too.
-            if not self._socket.waiting_bytes():
-                await self._socket.ping()
