@@ -23,8 +23,8 @@ from robotether_server.relay.robots.registry import SessionRegistry
 
 TOPICS_PATH = "/cell/v1/topics"
 CONNECT_WITHIN_S = 3.0
-# Interval between pings on a topic's connection, which may be silent for long.
-PING_EVERY_S = 20.0
+# Time without data after which a ping asks whether the other cell still is; that one pings more often.
+PING_AFTER_S = 30.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class CellClient:
         path: str,
         message_limit: int,
         headers: Mapping[str, str] | None = None,
-        ping_every_s: float | None = None,
+        ping_after_s: float | None = None,
     ) -> RobotSocket:
         """Open a WebSocket; raise ClientError, OSError or TimeoutError. The path is encoded, with its query."""
         async with asyncio.timeout(CONNECT_WITHIN_S):
@@ -50,7 +50,7 @@ class CellClient:
                 URL(f"https://{peer.address}{path}", encoded=True),
                 message_limit,
                 headers={**(headers or {}), KEY_HEADER: self.topics_key.decode()},
-                heartbeat=ping_every_s,
+                heartbeat=ping_after_s,
                 ssl=self.keys.tls,
                 server_hostname=SERVER_NAME,
             )
@@ -77,7 +77,7 @@ class CellTopicDialer:
         path = URL.build(path=f"{TOPICS_PATH}/{robot.id}", query=media_path.query)
         try:
             return await self.cells.open(
-                peer, str(path), media_path.message_limit, ping_every_s=PING_EVERY_S
+                peer, str(path), media_path.message_limit, ping_after_s=PING_AFTER_S
             )
         except WSServerHandshakeError as exc:
             why = f"cell {peer.name} answered HTTP {exc.status}; is its version older?"

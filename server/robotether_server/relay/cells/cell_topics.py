@@ -39,8 +39,10 @@ from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.uplink import UserIds
 
-# Time limit for the subscription, and for the next ping of the other cell.
+# Time limit for the subscription.
 SUBSCRIBED_WITHIN_S = 3.0
+# Interval between pings, and time limit for the next pong, which waits behind what was sent before.
+PING_EVERY_S = 20.0
 SILENT_AFTER_S = 60.0
 # Time for which the other cell can read that the robot sends too many topics, before it may try again.
 REFUSED_FOR_S = 1.0
@@ -121,6 +123,7 @@ class PeerTopicsHandler:
             for part in (
                 copies.send(socket.send_frame),
                 _listen(socket),
+                _ping(socket),
                 asyncio.sleep(REFUSED_FOR_S) if shared is None else shared.ended.wait(),
             )
         }
@@ -154,3 +157,9 @@ async def _listen(socket: OperatorSocket) -> None:
             await socket.pong(message.data)
         elif message.type is not WSMsgType.PONG:
             return
+
+
+async def _ping(socket: OperatorSocket) -> None:
+    while True:
+        await socket.ping()
+        await asyncio.sleep(PING_EVERY_S)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
@@ -14,7 +15,7 @@ from aiohttp import WSMsgType
 from fake_robot import HOST, FakeRobot
 from relay_server import until
 from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.cells import cell_client
+from robotether_server.relay.cells import cell_client, cell_topics
 from robotether_server.relay.cells.keys import PROOF_HEADER
 from robotether_server.relay.channels.rosbridge import handler, topic_link
 from robotether_server.relay.channels.rosbridge.forwarded_topics import (
@@ -178,6 +179,23 @@ async def test_a_right_that_ends_ends_its_copy(memory_database, cell_a, cell_b, 
         await until(
             lambda: all(each.relay.fleet.known().level(2, 7) for each in (cell_a, cell_b)), "back"
         )
+
+
+@pytest.mark.parametrize("pause_s", [0.05, 0.6])
+async def test_a_copy_stays_whether_messages_come_or_not(
+    *, cell_b, at_b, observe, monkeypatch, pause_s
+):
+    """A cell that only receives is alive, too."""
+    monkeypatch.setattr(cell_topics, "PING_EVERY_S", 0.1)
+    monkeypatch.setattr(cell_topics, "SILENT_AFTER_S", 0.5)
+    socket = await observe(ODOM)
+    await socket.receive_str(timeout=5)
+    before, started = topics_of(cell_b)[0].users.copy(), time.monotonic()
+    while time.monotonic() - started < 1:
+        await asyncio.sleep(pause_s)
+        await at_b.send_to_topics(b"news")
+        assert await socket.receive_str(timeout=5) == "news"
+    assert topics_of(cell_b)[0].users == before
 
 
 async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatch):
