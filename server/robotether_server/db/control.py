@@ -93,6 +93,12 @@ class DriveEntry:
     # None: nobody measured it.
     latency_p50_ms: float | None = None
     latency_p95_ms: float | None = None
+    # Of commands that name what the driver saw; None: the robot's guard reported none.
+    seen_p50_ms: float | None = None
+    seen_p95_ms: float | None = None
+    seen_p99_ms: float | None = None
+    seen_max_ms: float | None = None
+    seen_unknown: int | None = None
     bytes: int = 0
     frames: int = 0
     frame_bytes: int = 0
@@ -222,6 +228,11 @@ PROGRESS = (
     "stops",
     "latency_p50_ms",
     "latency_p95_ms",
+    "seen_p50_ms",
+    "seen_p95_ms",
+    "seen_p99_ms",
+    "seen_max_ms",
+    "seen_unknown",
     "bytes",
     "pictures",
     "picture_bytes",

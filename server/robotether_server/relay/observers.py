@@ -23,8 +23,8 @@ from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
-# Time after a drive's end in which a guard's report of refusals belongs to it: it comes after a
-# second, or when the robot is back.
+# Time after a drive's end in which a guard's report belongs to it: it comes after a second, or when
+# the robot is back.
 GUARD_REPORTS_WITHIN_S = 10.0
 
 
@@ -143,7 +143,7 @@ class RelayObserver:
         for kind, count in more.items():
             self._metrics.guard_refusals.labels(kind).inc(count)
         drive = robot.newest_drive
-        if not more or drive is None or not _accepts_refusals(drive):
+        if not more or drive is None or not _accepts_reports(drive):
             return
         drive.refused_by_guard(more)
         if drive.ended_s is not None:
@@ -151,15 +151,18 @@ class RelayObserver:
 
     def _on_seen(self, change: Change) -> None:
         drive = self._registry.robot(change.robot_id).newest_drive
-        if drive is not None and change.seen is not None:
-            drive.on_seen(change.seen)
+        if drive is None or change.seen is None or not _accepts_reports(drive):
+            return
+        drive.on_seen(change.seen)
+        if drive.ended_s is not None:
+            self._event_writer.add(drive.written())
 
     def _name(self, robot_id: int) -> str:
         robot = self._snapshot().robots.get(robot_id)
         return robot.name if robot is not None else str(robot_id)
 
 
-def _accepts_refusals(drive: RecordedDrive) -> bool:
+def _accepts_reports(drive: RecordedDrive) -> bool:
     """Return whether what a guard reports now may belong to the drive."""
     return drive.ended_s is None or time.monotonic() - drive.ended_s <= GUARD_REPORTS_WITHIN_S
 

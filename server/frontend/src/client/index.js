@@ -9,11 +9,13 @@ import { DriveTypeQuery } from "./driveType.js";
 import { FrameStream } from "./frames.js";
 import { Painter, imageOf } from "./painter.js";
 import { Session } from "./session.js";
+import { ShownFrames } from "./shownFrames.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
 const MODULE = "/static/dist/robotether-client.js";
 const USUAL_CAMERA = "/camera/image_raw";
 const STOP_CONFIRM_MS = 3000;
+const MAX_SEEN = 8; // maximum number of frames that a command names
 
 export class Robot {
   // `server`: https://HOST, by default the page's own. Who asks: `token`, an API token; or `getTicket({robot, mode})`, which
@@ -40,6 +42,9 @@ export class Robot {
     /** @type {number | null} */
     this.roundTripMs = null;
     this.publishers = new Map();
+    this.shown = new Set(); // {topic, stream, frames}, of each camera that showVideo has shown
+    /** @type {number | null} */
+    this.seenAgeMs = null;
     this.session = new Session({
       driveTopic: this.driveTopic,
       wheelbase,
@@ -49,6 +54,8 @@ export class Robot {
       onLeaving: () => this.driver.letGo(),
       onControl: (control) => this.receive(control),
       onRoundTrip: (reading) => (this.roundTripMs = reading?.medianMs ?? null),
+      seenAt: (timestamp) => this.seenAt(timestamp),
+      onSeen: (ageMs) => (this.seenAgeMs = ageMs ?? null),
     });
     this.driver = new Driver({ output: this.session });
     this.letGoOnBlur = letGoOnBlur;
@@ -184,14 +191,30 @@ export class Robot {
     element,
     /** @type {{topic?: string, onStatus?: (status: object) => void}} */ { topic = USUAL_CAMERA, onStatus, ...request } = {},
   ) {
+    const [show, frames] = [showOn(element), new ShownFrames()];
     const stream = new FrameStream({
       url: async () => framesUrl(this.server, this.name, topic, await this.viewTicket()),
       request,
-      onFrame: showOn(element),
+      onFrame: async (frame) => {
+        await show(frame);
+        this.shown.add(shown); // after its end, too: what was seen stays in the driver's mind, and grows old
+        frames.note({ ...frame, shownAt: performance.now() });
+      },
       onStatus,
     });
+    const shown = { topic, stream, frames };
     stream.start();
     return stream;
+  }
+
+  // The frames that the driver saw: of the cameras that are shown now, else of the last ones. A page that has shown none names none.
+  seenAt(timestamp) {
+    const running = [...this.shown].filter(({ stream }) => stream.running);
+    if (running.length) this.shown = new Set(running);
+    if (!this.shown.size) return undefined;
+    return [...this.shown]
+      .slice(0, MAX_SEEN)
+      .map(({ topic, frames }) => ({ camera: topic, frame: frames.seenAt(timestamp)?.sequence ?? null }));
   }
 
   // An address for <img src>, good for 30 s to begin with. Prefer showVideo: it comes back after a cut.

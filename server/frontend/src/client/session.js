@@ -8,7 +8,8 @@ import { RttProbe, median } from "./rtt.js";
 
 /**
  * @typedef {import("./teleop.js").Twist} Twist
- * @typedef {{t_ms: number}} Stamp the timestamp of a command in the relay's time
+ * @typedef {{camera: string, frame: number | null}} NamedFrame a frame that is seen, by its sequence number; null: unknown
+ * @typedef {{t_ms?: number, seen?: NamedFrame[]}} Stamp the timestamp of a command in the relay's time, and what was seen
  */
 
 /**
@@ -27,7 +28,8 @@ const MAX_SILENCE_MS = 2000; // of the robot, which answers each second: what is
 
 export class Session {
   // `driveTopic` is driven, "" for none; `wheelbase` in m of a robot that steers. `requestUrl()`, `prepare`, `onState` and `onLeaving` as
-  // of connection.js; `onControl(control)` with what is known of who drives and whether the robot is stopped; `onRoundTrip` as of rtt.js.
+  // of connection.js; `seenAt(timestamp)` gives the frames that the driver saw then, undefined for a client that names none, and
+  // `onSeen(ageMs)` reports how old they were at the robot, null for unknown; `onControl(control)` with what is known of who drives and whether the robot is stopped; `onRoundTrip` as of rtt.js.
   /**
    * @param {{
    *   driveTopic: string,
@@ -38,9 +40,24 @@ export class Session {
    *   onLeaving: () => void,
    *   onControl: (control: Control) => void,
    *   onRoundTrip: (reading: {medianMs: number, ageMs: number} | null) => void,
+   *   seenAt?: (timestamp: number) => NamedFrame[] | undefined,
+   *   onSeen?: (ageMs: number | null) => void,
    * }} options
    */
-  constructor({ driveTopic, wheelbase, requestUrl, prepare, onState, onLeaving, onControl, onRoundTrip }) {
+  constructor({
+    driveTopic,
+    wheelbase,
+    requestUrl,
+    prepare,
+    onState,
+    onLeaving,
+    onControl,
+    onRoundTrip,
+    seenAt = () => undefined,
+    onSeen = () => {},
+  }) {
+    this.seenAt = seenAt;
+    this.onSeen = onSeen;
     this.clockSync = new ClockSync();
     this.controlState = new ControlState({ onControl });
     this.connection = new Connection({
@@ -87,7 +104,14 @@ export class Session {
   /** @type {(twist: Twist, timestamp: number) => void} */
   publish(twist, timestamp) {
     const { type, wheelbase } = this;
-    this.publisher?.publish(driveMessage(type, twist, { wheelbase }), this.clockSync.stamp(timestamp));
+    this.publisher?.publish(driveMessage(type, twist, { wheelbase }), this.stamp(timestamp));
+  }
+
+  // What {robotether} of a drive message says; undefined for nothing.
+  /** @type {(timestamp: number) => Stamp | undefined} */
+  stamp(timestamp) {
+    const [stamp, seen] = [this.clockSync.stamp(timestamp), this.seenAt(timestamp)];
+    return seen ? { ...stamp, seen } : stamp;
   }
 
   probe({ name }) {
@@ -104,6 +128,7 @@ export class Session {
   receive(operation) {
     if (!this.clockSync.isRelays(operation)) return;
     if (operation.op === "robotether.clock_sync") this.clockSync.receive(operation);
+    if (operation.op === "robotether.seen") this.onSeen(operation.age_ms);
     if (operation.op === "robotether.control") this.controlState.fromLink(operation.control);
   }
 
@@ -219,9 +244,9 @@ export class ClockSync {
     this.samples = [...this.fresh(at), { at, ahead: relay_ms - at }];
   }
 
-  // What {robotether} of a drive message says of the timestamp `t_ms`; undefined while nothing is known,
+  // The timestamp `t_ms` in the relay's time; undefined while nothing is known,
   // and then the relay goes by its own pings.
-  /** @type {(t_ms: number) => Stamp | undefined} */
+  /** @type {(t_ms: number) => {t_ms: number} | undefined} */
   stamp(t_ms) {
     const offsets = this.fresh(this.now()).map(({ ahead }) => ahead);
     return offsets.length ? { t_ms: t_ms + Math.max(...offsets) } : undefined;

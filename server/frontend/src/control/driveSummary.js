@@ -98,6 +98,7 @@ export function driveRows(drive) {
     distance: texts.commanded(metres(drive.distance_m)),
     speed: texts.commanded(`${shortNumber(drive.top_speed_m_s)} m/s`),
     latency: latencyText(drive),
+    seen: seenText(drive),
     pictures: framesText(drive),
     bytes: Number.isFinite(drive.bytes) ? sizeText(drive.bytes) : texts.unknown,
     stops: drive.stops ? String(drive.stops) : texts.nothing,
@@ -109,6 +110,12 @@ export function driveRows(drive) {
 function latencyText({ latency_p50_ms, latency_p95_ms }) {
   if (!Number.isFinite(latency_p50_ms)) return texts.unknown;
   return texts.latency(Math.round(latency_p50_ms), Math.round(latency_p95_ms));
+}
+
+function seenText({ seen_p50_ms, seen_p95_ms, seen_unknown }) {
+  if (!Number.isFinite(seen_p50_ms)) return texts.unknown;
+  const known = texts.seen(Math.round(seen_p50_ms), Math.round(seen_p95_ms));
+  return seen_unknown ? `${known}; ${texts.seenUnknown(seen_unknown)}` : known;
 }
 
 function framesText({ frames, frame_bytes, viewed_s }) {

@@ -13,6 +13,7 @@ import { Buttons } from "../control/robotButtons.js";
 import { StopBar } from "../control/stopBar.js";
 import { setUpControls } from "../input/controls.js";
 import { Readback, Readings } from "../overlays/readings.js";
+import { SeenAge } from "../overlays/seenAge.js";
 import { watchers } from "../texts/common.js";
 import { Discovery } from "../topics/discovery.js";
 import { Topics } from "../topics/topicList.js";
@@ -55,6 +56,8 @@ const session = new Session({
   onLeaving: () => arming.leave(),
   onControl: useControl,
   onRoundTrip: showRoundTrip,
+  seenAt,
+  onSeen: (ageMs) => seenAge.receive(ageMs),
 });
 const { connection } = session;
 const topicSwitch = new TopicSwitch({
@@ -65,6 +68,7 @@ const subscribe = (spec, handler) => topicSwitch.subscribe(spec, handler);
 
 const banner = new Banner(root, { onRetry: () => connection.retryNow({ asked: true }), onBlind: () => interlock.allow() });
 const readings = new Readings(root, { frameAge: () => interlock.ageMs, limits, holdAfterMs });
+const seenAge = new SeenAge(root);
 const view = new View(root, {
   robot,
   settings,
@@ -111,6 +115,13 @@ function controlOptions() {
     onWanted: useWanted,
     onStop: () => stopBar.press(),
   };
+}
+
+// What the server reads of the frames that the driver saw.
+function seenAt(timestamp) {
+  const frames = view.hasCamera ? view.tiles.seenAt(timestamp) : null; // one without cameras has nothing to name
+  seenAge.command(frames, timestamp);
+  return frames?.map(({ topic: camera, sequence: frame }) => ({ camera, frame }));
 }
 
 // A gamepad's driver touches nothing that causes an event of the page.

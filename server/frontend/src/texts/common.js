@@ -203,5 +203,13 @@ export const latency = {
   unknown: "?",
 };
 
+// How old is what the driver sees.
+export const seen = {
+  ago: (ms) => `seen ${ms} ms ago`,
+  unknown: "?",
+  why: "The robot does not know the frames that this page shows.",
+  parts: (video, held, rest) => `about ${video} ms until it is shown, ${held} ms until the command, ${rest} ms on to the robot`,
+};
+
 // Not counting this page.
 export const watchers = (count) => (count > 0 ? `${count} watching.` : "");

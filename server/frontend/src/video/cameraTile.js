@@ -1,6 +1,7 @@
 // One camera in its place: its stream, the age of its frames, and a text when there are none.
 
 import { Painter } from "../client/painter.js";
+import { ShownFrames } from "../client/shownFrames.js";
 import { part, setText } from "../dom/page.js";
 import { frame as texts } from "../texts/video.js";
 
@@ -21,6 +22,7 @@ export class CameraTile {
     this.painter = painter;
     this.rate = new FrameRate();
     this.at = null; // of the frame that is seen
+    this.shownFrames = new ShownFrames();
     this.full = null; // the greatest size that the camera has shown
     this.status = { why: "starting" };
     this.turned = 0;
@@ -57,6 +59,7 @@ export class CameraTile {
   // The frame may be older than its timestamp says.
   forget() {
     this.at = null;
+    this.shownFrames.forget();
     this.showState();
   }
 
@@ -91,12 +94,14 @@ export class CameraTile {
   }
 
   // Only what is seen counts: the timestamp is kept when the frame is on the page.
-  async paint({ jpeg, at }) {
+  async paint({ jpeg, at, sequence }) {
     const { stream } = this;
     const size = await this.painter.show(jpeg);
     if (stream !== this.stream || !stream) return;
     this.at = at;
-    this.rate.hit(this.now());
+    const shownAt = this.now();
+    this.shownFrames.note({ sequence, at, shownAt });
+    this.rate.hit(shownAt);
     this.learn(size);
     if (this.element.dataset.frame !== this.state) this.showState();
     this.onPainted(this.camera.topic);

@@ -15,6 +15,7 @@ export class Tiles {
     this.tiles = new Map();
     this.off = new Set(); // cameras that the person switched off
     this.playing = false;
+    this.lastSeen = [];
   }
 
   get(id) {
@@ -23,6 +24,22 @@ export class Tiles {
 
   each(act) {
     this.tiles.forEach(act);
+  }
+
+  // The frames that the driver saw at this time, {topic, sequence, at, shownAt}: one of each camera that is shown, is on and has
+  // shown any, else what was seen last, as old as that gets.
+  seenAt(timestamp) {
+    const cameras = [...this.tiles].filter(([id]) => id !== MAP && !this.off.has(id));
+    const frames = cameras.map(([topic, tile]) => ({ topic, ...tile.shownFrames.seenAt(timestamp) }));
+    const seen = frames.filter(({ sequence }) => sequence !== undefined);
+    if (seen.length) this.lastSeen = seen;
+    return this.lastSeen;
+  }
+
+  // What was shown may be older than it says.
+  forget() {
+    this.lastSeen = [];
+    this.each((tile) => tile.forget());
   }
 
   // `shown` are {topic, name}, in their order; `turned(camera)` in degrees; `playing` false ends all streams, and `why` says why.

@@ -287,7 +287,7 @@ export class View {
 
   forget() {
     this.mainTimestamp = new MainTimestamp();
-    this.tiles.each((tile) => tile.forget());
+    this.tiles.forget();
   }
 
   tick() {

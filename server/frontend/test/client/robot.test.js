@@ -315,3 +315,43 @@ test("video is shown on a canvas or in an <img>, and nowhere else", async () => 
   assert.match(sockets[0].url, /video\/frames\?topic=\/front&ticket=t1$/);
   assert.throws(() => make().showVideo({ localName: "p" }), /cannot show video in <p>/);
 });
+
+test("commands name the frames of the cameras that are shown, else of the last ones; before the first none", async () => {
+  class Image {
+    localName = "img";
+    set src(_) {
+      this.onload();
+    }
+  }
+  const robot = make();
+  const seen = () => robot.session.stamp(performance.now())?.seen;
+  assert.equal(seen(), undefined);
+  const streams = [];
+  for (const [topic, sequence] of [
+    ["/front", 41],
+    ["/rear", 7],
+  ]) {
+    streams.push(robot.showVideo(new Image(), { topic }));
+    await settle();
+    sockets.at(-1).open();
+    sockets.at(-1).answerClockSync(0);
+    sockets.at(-1).frame({ sequence, timestampMs: performance.now() });
+    await settle();
+  }
+  const [front, rear] = [
+    { camera: "/front", frame: 41 },
+    { camera: "/rear", frame: 7 },
+  ];
+  assert.deepEqual(seen(), [front, rear]);
+  streams[0].stop();
+  assert.deepEqual(seen(), [rear]);
+  streams[1].stop();
+  assert.deepEqual(seen(), [rear]);
+});
+
+test("it has the age of what its driver sees, as the server reports it", async () => {
+  const robot = await goLive();
+  assert.equal(robot.seenAgeMs, null);
+  sockets[0].relaySays({ op: "robotether.seen", age_ms: 140.2 });
+  assert.equal(robot.seenAgeMs, 140.2);
+});

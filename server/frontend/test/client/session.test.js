@@ -36,6 +36,32 @@ test("a command carries its timestamp in the relay's time", () => {
   assert.deepEqual(robotether, { t_ms: 1005 });
 });
 
+test("a command names the frames that were seen at its input, also before the relay's clock is known", () => {
+  const at = [];
+  session.seenAt = (timestamp) => (at.push(timestamp), [{ camera: "/a", frame: 41 }]);
+  session.useType("geometry_msgs/Twist");
+  session.use(true);
+  session.publish({ forward: 1, turn: 0 }, 5);
+  session.clockSync.stamp = () => undefined;
+  session.publish({ forward: 1, turn: 0 }, 6);
+  const seen = [{ camera: "/a", frame: 41 }];
+  assert.deepEqual(
+    published.map(([, robotether]) => robotether),
+    [{ t_ms: 1005, seen }, { seen }],
+  );
+  assert.deepEqual(at, [5, 6]);
+});
+
+test("the relay alone says how old is what is seen", () => {
+  const ages = [];
+  session.onSeen = (ageMs) => ages.push(ageMs);
+  session.clockSync.isRelays = ({ key }) => key === "mine";
+  session.receive({ op: "robotether.seen", age_ms: 1, key: "a robot's" });
+  session.receive({ op: "robotether.seen", age_ms: 140.2, key: "mine" });
+  session.receive({ op: "robotether.seen", age_ms: null, key: "mine" });
+  assert.deepEqual(ages, [140.2, null]);
+});
+
 test("another type, and another connection, are advertised anew", () => {
   session.use(true);
   session.useType("geometry_msgs/Twist");

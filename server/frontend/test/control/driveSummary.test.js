@@ -11,6 +11,9 @@ const DRIVE = {
   top_speed_m_s: 0.8,
   latency_p50_ms: 41.6,
   latency_p95_ms: 80.2,
+  seen_p50_ms: 140.2,
+  seen_p95_ms: 210.6,
+  seen_unknown: 0,
   bytes: 1_230_000,
   frames: 1500,
   frame_bytes: 45_000_000,
@@ -34,6 +37,7 @@ test("a drive's record is written in words", () => {
     distance: "14.2 m commanded",
     speed: "0.8 m/s commanded",
     latency: "42 ms; 95 % within 80 ms",
+    seen: "140 ms ago; 95 % within 211 ms",
     pictures: "15 a second, 45 MB",
     bytes: "1.2 MB",
     stops: "1",
@@ -41,11 +45,17 @@ test("a drive's record is written in words", () => {
   });
 });
 
+test("how old was what the driver saw is unknown for the commands of which nobody knows", () => {
+  const { seen } = words({ ...DRIVE, seen_unknown: 4 });
+  assert.equal(seen, "140 ms ago; 95 % within 211 ms; unknown for 4 commands");
+});
+
 test("what was not measured is not written as nothing", () => {
-  const { latency, pictures, bytes, stops, refused, ended } = words({
+  const { latency, seen, pictures, bytes, stops, refused, ended } = words({
     ...DRIVE,
     latency_p50_ms: null,
     latency_p95_ms: null,
+    seen_p50_ms: null,
     frames: 0,
     viewed_s: null,
     bytes: null,
@@ -55,8 +65,8 @@ test("what was not measured is not written as nothing", () => {
     end_code: "newly_made",
   });
   assert.deepEqual(
-    [latency, pictures, bytes, stops, refused, ended],
-    ["Not measured", "No video", "Not measured", "None", "None", "newly_made"],
+    [latency, seen, pictures, bytes, stops, refused, ended],
+    ["Not measured", "Not measured", "No video", "Not measured", "None", "None", "newly_made"],
   );
 });
 

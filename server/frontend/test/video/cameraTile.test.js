@@ -48,6 +48,18 @@ beforeEach(() => {
   tile.start();
 });
 
+test("the frame that a driver saw is the one that stood on the page then", async () => {
+  const shown = streams[0].onFrame({ jpeg: new Uint8Array(), at: 900, sequence: 41 });
+  assert.equal(tile.shownFrames.seenAt(clock), null);
+  clock = 1020;
+  paintings[0].done({ width: 640, height: 480 });
+  await shown;
+  assert.equal(tile.shownFrames.seenAt(1019), null);
+  assert.deepEqual(tile.shownFrames.seenAt(1020), { sequence: 41, at: 900, shownAt: 1020 });
+  tile.forget();
+  assert.equal(tile.shownFrames.seenAt(1020), null);
+});
+
 async function paint(at, size = { width: 640, height: 480 }) {
   const shown = streams.at(-1).onFrame({ jpeg: new Uint8Array(), at });
   paintings.at(-1).done(size);

@@ -21,7 +21,7 @@ from robotether_server.relay.observers import RelayObserver, new_refusals
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import Change, GuardReport, Presence, Robot
+from robotether_server.relay.robots.robot import Change, GuardReport, Presence, Robot, SeenReport
 
 CONNECTED, DISCONNECTED = utc(2026, 1, 1, 12, 3), utc(2026, 1, 1, 12, 30)
 ONLINE = Presence(online=True, since=CONNECTED, address="198.51.100.7")
@@ -196,6 +196,27 @@ def test_what_a_guard_refuses_long_after_a_drive_is_nobodys(
     observer.write_drives()
     assert refused_in(event_writer) == [{}, {}]
     assert b'guard_refusals_total{kind="old"} 1.0' in metrics.render()
+
+
+def test_what_a_driver_saw_is_the_drives(observer, event_writer, sim1, monkeypatch):
+    """What the guard reports after the end is added to the record, but not long after."""
+
+    def saw(age_ms: float) -> None:
+        report = SeenReport(13, (age_ms,))
+        observer.on_robot_change(Change("seen", 7, ONLINE, seen=report))
+
+    connection, drive = driving(sim1), a_drive()
+    saw(1.0)
+    observer.connection(ConnectionReport(connection, None, drive=drive))
+    saw(140.0)
+    observer.connection(
+        ConnectionReport(connection, None, close_reasons.client_left("sim1"), 1, drive)
+    )
+    saw(150.0)
+    monkeypatch.setattr("robotether_server.relay.observers.GUARD_REPORTS_WITHIN_S", -1.0)
+    saw(160.0)
+    drives = [entry for entry in event_writer.notes if isinstance(entry, DriveEntry)]
+    assert [entry.seen_max_ms for entry in drives] == [None, 140.0, 150.0]
 
 
 def test_refusals_are_one_audit_line_of_their_connection(observer, event_writer, sim1):

@@ -244,7 +244,7 @@ class DriveCounters:
 
 
 class DriveLog:
-    """Counts one drive: commanded distance, turn and speeds, messages, refusals, latency, frames.
+    """Counts one drive: commanded distance, turn and speeds, messages, refusals, latency, what was seen, frames.
 
     A command counts until the next, and no longer than the guard lets it: the robot stops by itself then. Pure: no
     clock of its own.
@@ -263,6 +263,7 @@ class DriveLog:
         self._counters = counters
         self._viewed_before = counters.viewer_counts()
         self._latency = LatencyHistogram()
+        self._seen = LatencyHistogram()
         self._refused = refused
         self._refused_by_guard: Counter[str] = Counter()
         # None: it goes on.
@@ -303,8 +304,19 @@ class DriveLog:
 
     def on_seen(self, report: SeenReport) -> None:
         """The guard reported what a driver saw; another drive's is of no use here."""
-        if report.fence == self.entry.fence and report.ages_ms:
-            self._show_seen(report.ages_ms[-1])
+        entry, ages_ms = self.entry, report.ages_ms
+        if report.fence != entry.fence or not ages_ms:
+            return
+        known = [age_ms for age_ms in ages_ms if age_ms is not None]
+        for age_ms in known:
+            self._seen.add(age_ms)
+        if known:
+            entry.seen_max_ms = oldest_ms = max(*known, entry.seen_max_ms or 0.0)
+            entry.seen_p50_ms, entry.seen_p95_ms, entry.seen_p99_ms = (
+                min(self._seen.quantile(share) or 0.0, oldest_ms) for share in (0.5, 0.95, 0.99)
+            )
+        entry.seen_unknown = (entry.seen_unknown or 0) + len(ages_ms) - len(known)
+        self._show_seen(ages_ms[-1])
 
     def written(self) -> DriveEntry:
         """Return the entry as it is now."""

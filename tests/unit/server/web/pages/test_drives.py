@@ -30,6 +30,8 @@ def test_admin_sees_all_and_user_her_own(
         "(code lease_lost)",
         "0.75 m/s",
         "41 ms; 95 % within 80 ms",
+        "140 ms ago; 95 % within 210 ms, at most 512 ms",
+        "4 commands",
         "15.0 frames/s",
         "181.2 MB",
         "2 too old, 3 to a topic that is not allowed",
@@ -47,9 +49,11 @@ def test_admin_sees_all_and_user_her_own(
 def test_what_nobody_measured_is_not_claimed(admin: Browser, admin_database: Database) -> None:
     """Of a drive from before there were such records, and of one without pings and video."""
     measured = ("latency_p50_ms", "latency_p95_ms", "bytes", "pictures", "picture_bytes")
-    add_drive(admin_database, "sim1", "ann", **dict.fromkeys((*measured, "viewed_s")))
+    seen = ("seen_p50_ms", "seen_p95_ms", "seen_p99_ms", "seen_max_ms", "seen_unknown")
+    add_drive(admin_database, "sim1", "ann", **dict.fromkeys((*measured, *seen, "viewed_s")))
     page = admin.ask("GET", "/drives").text
-    assert [words for words in ("Round trip", "Video", "Data") if f"<dt>{words}<" in page] == []
+    facts = ("Round trip", "Seen", "Seen, unknown for", "Video", "Data")
+    assert [words for words in facts if f"<dt>{words}<" in page] == []
 
 
 def test_each_drive_is_a_file_of_its_own(ann: Browser, admin_database: Database) -> None:

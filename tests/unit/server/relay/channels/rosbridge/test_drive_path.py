@@ -31,6 +31,7 @@ from robotether_server.relay.channels.rosbridge.drive_path import (
     stamped,
 )
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
+from robotether_server.relay.robots.robot import SeenReport
 from robotether_server.relay.robots.viewer_stats import ViewerCounts
 from robotether_server.settings.robot import DEFAULTS
 from stopwatch import Stopwatch
@@ -461,6 +462,35 @@ def test_latency_is_the_way_from_the_driver_to_the_robot(refused):
     entry = log.end(1.0, NOON, "client_left")
     assert entry.latency_p50_ms == pytest.approx(30, rel=0.01)
     assert entry.latency_p95_ms == pytest.approx(200, rel=0.01)
+
+
+def test_what_the_driver_saw_is_counted_by_its_age(refused):
+    """Of this drive alone; what is unknown is counted apart, and nothing is claimed without a report."""
+    shown = []
+    log = DriveLog(DriveEntry(7, "sim1", "ann", 5, NOON), 0.5, refused, show_seen=shown.append)
+    log.on_seen(SeenReport(4, (9000.0,)))
+    log.on_seen(SeenReport(5, ()))
+    entry = log.written()
+    assert (entry.seen_p50_ms, entry.seen_max_ms, entry.seen_unknown) == (None, None, None)
+    log.on_seen(SeenReport(5, (None,)))
+    entry = log.written()
+    assert (entry.seen_p50_ms, entry.seen_max_ms, entry.seen_unknown) == (None, None, 1)
+    log.on_seen(SeenReport(5, (140.2,) * 94))
+    log.on_seen(SeenReport(5, (200.0,) * 4 + (512.3, 480.0, None)))
+    entry = log.end(1.0, NOON, "client_left")
+    assert entry.seen_p50_ms == pytest.approx(140.2, rel=0.01)
+    assert entry.seen_p95_ms == pytest.approx(200, rel=0.01)
+    assert entry.seen_p99_ms == pytest.approx(480, rel=0.01)
+    assert (entry.seen_max_ms, entry.seen_unknown) == (512.3, 2)
+    assert shown == [None, 140.2, None]
+
+
+def test_no_part_of_what_was_seen_is_older_than_the_oldest(refused):
+    log = DriveLog(DriveEntry(7, "sim1", "ann", 5, NOON), 0.5, refused)
+    for age_ms in range(100, 200):
+        log.on_seen(SeenReport(5, (float(age_ms),)))
+        entry = log.written()
+        assert max(entry.seen_p50_ms, entry.seen_p95_ms, entry.seen_p99_ms) <= age_ms
 
 
 def of(*values: float) -> LatencyHistogram:

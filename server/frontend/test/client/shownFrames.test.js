@@ -1,0 +1,36 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { ShownFrames } from "../../src/client/shownFrames.js";
+
+function shown(...times) {
+  const frames = new ShownFrames();
+  times.forEach((shownAt, sequence) => frames.note({ sequence, at: shownAt - 100, shownAt }));
+  return frames;
+}
+
+test("a frame is seen from when it is shown until the next one is", () => {
+  const frames = shown(1000, 1100, 1200);
+  assert.deepEqual(
+    [1000, 1099, 1100, 1500].map((timestamp) => frames.seenAt(timestamp).sequence),
+    [0, 0, 1, 2],
+  );
+});
+
+test("a frame that came after the input was not seen at it", () => {
+  assert.equal(shown().seenAt(1000), null);
+  assert.equal(shown(1000).seenAt(999), null);
+});
+
+test("the last frame before a long gap was seen throughout it", () => {
+  const frames = shown(1000, 1100, 9000);
+  assert.equal(frames.seenAt(8999).sequence, 1);
+  assert.equal(frames.seenAt(9000).sequence, 2);
+});
+
+test("what is kept is bounded, and can be forgotten", () => {
+  const frames = shown(...Array.from({ length: 1000 }, (_, place) => place * 10));
+  assert.ok(frames.frames.length <= 202);
+  frames.forget();
+  assert.equal(frames.seenAt(1e6), null);
+});

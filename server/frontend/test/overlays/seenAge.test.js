@@ -1,0 +1,82 @@
+import assert from "node:assert/strict";
+import { beforeEach, mock, test } from "node:test";
+
+import { SeenAge } from "../../src/overlays/seenAge.js";
+
+let clock, value, parts, element, seenAge;
+
+const place = () => ({ textContent: "", hidden: true, title: "" });
+
+beforeEach(() => {
+  mock.timers.reset();
+  mock.timers.enable({ apis: ["setInterval"] });
+  clock = 10_000;
+  [value, parts] = [place(), place()];
+  element = { ...place(), querySelector: () => value };
+  const byId = { "seen-age": element, "seen-parts": parts };
+  const root = { querySelector: (selector) => byId[/"(.+)"/.exec(selector)[1]] };
+  seenAge = new SeenAge(root, { now: () => clock });
+});
+
+function pass(ms) {
+  for (let passed = 0; passed < ms; passed += 250) {
+    clock += 250;
+    mock.timers.tick(250);
+  }
+}
+
+const words = () => (element.hidden ? "" : value.textContent);
+
+const frame = (at, shownAt) => ({ topic: "/a", sequence: 1, at, shownAt });
+
+test("the age that the robot measures is shown with about its parts", () => {
+  seenAge.command([frame(9910, 9960), frame(9900, 9970)], 10_000);
+  seenAge.receive(140.4);
+  assert.equal(words(), "seen 140 ms ago");
+  assert.match(element.title, /about 70 ms until it is shown, 30 ms until the command, 40 ms on to the robot/);
+  assert.equal(parts.textContent, element.title);
+});
+
+test("parts that were measured apart are never less than nothing", () => {
+  seenAge.command([frame(9800, 9900)], 9890);
+  seenAge.receive(90);
+  assert.match(element.title, /100 ms until it is shown, 0 ms until the command, 0 ms on/);
+});
+
+test("what the robot does not know is unknown", () => {
+  seenAge.command([frame(9900, 9960)], 10_000);
+  for (const ageMs of [null, undefined]) {
+    seenAge.receive(ageMs);
+    assert.equal(words(), "seen ? ms ago");
+    assert.match(element.title, /does not know/);
+  }
+});
+
+test("a robot that reports nothing while somebody drives leaves the age unknown", () => {
+  for (let n = 0; n < 8; n++) {
+    seenAge.command([frame(9900, 9960)], clock);
+    pass(250);
+    assert.equal(words(), "");
+  }
+  seenAge.command([frame(9900, 9960)], clock);
+  pass(250);
+  assert.equal(words(), "seen ? ms ago");
+  pass(1000);
+  assert.equal(words(), "");
+});
+
+test("a report is shown no longer than it counts", () => {
+  seenAge.receive(140);
+  pass(2000);
+  assert.equal(words(), "seen 140 ms ago");
+  pass(250);
+  assert.equal(words(), "");
+});
+
+test("a robot without a camera has no age to show", () => {
+  for (let n = 0; n < 20; n++) {
+    seenAge.command(null, clock);
+    pass(250);
+  }
+  assert.equal(words(), "");
+});
