@@ -13,6 +13,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
+from aiohttp import web
+from robotether_common.line_rate import BYTES_PER_S
+from robotether_common.line_rate import PATH as LINE_PATH
 from robotether_common.services import BY_CONNECTION, ServiceName
 from robotether_common.session import ByeCode, Kind
 from robotether_common.topics import PATH as TOPICS_PATH
@@ -28,6 +31,7 @@ from robotether_agent.tunnel.connection import Role
 from robotether_agent.tunnel.openssh import ServiceAddress, target_of
 from robotether_agent.tunnel.session import FeatureRequest, Session, SessionConfig
 from robotether_agent.video.frames_service import FramesService
+from robotether_agent.video.pacer import Pacer
 from robotether_agent.video.receiver import OnFrameSent
 from robotether_agent.video.sources import SourceSettings
 from robotether_agent.video.video_proxy import LocalService, VideoProxy
@@ -114,19 +118,23 @@ async def serve_video(
     on_frame_sent: OnFrameSent,
 ) -> AsyncIterator[Role]:
     """Serve the robot's cameras and topics by a video proxy."""
-    topics = TopicsService(settings.rosbridge_url)
+    topics, pacer = TopicsService(settings.rosbridge_url), Pacer()
+
+    async def answer_line_rate(_request: web.Request) -> web.Response:
+        return web.json_response({BYTES_PER_S: pacer.line_rate()})
+
     frames = FramesService(
         source_settings,
         graph,
         has_video=has_video,
-        routes={TOPICS_PATH: topics.answer},
+        routes={TOPICS_PATH: topics.answer, LINE_PATH: answer_line_rate},
         on_frame_sent=on_frame_sent,
     )
     async with AsyncExitStack() as ends:
         ends.push_async_callback(topics.close)
         ends.push_async_callback(frames.close)
         local = LocalService(await frames.start(), OWN_ANSWERS[settings.video_source])
-        video_proxy = VideoProxy(settings.video_url, local)
+        video_proxy = VideoProxy(settings.video_url, local, pacer=pacer)
         ends.push_async_callback(video_proxy.close)
         target = ServiceAddress(LOCALHOST, await video_proxy.start())
         yield Role(kind="media", target=lambda: target, video_proxy=video_proxy)

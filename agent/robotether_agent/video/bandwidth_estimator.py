@@ -49,6 +49,8 @@ MAX_ROUNDS = 8
 SEGMENTS_AT_START = 10
 MIN_SEGMENTS = 4
 MAX_WINDOW = 4 * 1024 * 1024
+# Time for which the line counts as full after the window held senders back for a round.
+FULL_FOR_S = 5.0
 # Gain of the window per round at the start, until rounds bring less than START_GROWTH or a queue
 # appears.
 START_GAIN = 2.0
@@ -179,6 +181,7 @@ class BandwidthEstimator:
         self._start: Startup | None = Startup()
         self._drains_left = 0
         self._rounds_over_ceiling = 0
+        self._full_at: float | None = None
 
     @property
     def window(self) -> int:
@@ -192,6 +195,12 @@ class BandwidthEstimator:
     def rate(self) -> float:
         """Bytes a second that the path takes, as far as is known."""
         return max(self._rates, default=0.0)
+
+    def full_rate(self, now_s: float) -> float | None:
+        """Return the rate while senders fill the path; else nothing, as what they offer says little of it."""
+        if self._full_at is None or now_s - self._full_at > FULL_FOR_S:
+            return None
+        return self.rate
 
     @property
     def speed(self) -> float:
@@ -237,6 +246,8 @@ class BandwidthEstimator:
         if self._drains_left:
             self._drain(seen, now_s)
             return
+        if seen.was_full and self._start is None:
+            self._full_at = now_s
         # A camera that offered less says nothing of the path, unless it got more through than was thought.
         if seen.was_full or seen.rate > self.rate:
             self._judge_queue()

@@ -157,6 +157,13 @@ class Pacer:
         self._is_held = True
         self._stop_timer()
 
+    def line_rate(self) -> int | None:
+        """Return the bytes a second that the line carries, None while nobody fills it or nothing is measured."""
+        if self._paced is None:
+            return None
+        rate = self._paced[0].full_rate(asyncio.get_running_loop().time())
+        return None if rate is None else round(rate)
+
     async def acquire(self, requested: int, *, is_bulk: bool = False) -> int:
         """Wait for a turn, and return how many of `requested` bytes to send in it: at least one.
 

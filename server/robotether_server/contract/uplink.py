@@ -24,6 +24,11 @@ class UplinkStream(Struct, frozen=True):
 
 
 class UplinkObject(Struct, frozen=True):
-    """What the robot sends through the relay, the most first."""
+    """What the robot sends through the relay, the most first.
+
+    `line_bytes_per_s`: what its line carries of video and topics while they fill it, as the robot estimates; None: they
+    do not, or it does not say.
+    """
 
     streams: list[UplinkStream]
+    line_bytes_per_s: Annotated[int, Meta(ge=0)] | None

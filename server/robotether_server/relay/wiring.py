@@ -269,7 +269,7 @@ class Relay:
         self._control_api = ControlApi(
             self.access,
             self.control,
-            self.registry,
+            media,
             self.fleet.snapshot,
             OtherCells(self.peers.confirmation, self.peer_feeds.unreached),
         )

@@ -231,6 +231,8 @@ class FakeRobot:
         # Connections that each carry a topic, and whether there may be any.
         self.topics: list[web.WebSocketResponse] = []
         self.has_topics = True
+        # What it says of its line; an agent before this answers with something else.
+        self.line_answer = "no such page"
         self.repeats = False
         self.handshakes: list[dict[str, str]] = []
         self._connected = asyncio.Event()
@@ -376,6 +378,7 @@ class FakeRobot:
         app = web.Application()
         app.router.add_get("/robotether/frames", self.frames.serve)
         app.router.add_get("/robotether/topics", self._topic)
+        app.router.add_get("/robotether/line", self._line)
         app.router.add_get("/stream", self._video_stream)
         app.router.add_get("/huge", self._huge)
         app.router.add_get("/raw", self._raw)
@@ -398,6 +401,9 @@ class FakeRobot:
         finally:
             self.topics.remove(client)
         return client
+
+    async def _line(self, _request: web.Request) -> web.Response:
+        return web.Response(text=self.line_answer)
 
     async def send_to_topics(self, data: bytes) -> None:
         """Send a message of every topic that is open."""

@@ -402,6 +402,7 @@ async def _refusals(ask: Ask) -> None:
     """While the robot is offline."""
     for who in ("nobody", "eve", "ann"):
         await ask(who, "GET", "/robots/sim1/control")
+        await ask(who, "GET", "/robots/sim1/uplink")
     await ask("nobody", "GET", "/events")
     await ask("eve", "POST", "/robots/sim1/stop")
     await ask("ann", "GET", "/robots/sim1/stop")
@@ -418,6 +419,7 @@ async def _stops(ask: Ask) -> None:
     await ask("ann", "POST", "/robots/sim1/release")
     await ask("bob", "POST", "/robots/sim1/stop")
     await ask("bob", "GET", "/robots/sim1/control")
+    await ask("bob", "GET", "/robots/sim1/uplink")
     await ask("ann", "POST", "/robots/sim1/release")
     await ask("carl", "POST", "/stop", {"site": "nowhere"})
     await ask("carl", "POST", "/stop", {"reason": "fire"})

@@ -59,7 +59,8 @@ export const uplink = {
   measuring: "Measuring",
   unknown: "? B/s",
   rate: (size) => `${size}/s`,
-  total: (rate) => `In all ${rate}`,
+  total: (rate) => `In all ${rate}.`,
+  full: (rate) => `The robot's line is full: it carries about ${rate} of video and topics.`,
   failed: (detail) => `Not measured now. ${detail ? sentence(detail) : "The server does not answer."}`,
   people: ({ people, yours }) => {
     if (people === null) return "";

@@ -30,10 +30,11 @@ function offerOf(control, name) {
 
 const rateText = (bytes) => (bytes === null ? texts.unknown : texts.rate(sizeText(bytes)));
 
-// Of all streams together; what is not known makes the sum unknown.
-export function totalText(streams) {
+// Of all streams together; what is not known makes the sum unknown. `line` is what the line carries if it is full, else null.
+export function totalText(streams, line) {
   const rates = streams.map(({ bytes_per_s: bytes }) => bytes);
-  return texts.total(rateText(rates.includes(null) ? null : rates.reduce((sum, bytes) => sum + bytes, 0)));
+  const total = texts.total(rateText(rates.includes(null) ? null : rates.reduce((sum, bytes) => sum + bytes, 0)));
+  return line === null ? total : `${total} ${texts.full(rateText(line))}`;
 }
 
 // Of a stream that the server does not report only what this page does with it.
@@ -73,7 +74,7 @@ export class Uplink {
   receive({ ok, detail, body }) {
     const unknown = (stream) => ({ ...stream, bytes_per_s: null, people: null });
     this.streams = ok ? body.streams : this.streams.map(unknown);
-    setText(part(this.root, "uplink-total"), ok ? totalText(this.streams) : texts.failed(detail));
+    setText(part(this.root, "uplink-total"), ok ? totalText(this.streams, body.line_bytes_per_s) : texts.failed(detail));
     this.show();
   }
 

@@ -41,7 +41,7 @@ beforeEach(() => {
   parts = { "uplink-total": new Element(), "uplink-list": new Element() };
   root = new Element();
   Object.assign(root, { open: true, querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] });
-  answer = { ok: true, body: { streams: [MAP, CAMERA, REST] } };
+  answer = { ok: true, body: { streams: [MAP, CAMERA, REST], line_bytes_per_s: null } };
   [begun, ended] = [[], []];
   probes = { has: () => false, close: mock.fn() };
   topicSwitch = new TopicSwitch({
@@ -64,7 +64,7 @@ const shown = () =>
 test("each stream has a row with its rate and its people, and those of this page have a switch", async () => {
   topicSwitch.subscribe({ name: "/map" }, () => {});
   await list.renew();
-  assert.equal(parts["uplink-total"].textContent, "In all 182 KB/s");
+  assert.equal(parts["uplink-total"].textContent, "In all 182 KB/s.");
   assert.deepEqual(shown(), [
     ["/map", "Topic · 118 KB/s · you and 1 more", "Switch off here"],
     ["/a", "Camera · 64 KB/s · 1 person", ""],
@@ -83,15 +83,17 @@ test("without an answer no number stays on the page", async () => {
   );
 });
 
-test("a rate that is not measured makes the sum unknown", () => {
-  assert.equal(totalText([MAP, { ...CAMERA, bytes_per_s: null }]), "In all ? B/s");
+test("a rate that is not measured makes the sum unknown, and a full line is said to be", () => {
+  assert.equal(totalText([MAP, { ...CAMERA, bytes_per_s: null }], null), "In all ? B/s.");
+  const full = "In all 118 KB/s. The robot's line is full: it carries about 120 KB/s of video and topics.";
+  assert.equal(totalText([MAP], 120_400), full);
 });
 
 test("a topic that is switched off ends, keeps its row, and begins again", async () => {
   const end = topicSwitch.subscribe({ name: "/map" }, () => {});
   await list.renew();
   const press = () => parts["uplink-list"].children.at(-1).children[1].listeners.click();
-  answer = { ok: true, body: { streams: [] } };
+  answer = { ok: true, body: { streams: [], line_bytes_per_s: null } };
   list.press("topic", "/map");
   await list.renew();
   assert.deepEqual([begun, ended], [["/map"], ["/map"]]);

@@ -38,7 +38,7 @@ from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.control import leasing
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.media_dialer import MediaDialer
 from robotether_server.schemas import Level
 from robotether_server.times import utc_now
 
@@ -64,13 +64,13 @@ class ControlApi:
         self,
         access: Access,
         control: Control,
-        registry: SessionRegistry,
+        media: MediaDialer,
         snapshot: Callable[[], Snapshot],
         other_cells: OtherCells,
     ) -> None:
         self._access = access
         self._control = control
-        self._registry = registry
+        self._media = media
         self._snapshot = snapshot
         self._other_cells = other_cells
         self._actions: Mapping[str, Callable[[RelayRobot, leasing.LeaseRequester], None]] = {
@@ -98,13 +98,16 @@ class ControlApi:
     async def show_uplink(self, request: web.Request) -> web.Response:
         """Answer with what fills the uplink: whoever may see the robot, as everybody who watches fills it."""
         user, robot = await self._viewer_and_robot(request)
-        presence = self._registry.presence(robot.id)
+        registry = self._media.registry
+        presence = registry.presence(robot.id)
         if not presence.online:
             raise RobotOfflineError(
                 close_reasons.offline_sentence(robot.name, presence.since, utc_now())
             )
-        uplink = self._registry.ensure_robot(robot.id).uplink
-        return _answer(UplinkObject(await uplink.measured(user.id)))
+        streams, line_rate = await asyncio.gather(
+            registry.ensure_robot(robot.id).uplink.measured(user.id), self._media.line_rate(robot)
+        )
+        return _answer(UplinkObject(streams, line_rate))
 
     async def stop(self, request: web.Request) -> web.Response:
         """Stop a robot: whoever may see it."""

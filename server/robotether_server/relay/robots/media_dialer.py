@@ -9,8 +9,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
+import msgspec
 from aiohttp import ClientConnectorError, ClientError, ClientSession, WSServerHandshakeError
+from msgspec import Meta, Struct
+from robotether_common import line_rate
 from yarl import URL
 
 from robotether_server.db.fleet import RelayRobot
@@ -22,6 +26,9 @@ from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
 from robotether_server.times import utc_now
 
+# Time limit and maximum size of a robot's answer that says what its line carries.
+LINE_RATE_WITHIN_S = 1.0
+MAX_LINE_RATE_BYTES = 200
 TOO_MANY = 429
 SERVER_ERRORS = 500
 
@@ -34,6 +41,12 @@ class MediaPath:
     query: Mapping[str, str]
     message_limit: int
     unknown: CloseReason
+
+
+class LineRate(Struct):
+    """A robot's answer."""
+
+    bytes_per_s: Annotated[int, Meta(ge=0, le=10**12)] | None
 
 
 @dataclass(frozen=True)
@@ -71,6 +84,18 @@ class MediaDialer:
             if loop.time() > deadline:
                 raise ConnectionClosedError(close_reasons.video_down(robot.name, why))
             await asyncio.sleep(RETRY_S)
+
+    async def line_rate(self, robot: RelayRobot) -> int | None:
+        """Ask the robot what its line carries, in bytes a second; None: it is not full, or the robot does not say."""
+        port, path = robot.video_port, line_rate.PATH
+        url = URL.build(scheme="http", host=self.tunnel_host, port=port, path=path)
+        try:
+            async with asyncio.timeout(LINE_RATE_WITHIN_S), self.client.get(url) as answer:
+                text = await answer.content.read(MAX_LINE_RATE_BYTES)
+                return msgspec.json.decode(text, type=LineRate).bytes_per_s
+        except (TimeoutError, ClientError, OSError, ValueError):
+            # What answers may be web_video_server, or an older agent.
+            return None
 
     async def _connect(self, robot: RelayRobot, media_path: MediaPath) -> RobotSocket:
         url = URL.build(

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from robotether_agent.video.bandwidth_estimator import (
     BASE_FOR_S,
+    FULL_FOR_S,
     MAX_WINDOW,
     MIN_BURST_SEGMENTS,
     MIN_SEGMENTS,
@@ -154,6 +155,19 @@ def test_fills_any_link_that_holds_more_than_the_least(bit_s: float, base_s: flo
     least_s = MIN_SEGMENTS * SEGMENT / path.rate
     assert used > 0.75
     assert statistics.median(path.queues_s) < max(0.015, least_s)
+
+
+def test_says_what_a_line_carries_only_while_it_is_full() -> None:
+    """What a camera offers to a line with room says nothing of the line."""
+    path = Path(UPLINK, 0.038)
+    path.run(5)
+    assert path.estimator.full_rate(path.now) == pytest.approx(UPLINK, rel=0.2)
+    path.offers = lambda _: False
+    path.run(FULL_FOR_S + 1)
+    assert path.estimator.full_rate(path.now) is None
+    camera = Camera(10 * UPLINK, 0.038, frame=20_000)
+    camera.run(10)
+    assert camera.estimator.full_rate(camera.now) is None
 
 
 def test_lets_a_link_that_becomes_slower_drain() -> None:

@@ -70,6 +70,24 @@ async def test_cameras_and_snapshots_count_apart(*, relay, camera, watch, http, 
     assert (passed_on["name"], passed_on["people"]) == ("", 0)
 
 
+@pytest.mark.parametrize(
+    ("answer", "rate"),
+    [
+        ('{"bytes_per_s": 120000}', 120000),
+        ('{"bytes_per_s": null}', None),
+        ('{"bytes_per_s": -1}', None),
+        ("<h1>no such page</h1>", None),
+        ("x" * 1000, None),
+    ],
+)
+async def test_what_the_line_carries_is_what_the_robot_says(
+    *, robot, show, answer, rate, monkeypatch
+):
+    """An older agent, or web_video_server, answers with something else."""
+    monkeypatch.setattr(robot, "line_answer", answer)
+    assert (await show(ANN))[1] == {"streams": [], "line_bytes_per_s": rate}
+
+
 async def test_nothing_is_said_of_a_robot_that_is_offline_or_unseen(relay, show):
     assert (await show(EVE))[0] == 404
     status, body = await show(ANN)
