@@ -18,6 +18,7 @@ from robotether_server.relay.channels.rosbridge.operations import (
     OPERATIONS,
     ROSAPI_LOOKUPS_OF_DRIVERS,
 )
+from robotether_server.relay.drives.drive_path import DriveStamp
 from robotether_server.schemas import Level
 from robotether_server.settings.robot import LevelPolicy, Limits
 
@@ -200,7 +201,7 @@ def test_what_is_written_passes_again_as_it_is(message):
         return
     if checked.own is None:
         assert at.check(checked.data) == checked._replace(
-            drive=checked.drive and checked.drive._replace(stamp_ms=None)
+            drive=checked.drive and checked.drive._replace(stamp=DriveStamp())
         )
 
 
