@@ -31,7 +31,6 @@ RIGHTS_OF = {
 
 
 def test_each_operation_needs_its_right():
-    """Each operation needs its right, and there is no other operation."""
     rights = {name: right for right, names in RIGHTS_OF.items() for name in names.split()}
     assert {name: entry.right for name, entry in OPERATIONS.items()} == rights
 
@@ -55,7 +54,6 @@ def test_look_ups_write_nothing():
 @pytest.mark.parametrize("level", ["observe", "drive", "manage"])
 @pytest.mark.parametrize("message", OBSERVING, ids=name_of)
 def test_everybody_may_send_what_only_looks(message, level):
-    """Operations that change nothing on the robot pass with all their fields."""
     assert sent(message, validator(level)) == message
 
 
@@ -79,7 +77,6 @@ def test_a_manager_sends_all(message):
 
 
 def test_the_policy_says_which_names():
-    """Globs of the level decide, and nothing else."""
     settings = {
         "policy": {
             "observe": {"subscribe": ["/pose", "/camera/*"]},
@@ -107,18 +104,6 @@ def test_the_policy_says_which_names():
 
 
 @pytest.mark.parametrize(
-    ("name", "meant"),
-    [("pose", "/pose"), ("/pose", "/pose"), ("a/b_1", "/a/b_1"), ("/_hidden/1", "/_hidden/1")],
-)
-def test_a_missing_first_slash_is_added(name, meant):
-    """The robot gets the full name that was checked."""
-    assert sent({"op": "subscribe", "topic": name}, validator()) == {
-        "op": "subscribe",
-        "topic": meant,
-    }
-
-
-@pytest.mark.parametrize(
     "name",
     ["", "/", "~pose", "~/pose", "/a//b", "//a", "/a/", "/a b", "/a\n", "/a/../b", "/ä", "/a#1",
      "/" + "a" * 255, 7, None, ["/a"], {"a": 1}, "/a\x00", "{ns}/a", "/a/~b"],
@@ -136,7 +121,6 @@ def test_no_other_spelling_of_a_name_passes(name):
 )
 @pytest.mark.parametrize("level", ["observe", "drive", "manage"])
 def test_nobody_sends_an_unknown_operation(operation, level):
-    """What hides something, and what is not in the list, does not pass."""
     kind, answer = refused(
         {"op": operation, "id": 3, "data": '{"op": "publish"}'}, validator(level)
     )
@@ -144,16 +128,8 @@ def test_nobody_sends_an_unknown_operation(operation, level):
     assert str(answer["msg"]).startswith("cannot pass ")
 
 
-@pytest.mark.parametrize("message", [*OBSERVING, *DRIVING, *MANAGING], ids=name_of)
-def test_only_known_fields_go_on(message):
-    """What rosbridge takes from any message, and what nobody knows, is left out."""
-    more = {"message_intervall": 3600, "png": "png", "msgs": {"op": "publish"}, "x": [[[]]]}
-    assert sent({**more, **message}, validator("manage")) == message
-
-
 @pytest.mark.parametrize("message", OBSERVING + DRIVING + MANAGING, ids=name_of)
 def test_a_field_of_another_type_is_named(message):
-    """The refusal tells which field it was."""
     for name in message.keys() - {"op"}:
         wrong: object = 7.5 if name in {"args", "msg", "values"} else {"a": {"op": "publish"}}
         kind, answer = refused({**message, name: wrong}, validator("manage"))
@@ -165,7 +141,6 @@ def test_a_field_of_another_type_is_named(message):
     "operation", [name for name, entry in OPERATIONS.items() if entry.named_by is not None]
 )
 def test_the_field_that_says_what_is_needed(operation):
-    """Without topic, service or action there is nothing to check."""
     assert refused({"op": operation}, validator("manage"))[0] == "shape"
 
 
@@ -216,7 +191,6 @@ def test_a_look_up_takes_plain_values():
 
 
 def test_our_own_operations_go_no_further():
-    """A clock sync's time and a stop are for the relay."""
     clock_sync = check({"op": "robotether.clock_sync", "t_ms": 81, "x": 1}, validator())
     assert (clock_sync.data, clock_sync.operation, clock_sync.drive) == (
         b"",
@@ -237,7 +211,6 @@ def test_our_own_operations_go_no_further():
 
 
 def test_a_drive_command_is_recognised():
-    """A publish to a drive topic comes with its moment and its speeds."""
     message = {
         "op": "publish",
         "topic": "left/cmd_vel",
@@ -279,24 +252,6 @@ def test_a_drive_topic_takes_commands_only(msg, reason):
         assert reason in str(answer["msg"])
 
 
-@pytest.mark.parametrize("stamp", [{}, {"t_ms": None}, {"t_ms": "1"}, 7, {"t_ms": 1e30}])
-def test_a_timestamp_is_a_number(stamp):
-    """A moment that cannot be read is no moment; the command goes nowhere."""
-    message = {"op": "publish", "topic": "/cmd_vel", "msg": {}, "robotether": stamp}
-    assert refused(message, validator("drive"))[0] == "shape"
-
-
-@pytest.mark.parametrize(
-    "data", [b"", b"{", b"[]", b"1", b"\xff\xfe", b"[" * 5000, b"{" + b"\xff" * 70_000 + b"}"]
-)
-def test_rubbish_passes_nobody(data):
-    """What is no JSON object is answered, and says so."""
-    for level in ("observe", "manage"):
-        kind, answer = refused(data, validator(level))
-        assert kind == "json"
-        assert str(answer["msg"]).startswith("cannot read message: not JSON")
-
-
 @pytest.mark.parametrize(
     ("data", "passed"),
     [
@@ -322,7 +277,6 @@ def test_of_a_key_twice_the_last_is_checked_and_sent(data, passed):
 
 
 def test_a_status_carries_only_ids_that_rosbridge_knows():
-    """A text or number as id comes back; anything else does not."""
     assert json.loads(status_error("x", "a"))["id"] == "a"
     assert json.loads(status_error("x", 7))["id"] == 7
     for no_id in ({"big": "thing"}, None, "x" * 2000, math.nan):

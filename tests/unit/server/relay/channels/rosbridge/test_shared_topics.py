@@ -102,7 +102,6 @@ async def test_a_newcomer_gets_what_rosbridge_repeats(relay, robot, observe):
 
 
 async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
-    """Who reads again gets the newest."""
     slow, quick = await observe(ODOM), await observe(ODOM)
     await until(lambda: robot.topics, "the robot has a subscription")
     [topic] = relay.relay.shared_topics._tasks
@@ -135,7 +134,6 @@ async def test_a_right_that_ends_ends_its_copy(memory_database, relay, robot, si
 
 
 async def test_a_broken_connection_is_made_anew(robot, observe, monkeypatch):
-    """The clients keep theirs, and are told once."""
     monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
     socket = await observe({**ODOM, "id": "s"})
     await socket.receive_str(timeout=5)
@@ -147,7 +145,6 @@ async def test_a_broken_connection_is_made_anew(robot, observe, monkeypatch):
 
 
 async def test_an_agent_without_the_service_is_told(robot, observe):
-    """The connection goes on; other operations need no topic."""
     robot.has_topics = False
     socket = await observe(ODOM)
     answer = await socket.receive_json(timeout=5)
@@ -186,8 +183,6 @@ async def test_topics_end_with_the_robots_session(relay, robot, sim1, observe):
 
 
 class Client:
-    """Takes whatever comes."""
-
     def user_ids(self) -> tuple[int, ...]:
         return (1,)
 

@@ -22,8 +22,6 @@ JPEG = b"\xff\xd8\xff\xd9"
 
 
 class Eye:
-    """A viewer that counts what it is told."""
-
     def __init__(
         self, stream_request: StreamRequest | None = None, *, breaks: bool = False
     ) -> None:
@@ -68,7 +66,6 @@ async def feed(sim1) -> Feed:
 
 
 async def test_two_credits_are_open_and_no_more(feed):
-    """What came and is not taken counts as open."""
     come(feed, 1)
     assert feed.credit() is None
     come(feed, 2)
@@ -123,7 +120,6 @@ async def test_what_nobody_can_show_is_given_back(feed):
 
 
 async def test_one_viewers_defect_is_its_own(feed, caplog):
-    """The others hear of the frame."""
     broken, sound = Eye(breaks=True), Eye()
     feed.join(broken)
     feed.join(sound)
@@ -134,7 +130,6 @@ async def test_one_viewers_defect_is_its_own(feed, caplog):
 
 
 async def test_requests_of_all_are_one(feed):
-    """Who has not said a request yet has none."""
     assert feed.stream_request() is None
     feed.join(Eye())
     assert feed.stream_request() is None
@@ -148,7 +143,6 @@ async def _for_ever() -> CloseReason:
 
 
 def feeds_that(work) -> Feeds:
-    """Feeds whose links do this."""
     return Feeds(SessionRegistry(), lambda _feed: work())
 
 
@@ -199,8 +193,6 @@ async def test_the_end_of_a_link_reaches_the_viewers(sim1):
 
 
 async def test_a_defect_of_a_link_is_told_and_logged(sim1, caplog):
-    """The viewers hear that the relay failed."""
-
     async def fails() -> CloseReason:
         raise RuntimeError("a defect of the link")
 
@@ -213,7 +205,6 @@ async def test_a_defect_of_a_link_is_told_and_logged(sim1, caplog):
 
 
 async def test_a_robot_that_leaves_takes_its_feeds_along(memory_database, sim1):
-    """Those of other robots stay."""
     other_robot = memory_database.add_robot(8, "sim2")
     feeds, eye, other = feeds_that(_for_ever), Eye(), Eye()
     with feeds.followed(sim1, "/a", eye), feeds.followed(other_robot, "/a", other):

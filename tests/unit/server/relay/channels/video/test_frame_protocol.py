@@ -68,24 +68,16 @@ def test_a_part_says_when_and_which():
 
 @pytest.mark.parametrize(
     "data",
-    [
-        b"",
-        sent(jpeg=b""),
-        sent(timestamp_ms=math.nan),
-        sent(timestamp_ms=math.inf),
-        sent(timestamp_ms=1e300),
-        sent(jpeg=b"x" * (MAX_FRAME_BYTES + 1)),
-    ],
+    [b"", sent(jpeg=b""), sent(timestamp_ms=math.nan), sent(timestamp_ms=math.inf),
+     sent(timestamp_ms=1e300), sent(jpeg=b"x" * (MAX_FRAME_BYTES + 1))],
     ids=["empty", "header only", "nan", "infinite", "far away", "too large"],
-)
+)  # fmt: skip
 def test_what_is_no_frame_is_refused(data):
-    """Nothing after the header, a moment that is none, or too much."""
     with pytest.raises(ProtocolError):
         parse_frame(data)
 
 
 def test_a_frame_is_read():
-    """Codec, number and moment stand in the header."""
     assert parse_frame(sent(7, 99.5, codec=2)) == (2, 7, 99.5)
 
 
@@ -99,7 +91,6 @@ def test_what_is_no_text_of_the_protocol_is_refused(data):
 
 
 def test_each_member_of_a_request_has_a_default():
-    """An empty request is the default, and a member that nobody knows is skipped."""
     assert parse_stream_request({"op": "stream_request", "codecs": ["vp9"]}) == StreamRequest()
     assert parse_stream_request({"fps": 5, "width": 640, "height": 480}) == StreamRequest(
         fps=5, width=640, height=480
@@ -108,24 +99,12 @@ def test_each_member_of_a_request_has_a_default():
 
 @pytest.mark.parametrize(
     "member",
-    [
-        {"quality_min": 0},
-        {"quality_max": 101},
-        {"quality_max": 50.5},
-        {"quality_max": "80"},
-        {"quality_max": True},
-        {"quality_min": 90},
-        {"fps": 0},
-        {"fps": math.nan},
-        {"fps": 61},
-        {"latency_ms": 49},
-        {"latency_ms": 5001},
-        {"width": 640},
-        {"width": 0, "height": 480},
-        {"width": 640, "height": 4097},
-    ],
+    [{"quality_min": 0}, {"quality_max": 101}, {"quality_max": 50.5}, {"quality_max": "80"},
+     {"quality_max": True}, {"quality_min": 90}, {"fps": 0}, {"fps": math.nan}, {"fps": 61},
+     {"latency_ms": 49}, {"latency_ms": 5001}, {"width": 640}, {"width": 0, "height": 480},
+     {"width": 640, "height": 4097}],
     ids=str,
-)
+)  # fmt: skip
 def test_a_request_out_of_bounds_is_refused(member):
     """Nothing is bent into what it might have meant."""
     with pytest.raises(ProtocolError):
@@ -165,7 +144,6 @@ def test_the_cameras_own_size_is_the_largest():
     [({}, (1, None)), ({"frames": 2, "taken": 41}, (2, 41)), ({"taken": None}, (1, None))],
 )
 def test_a_credit_is_read(message, expected):
-    """One frame, and none taken, unless it says something else."""
     assert parse_credit(message) == expected
 
 
@@ -173,13 +151,11 @@ def test_a_credit_is_read(message, expected):
     "message", [{"frames": 0}, {"frames": "2"}, {"taken": -1}, {"taken": 2**32}]
 )
 def test_a_credit_for_nothing_is_refused(message):
-    """Credits and numbers are whole and within bounds."""
     with pytest.raises(ProtocolError):
         parse_credit(message)
 
 
 def test_clock_syncs_are_read():
-    """A question has a clock, an answer has two; what is no number is refused."""
     assert parse_clock_sync({"t_ms": 81.2}) == 81.2
     assert parse_clock_sync_answer({"t_ms": 81.2, "sender_ms": 5}) == (81.2, 5)
     for message in ({}, {"t_ms": None}, {"t_ms": math.nan, "sender_ms": 1}, {"t_ms": 1}):
@@ -200,7 +176,6 @@ def test_a_status_keeps_what_viewers_know():
 
 
 def test_a_text_is_framed_whole():
-    """What is written reads back."""
     frame = clock_sync_message(1.5, 2.5)
     assert frame[0] == 0x81
     assert frame[1] == len(frame) - 2

@@ -13,7 +13,6 @@ from robotether_server.relay.channels.video.headers import (
 
 @pytest.mark.parametrize("destination", ["image", "video", "empty", "document", "iframe", "frame"])
 def test_what_shows_a_picture_may_have_it(destination):
-    """Frames, films, pages in their sandbox, and data for a page's own script."""
     check_destination({"Sec-Fetch-Dest": destination})
 
 
@@ -34,46 +33,21 @@ def test_a_program_says_no_destination():
 
 @pytest.mark.parametrize(
     "destination",
-    [
-        "script",
-        "worker",
-        "sharedworker",
-        "serviceworker",
-        "style",
-        "object",
-        "embed",
-        "audioworklet",
-        "paintworklet",
-        "manifest",
-        "xslt",
-        "json",
-        "Script",
-        "a word of tomorrow",
-        "",
-    ],
-)
+    ["script", "worker", "sharedworker", "serviceworker", "style", "object", "embed", "json", "xslt",
+     "audioworklet", "paintworklet", "manifest", "Script", "a word of tomorrow", ""],
+)  # fmt: skip
 def test_what_would_run_or_apply_it_may_not(destination):
-    """Whatever is not known to show it only."""
     with pytest.raises(DestinationRefusedError):
         check_destination({"Sec-Fetch-Dest": destination})
 
 
 @pytest.mark.parametrize(
     "content_type",
-    [
-        "image/jpeg",
-        "image/svg+xml",
-        "video/webm",
-        "multipart/x-mixed-replace;boundary=--frame",
-        "multipart/x-mixed-replace; boundary=frame",
-        "text/html; charset=utf-8",
-        "text/plain",
-        "application/json",
-        "Image/PNG",
-    ],
-)
+    ["image/jpeg", "image/svg+xml", "video/webm", "multipart/x-mixed-replace;boundary=--frame",
+     "multipart/x-mixed-replace; boundary=frame", "text/html; charset=utf-8", "text/plain",
+     "application/json", "Image/PNG"],
+)  # fmt: skip
 def test_pictures_and_plain_pages_keep_their_type(content_type):
-    """What web_video_server and its like send arrives as it is."""
     headers = headers_for_viewer({"Content-Type": content_type})
     assert headers["Content-Type"] == content_type
     assert "Content-Disposition" not in headers
@@ -81,26 +55,13 @@ def test_pictures_and_plain_pages_keep_their_type(content_type):
 
 @pytest.mark.parametrize(
     "content_type",
-    [
-        "text/javascript",
-        "application/javascript",
-        "text/css",
-        "application/wasm",
-        "application/pdf",
-        "application/xhtml+xml",
-        "text/xml",
-        "multipart/mixed",
-        "image/png, text/javascript",
-        "image/png; a=b, text/javascript",
-        "image/png text/javascript",
-        "image/",
-        "text/htmlx",
-        "",
-        None,
-    ],
-)
+    ["text/javascript", "application/javascript", "text/css", "application/wasm", "text/xml",
+     "application/pdf", "application/xhtml+xml", "multipart/mixed", "image/png, text/javascript",
+     "image/png; a=b, text/javascript", "image/png text/javascript", "image/", "text/htmlx", "",
+     None],
+)  # fmt: skip
 def test_any_other_type_is_a_file_to_be_saved(content_type):
-    """Also the last of a list, which is the one that browsers take, and none at all."""
+    """So is the last of a list, which is the one that browsers take."""
     sent = {"Content-Disposition": "inline; filename=a.js"}
     headers = headers_for_viewer(
         sent | ({} if content_type is None else {"Content-Type": content_type})
@@ -111,7 +72,6 @@ def test_any_other_type_is_a_file_to_be_saved(content_type):
 
 @pytest.mark.parametrize("text", ["\udcff", "a\x01b", "caf\xe9", "a\x7f"])
 def test_header_that_cannot_be_written_again_is_dropped(text):
-    """Neither side gets an error for what the other one sent."""
     sent = {"ETag": text, "X-Timestamp": "12.5", "Content-Type": "image/jpeg"}
     assert "ETag" not in headers_for_viewer(sent)
     assert headers_for_viewer(sent)["X-Timestamp"] == "12.5"
@@ -119,7 +79,6 @@ def test_header_that_cannot_be_written_again_is_dropped(text):
 
 
 def test_every_answer_is_shut_in():
-    """Whatever the robot says of it."""
     headers = headers_for_viewer({"Content-Security-Policy": "script-src *", "Location": "/"})
     assert headers["Content-Security-Policy"] == "sandbox"
     assert headers["X-Content-Type-Options"] == "nosniff"
@@ -128,7 +87,6 @@ def test_every_answer_is_shut_in():
 
 
 def test_the_robot_gets_no_upgrade_and_no_credential():
-    """The robot gets only headers that help it to answer."""
     sent = {
         "Upgrade": "websocket",
         "Connection": "Upgrade",

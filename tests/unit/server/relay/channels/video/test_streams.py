@@ -22,7 +22,6 @@ def video_url(relay, robot, rest: str) -> str:
 async def head_and_frame(
     answer: aiohttp.ClientResponse, size: int = len(JPEG)
 ) -> tuple[dict[str, str], bytes]:
-    """Read one part and the boundary behind it."""
     async with asyncio.timeout(5):
         lines = (await answer.content.readuntil(b"\r\n\r\n")).decode().split("\r\n")
         headers = dict(line.split(": ") for line in lines if ": " in line)
@@ -43,7 +42,6 @@ async def showing(camera) -> None:
 
 @pytest.fixture
 async def on_air(camera):
-    """A camera that shows frames."""
     task = asyncio.create_task(showing(camera))
     yield camera
     task.cancel()
@@ -75,7 +73,6 @@ async def test_a_stream_comes_out_of_the_feed(*, relay, sim1, http, login, on_ai
 
 
 async def test_streams_and_frames_share_a_feed(*, relay, sim1, http, login, on_air, watch):
-    """Whatever way they look, one stream leaves the robot."""
     viewer = await watch()
     url = video_url(relay, sim1, "stream?topic=/a&quality=35&width=320&height=240")
     async with http.get(url, headers=login) as answer:
@@ -98,7 +95,6 @@ async def test_a_quality_is_the_best_that_is_wanted(*, relay, sim1, http, login,
     "query", ["quality=0", "quality=high", "width=320", "width=5000&height=1", "quality=1e2"]
 )
 async def test_an_invalid_request_is_refused(*, relay, sim1, http, login, on_air, query):
-    """422, and the robot is not asked."""
     async with http.get(
         video_url(relay, sim1, f"stream?topic=/a&{query}"), headers=login
     ) as answer:
@@ -108,7 +104,6 @@ async def test_an_invalid_request_is_refused(*, relay, sim1, http, login, on_air
 
 @pytest.mark.parametrize("more", ["&type=vp8", "&invert=1", "&default_transport=theora"])
 async def test_what_no_feed_can_is_passed_through(*, relay, sim1, http, login, on_air, robot, more):
-    """web_video_server answers it itself."""
     async with http.get(video_url(relay, sim1, f"stream?topic=/a{more}"), headers=login) as answer:
         await asyncio.wait_for(answer.content.readuntil(JPEG), 5)
     asked = f"/stream?topic=/a{more}&{QOS}"
@@ -136,7 +131,6 @@ async def test_a_page_that_is_allowed_may_read_it(*, relay, sim1, http, on_air):
 
 
 async def test_head_tells_what_get_would(*, relay, sim1, http, login, on_air):
-    """HEAD answers as GET would without a frame."""
     async with http.head(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
         assert answer.status == 200
         assert answer.content_type == "multipart/x-mixed-replace"
@@ -146,7 +140,6 @@ async def test_head_tells_what_get_would(*, relay, sim1, http, login, on_air):
 async def test_a_camera_without_a_frame_is_no_frames(
     *, relay, sim1, http, login, camera, monkeypatch
 ):
-    """502 with what the robot says of it, and no answer that never begins."""
     monkeypatch.setattr("robotether_server.relay.channels.video.streams.FIRST_FRAME_WITHIN_S", 0.5)
     url = video_url(relay, sim1, "stream?topic=/a")
     asking = asyncio.create_task(http.get(url, headers=login))
@@ -159,7 +152,6 @@ async def test_a_camera_without_a_frame_is_no_frames(
 
 
 async def test_a_robot_that_refuses_is_video_down(*, relay, sim1, http, login, camera, monkeypatch):
-    """502, and it is not asked for the same in another way."""
     monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.OPENS_WITHIN_S", 0.1)
     camera.mode = "full"
     async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
@@ -167,7 +159,6 @@ async def test_a_robot_that_refuses_is_video_down(*, relay, sim1, http, login, c
 
 
 async def test_a_lost_link_cuts_the_stream(*, relay, sim1, http, login, on_air, robot):
-    """The viewer does not take it for whole."""
     async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
         await answer.content.readuntil(JPEG)
         await robot.session.close()

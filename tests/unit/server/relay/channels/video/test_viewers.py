@@ -33,12 +33,10 @@ class Books(Feed):
 
 @pytest.fixture
 async def feed(sim1) -> Books:
-    """A feed without a frame."""
     return Books(sim1)
 
 
 async def test_the_newest_comes_next_and_once(feed):
-    """What was not taken in between is skipped."""
     cursor = Cursor(feed, 0.0)
     assert cursor.next() is None
     first = feed.show(0)
@@ -77,7 +75,6 @@ async def test_an_old_frame_is_given_back(feed):
 
 
 async def test_who_comes_before_a_frame_skips_what_it_did_not_take(feed):
-    """A viewer skips frames before its first one, too."""
     feed.show(7, received_s=10.0)
     cursor = Cursor(feed, 10.5)
     feed.show(8)
