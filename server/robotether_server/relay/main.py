@@ -18,6 +18,7 @@ from robotether_server.relay.app import Listen
 from robotether_server.relay.cells.keys import read_peer_keys
 from robotether_server.relay.http.event_loop import EventLoop, watched
 from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.records.journal import Journal
 from robotether_server.relay.wiring import Relay
 from robotether_server.settings.server import RelaySettings, load
 
@@ -39,7 +40,7 @@ def main() -> None:
         sys.exit(problem.detail)
     logging.basicConfig(level=settings.log_level.upper(), format=LOG_FORMAT)
     raise_open_files()
-    uvloop.run(watched(run(settings, Listen(), JOURNAL)), loop_factory=EventLoop)
+    uvloop.run(watched(run(settings, Listen(), Journal(JOURNAL))), loop_factory=EventLoop)
     logging.shutdown()
     # Threads that wait for a database that hangs would hold the interpreter's exit.
     os._exit(0)
@@ -51,12 +52,11 @@ def raise_open_files() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
-async def run(settings: RelaySettings, listen: Listen, journal: Path | None = None) -> None:
+async def run(settings: RelaySettings, listen: Listen, journal: Journal | None = None) -> None:
     """Run a relay until the process is asked to stop."""
     stopped = asyncio.Event()
-    loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stopped.set)
+        asyncio.get_running_loop().add_signal_handler(number, stopped.set)
     relay = Relay(
         settings,
         RelayDatabase(Database(settings.database, keep=KEPT_CONNECTIONS), settings.cell.name),

@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import logging
 from dataclasses import dataclass, field
-from pathlib import Path
 from secrets import token_hex
 
 from aiohttp import web
@@ -63,9 +62,6 @@ from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
-# Time limit for the last events, of the 3 s that a stop takes in all.
-EVENTS_WRITTEN_WITHIN_S = 0.7
-
 
 @dataclass(frozen=True)
 class Timing:
@@ -93,7 +89,7 @@ class Relay:
         listen: Listen | None = None,
         timing: Timing | None = None,
         peer_keys: PeerKeys | None = None,
-        journal: Path | None = None,
+        journal: Journal | None = None,
     ) -> None:
         self._settings = settings
         self._database = database
@@ -106,9 +102,7 @@ class Relay:
         # Published ports, as in the paper, are there for whoever connects to them.
         self.registry = SessionRegistry(always_needed=settings.direct)
         self.connections = Connections(self.registry)
-        self.event_writer = EventWriter(
-            database, journal=None if journal is None else Journal(journal)
-        )
+        self.event_writer = EventWriter(database, journal=journal)
         self.credentials = Credentials(database)
         self.fleet = Fleet(database, self.credentials, poll_every_s=self._timing.poll_every_s)
         self._make_control()
@@ -155,7 +149,7 @@ class Relay:
         if self.peer_dialer is not None:
             await self.peer_dialer.stop()
         self.registry.close()
-        await self.event_writer.flush(EVENTS_WRITTEN_WITHIN_S)
+        await self.event_writer.flush()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -221,13 +215,14 @@ class Relay:
 
     def _make_channels(self, peer_keys: PeerKeys | None) -> None:
         settings, timing = self._settings, self._timing
+        limit_bytes = settings.message_limit_bytes
         self._client = robot_client()
         media = MediaDialer(self._client, settings.tunnel_host, self.registry)
         self.feeds = Feeds(self.registry, FeedConnector(media).run)
         topics_key = token_hex(16).encode()
         cells = None if peer_keys is None else CellClient(self._client, peer_keys, topics_key)
         topics = CellTopicDialer(media, self.peers, cells)
-        topic_links = TopicLinks(topics, settings.message_limit_bytes, topics_key)
+        topic_links = TopicLinks(topics, limit_bytes, topics_key)
         self.shared_topics = SharedTopics(self.registry, topic_links)
         self.access = Access(
             signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
@@ -247,18 +242,10 @@ class Relay:
             feeds=self.feeds,
         )
         rules = BridgeRules(
-            timing.limits,
-            timing.driver_limits,
-            settings.message_limit_bytes,
-            self.traffic,
-            self.shared_topics,
+            timing.limits, timing.driver_limits, limit_bytes, self.traffic, self.shared_topics
         )
         self._channels = make_channels(
-            context,
-            self.control,
-            self.fleet_events,
-            rules=rules,
-            report=self.observer.connection,
+            context, self.control, self.fleet_events, rules=rules, report=self.observer.connection
         )
         self.forwarded_observers = ForwardedObservers(
             cells, self.peers, self.connections, self.registry, rules
@@ -266,12 +253,9 @@ class Relay:
         self._peer_topics = PeerTopicsHandler(
             self.fleet.known, self.registry, self.peers, self.shared_topics, topic_links
         )
+        other_cells = OtherCells(self.peers.confirmation, self.peer_feeds.unreached)
         self._control_api = ControlApi(
-            self.access,
-            self.control,
-            media,
-            self.fleet.snapshot,
-            OtherCells(self.peers.confirmation, self.peer_feeds.unreached),
+            self.access, self.control, media, self.fleet.snapshot, other_cells
         )
 
     def _make_apps(self, peer_keys: PeerKeys | None) -> None:

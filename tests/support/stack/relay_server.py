@@ -11,7 +11,6 @@ import secrets
 from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import asynccontextmanager
 from datetime import datetime, timezone
-from pathlib import Path
 
 from fake_robot import FINGERPRINT, HOST, WAIT_S
 from local_network import free_port
@@ -33,6 +32,7 @@ from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.cells.keys import PeerKeys
 from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.records.journal import Journal
 from robotether_server.relay.wiring import Relay, Timing
 from robotether_server.schemas import Level
 from robotether_server.settings.server import (
@@ -236,7 +236,7 @@ async def running_relay(
     timing: Timing = FAST,
     cell: CellSettings | None = None,
     peer_keys: PeerKeys | None = None,
-    journal: Path | None = None,
+    journal: Journal | None = None,
 ) -> AsyncIterator[RelayServer]:
     """Run the relay inside the block."""
     listen = Listen(host=HOST, http_port=0, session_port=0, peer_port=0, inside_port=0)

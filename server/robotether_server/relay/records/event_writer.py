@@ -23,6 +23,8 @@ log = logging.getLogger(__name__)
 
 MAX_WAITING = 10_000
 BATCH = 100
+# Time limit for the last events, of the 3 s that a stop takes in all.
+WRITTEN_WITHIN_S = 0.7
 
 
 class EventWriter:
@@ -79,7 +81,7 @@ class EventWriter:
             await self._write_all()
             self._idle.set()
 
-    async def flush(self, within_s: float) -> None:
+    async def flush(self, within_s: float = WRITTEN_WITHIN_S) -> None:
         """Wait until all is written, at most `within_s`."""
         try:
             async with asyncio.timeout(within_s):

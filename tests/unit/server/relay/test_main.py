@@ -114,7 +114,7 @@ async def test_a_stop_outlives_a_relay_that_is_killed_without_the_database(
     killed.add(StopEntry(sim1.id, stop, (ended.id,)))
     killed.close()
     memory_database.stops = [ended]
-    async with running_relay(memory_database, journal=path) as relay:
+    async with running_relay(memory_database, journal=Journal(path)) as relay:
         stops = relay.relay.control.stops
         assert stops.of(sim1.id) == stop
         assert list(relay.relay.registry.robot(sim1.id).stops.in_force) == [stop.id]
