@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robotether_common.ros import Globs
+from robotether_server.relay.channels.rosbridge.drive_path import DriveStamp
 from robotether_server.relay.channels.rosbridge.message_validator import (
     MessageRefusedError,
     MessageValidator,
@@ -18,7 +19,6 @@ from robotether_server.relay.channels.rosbridge.operations import (
     OPERATIONS,
     ROSAPI_LOOKUPS_OF_DRIVERS,
 )
-from robotether_server.relay.drives.drive_path import DriveStamp
 from robotether_server.schemas import Level
 from robotether_server.settings.robot import LevelPolicy, Limits
 
