@@ -5,7 +5,6 @@ from __future__ import annotations
 from api_visitor import Program
 from robotether_server import passwords
 from robotether_server.db import Database, users
-from web_visitor import PASSWORD, Browser
 
 
 def matches(database: Database, user: str, password: str) -> bool:
@@ -31,12 +30,3 @@ def test_removed_user_is_out(root: Program, ann: Program) -> None:
     assert root.ask("DELETE", "/users/ann").status_code == 204
     assert ann.refused("GET", "/me") == (401, "token_invalid")
     assert root.refused("DELETE", "/users/ann") == (404, "record_missing")
-
-
-def test_user_is_logged_out_everywhere(root: Program, browser: Browser) -> None:
-    """Browsers are; tokens stay."""
-    browser.log_in("ann", PASSWORD)
-    assert browser.ask("GET", "/api/v1/me").status_code == 200
-    assert root.ask("DELETE", "/users/ann/logins").status_code == 204
-    assert browser.ask("GET", "/api/v1/me").status_code == 401
-    assert root.refused("DELETE", "/users/ghost/logins") == (404, "record_missing")

@@ -82,10 +82,3 @@ def test_removed_user_is_gone(run: Run, database: Database) -> None:
     assert run("user", "remove", "ann", terminal="y\n").out.endswith("removed user ann\n")
     with database.transaction() as tx:
         assert users.find(tx, "ann") is None
-
-
-def test_users_are_listed_for_programs(run: Run) -> None:
-    """The list has no password hashes."""
-    run("user", "add", "ann")
-    [one] = json.loads(run("user", "list", "--json").out)
-    assert one == {"name": "ann", "role": "user", "disabled": False}

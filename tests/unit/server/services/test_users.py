@@ -71,8 +71,9 @@ def test_new_password_and_log_out_end_logins(site: Site) -> None:
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         for _ in range(2):
-            credentials.create_login(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+            text = credentials.create_login(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
         assert user_service.log_out_everywhere(tx, ADMIN, "ann") == 2
+        assert credentials.find_login_user(tx, text) is None
         text = credentials.create_login(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
         user_service.set_password(tx, ADMIN, "ann", PASSWORD)
         assert credentials.find_login_user(tx, text) is None
