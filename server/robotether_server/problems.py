@@ -301,6 +301,14 @@ class GuardSilentError(RobotetherError, code="guard_silent", status=504):
     """The robot is online, and its guard does not confirm."""
 
 
+class ServiceTimeoutError(RobotetherError, code="service_timeout", status=504):
+    """A service of the robot's ROS did not answer in time; it may still run."""
+
+
+class TopicDownError(RobotetherError, code="topic_down", status=502):
+    """The robot is online, and a topic brings nothing."""
+
+
 class VideoDownError(RobotetherError, code="video_down", status=502):
     """The tunnel is there; web_video_server on the robot does not answer."""
 

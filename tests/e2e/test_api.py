@@ -25,7 +25,7 @@ LONGEST_RUN_S = 900
 # refuses TRACE by itself, without the header Allow; tests/unit/server/api/test_description.py has the others.
 NOT_CHECKED = "positive_data_acceptance,unsupported_method"
 # The relay's: events never end, and a stop is of robots that other tests drive; tests/unit/server/relay has them.
-OF_THE_RELAY = r"/api/v1/(events|stop)$|/(control|lease|release|stop)$"
+OF_THE_RELAY = r"/api/v1/(events|stop)$|/(control|lease|release|stop)$|/(topics|services)/"
 
 
 @dataclass

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import aiohttp
 import pytest
@@ -91,6 +92,27 @@ def test_tutorial_prints_why_it_is_refused(
     assert stopped.returncode == 1
     assert "stopped" in stopped.stderr
     assert "Traceback" not in untrusted.stderr + stopped.stderr
+
+
+def test_topics_and_services_answer_over_http(stack: Stack, program: Program) -> None:
+    """The odometry with its age, then a newer one; a service, and one that the robot does not have."""
+
+    def ask(method: str, path: str) -> Any:
+        path = f"/api/v1/robots/sim2/{path}"
+        status, answer = stack.request(method, path, headers=program.headers)
+        assert status == 200, answer
+        return answer
+
+    # This may open the robot's media connection, which takes a log-in.
+    stack.request("GET", "/api/v1/robots/sim2/topics/odom?wait_s=9", headers=program.headers)
+    first = ask("GET", "topics/odom?wait_s=9")
+    assert first["message"]["twist"]
+    assert 0 <= first["received_age_s"] < 30
+    assert ask("GET", f"topics/%2Fodom?since={first['sequence']}")["sequence"] != first["sequence"]
+    assert ask("POST", "services/rosapi/topics?timeout_s=8")["values"]["topics"]
+    assert ask("POST", "services/reset?timeout_s=8")["result"]
+    unknown = ask("POST", "services/no_such_service?timeout_s=8")
+    assert (unknown["result"], bool(unknown["reason"])) == (False, True)
 
 
 async def test_too_large_message_ends_that_connection_only(program: Program) -> None:

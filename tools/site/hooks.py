@@ -22,6 +22,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from robotether_server import problems
 from robotether_server.api import description
+from robotether_server.contract.codes import CLOSE_CODES
 from robotether_server.relay.channels.rosbridge.operations import OPERATIONS
 from robotether_server.relay.http import close_reasons
 from robotether_server.settings.server import VARIABLES, Variable
@@ -149,10 +150,11 @@ def codes() -> str:
             "",
             "## Closed WebSockets",
             "",
-            "With these the server closes a WebSocket of `/robots/NAME/ros` or `/robots/NAME/video/frames`.",
+            "With these the server closes a WebSocket of `/robots/NAME/ros` or `/robots/NAME/video/frames`. A request",
+            "for a topic or service that ends so is a problem with the name as its code, and the status.",
             "",
-            "| code | name | meaning | reason, for example |",
-            "|---|---|---|---|",
+            "| code | name | status | meaning | reason, for example |",
+            "|---|---|---|---|---|",
             *_close_codes(),
             "",
         )
@@ -177,7 +179,11 @@ def _close_codes() -> list[str]:
             continue
         one = function(**{key: EXAMPLES[key] for key in inspect.signature(function).parameters})
         meaning = _cell(inspect.getdoc(function) or name)
-        lines.append((one.code, f"| {one.code} | `{one.name}` | {meaning} | {_cell(one.reason)} |"))
+        status = CLOSE_CODES[one.name].status
+        # No request ends as the others say.
+        cells = (one.code, f"`{one.name}`", "" if status == 500 else status, meaning)  # noqa: PLR2004  # the default
+        row = " | ".join(map(str, (*cells, _cell(one.reason))))
+        lines.append((one.code, f"| {row} |"))
     return [line for _, line in sorted(lines)]
 
 

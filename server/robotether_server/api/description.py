@@ -14,6 +14,7 @@ from typing import Annotated, Any, get_type_hints
 import msgspec
 from flask import Response
 from msgspec import Meta
+from robotether_common.ros import MAX_NAME_LENGTH
 
 from robotether_server import __version__
 from robotether_server.api.auth import Who
@@ -24,6 +25,13 @@ from robotether_server.settings.robot import GivenSettings
 
 REF = "#/components/{kind}/{name}"
 Id = Annotated[int, Meta(ge=1)]
+RosPath = Annotated[
+    str,
+    Meta(
+        description="Its full name, with or without the first slash; slashes may be %2F",
+        extra_json_schema={"maxLength": MAX_NAME_LENGTH, "examples": ["odom", "arm/move"]},
+    ),
+]
 # Names and ids in paths.
 PATH_TYPES: dict[str, Any] = {
     "robot": RobotName,
@@ -34,6 +42,8 @@ PATH_TYPES: dict[str, Any] = {
     "token_id": Id,
     "key_id": Id,
     "drive_id": Id,
+    "topic": RosPath,
+    "service": RosPath,
 }
 Object = dict[str, Any]
 # Where it is not an API token or a login.
@@ -62,11 +72,15 @@ PROBLEMS = {
         "TooMany",
         "A limit is reached: see `code` and `detail`; too_many_requests: that of the caller's address",
     ),
+    502: ("RobotSilent", "rosbridge_down or topic_down: the robot's ROS does not answer"),
     503: (
         "Unavailable",
         "store_unavailable, front_unavailable or service_away: try again shortly; robot_offline",
     ),
-    504: ("GuardSilent", "guard_silent: the robot did not confirm it and stays stopped"),
+    504: (
+        "Late",
+        "guard_silent: the robot did not confirm it and stays stopped; service_timeout: no answer in time",
+    ),
 }
 AUTHENTICATE = {"WWW-Authenticate": {"required": True, "schema": {"const": "Bearer"}}}
 BASE: Object = {

@@ -1,4 +1,4 @@
-"""What the relay answers under /api/v1 (relay/control/control_api.py, relay/channels/events.py): nginx leads it there.
+"""What the relay answers under /api/v1 (relay/control/control_api.py, relay/channels): nginx leads it there.
 
 Described here, as one API has one description; nothing of it is handled here.
 """
@@ -13,6 +13,13 @@ from robotether_server.contract.control import (
     SiteStop,
     StoppedRobotList,
     StopReason,
+)
+from robotether_server.contract.ros import (
+    ServiceAnswer,
+    ServiceArgs,
+    ServiceQuery,
+    TopicAnswer,
+    TopicQuery,
 )
 from robotether_server.contract.uplink import UplinkObject
 
@@ -102,5 +109,34 @@ RELAYED = (
         is_body_required=False,
         answers={200: StoppedRobotList},
         problems=(400,),
+    ),
+    ApiOperation(
+        method="GET",
+        path="/robots/<robot>/topics/<topic>",
+        name="readTopic",
+        summary="Get the newest message of a topic",
+        details="What an observing connection may subscribe to. 204: none came within wait_s, or none newer than "
+        "`since`. The age counts from the arrival at the server; the message's own stamp is of another clock.",
+        who="user",
+        tag="ros",
+        query=TopicQuery,
+        answers={200: TopicAnswer, 204: None},
+        problems=(403, 502),
+    ),
+    ApiOperation(
+        method="POST",
+        path="/robots/<robot>/services/<service>",
+        name="callService",
+        summary="Call a service of the robot's ROS; the body has the members of its request",
+        details="What the robot's policy lets the user call. Beyond rosapi's look-ups it needs level drive and the "
+        "lease: that of the user's own drive, or one that lasts for the call. Else 409 lease_held, robot_stopped, "
+        "lease_lost or superseded; one that ends while it waits may have run, as may one of 504 service_timeout.",
+        who="user",
+        tag="ros",
+        body=ServiceArgs,
+        is_body_required=False,
+        query=ServiceQuery,
+        answers={200: ServiceAnswer},
+        problems=(400, 409, 502, 504),
     ),
 )

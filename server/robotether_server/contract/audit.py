@@ -146,6 +146,7 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "mac_changed": ("MAC differs", "{robot} joined with its key from another MAC"),
     "drive_started": ("Drive started", "started driving {robot}"),
     "drive_ended": ("Drive ended", _drive_ended),
+    "service_called": ("Service called", "called service {service} of {robot}"),
     "lease_asked": ("Control asked for", "asked for control of {robot}"),
     "lease_refused": ("Control refused", "refused {to} control of {robot}"),
     "lease_handed_over": ("Control handed over", "handed control of {robot} to {to}"),

@@ -13,10 +13,14 @@ _MOVING = "The robot is connecting again."
 
 
 class CloseCode(NamedTuple):
-    """The number with which the relay closes a WebSocket, and how a drive on it ended; None: it carries no drive."""
+    """The number with which the relay closes a WebSocket, and how a drive on it ended; None: it carries no drive.
+
+    `status`: of HTTP, for a request that ends so before it is answered.
+    """
 
     number: int
     drive: str | None = None
+    status: int = 500
 
 
 class SessionEnd(NamedTuple):
@@ -33,19 +37,19 @@ CLOSE_CODES: Mapping[str, CloseCode] = {
     "client_silent": CloseCode(4408, "driver's connection went silent"),
     "client_slow": CloseCode(4413, "driver's connection too slow"),
     "client_floods": CloseCode(1008, "driver's connection sent too much"),
-    "superseded": CloseCode(4002, "continued in another window"),
-    "rights_ended": CloseCode(4001, "permissions or settings changed"),
-    "robot_stopped": CloseCode(4003, "robot stopped"),
-    "lease_held": CloseCode(4009, "somebody else was driving"),
-    "lease_lost": CloseCode(4010, "somebody else got control"),
-    "lease_unavailable": CloseCode(4510, "database unavailable"),
-    "too_many_connections": CloseCode(4429, "too many connections"),
-    "robot_offline": CloseCode(4503, "robot offline"),
-    "rosbridge_down": CloseCode(4504, "rosbridge did not answer"),
-    "link_lost": CloseCode(4505, "link to the robot lost"),
-    "message_too_big": CloseCode(1009, "message too large"),
-    "protocol_broken": CloseCode(1002, "protocol error"),
-    "relay_stopping": CloseCode(1001, "server shut down"),
+    "superseded": CloseCode(4002, "continued in another window", 409),
+    "rights_ended": CloseCode(4001, "permissions or settings changed", 403),
+    "robot_stopped": CloseCode(4003, "robot stopped", 409),
+    "lease_held": CloseCode(4009, "somebody else was driving", 409),
+    "lease_lost": CloseCode(4010, "somebody else got control", 409),
+    "lease_unavailable": CloseCode(4510, "database unavailable", 503),
+    "too_many_connections": CloseCode(4429, "too many connections", 429),
+    "robot_offline": CloseCode(4503, "robot offline", 503),
+    "rosbridge_down": CloseCode(4504, "rosbridge did not answer", 502),
+    "link_lost": CloseCode(4505, "link to the robot lost", 503),
+    "message_too_big": CloseCode(1009, "message too large", 502),
+    "protocol_broken": CloseCode(1002, "protocol error", 502),
+    "relay_stopping": CloseCode(1001, "server shut down", 503),
     "relay_failed": CloseCode(1011, "server error"),
     "video_down": CloseCode(4506),
 }

@@ -40,9 +40,9 @@ HANDLERS_STOP_WITHIN_S = 1.0
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
-# What pages in ALLOWED_ORIGINS may ask for, with a token or ticket: control and video.
+# What pages in ALLOWED_ORIGINS may ask for, with a token or ticket: control, ROS and video.
 CORS_PATHS = re.compile(
-    r"/api/v1/robots/[^/]+/(stop|release|lease|control)|/robots/[^/]+/video(/.*)?"
+    r"/api/v1/robots/[^/]+/(stop|release|lease|control|(topics|services)/.+)|/robots/[^/]+/video(/.*)?"
 )
 CORS_METHODS = "GET, HEAD, POST"
 CORS_HEADERS = "Authorization, Content-Type"

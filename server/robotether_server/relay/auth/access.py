@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import re
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from urllib.parse import urlsplit
 
 from aiohttp import ClientSession
@@ -34,7 +36,9 @@ from robotether_server.problems import (
 )
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials, credential_of
-from robotether_server.relay.robots.connection import Use, permits
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import ConnectionClosedError
+from robotether_server.relay.robots.connection import Connection, Use, permits
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.schemas import Level
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
@@ -166,6 +170,21 @@ class Access:
             ticket, issued_at = self._verified(request.ticket)
             self._use(ticket, issued_at, permit.robot)
         return permit
+
+    async def for_topic(self, request: Request, name: str) -> Permit:
+        """Let a login or token read topics of robot `name`."""
+        asker = await self.for_events(request)
+        robot = self.visible_robot(asker.user, name)
+        return Permit(asker.user, robot, "observe", asker.credential)
+
+    async def for_service(self, request: Request, name: str, csrf_header: str) -> Permit:
+        """Let a login or token call services of robot `name`, as a driver if it may drive."""
+        asker = await self.for_change(request, csrf_header)
+        robot = self.visible_robot(asker.user, name)
+        level = self._snapshot().level(asker.user.id, robot.id)
+        if level is None or not permits(level, "drive"):
+            return Permit(asker.user, robot, "observe", asker.credential)
+        return Permit(asker.user, robot, "drive", asker.credential, level, may_drive=True)
 
     async def for_events(self, request: Request) -> AuthenticatedUser:
         """Let a login or token follow the fleet."""
@@ -355,3 +374,27 @@ class HandlerContext:
     connections: Connections
     client: ClientSession
     tunnel_host: str
+
+    @contextmanager
+    def counted(self, connection: Connection, credential: Credential) -> Iterator[None]:
+        """Count a connection inside the block, and end it when its link, its right or its credential does."""
+        robot = connection.robot
+        on_rights_ended = partial(connection.end, close_reasons.rights_ended(robot.name))
+        with (
+            self.connections.joined(connection),
+            self.credentials.held(credential, on_rights_ended),
+            self.registry.ensure_robot(robot.id).usage.counted(),
+        ):
+            yield
+
+    async def check_credential(self, credential: Credential, robot: RelayRobot) -> None:
+        """Let nobody drive with a login or token that has ended since; `counted` alone would a second later.
+
+        Raises ConnectionClosedError.
+        """
+        try:
+            holds = await self.credentials.holds(credential)
+        except StoreUnavailableError as problem:
+            raise ConnectionClosedError(close_reasons.lease_unavailable(robot.name)) from problem
+        if not holds:
+            raise ConnectionClosedError(close_reasons.rights_ended(robot.name))

@@ -19,7 +19,8 @@ from robotether_server.relay.cells.forwarded_observers import ForwardedObservers
 from robotether_server.relay.cells.peers import Peers
 
 FORWARDED = re.compile(
-    r"/robots/(?P<robot>[^/]+)/(?P<path>.+)|/api/v1/robots/(?P<controlled>[^/]+)/(?P<action>stop|release|lease|control|uplink)"
+    r"/robots/(?P<robot>[^/]+)/(?P<path>.+)|/api/v1/robots/(?P<controlled>[^/]+)/"
+    r"(?P<action>stop|release|lease|control|uplink|(topics|services)/.+)"
 )
 # The named locations of images/nginx/peer-forward.conf. When the other cell does not answer, a stop begins here.
 LOCATION, STOP_LOCATION = "@cell", "@cell_or_here"

@@ -13,10 +13,14 @@ from robotether_server.relay.channels.rosbridge.handler import (
     ConnectionReport,
     RosbridgeHandler,
 )
+from robotether_server.relay.channels.rosbridge.http_calls import HttpCalls
+from robotether_server.relay.channels.rosbridge.service_api import ServiceApi
+from robotether_server.relay.channels.rosbridge.topic_api import TopicApi
 from robotether_server.relay.channels.video.frames_handler import FramesHandler
 from robotether_server.relay.channels.video.handler import VideoHandler
 from robotether_server.relay.channels.video.viewers import VideoContext
 from robotether_server.relay.control.control import Control
+from robotether_server.relay.robots.robot_dialer import RobotDialer
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,8 @@ class Channels:
     frames: FramesHandler
     video: VideoHandler
     events: EventsHandler
+    topics: TopicApi
+    services: ServiceApi
 
     def add_routes(self, app: web.Application) -> None:
         """Route the paths of the contract here."""
@@ -35,6 +41,9 @@ class Channels:
         router.add_get("/robots/{name}/video/frames", self.frames.handle, allow_head=False)
         router.add_route("*", "/robots/{name}/video", self.video.handle)
         router.add_route("*", "/robots/{name}/video/{path:.*}", self.video.handle)
+        topics = "/api/v1/robots/{name}/topics/{topic:.+}"
+        router.add_get(topics, self.topics.handle, allow_head=False)
+        router.add_post("/api/v1/robots/{name}/services/{service:.+}", self.services.handle)
         router.add_get("/api/v1/events", self.events.handle, allow_head=False)
 
 
@@ -47,9 +56,13 @@ def make_channels(
     report: Callable[[ConnectionReport], None],
 ) -> Channels:
     """Make a handler of each kind."""
+    calls = HttpCalls(context, rules.traffic)
+    dialer = RobotDialer(context.client, context.tunnel_host, context.registry, rules.message_limit)
     return Channels(
         RosbridgeHandler(context, control, rules=rules, report=report),
         FramesHandler(context, rules.limits),
         VideoHandler(context),
         EventsHandler(context.access, context.credentials, fleet_events, context.connections),
+        TopicApi(calls, rules.shared_topics, dialer),
+        ServiceApi(calls, control, dialer, rules.message_limit),
     )

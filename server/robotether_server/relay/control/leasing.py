@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 
 from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
@@ -23,7 +23,14 @@ from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.connection import Connection
-from robotether_server.relay.robots.lease import Driver, Handover, HeldError, Instant, Lease
+from robotether_server.relay.robots.lease import (
+    Driver,
+    Handover,
+    HeldError,
+    Holder,
+    Instant,
+    Lease,
+)
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.times import utc_now
 
@@ -100,6 +107,54 @@ class Leasing:
             older.holder.end(close_reasons.superseded(robot.name))
         self._notify(robot.id)
         return driver
+
+    @asynccontextmanager
+    async def shared(self, connection: Connection) -> AsyncIterator[int]:
+        """Let a call over HTTP do inside the block what a driver may, and yield the number under which it does.
+
+        That is the number of its user's drive, or of a lease that such calls begin and share. Raises
+        ConnectionClosedError as `begin` does.
+        """
+        robot = self._registry.ensure_robot(connection.robot.id)
+        async with robot.calls_lock:
+            driver = robot.lease.driver
+            if driver is None or driver.holder.user_id != connection.user_id:
+                driver = await self._begin_for_calls(connection, robot.lease.claimant)
+            driver.calls += 1
+        try:
+            yield driver.fence
+        finally:
+            driver.calls -= 1
+            if driver.for_calls and not driver.calls and isinstance(driver.holder, Connection):
+                self.end(driver.holder)
+
+    async def _begin_for_calls(self, connection: Connection, claimant: Holder | None) -> Driver:
+        # A page of the same user that is about to drive must not lose that to a call.
+        if claimant is not None and claimant.user_id == connection.user_id:
+            raise ConnectionClosedError(close_reasons.superseded(connection.robot.name))
+        try:
+            driver = await self.begin(connection)
+        except BaseException:
+            self.end(connection)
+            raise
+        driver.for_calls = True
+        return driver
+
+    def why_lost(self, connection: Connection) -> CloseReason:
+        """Say why a call may not drive any more, whose lease is over."""
+        robot = connection.robot
+        if (close_reason := self._stopped(robot)) is not None:
+            return close_reason
+        lease = self.of(robot.id)
+        if lease.driver is not None:
+            to = lease.driver.holder.user
+        elif (reservation := lease.reserved(now())) is not None:
+            to = reservation.user.name
+        else:
+            return close_reasons.lease_ended(robot.name)
+        if to == connection.user:
+            return close_reasons.superseded(robot.name)
+        return close_reasons.lease_lost(robot.name, to)
 
     def end(self, connection: Connection) -> None:
         """The connection is over, and so is its lease."""
@@ -222,6 +277,11 @@ class Leasing:
 
     def _write_end(self, robot_id: int, fence: int) -> None:
         self._event_writer.add(LeaseEnd(robot_id, fence, utc_now()))
+
+    def audit_call(self, connection: Connection, service: str, address: str | None) -> None:
+        """Note a call over HTTP of what only drivers may call."""
+        caller = LeaseRequester(RelayUser(connection.user_id, connection.user), address)
+        self._audit("service_called", connection.robot, caller, service=service)
 
     def _audit(
         self, kind: str, robot: RelayRobot, asker: LeaseRequester, **details: str | None

@@ -37,11 +37,12 @@ class CloseReason:
 
 
 class ConnectionClosedError(RobotetherError):
-    """Carries an ending out of code that connects."""
+    """Carries an ending out of code that connects; over HTTP a problem of the same code."""
 
     def __init__(self, close_reason: CloseReason) -> None:
         super().__init__(close_reason.reason)
         self.close_reason = close_reason
+        self.code, self.status = close_reason.name, CLOSE_CODES[close_reason.name].status
 
 
 def client_left(robot: str) -> CloseReason:
@@ -112,6 +113,11 @@ def lease_held(robot: str, by: str, since: datetime | None) -> CloseReason:
 def lease_lost(robot: str, to: str) -> CloseReason:
     """Control passed to another user: handed over, passed on or taken."""
     return CloseReason("lease_lost", f"{to} controls {robot} now")
+
+
+def lease_ended(robot: str) -> CloseReason:
+    """A call over HTTP shared its user's lease, which ended; nobody else has control."""
+    return CloseReason("lease_lost", f"the lease of robot {robot} for this call has ended")
 
 
 def lease_unavailable(robot: str) -> CloseReason:

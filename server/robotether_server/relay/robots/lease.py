@@ -58,12 +58,17 @@ class Instant:
 
 @dataclass
 class Driver:
-    """Who holds the lease; `input` is when a command came last."""
+    """Who holds the lease; `input` is when a command came last, `calls` the number of calls over HTTP that share it.
+
+    A lease `for_calls` ends with the last of them.
+    """
 
     holder: Holder
     fence: int
     since: Instant
     input: Instant
+    calls: int = 0
+    for_calls: bool = False
 
     def on_command(self, now: Instant) -> None:
         """The driver sent a command: it is there."""
@@ -113,6 +118,11 @@ class Lease:
         self._reserved: Reservation | None = None
         self._claimant: Holder | None = None
         self._questions: dict[int, RateLimiter] = {}
+
+    @property
+    def claimant(self) -> Holder | None:
+        """Who is about to hold the lease."""
+        return self._claimant
 
     def reserved(self, now: Instant) -> Reservation | None:
         """For whom the lease is kept now."""

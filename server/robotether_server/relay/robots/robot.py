@@ -187,6 +187,8 @@ class Robot:
         self.links: dict[Kind, Link] = {}
         self.lease = Lease()
         self.lease_timer: asyncio.TimerHandle | None = None
+        # Held while calls over HTTP begin a lease, which all of them then share.
+        self.calls_lock = asyncio.Lock()
         self.stops = RobotStops(robot_id)
         # Is called when the lease, the stops or the presence change.
         self.control_watchers: set[Callable[[], None]] = set()

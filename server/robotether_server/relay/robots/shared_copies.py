@@ -39,6 +39,8 @@ class SharedCopy(Generic[Key, User]):
         self.key = key
         self.users: set[User] = set()
         self.ended = asyncio.Event()
+        # Until when it stays without users, by the loop's clock.
+        self.kept_until_s = 0.0
 
     def user_ids(self) -> set[int]:
         """Return who shares it."""
@@ -114,19 +116,29 @@ class SharedCopies(ABC, Generic[Copy]):
         finally:
             self._forget(copy)
 
-    def _let_linger(self, copy: Copy) -> None:
+    def _let_linger(self, copy: Copy, linger_s: float = LINGER_S) -> None:
         """End a copy without users, after a while in which somebody may come."""
+        loop = asyncio.get_running_loop()
+        until_s = copy.kept_until_s = max(copy.kept_until_s, loop.time() + linger_s)
         if copy.users:
             return
         unused = [each for each in self._of(copy.robot.id).values() if not each.users]
         if len(unused) > self._max_lingering:
             self._end(copy)
         else:
-            asyncio.get_running_loop().call_later(LINGER_S, self._end_unused, copy)
+            loop.call_at(until_s, self._end_unused, copy, until_s)
 
-    def _end_unused(self, copy: Copy) -> None:
-        if not copy.users:
+    def _end_unused(self, copy: Copy, until_s: float) -> None:
+        # Whoever left since may have let it stay for longer.
+        if not copy.users and copy.kept_until_s == until_s:
             self._end(copy)
+
+    def _end_any_unused(self, robot_id: int) -> bool:
+        """End one copy without users, the oldest, to have room for another; return whether there was one."""
+        unused = next((each for each in self._of(robot_id).values() if not each.users), None)
+        if unused is not None:
+            self._end(unused)
+        return unused is not None
 
     def _end(self, copy: Copy) -> None:
         task = self._tasks.get(copy)

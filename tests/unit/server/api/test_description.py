@@ -23,6 +23,8 @@ ELSEWHERE = {
     ("/api/v1/robots/{robot}/lease", "post"),
     ("/api/v1/robots/{robot}/release", "post"),
     ("/api/v1/robots/{robot}/stop", "post"),
+    ("/api/v1/robots/{robot}/services/{service}", "post"),
+    ("/api/v1/robots/{robot}/topics/{topic}", "get"),
 }
 IN_PATHS = {"robot": "sim1", "user": "ann", "group": "crew", "site": "lab"}
 IN_PATHS |= dict.fromkeys(("token_id", "key_id", "grant_id", "drive_id"), "1")

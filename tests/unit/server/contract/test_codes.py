@@ -73,12 +73,13 @@ def test_scripts_close_codes_are_those_of_the_relay() -> None:
 
 
 def problem_codes() -> set[str]:
-    """The codes of the server's problems, and those that nginx answers by itself."""
+    """The codes of the server's problems and of what ends requests, and those that nginx answers by itself."""
     classes = (kind for _, kind in inspect.getmembers(problems, inspect.isclass))
     of_nginx = re.findall(r'"code": "(\w+)"', (ROOT / "images/nginx/nginx.conf").read_text())
     assert of_nginx
     return {
         *of_nginx,
+        *CLOSE_CODES,
         *(kind.code for kind in classes if issubclass(kind, problems.RobotetherError)),
         *(problems.HttpError(status, "").code for status in PROBLEMS),
     }

@@ -164,6 +164,7 @@ CORS_PATHS = [
     "/api/v1/robots/sim1/release",
     "/api/v1/robots/sim1/lease",
     "/api/v1/robots/sim1/control",
+    "/api/v1/robots/sim1/topics/arm/state",
     "/robots/sim1/video/stream",
     "/robots/sim1/video/snapshot",
 ]

@@ -15,7 +15,7 @@ from aiohttp import web
 
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import Credential
-from robotether_server.problems import HttpError, StoreUnavailableError
+from robotether_server.problems import HttpError
 from robotether_server.relay.auth.access import HandlerContext, Permit, request_of
 from robotether_server.relay.channels.rosbridge.bridge import (
     Bridge,
@@ -39,7 +39,7 @@ from robotether_server.relay.channels.rosbridge.subscriptions import (
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.leasing import now
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.robots.connection import Connection
@@ -114,15 +114,10 @@ class RosbridgeHandler:
         )
         if (why := self._context.connections.no_room(connection)) is not None:
             bridge.end(close_reasons.too_many_connections(why))
-        on_rights_ended = partial(bridge.end, close_reasons.rights_ended(robot.name))
         try:
             # Before anything waits: a right that ends in the meantime must end this connection. And before a lease: its
             # line comes to the agent behind the one that asks for quick heartbeats.
-            with (
-                self._context.connections.joined(connection),
-                self._context.credentials.held(permit.credential, on_rights_ended),
-                self._context.registry.ensure_robot(robot.id).usage.counted(),
-            ):
+            with self._context.counted(connection, permit.credential):
                 await operator.open(request)
                 close_reason = await OperatorSession(
                     bridge,
@@ -211,7 +206,7 @@ class OperatorSession:
         else:
             # A page that waits for an offline robot must not use numbers up.
             self.dialer.check_online(self.connection.robot)
-            await self._check_credential()
+            await self.context.check_credential(self.credential, self.connection.robot)
             driver = await self.control.leasing.begin(self.connection)
             socket = await self.dialer.open(self.connection.robot, driver.fence)
             lease = self._lease(driver)
@@ -221,16 +216,6 @@ class OperatorSession:
         user_ids = (self.connection.user_id,)
         counted = uplink.counted("rosbridge", "", socket.received_bytes, lambda: user_ids)
         return RobotEnd(socket, lease, counted)
-
-    async def _check_credential(self) -> None:
-        """Let nobody drive with a ticket whose login or token has ended since; `held` alone would a second later."""
-        name = self.connection.robot.name
-        try:
-            holds = await self.context.credentials.holds(self.credential)
-        except StoreUnavailableError as problem:
-            raise ConnectionClosedError(close_reasons.lease_unavailable(name)) from problem
-        if not holds:
-            raise ConnectionClosedError(close_reasons.rights_ended(name))
 
     def _lease(self, driver: Driver) -> DriveLease:
         robot, guard = self.connection.robot, self.connection.robot.settings.guard

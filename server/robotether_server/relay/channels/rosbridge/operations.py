@@ -26,6 +26,7 @@ from robotether_common.ros import (
     full_name,
 )
 
+from robotether_server.contract.ros import MAX_THROTTLE_MS
 from robotether_server.problems import RobotetherError
 from robotether_server.relay.channels.rosbridge.drive_path import DriveStamp
 from robotether_server.relay.robots.delivered_frames import NamedFrame
@@ -46,7 +47,6 @@ write_json = msgspec.json.Encoder().encode
 
 LEVELS = ("info", "warning", "error", "none")
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
-MAX_THROTTLE_MS = 3_600_000
 MAX_QUEUE = 1000
 MAX_CALL_S = 60.0
 # Minimum and maximum size of a fragment; in a smaller one most bytes would be the fragment's own

@@ -7,7 +7,9 @@ message to a new subscription, and this one is an old one to it.
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import secrets
 from collections import deque
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
@@ -20,7 +22,12 @@ from robotether_common.topics import MAX_KNOWN, MAX_TOPICS, digest
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.channels.rosbridge.operations import write_json
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.shared_copies import CopyUser, SharedCopies, SharedCopy
+from robotether_server.relay.robots.shared_copies import (
+    LINGER_S,
+    CopyUser,
+    SharedCopies,
+    SharedCopy,
+)
 
 log = logging.getLogger(__name__)
 
@@ -96,6 +103,16 @@ class TopicClient(CopyUser, Protocol):
         """The topic brings nothing for now."""
 
 
+@dataclass(frozen=True, eq=False)
+class ReceivedMessage:
+    """A message as it came at `received_s` of the loop's clock; `sequence` tells it from all others of any topic."""
+
+    data: bytes
+    kind: WSMsgType
+    received_s: float
+    sequence: str
+
+
 class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
     """One subscription on a robot, and who shares it."""
 
@@ -104,8 +121,12 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         # Why it brings nothing now; None: it does, or that is not known yet.
         self.failure: str | None = None
         # What newcomers may get, the newest last.
-        self._remembered: deque[tuple[bytes, WSMsgType]] = deque()
+        self._remembered: deque[ReceivedMessage] = deque()
         self._remembered_bytes = 0
+        # Of another copy, at another time or another cell, no message has the same.
+        self._name = secrets.token_hex(8)
+        self._count = 0
+        self._clock = asyncio.get_running_loop().time
 
     def on_message(self, message: bytes, kind: WSMsgType) -> None:
         """Give a message to all who share the topic."""
@@ -123,16 +144,23 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
 
     def known(self) -> dict[str, tuple[bytes, WSMsgType]]:
         """Return the messages that newcomers may get, by digest."""
-        return {digest(message): (message, kind) for message, kind in self._remembered}
+        return {digest(message.data): (message.data, message.kind) for message in self._remembered}
+
+    @property
+    def newest(self) -> ReceivedMessage | None:
+        """The message that came last, if any did."""
+        return self._remembered[-1] if self._remembered else None
 
     def _remember(self, message: bytes, kind: WSMsgType) -> None:
         remembered = self._remembered
-        remembered.append((message, kind))
+        self._count += 1
+        sequence = f"{self._name}-{self._count}"
+        remembered.append(ReceivedMessage(message, kind, self._clock(), sequence))
         self._remembered_bytes += len(message)
         while len(remembered) > MAX_KNOWN or (
             self._remembered_bytes > MAX_REMEMBERED_BYTES and len(remembered) > 1
         ):
-            self._remembered_bytes -= len(remembered.popleft()[0])
+            self._remembered_bytes -= len(remembered.popleft().data)
 
 
 class TopicConnector(Protocol):
@@ -155,24 +183,35 @@ class SharedTopics(SharedCopies[SharedTopic]):
     def join(
         self, robot: RelayRobot, subscription: TopicRequest, subscriber: TopicClient, limit: int
     ) -> SharedTopic | None:
-        """Share a topic; None: it is a new one, and the robot sends `limit` already."""
-        topics = self._of(robot.id)
-        topic = topics.get(subscription)
+        """Share a topic, with what a newcomer missed; None: it is a new one, and the robot sends `limit` already."""
+        topic = self.watch(robot, subscription, subscriber, limit)
         if topic is None:
-            if len(topics) >= limit:
-                return None
-            topic = self._open(SharedTopic(robot, subscription))
-        elif topic.failure is not None:
+            return None
+        if topic.failure is not None:
             subscriber.on_topic_failed(subscription.topic, topic.failure)
         elif known := topic.known():
             self._start(self._repeat(topic, known, subscriber))
+        return topic
+
+    def watch(
+        self, robot: RelayRobot, subscription: TopicRequest, subscriber: TopicClient, limit: int
+    ) -> SharedTopic | None:
+        """Share a topic as `join` does, without asking the robot what a newcomer missed."""
+        topics = self._of(robot.id)
+        topic = topics.get(subscription)
+        if topic is None:
+            if len(topics) >= limit and not self._end_any_unused(robot.id):
+                return None
+            topic = self._open(SharedTopic(robot, subscription))
         topic.users.add(subscriber)
         return topic
 
-    def leave(self, topic: SharedTopic, subscriber: TopicClient) -> None:
+    def leave(
+        self, topic: SharedTopic, subscriber: TopicClient, linger_s: float = LINGER_S
+    ) -> None:
         """Share it no more; the last one's leaving ends it after a while."""
         topic.users.discard(subscriber)
-        self._let_linger(topic)
+        self._let_linger(topic, linger_s)
 
     async def _bring(self, copy: SharedTopic) -> None:
         try:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 
 from aiohttp import web
 
@@ -16,7 +15,6 @@ from robotether_server.problems import FieldInvalidError
 from robotether_server.relay.auth.access import HandlerContext, Permit
 from robotether_server.relay.channels.video.feeds import Feed, Feeds
 from robotether_server.relay.channels.video.frame_protocol import Frame
-from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.connection import Connection
 
@@ -48,14 +46,8 @@ def connection_of(permit: Permit, camera: str, end: Callable[[CloseReason], None
 @contextmanager
 def counted(context: VideoContext, permit: Permit, connection: Connection) -> Iterator[None]:
     """Count a viewer inside the block, have it ended when it may see no more, and the robot send video."""
-    on_rights_ended = partial(connection.end, close_reasons.rights_ended(permit.robot.name))
     robot = context.registry.ensure_robot(permit.robot.id)
-    with (
-        context.connections.joined(connection),
-        context.credentials.held(permit.credential, on_rights_ended),
-        robot.usage.counted(),
-        robot.media_demand.counted(),
-    ):
+    with context.counted(connection, permit.credential), robot.media_demand.counted():
         yield
 
 

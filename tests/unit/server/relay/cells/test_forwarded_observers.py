@@ -26,6 +26,7 @@ from robotether_server.relay.channels.rosbridge.forwarded_topics import (
     write_notice,
 )
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic, TopicRequest
+from robotether_server.relay.channels.rosbridge.topic_api import TopicPoll
 from site_cells import SiteCell
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
@@ -215,7 +216,8 @@ async def test_a_robot_without_room_is_reported(cell_b, sim1, observe, monkeypat
         "robotether_server.relay.channels.rosbridge.subscriptions.MAX_OBSERVED_TOPICS", 1
     )
     topics = cell_b.relay.registry.robot(sim1.id).topics
-    topics[TopicRequest("/other")] = SharedTopic(sim1, TopicRequest("/other"))
+    topic = topics[TopicRequest("/other")] = SharedTopic(sim1, TopicRequest("/other"))
+    topic.users.add(TopicPoll(1))
     answer = await (await observe(ODOM)).receive_json(timeout=5)
     assert answer["msg"] == "cannot subscribe to /odom: sim1 sends 1 topics already"
 

@@ -37,6 +37,8 @@ def ann(memory_database, cell_a, cell_b) -> dict[str, str]:
         ("GET", "/robots/sim1/video/stream?topic=/a", "@cell"),
         ("GET", "/api/v1/robots/sim1/control", "@cell"),
         ("GET", "/api/v1/robots/sim1/uplink", "@cell"),
+        ("GET", "/api/v1/robots/sim1/topics/a/%2Fb", "@cell"),
+        ("POST", "/api/v1/robots/sim1/services/a", "@cell"),
         ("POST", "/api/v1/robots/sim1/lease", "@cell"),
         ("POST", "/api/v1/robots/sim1/release", "@cell"),
         ("POST", "/api/v1/robots/sim1/stop", "@cell_or_here"),

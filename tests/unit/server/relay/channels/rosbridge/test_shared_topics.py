@@ -160,7 +160,8 @@ async def test_observers_leave_the_driver_half_of_a_robots_topics(
 ):
     topics = relay.relay.registry.robot(sim1.id).topics
     for number in range(MAX_OBSERVED_TOPICS):
-        topics[TopicRequest(f"/t{number}")] = SharedTopic(sim1, TopicRequest(f"/t{number}"))
+        topic = topics[TopicRequest(f"/t{number}")] = SharedTopic(sim1, TopicRequest(f"/t{number}"))
+        topic.users.add(Client())
     socket = await observe(ODOM)
     answer = await socket.receive_json(timeout=5)
     assert (

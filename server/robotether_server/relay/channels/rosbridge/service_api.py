@@ -1,0 +1,205 @@
+"""Answers POST /api/v1/robots/NAME/services/SERVICE: calls a service of the robot's ROS.
+
+Whoever sees the robot may call what observers may on /robots/NAME/ros. All else is a driver's: it needs the right to
+drive, and the lease. A call shares its user's lease, or holds one until it is answered, so nobody calls while another
+user drives or the robot is stopped.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from dataclasses import dataclass
+
+import msgspec
+from aiohttp import WebSocketError, WSMsgType, web
+from msgspec import Raw, Struct
+from robotether_common.ros import full_name
+
+from robotether_server import schemas
+from robotether_server.contract.ros import MAX_ARGS_BYTES, ServiceAnswer, ServiceArgs, ServiceQuery
+from robotether_server.problems import HttpError, RobotetherError, ServiceTimeoutError
+from robotether_server.relay.auth.access import Permit, request_of
+from robotether_server.relay.channels.rosbridge.bridge import (
+    LINK_GRACE_S,
+    close_reason_of_broken,
+)
+from robotether_server.relay.channels.rosbridge.http_calls import HttpCalls, check_message
+from robotether_server.relay.channels.rosbridge.operations import NotJsonError, read_json
+from robotether_server.relay.control.control import Control
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import ConnectionClosedError
+from robotether_server.relay.http.sockets import RobotSocket
+from robotether_server.relay.robots.connection import Connection, Use
+from robotether_server.relay.robots.robot_dialer import RobotDialer
+
+# The only one of its connection.
+CALL_ID = "call"
+# Time by which rosbridge's own limit is later, so that a call that takes too long has one answer.
+LATER_BY_S = 1
+
+
+class ServiceResponse(Struct):
+    """What rosbridge answers to a call, or why it does not make it."""
+
+    op: str
+    id: object = None
+    result: bool = True
+    values: Raw = Raw(b"{}")
+    level: str = ""
+    msg: str = ""
+
+
+@dataclass(frozen=True)
+class ServiceCall:
+    """A call that is allowed: rosbridge's message, and as what it is made."""
+
+    service: str
+    message: bytes
+    use: Use
+    timeout_s: int
+    address: str | None
+
+
+class ServiceApi:
+    """Answers POST /api/v1/robots/NAME/services/SERVICE."""
+
+    def __init__(
+        self, calls: HttpCalls, control: Control, dialer: RobotDialer, message_limit: int
+    ) -> None:
+        self._calls = calls
+        self._control = control
+        self._dialer = dialer
+        self._message_limit = message_limit
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Call the service, and answer with what it answers."""
+        access_request = request_of(request.headers, request.cookies, request.query)
+        csrf_header = request.headers.get("X-CSRFToken", "")
+        access, name = self._calls.context.access, request.match_info["name"]
+        permit = await access.for_service(access_request, name, csrf_header)
+        query = schemas.read_query(request.query, ServiceQuery)
+        service = request.match_info["service"]
+        call = _allowed_call(request, permit, service, query, await _args(request))
+        self._dialer.check_online(permit.robot)
+        return await self._calls.answer(
+            request, permit, call.use, lambda connection: self._call(permit, call, connection)
+        )
+
+    async def _call(
+        self, permit: Permit, call: ServiceCall, connection: Connection
+    ) -> ServiceAnswer:
+        try:
+            async with asyncio.timeout(call.timeout_s):
+                if call.use == "observe":
+                    return await self._ask(call, connection, None)
+                await self._calls.context.check_credential(permit.credential, permit.robot)
+                return await self._call_as_driver(call, connection)
+        except TimeoutError as exc:
+            raise ServiceTimeoutError(
+                f"cannot call {call.service}: no answer within {call.timeout_s} s; it may still run"
+            ) from exc
+
+    async def _call_as_driver(self, call: ServiceCall, connection: Connection) -> ServiceAnswer:
+        leasing, robot = self._control.leasing, connection.robot
+        async with leasing.shared(connection) as fence:
+
+            def end_without_lease() -> None:
+                driver = leasing.of(robot.id).driver
+                if driver is None or driver.fence != fence:
+                    connection.end(leasing.why_lost(connection))
+
+            with self._control.watched(robot.id, end_without_lease):
+                leasing.audit_call(connection, call.service, call.address)
+                return await self._ask(call, connection, fence)
+
+    async def _ask(
+        self, call: ServiceCall, connection: Connection, fence: int | None
+    ) -> ServiceAnswer:
+        socket = await self._dialer.open(connection.robot, fence)
+        try:
+            await socket.send_frame(call.message, WSMsgType.TEXT)
+            return await self._response(socket, connection.robot.name)
+        except ConnectionError as exc:
+            why = "its connection broke"
+            raise await self._closed(connection.robot.name, why) from exc
+        finally:
+            socket.drop()
+
+    async def _response(self, socket: RobotSocket, robot: str) -> ServiceAnswer:
+        while True:
+            message = await socket.receive()
+            if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
+                if (answer := _answer(message.data)) is not None:
+                    return answer
+            elif message.type is WSMsgType.PING:
+                await socket.pong(message.data)
+            elif isinstance(message.data, WebSocketError):
+                sender, limit = f"robot {robot}", self._message_limit
+                raise ConnectionClosedError(close_reason_of_broken(message.data, sender, limit))
+            elif message.type is not WSMsgType.PONG:
+                raise await self._closed(robot, "it closed the connection")
+
+    async def _closed(self, robot: str, why: str) -> ConnectionClosedError:
+        # A lost link, lease or stop ends the call itself meanwhile, which says more.
+        await asyncio.sleep(LINK_GRACE_S)
+        return ConnectionClosedError(close_reasons.rosbridge_down(robot, why))
+
+
+def _allowed_call(
+    request: web.Request, permit: Permit, service: str, query: ServiceQuery, args: ServiceArgs
+) -> ServiceCall:
+    """Return the call, as an observer's if observers may make it; raise why it is not allowed."""
+    message = {
+        "op": "call_service",
+        "id": CALL_ID,
+        "service": service,
+        "type": query.type,
+        "args": args,
+        "timeout": query.timeout_s + LATER_BY_S,
+    }
+    use: Use = "observe"
+    try:
+        checked = check_message(permit.robot, "observe", message)
+    except RobotetherError:
+        if permit.use == "observe":
+            raise
+        checked, use = check_message(permit.robot, permit.level, message), "drive"
+    address = request.headers.get("X-Forwarded-For")
+    return ServiceCall(full_name(service) or service, checked.data, use, query.timeout_s, address)
+
+
+async def _args(request: web.Request) -> ServiceArgs:
+    data = await request.clone(client_max_size=MAX_ARGS_BYTES).read()
+    if not data:
+        return {}
+    if request.content_type != "application/json":
+        raise HttpError(415, "cannot read the body: send it as application/json")
+    try:
+        return read_json(data)
+    except NotJsonError as exc:
+        raise HttpError(400, f"cannot read the body: {exc.detail}") from exc
+
+
+def _answer(data: bytes) -> ServiceAnswer | None:
+    """Return the answer to the call; None for any other message."""
+    try:
+        response = msgspec.json.decode(data, type=ServiceResponse)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return None
+    if response.id != CALL_ID:
+        return None
+    if response.op == "status" and response.level == "error":
+        return ServiceAnswer(False, reason=response.msg)
+    if response.op != "service_response":
+        return None
+    if response.result:
+        return ServiceAnswer(True, response.values)
+    return ServiceAnswer(False, reason=_reason(response.values))
+
+
+def _reason(values: Raw) -> str:
+    """Return rosbridge's reason, which it puts in the place of values."""
+    with suppress(msgspec.DecodeError):
+        return msgspec.json.decode(values, type=str)
+    return bytes(values).decode(errors="replace")

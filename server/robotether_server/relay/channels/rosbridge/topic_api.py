@@ -1,0 +1,157 @@
+"""Answers GET /api/v1/robots/NAME/topics/TOPIC: the newest message of a topic, or the next one.
+
+It shares the one copy of the topic with all who request the same, as a subscriber for as long as it waits. The copy
+stays a while, so that a program that polls subscribes once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from functools import partial
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import msgspec
+from aiohttp import WSMsgType, web
+from msgspec import UNSET, Raw, Struct, UnsetType
+
+from robotether_server import schemas
+from robotether_server.contract.ros import TopicAnswer, TopicQuery
+from robotether_server.problems import TooManyConnectionsError, TopicDownError
+from robotether_server.relay.auth.access import request_of
+from robotether_server.relay.channels.rosbridge.http_calls import HttpCalls, check_message
+from robotether_server.relay.channels.rosbridge.shared_topics import (
+    ReceivedMessage,
+    SharedTopic,
+    SharedTopics,
+    TopicRequest,
+)
+from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
+from robotether_server.relay.robots.connection import Connection
+from robotether_server.relay.robots.robot_dialer import RobotDialer
+
+# Time for which a topic's copy stays after a request.
+POLLED_LINGER_S = 5.0
+
+
+class RosbridgeMessage(Struct):
+    """What rosbridge sends of a topic, or to whom it cannot."""
+
+    op: str
+    msg: Raw | UnsetType = UNSET
+    level: str = ""
+
+
+class TopicPoll:
+    """Waits for a message of a topic; implements `shared_topics.TopicClient`."""
+
+    def __init__(self, user_id: int) -> None:
+        self._user_id = user_id
+        self._changed = asyncio.Event()
+
+    def user_ids(self) -> set[int]:
+        """Return who waits."""
+        return {self._user_id}
+
+    def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
+        """A message of a topic came."""
+        self._changed.set()
+
+    def on_topic_failed(self, topic: str, why: str) -> None:
+        """The topic brings nothing for now."""
+        self._changed.set()
+
+    async def message(self, topic: SharedTopic, since: object) -> tuple[ReceivedMessage, Raw]:
+        """Wait for a message other than this one; return the newest with its content."""
+        name = topic.key.topic
+        while True:
+            if topic.failure is not None:
+                raise TopicDownError(f"cannot read {name}: {topic.failure}")
+            newest = topic.newest
+            if newest is not None and newest.sequence != since:
+                if (content := _content(name, newest)) is not None:
+                    return newest, content
+                since = newest.sequence
+            self._changed.clear()
+            await self._changed.wait()
+
+
+class TopicApi:
+    """Answers GET /api/v1/robots/NAME/topics/TOPIC."""
+
+    def __init__(self, calls: HttpCalls, shared_topics: SharedTopics, dialer: RobotDialer) -> None:
+        self._calls = calls
+        self._shared_topics = shared_topics
+        self._dialer = dialer
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Answer with the newest message; 204 when none comes in time."""
+        access_request = request_of(request.headers, request.cookies, request.query)
+        access, name = self._calls.context.access, request.match_info["name"]
+        permit = await access.for_topic(access_request, name)
+        query = schemas.read_query(request.query, TopicQuery)
+        message = {
+            "op": "subscribe",
+            "topic": request.match_info["topic"],
+            "type": query.type,
+            "throttle_rate": query.throttle_rate,
+        }
+        checked = check_message(permit.robot, permit.level, message)
+        self._dialer.check_online(permit.robot)
+        work = partial(self._newest, TopicRequest.of(checked.subscription or {}), query)
+        return await self._calls.answer(request, permit, "observe", work)
+
+    async def _newest(
+        self, topic_request: TopicRequest, query: TopicQuery, connection: Connection
+    ) -> TopicAnswer | None:
+        poll, robot = TopicPoll(connection.user_id), connection.robot
+        topic = self._shared_topics.watch(robot, topic_request, poll, MAX_OBSERVED_TOPICS)
+        if topic is None:
+            raise TooManyConnectionsError(
+                f"cannot read {topic_request.topic}: {robot.name} sends {MAX_OBSERVED_TOPICS} topics already"
+            )
+        try:
+            newest = await _within(query.wait_s, poll.message(topic, query.since))
+        finally:
+            self._shared_topics.leave(topic, poll, POLLED_LINGER_S)
+        if newest is None:
+            return None
+        message, content = newest
+        age_s = asyncio.get_running_loop().time() - message.received_s
+        return TopicAnswer(topic_request.topic, round(age_s, 4), message.sequence, content)
+
+
+async def _within(
+    seconds: float, message: Coroutine[Any, Any, tuple[ReceivedMessage, Raw]]
+) -> tuple[ReceivedMessage, Raw] | None:
+    try:
+        async with asyncio.timeout(seconds):
+            return await message
+    except TimeoutError:
+        return None
+
+
+# A large message takes 20 ms to read, in which drivers wait: each is read once for all.
+_contents: WeakKeyDictionary[ReceivedMessage, Raw] = WeakKeyDictionary()
+
+
+def _content(topic: str, topic_message: ReceivedMessage) -> Raw | None:
+    """Return the ROS message in one of rosbridge's; None when it is no message of a topic."""
+    if (content := _contents.get(topic_message)) is not None:
+        return content
+    try:
+        message = msgspec.json.decode(topic_message.data, type=RosbridgeMessage)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise TopicDownError(f"cannot read {topic}: the robot sends what is no JSON") from error
+    if message.op == "publish" and message.msg is not UNSET:
+        _contents[topic_message] = message.msg
+        return message.msg
+    if message.op == "status" and message.level == "error":
+        raise TopicDownError(f"cannot read {topic}: rosbridge reports {_words(message.msg)}")
+    return None
+
+
+def _words(msg: Raw | UnsetType) -> str:
+    text = b"" if msg is UNSET else bytes(msg)
+    return repr(text.decode(errors="replace")[:200].strip('"'))

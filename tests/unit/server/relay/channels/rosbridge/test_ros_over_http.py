@@ -1,0 +1,328 @@
+"""What a robot's ROS offers over HTTP: who may read and call, when a request ends, and what it leaves at the robot."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import aiohttp
+import pytest
+import pytest_asyncio
+from fake_robot import FakeRobot
+from msgspec.structs import replace as replace_struct
+from relay_clients import SlowFences, audit_lines
+from relay_server import until
+from robotether_common.ros import Globs
+from robotether_server.db.fleet import RelayUser
+from robotether_server.relay.auth.connections import Caps
+from robotether_server.relay.channels.rosbridge import http_calls, topic_api
+from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic, TopicRequest
+from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
+from robotether_server.settings.robot import LevelPolicy, Policy
+from stopwatch import Stopwatch
+from yarl import URL
+
+TOPICS, SERVICES = "/api/v1/robots/sim1/topics", "/api/v1/robots/sim1/services"
+ANN, BOB, BEN = RelayUser(1, "ann"), RelayUser(2, "bob"), RelayUser(3, "ben")
+Ask = Callable[..., Awaitable[tuple[int, Any]]]
+
+
+@pytest_asyncio.fixture
+async def people(relay, memory_database, sim1) -> dict[str, dict[str, str]]:
+    """Ann and ben may call all services, bob observes; what their programs send."""
+    memory_database.grants[ANN.id, sim1.id] = memory_database.grants[BEN.id, sim1.id] = "manage"
+    await relay.relay.fleet.poll()
+    return {
+        user.name: {"Authorization": f"Bearer {memory_database.add_credential('token', user)}"}
+        for user in (ANN, BOB, BEN)
+    }
+
+
+@pytest.fixture
+def ask(relay, http, people) -> Ask:
+    """Send a request as somebody; return its status and body."""
+
+    async def send(method: str, path: str, by: str = "bob", args: object = None) -> tuple[int, Any]:
+        url = URL(relay.url + path, encoded=True)
+        async with http.request(method, url, json=args, headers=people[by]) as answer:
+            return answer.status, await answer.json() if answer.status != 204 else None
+
+    return send
+
+
+def news(number: int) -> bytes:
+    """A message of a topic, as rosbridge sends it."""
+    return b'{"op": "publish", "topic": "/odom", "msg": {"number": %d}}' % number
+
+
+def of_operation(robot: FakeRobot, operation: str) -> list[dict[str, Any]]:
+    """The messages of one operation that reached the robot."""
+    return [message for data in robot.received if (message := json.loads(data))["op"] == operation]
+
+
+async def test_a_program_that_polls_gets_each_message_once(relay, robot, ask, monkeypatch):
+    """It subscribes once, and its copy ends some time after the last request."""
+    monkeypatch.setattr(topic_api, "POLLED_LINGER_S", 60.0)
+    asking = asyncio.create_task(ask("GET", f"{TOPICS}/odom?wait_s=20"))
+    await until(lambda: of_operation(robot, "subscribe"), "the robot has a subscription")
+    await robot.send_to_topics(news(1))
+    status, first = await asking
+    assert (status, first["topic"], first["message"]) == (200, "/odom", {"number": 1})
+    assert (await ask("GET", f"{TOPICS}/odom?wait_s=0&since={first['sequence']}")) == (204, None)
+    status, again = await ask("GET", f"{TOPICS}/odom?wait_s=0")
+    assert again["sequence"] == first["sequence"]
+    assert again["received_age_s"] > first["received_age_s"]
+    asking = asyncio.create_task(ask("GET", f"{TOPICS}/odom?wait_s=20&since={first['sequence']}"))
+    [topic] = relay.relay.shared_topics._tasks
+    await until(lambda: topic.users, "the program waits")
+    monkeypatch.setattr(topic_api, "POLLED_LINGER_S", 0.1)
+    topic.kept_until_s = 0.0
+    await robot.send_to_topics(news(2))
+    assert (await asking)[1]["message"] == {"number": 2}
+    assert of_operation(robot, "subscribe") == [{"op": "subscribe", "topic": "/odom"}]
+    await until(lambda: not robot.topics, "the subscription ends")
+
+
+async def test_a_right_that_ends_ends_what_waits(relay, robot, ask, memory_database):
+    asking = asyncio.create_task(ask("GET", f"{TOPICS}/odom?wait_s=30"))
+    await until(lambda: robot.topics, "it waits")
+    del memory_database.grants[BOB.id, 7]
+    with Stopwatch() as stopwatch:
+        status, body = await asking
+    assert (status, body["code"]) == (403, "rights_ended")
+    assert stopwatch.s < 2
+
+
+@pytest.mark.parametrize("name", ["odom", "%2Fodom", "/odom"])
+async def test_a_topic_may_be_spelled_with_or_without_its_slash(robot, ask, name):
+    assert (await ask("GET", f"{TOPICS}/{name}?wait_s=1"))[0] == 204
+    assert of_operation(robot, "subscribe") == [{"op": "subscribe", "topic": "/odom"}]
+
+
+@pytest.mark.parametrize(
+    "name", ["a%20b", "..%2F..%2Fstop", "a//b", "%00", "a%0aINFO", "%7Ba%7D", "a%252Fb", "a%22,%22"]
+)
+async def test_what_is_no_name_reaches_no_robot(robot, ask, name):
+    for method, path in (("GET", TOPICS), ("POST", SERVICES)):
+        status, body = await ask(method, f"{path}/{name}", "ann")
+        assert (status, body["code"]) in {(422, "field_invalid"), (404, "not_found")}
+    assert robot.received == []
+
+
+@pytest.mark.parametrize("query", ["wait_s=31", "wait_s=-1", "throttle_rate=x", "qos=1"])
+async def test_what_a_query_may_not_hold_is_named(robot, ask, query):
+    status, body = await ask("GET", f"{TOPICS}/odom?{query}")
+    assert (status, body["code"]) == (422, "field_invalid")
+    assert query.partition("=")[0] in body["detail"]
+
+
+async def test_an_agent_without_topics_is_told_at_once(robot, ask):
+    robot.has_topics = False
+    status, body = await ask("GET", f"{TOPICS}/odom?wait_s=30")
+    assert (status, body["code"]) == (502, "topic_down")
+    assert body["detail"] == "cannot read /odom: sim1 has no topics service; upgrade its agent"
+
+
+async def test_what_rosbridge_reports_is_no_message(robot, ask):
+    asking = asyncio.create_task(ask("GET", f"{TOPICS}/odom?wait_s=30"))
+    await until(lambda: of_operation(robot, "subscribe"), "the robot has a subscription")
+    await robot.send_to_topics(b'{"op": "status", "level": "error", "msg": "no such type"}')
+    status, body = await asking
+    assert (status, body["code"]) == (502, "topic_down")
+    assert "rosbridge reports 'no such type'" in body["detail"]
+
+
+async def test_the_policy_for_observers_counts(relay, robot, sim1, ask, memory_database):
+    """Whatever the user may do: the request only observes."""
+    policy = Policy(observe=LevelPolicy(subscribe=Globs(["/odom"])))
+    settings = replace_struct(sim1.settings, policy=policy)
+    memory_database.robots = {7: replace(sim1, settings=settings)}
+    await relay.relay.fleet.poll()
+    status, body = await ask("GET", f"{TOPICS}/scan", "ann")
+    assert (status, body["code"]) == (403, "grant_missing")
+    assert (await ask("GET", f"{TOPICS}/odom?wait_s=0", "ann"))[0] == 204
+
+
+async def test_robots_that_cannot_answer_are_problems(relay, robot, sim1, ask):
+    topics = relay.relay.registry.robot(sim1.id).topics
+    for number in range(MAX_OBSERVED_TOPICS):
+        topic = topics[TopicRequest(f"/t{number}")] = SharedTopic(sim1, TopicRequest(f"/t{number}"))
+        topic.users.add(topic_api.TopicPoll(BOB.id))
+    status, body = await ask("GET", f"{TOPICS}/odom")
+    assert (status, body["code"]) == (429, "too_many_connections")
+    topic.users.clear()
+    assert (await ask("GET", f"{TOPICS}/odom?wait_s=0"))[0] == 204
+    relay.relay.connections.caps = Caps(per_user=0)
+    status, body = await ask("POST", f"{SERVICES}/rosapi/topics")
+    assert (status, body["code"]) == (429, "too_many_connections")
+    await robot.stop()
+    await until(lambda: not relay.relay.registry.presence(sim1.id).online, "sim1 is offline")
+    status, body = await ask("GET", f"{TOPICS}/odom")
+    assert (status, body["code"]) == (503, "robot_offline")
+
+
+async def test_who_does_not_take_the_answer_is_cut(relay, robot, people, monkeypatch):
+    monkeypatch.setattr(http_calls, "TAKEN_WITHIN_S", 0.3)
+    url = URL(relay.url)
+    reader, writer = await asyncio.open_connection(url.host, url.port, limit=1024)
+    request = f"GET {TOPICS}/odom?wait_s=30 HTTP/1.1\r\nHost: {url.host}\r\n"
+    request += f"Authorization: {people['bob']['Authorization']}\r\n\r\n"
+    writer.write(request.encode())
+    await until(lambda: of_operation(robot, "subscribe"), "the robot has a subscription")
+    big = b'{"op": "publish", "topic": "/odom", "msg": "%s"}' % (b"x" * 9_000_000)
+    await robot.send_to_topics(big)
+    connections = relay.relay.registry.robot(7).connections
+    await until(lambda: relay.relay.traffic.taking, "the answer is under way")
+    await until(lambda: not connections, "the request is over")
+    with suppress(ConnectionResetError):
+        assert len(await reader.read()) < len(big)
+    writer.close()
+
+
+@pytest_asyncio.fixture
+async def serving(guarded) -> AsyncIterator[Callable[..., Awaitable[None]]]:
+    """Answer the next call as rosbridge does."""
+
+    async def answer(**members: object) -> None:
+        await until(lambda: of_operation(guarded, "call_service"), "the call has come")
+        response = {"op": "service_response", "id": "call", "result": True} | members
+        await guarded.send_to_clients(json.dumps(response).encode())
+
+    return answer
+
+
+async def test_a_call_has_the_lease_while_it_waits(
+    *, relay, guarded, sim1, ask, serving, memory_database
+):
+    lease = relay.relay.control.leasing.of(sim1.id)
+    calling = asyncio.create_task(ask("POST", f"{SERVICES}/arm/move?type=a/B", "ann", {"x": 1}))
+    await until(lambda: of_operation(guarded, "call_service"), "the call has come")
+    assert lease.driver.holder.user == "ann"
+    status, body = await ask("POST", f"{SERVICES}/arm/move", "ben")
+    assert (status, body["code"]) == (409, "lease_held")
+    await serving(values={"ok": True})
+    assert await calling == (200, {"result": True, "values": {"ok": True}})
+    assert lease.driver is None
+    [call] = of_operation(guarded, "call_service")
+    assert (call["service"], call["type"], call["args"]) == ("/arm/move", "a/B", {"x": 1})
+    assert guarded.handshakes[-1]["Robotether-Fence"] == str(lease.fence)
+    await relay.relay.event_writer.flush(5)
+    [line] = audit_lines(memory_database)
+    assert (line.kind, line.actor, line.details) == (
+        "service_called",
+        "ann",
+        {"service": "/arm/move"},
+    )
+
+
+async def test_a_call_shares_its_users_drive(*, relay, guarded, sim1, http, ask, serving):
+    """The drive goes on, and its end ends what waits."""
+    async with http.ws_connect(relay.ros_url(sim1)) as driver:
+        await until(lambda: relay.relay.control.driver(sim1.id) == "ann", "ann drives")
+        calling = asyncio.create_task(ask("POST", f"{SERVICES}/a", "ann"))
+        await serving(result=False, values="it is broken")
+        assert await calling == (200, {"result": False, "reason": "it is broken"})
+        fences = {headers["Robotether-Fence"] for headers in guarded.handshakes}
+        assert (len(guarded.handshakes), len(fences)) == (2, 1)
+        calling = asyncio.create_task(ask("POST", f"{SERVICES}/b?timeout_s=30", "ann"))
+        await until(lambda: len(guarded.handshakes) == 3, "the second call is there")
+        await driver.close()
+    status, body = await calling
+    assert (status, body["code"]) == (409, "lease_lost")
+
+
+async def test_calls_of_one_user_share_a_lease(relay, guarded, sim1, ask, serving):
+    """The first one's end is not that of the second."""
+    first = asyncio.create_task(ask("POST", f"{SERVICES}/a?timeout_s=1", "ann"))
+    second = asyncio.create_task(ask("POST", f"{SERVICES}/b?timeout_s=30", "ann"))
+    await until(lambda: len(of_operation(guarded, "call_service")) == 2, "both are there")
+    status, body = await first
+    assert (status, body["code"]) == (504, "service_timeout")
+    await serving(values={})
+    assert (await second)[0] == 200
+    assert relay.relay.control.leasing.of(sim1.id).fence == 1
+    assert relay.relay.control.driver(sim1.id) is None
+
+
+@pytest.mark.parametrize(
+    ("what", "code"), [("stop", "robot_stopped"), ("page", "superseded"), ("link", "link_lost")]
+)
+async def test_what_ends_a_drive_ends_a_call(*, relay, guarded, sim1, http, ask, what, code):
+    calling = asyncio.create_task(ask("POST", f"{SERVICES}/a?timeout_s=30", "ann"))
+    await until(lambda: of_operation(guarded, "call_service"), "the call has come")
+    with Stopwatch() as stopwatch:
+        if what == "stop":
+            assert (await ask("POST", "/api/v1/robots/sim1/stop"))[0] == 200
+        elif what == "page":
+            async with http.ws_connect(relay.ros_url(sim1)):
+                await until(calling.done, "the call is over")
+        else:
+            await guarded.session.close()
+        _, body = await calling
+    assert body["code"] == code
+    assert stopwatch.s < 2
+    if what == "stop":
+        status, body = await ask("POST", f"{SERVICES}/a", "ann")
+        assert (status, body["code"]) == (409, "robot_stopped")
+
+
+async def test_a_call_takes_no_lease_from_a_page_that_opens(relay, guarded, sim1, ask, monkeypatch):
+    """The page of the same user drives, and the call says so."""
+    slow = SlowFences(relay.relay._database)
+    monkeypatch.setattr(relay.relay._database, "next_fence", slow.next_fence)
+    async with aiohttp.ClientSession() as http, http.ws_connect(relay.ros_url(sim1)) as driver:
+        await slow.asked.wait()
+        status, body = await ask("POST", f"{SERVICES}/a", "ann")
+        assert (status, body["code"]) == (409, "superseded")
+        slow.go_on.set()
+        await until(lambda: relay.relay.control.driver(sim1.id) == "ann", "ann drives")
+        assert not driver.closed
+
+
+async def test_observers_call_what_they_may_over_the_websocket(
+    *, relay, guarded, sim1, http, ask, serving
+):
+    """Look-ups that ask no other node, also while somebody drives; nothing else reaches the robot."""
+    for service in ("arm/move", "rosapi/get_param"):
+        status, body = await ask("POST", f"{SERVICES}/{service}")
+        assert (status, body["code"]) == (403, "grant_missing")
+    status, body = await ask("POST", f"{SERVICES}/rosapi/topics", args={"a": {"op": "publish"}})
+    assert (status, body["code"]) == (422, "field_invalid")
+    assert guarded.received == []
+    async with http.ws_connect(relay.ros_url(sim1)):
+        await until(lambda: relay.relay.control.driver(sim1.id) == "ann", "ann drives")
+        calling = asyncio.create_task(ask("POST", f"{SERVICES}/rosapi/topics"))
+        await serving(values={"topics": []})
+        assert (await calling)[0] == 200
+        assert relay.relay.control.driver(sim1.id) == "ann"
+
+
+@pytest.mark.parametrize(
+    ("headers", "data", "status"),
+    [
+        ({}, b"{", 400),
+        ({}, b'{"a": 1}, "op": "publish"', 400),
+        ({}, b"[1]", 400),
+        ({"Content-Type": "text/plain"}, b"{}", 415),
+        ({}, b'{"a": "%s"}' % (b"x" * 70_000), 413),
+    ],
+)
+async def test_what_is_no_request_of_a_service_reaches_no_robot(
+    *, relay, guarded, http, people, headers, data, status
+):
+    headers = {"Content-Type": "application/json"} | headers | people["ann"]
+    async with http.post(f"{relay.url}{SERVICES}/a", data=data, headers=headers) as answer:
+        assert answer.status == status
+        assert answer.content_type == "application/problem+json"
+    assert guarded.received == []
+
+
+async def test_pages_of_other_sites_call_nothing_by_a_login(relay, guarded, http, login):
+    for headers in ({}, {"Origin": "https://evil.example"}, {"Origin": "https://lab.example"}):
+        async with http.post(f"{relay.url}{SERVICES}/a", headers=login | headers) as answer:
+            assert answer.status in {401, 403}
+    assert guarded.received == []
