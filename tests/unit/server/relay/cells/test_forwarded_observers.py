@@ -243,6 +243,27 @@ async def test_a_cell_that_shares_no_topics_is_reported(observe, monkeypatch):
     )
 
 
+async def test_the_cell_decides_by_the_host_and_address_that_were_asked(
+    *, cell_a, cell_b, at_b, sim1, http
+):
+    """A page's origin is compared with the host that was asked, and a stop has the client's address."""
+    headers = {
+        "Origin": f"https://{cell_a.server.url.removeprefix('http://')}",
+        "X-Forwarded-For": "203.0.113.9",
+    }
+    url = cell_a.server.ros_url(sim1, "observe", BEN)
+    async with http.ws_connect(url, headers=headers) as socket:
+        await socket.send_json({"op": "robotether.stop"})
+        await until(lambda: at_b.session.stopped, "the robot is stopped")
+    written = cell_b.database.written
+    await until(lambda: any("203.0.113.9" in repr(entry) for entry in written), "it is recorded")
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await http.ws_connect(
+            cell_a.server.ros_url(sim1, "observe", BEN), headers={"Origin": "https://evil.example"}
+        )
+    assert refused.value.headers["X-Accel-Redirect"] == "@cell"
+
+
 async def test_an_observer_whom_the_cell_refuses_is_left_to_nginx(cell_a, at_b, sim1, http):
     """So that the cell's own words reach it."""
     url = cell_a.server.ros_url(sim1, "observe", BEN)
