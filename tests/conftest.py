@@ -43,7 +43,7 @@ LONGEST_FIRST = (
     "e2e/test_sight.py",
     "images/test_key_lookup.py",
     "images/test_certificate.py",
-    "e2e/test_deeds.py",
+    "e2e/test_admin_actions.py",
     "e2e/test_recovery.py",
     "e2e/test_truth.py",
     "images/test_acme.py",

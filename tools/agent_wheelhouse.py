@@ -26,12 +26,12 @@ COMPARE = {"<": lt, ">=": ge}
 
 def lock_for(minor: int, lock: str) -> str:
     """Return the lock's entries for this Python, without markers: pip would compare those with its own Python."""
-    kept = []
+    entries = []
     for entry in re.split(r"^(?=\S)", lock, flags=re.MULTILINE):
-        found = MARKER.search(entry)
-        if found is None or COMPARE[found[1]](minor, int(found[2])):
-            kept.append(MARKER.sub("", entry))
-    return "".join(kept)
+        marker = MARKER.search(entry)
+        if marker is None or COMPARE[marker[1]](minor, int(marker[2])):
+            entries.append(MARKER.sub("", entry))
+    return "".join(entries)
 
 
 def download(machine: str, minor: int, folder: Path) -> None:

@@ -211,8 +211,8 @@ class RosGraph:
 
 async def _unless_ended(awaited: asyncio.Future[T], reader: asyncio.Future[None]) -> T:
     """Return what is awaited, or raise what ended the reader."""
-    both: set[asyncio.Future[Any]] = {awaited, reader}
-    await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+    futures: set[asyncio.Future[Any]] = {awaited, reader}
+    await asyncio.wait(futures, return_when=asyncio.FIRST_COMPLETED)
     if not awaited.done():
         if reader.cancelled():
             raise ConnectionError("the connection to rosapi was closed")
@@ -280,8 +280,8 @@ def _segments(name: str) -> list[str]:
 
 def _shared(path: Sequence[str], home: Sequence[str]) -> int:
     """Return how many leading segments both have."""
-    both = zip(path, home, strict=False)
-    return next((at for at, (a, b) in enumerate(both) if a != b), min(len(path), len(home)))
+    pairs = zip(path, home, strict=False)
+    return next((at for at, (a, b) in enumerate(pairs) if a != b), min(len(path), len(home)))
 
 
 def _branch(name: str, home: Sequence[str]) -> tuple[str, ...] | None:

@@ -87,8 +87,8 @@ class TopicsService:
         try:
             keep_little_unsent(request)
             await relay.prepare(request)
-            known = request.query.get(KNOWN)
-            await self._serve(relay, rosbridge, None if known is None else known.split(","))
+            digests = request.query.get(KNOWN)
+            await self._serve(relay, rosbridge, None if digests is None else digests.split(","))
         finally:
             rosbridge.drop()
         return relay
@@ -97,7 +97,7 @@ class TopicsService:
         self,
         relay: web.WebSocketResponse,
         rosbridge: RosbridgeSocket,
-        known: list[str] | None,
+        digests: list[str] | None,
     ) -> None:
         # Either side may be gone at any time.
         with suppress(ConnectionError, asyncio.TimeoutError):
@@ -113,10 +113,10 @@ class TopicsService:
                 return
             await rosbridge.send_frame(json.dumps(subscription).encode(), WSMsgType.TEXT)
             stream = TopicStream(relay, rosbridge, subscription)
-            if known is None:
+            if digests is None:
                 await first_of(stream.read(), stream.send(), stream.until_left())
             else:
-                await first_of(stream.name_repeated(frozenset(known)), stream.until_left())
+                await first_of(stream.name_repeated(frozenset(digests)), stream.until_left())
             await relay.close()
 
 
@@ -165,12 +165,12 @@ class TopicStream:
         if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
             await self._relay.close(code=WSCloseCode.PROTOCOL_ERROR)
 
-    async def name_repeated(self, known: frozenset[str]) -> None:
+    async def name_repeated(self, digests: frozenset[str]) -> None:
         """Name what rosbridge repeats to a newcomer and the relay still has, up to the first other message."""
         with suppress(asyncio.TimeoutError):
             while (message := await within(REPEATED_WITHIN_S, self._next())) is not None:
                 name = digest(message[0])
-                if name not in known:
+                if name not in digests:
                     return
                 await self._relay.send_json({"op": KNOWN_OP, "digest": name})
 

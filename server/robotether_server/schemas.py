@@ -120,20 +120,20 @@ def setting(title: str, description: str | None = None, **extra: object) -> Meta
     return Meta(title=title, description=description, extra=extra)
 
 
-def read_globs(given: object, path: str) -> Globs:
+def read_globs(raw: object, path: str) -> Globs:
     """Return patterns for names; raise FieldInvalidError."""
-    if not isinstance(given, list | tuple) or len(given) > MAX_GLOBS:
+    if not isinstance(raw, list | tuple) or len(raw) > MAX_GLOBS:
         raise FieldInvalidError(
             f"cannot use {path}: it must be a list of at most {MAX_GLOBS} names", path
         )
-    for pattern in given:
+    for pattern in raw:
         if not isinstance(pattern, str) or not is_glob(pattern):
             raise FieldInvalidError(
                 f"cannot use {path}: {str(pattern)[:40]!r} is no full name, such as /arm/move or */cmd_vel; a "
                 f"name begins with / or *, has a-z, A-Z, 0-9, _, / and * and at most {MAX_GLOB_LENGTH} characters",
                 path,
             )
-    return Globs(dict.fromkeys(given))
+    return Globs(dict.fromkeys(raw))
 
 
 GLOBS_SCHEMA = {
@@ -172,7 +172,7 @@ class StructField(NamedTuple):
     is_required: bool
 
 
-def read_body(given: Mapping[str, object], hint: Any) -> Any:
+def read_body(raw: Mapping[str, object], hint: Any) -> Any:
     """Return the Struct of these members, at least one if its type says so; raise FieldInvalidError."""
     kind: Any = _info(hint)
     least = 0
@@ -180,50 +180,50 @@ def read_body(given: Mapping[str, object], hint: Any) -> Any:
         kind, least = kind.type, (kind.extra_json_schema or {}).get("minProperties", 0)
     if isinstance(kind, inspect.DictType):
         # The service that takes it reads it.
-        return given
-    found = read(given, kind.cls)
-    if len(given) < least:
+        return raw
+    body = read(raw, kind.cls)
+    if len(raw) < least:
         names = ", ".join(field.name for field in _fields(kind.cls).values())
         raise FieldInvalidError(f"cannot change anything: give one of {names}")
-    return found
+    return body
 
 
-def read(given: Mapping[str, object], kind: type[S], path: str = "", *, of: str = "") -> S:
+def read(raw: Mapping[str, object], kind: type[S], path: str = "", *, of: str = "") -> S:
     """Return the Struct of these members; raise FieldInvalidError.
 
     `path` is where they are, with a dot at its end; `of` names what they are the settings of.
     """
-    known = _fields(kind)
+    fields = _fields(kind)
     config = kind.__struct_config__
     if config.forbid_unknown_fields:
         tag = [config.tag_field] if config.tag_field else []
-        _check_known(given, [*tag, *(field.name for field in known.values())], of or path[:-1])
+        _check_names(raw, [*tag, *(field.name for field in fields.values())], of or path[:-1])
     values = {
-        attribute: _read_field(given.get(field.name), field, path)
-        for attribute, field in known.items()
-        if field.name in given or field.is_required
+        attribute: _read_field(raw.get(field.name), field, path)
+        for attribute, field in fields.items()
+        if field.name in raw or field.is_required
     }
     return kind(**values)
 
 
-def read_query(given: Mapping[str, str], kind: type[S]) -> S:
+def read_query(raw: Mapping[str, str], kind: type[S]) -> S:
     """Return the Struct of a query, whose numbers are written in decimal digits; raise FieldInvalidError."""
-    known = {field.name: field for field in _fields(kind).values()}
+    fields = {field.name: field for field in _fields(kind).values()}
     plain: dict[str, object] = {
-        name: _number(text, known[name]) if name in known else text for name, text in given.items()
+        name: _number(text, fields[name]) if name in fields else text for name, text in raw.items()
     }
     return read(plain, kind)
 
 
-def value(name: str, given: object, hint: Any) -> Any:
+def value(name: str, raw: object, hint: Any) -> Any:
     """Return the value converted to its type; raise FieldInvalidError."""
-    return _read_field(given, _field(name, hint, _info(hint), is_required=True), "")
+    return _read_field(raw, _field(name, hint, _info(hint), is_required=True), "")
 
 
-def check(name: str, given: object, hint: Any) -> None:
+def check(name: str, raw: object, hint: Any) -> None:
     """Raise FieldInvalidError unless the value is as its type says, without white space around it."""
     field = _field(name, hint, _info(hint), is_required=True)
-    if _read_field(given, field, "") != given:
+    if _read_field(raw, field, "") != raw:
         raise _refusal(name, field)
 
 
@@ -239,12 +239,12 @@ def words(kind: type[msgspec.Struct]) -> Mapping[str, Mapping[str, Any]]:
     return {name: field.words for name, field in _fields(kind).items()}
 
 
-def _check_known(given: Mapping[str, object], known: list[str], of: str) -> None:
+def _check_names(raw: Mapping[str, object], fields: list[str], of: str) -> None:
     """Raise FieldInvalidError for a member that nobody would read, such as a misspelt one."""
-    for key in given:
-        if key not in known:
+    for key in raw:
+        if key not in fields:
             name = repr(str(key)[:40])
-            names = ", ".join(known)
+            names = ", ".join(fields)
             if of:
                 raise FieldInvalidError(f"cannot use {of}: {name} is no setting; there is {names}")
             raise FieldInvalidError(f"cannot use {name}: there is no such field; known are {names}")
@@ -255,8 +255,10 @@ def _fields(kind: type[msgspec.Struct]) -> Mapping[str, StructField]:
     """Return the members by their attributes."""
     hints = get_type_hints(kind, include_extras=True)
     return {
-        one.name: _field(one.encode_name, hints[one.name], one.type, is_required=one.required)
-        for one in _info(kind).fields
+        field.name: _field(
+            field.encode_name, hints[field.name], field.type, is_required=field.required
+        )
+        for field in _info(kind).fields
     }
 
 
@@ -275,26 +277,26 @@ def _field(name: str, hint: Any, kind: inspect.Type, *, is_required: bool) -> St
             extra |= kind.extra or {}
             kind = kind.type
         elif isinstance(kind, inspect.UnionType) and kind.includes_none:
-            [kind] = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
+            [kind] = [option for option in kind.types if not isinstance(option, inspect.NoneType)]
             may_be_null = True
         else:
             return StructField(name, hint, kind, words, extra, may_be_null, is_required)
 
 
-def _read_field(given: object, field: StructField, path: str) -> object:
+def _read_field(raw: object, field: StructField, path: str) -> object:
     name, kind = f"{path}{field.name}", field.kind
-    if given is None and field.may_be_null:
+    if raw is None and field.may_be_null:
         return None
     if "read" in field.extra:
-        return field.extra["read"](given, name)
+        return field.extra["read"](raw, name)
     if isinstance(kind, inspect.StructType | inspect.UnionType):
-        if not isinstance(given, Mapping):
+        if not isinstance(raw, Mapping):
             raise _refusal(name, field)
-        return read(given, _struct(given, kind, name), f"{name}.")
-    if _has_structs(kind) and isinstance(given, list | tuple):
-        return _read_items(given, field, name)
+        return read(raw, _struct(raw, kind, name), f"{name}.")
+    if _has_structs(kind) and isinstance(raw, list | tuple):
+        return _read_items(raw, field, name)
     try:
-        cleaned = _cleaned(given, field)
+        cleaned = _cleaned(raw, field)
         if isinstance(kind, inspect.DateTimeType):
             return times.timestamp(name, str(cleaned))
         return msgspec.convert(cleaned, field.hint)
@@ -308,13 +310,13 @@ def _has_structs(kind: inspect.Type) -> bool:
     )
 
 
-def _struct(given: Mapping[str, object], kind: Any, name: str) -> Any:
+def _struct(raw: Mapping[str, object], kind: Any, name: str) -> Any:
     """Return the Struct for an object: of several, the one with its tag."""
     if isinstance(kind, inspect.StructType):
         return kind.cls
-    tags = {one.tag: one for one in kind.types}
+    tags = {struct.tag: struct for struct in kind.types}
     tag_field = kind.types[0].tag_field
-    tag = given.get(tag_field)
+    tag = raw.get(tag_field)
     if not isinstance(tag, str) or tag not in tags:
         raise FieldInvalidError(
             f"cannot use {name}.{tag_field}: it must be one of {', '.join(tags)}"
@@ -322,46 +324,46 @@ def _struct(given: Mapping[str, object], kind: Any, name: str) -> Any:
     return tags[tag].cls
 
 
-def _read_items(given: Sequence[object], field: StructField, name: str) -> object:
+def _read_items(raw: Sequence[object], field: StructField, name: str) -> object:
     kind: Any = field.kind
-    if kind.max_length is not None and len(given) > kind.max_length:
+    if kind.max_length is not None and len(raw) > kind.max_length:
         raise _refusal(name, field)
     items = [
-        _read_field(one, _field(str(place), Any, kind.item_type, is_required=True), f"{name}.")
-        for place, one in enumerate(given, 1)
+        _read_field(item, _field(str(place), Any, kind.item_type, is_required=True), f"{name}.")
+        for place, item in enumerate(raw, 1)
     ]
     return tuple(items) if isinstance(kind, inspect.VarTupleType) else items
 
 
-def _cleaned(given: object, field: StructField) -> object:
+def _cleaned(raw: object, field: StructField) -> object:
     """Return a text without the white space around it, and 5.0 as 5; raise ValueError for what cannot be meant."""
     if isinstance(field.kind, inspect.StrType | inspect.DateTimeType):
-        return _text(given, field)
-    if isinstance(field.kind, inspect.FloatType) and isinstance(given, float):
-        if not math.isfinite(given):
+        return _text(raw, field)
+    if isinstance(field.kind, inspect.FloatType) and isinstance(raw, float):
+        if not math.isfinite(raw):
             raise ValueError("no number of JSON")
     elif isinstance(field.kind, inspect.IntType | inspect.LiteralType):
-        if isinstance(given, float) and given.is_integer():
-            given = int(given)
-        if "most" in field.extra and isinstance(given, int) and given > field.extra["most"]:
+        if isinstance(raw, float) and raw.is_integer():
+            raw = int(raw)
+        if "most" in field.extra and isinstance(raw, int) and raw > field.extra["most"]:
             raise ValueError("too large")
-    return given
+    return raw
 
 
-def _text(given: object, field: StructField) -> str:
-    if not isinstance(given, str):
+def _text(raw: object, field: StructField) -> str:
+    if not isinstance(raw, str):
         raise ValueError("no text")  # noqa: TRY004 - as for all else that is wrong with it
     extra = field.extra
     if extra.get("as_typed"):
         # Half of a pair of surrogates, which JSON can spell, is no character.
-        given.encode()
-        if len(given) > extra.get("longest", len(given)):
+        raw.encode()
+        if len(raw) > extra.get("longest", len(raw)):
             raise ValueError("too long")
-        return given
-    text = given.strip()
-    if len(given) > _longest(field) or not text or not text.isprintable():
+        return raw
+    text = raw.strip()
+    if len(raw) > _longest(field) or not text or not text.isprintable():
         raise ValueError("too long, empty or not printable")
-    if extra.get("exact") and text != given:
+    if extra.get("exact") and text != raw:
         raise ValueError("white space around it")
     return text
 

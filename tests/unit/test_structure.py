@@ -97,10 +97,13 @@ BANNED_NAMES = {
 }
 # As the first word of a function or export.
 BANNED_VERBS = {"hear", "look", "stand", "take", "tell"}
+# Pronouns and participles, banned as the whole name of a variable: they do not say of what.
+BANNED_VARIABLES = "asked found given heard kept known one ones said shown this told wanted whose"
 # Standard terms, or fixed names, each in its files.
 ALLOWED = {
     ("Handover", "robots/lease.py"): "of control, from a driver to the next",
     ("_check_authority", "doctor/server.py"): "a certificate authority",
+    ("KNOWN", "robotether_common/topics.py"): "a member of a query",
     ("authority", "net/http_proxy.py"): "host and port, in RFC 3986",
     ("authority", "robotether_server/install_line.py"): "host and port, in RFC 3986",
     ("inNameOrder", "fleet/filters.js"): "sorted",
@@ -110,6 +113,7 @@ ALLOWED = {
     ("records", "relay/records/"): "of the database, the audit and drives",
     ("switch", "robotether_agent/cli.py"): "a command of the program",
     ("take", "server/robotether_server/relay/"): "an action of the API",
+    ("wanted", "robotether_agent/upgrade.py"): "a member of a file",
     ("tls_front", "robotether_server/settings/server.py"): "TLS_FRONT's field",
 }
 WHOLE = set(" ".join(BANNED_NAMES).split())
@@ -141,6 +145,7 @@ def is_banned(kind: str, name: str) -> bool:
     return (
         not FORMS.isdisjoint(parts)
         or (kind != "variable" and name.strip("_") in WHOLE)
+        or (kind == "variable" and name.strip("_").lower() in BANNED_VARIABLES.split())
         or (kind == "function" and not BANNED_VERBS.isdisjoint(parts[:1]))
     )
 

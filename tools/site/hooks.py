@@ -44,7 +44,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     }
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
-    decisions = sorted(one.src_uri for one in files if one.src_uri.startswith("adr/"))
+    decisions = sorted(file.src_uri for file in files if file.src_uri.startswith("adr/"))
     config.nav = [_with_decisions(entry, decisions) for entry in config.nav or []]
     return files
 
@@ -77,14 +77,14 @@ def _with_named_search(output: str) -> str:
 def on_post_build(config: MkDocsConfig) -> None:
     """Write the Content-Security-Policy that lets the pages' own scripts run and no others."""
     site = Path(config.site_dir)
-    found = {script for page in site.rglob("*.html") for script in _inline_scripts(page)}
+    scripts = {script for page in site.rglob("*.html") for script in _inline_scripts(page)}
     hashes = sorted(
-        base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in found
+        base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts
     )
-    scripts = " ".join(("'self'", *(f"'sha256-{one}'" for one in hashes)))
+    sources = " ".join(("'self'", *(f"'sha256-{script}'" for script in hashes)))
     policy = (
         "default-src 'self'",
-        f"script-src {scripts}",
+        f"script-src {sources}",
         "style-src 'self' 'unsafe-inline'",
         "img-src 'self' data:",
         "object-src 'none'",
@@ -112,8 +112,8 @@ def front_page() -> str:
 def server_settings() -> str:
     """Return the table of the server's variables."""
     lines = [
-        f"| `{one.name}` | {_cell(one.meaning)} | {_cell(one.allowed)} | {_default(one)} |"
-        for one in sorted(VARIABLES.values(), key=lambda one: one.name)
+        f"| `{variable.name}` | {_cell(variable.meaning)} | {_cell(variable.allowed)} | {_default(variable)} |"
+        for variable in sorted(VARIABLES.values(), key=lambda variable: variable.name)
     ]
     return "\n".join(
         (
@@ -162,11 +162,11 @@ def codes() -> str:
 
 
 def _problems() -> list[str]:
-    found = [one for _, one in inspect.getmembers(problems, inspect.isclass)]
+    kinds = [problem for _, problem in inspect.getmembers(problems, inspect.isclass)]
     rows = [
-        (int(one.status), one.code, _cell(inspect.getdoc(one) or ""))
-        for one in found
-        if issubclass(one, problems.RobotetherError) and "code" in vars(one)
+        (int(problem.status), problem.code, _cell(inspect.getdoc(problem) or ""))
+        for problem in kinds
+        if issubclass(problem, problems.RobotetherError) and "code" in vars(problem)
     ]
     return [f"| {status} | `{code}` | {meaning} |" for status, code, meaning in sorted(rows)]
 
@@ -177,13 +177,13 @@ def _close_codes() -> list[str]:
         hints = inspect.signature(function).return_annotation
         if function.__module__ != close_reasons.__name__ or hints != "CloseReason":
             continue
-        one = function(**{key: EXAMPLES[key] for key in inspect.signature(function).parameters})
+        reason = function(**{key: EXAMPLES[key] for key in inspect.signature(function).parameters})
         meaning = _cell(inspect.getdoc(function) or name)
-        status = CLOSE_CODES[one.name].status
+        status = CLOSE_CODES[reason.name].status
         # No request ends as the others say.
-        cells = (one.code, f"`{one.name}`", "" if status == 500 else status, meaning)  # noqa: PLR2004  # the default
-        row = " | ".join(map(str, (*cells, _cell(one.reason))))
-        lines.append((one.code, f"| {row} |"))
+        cells = (reason.code, f"`{reason.name}`", "" if status == 500 else status, meaning)  # noqa: PLR2004  # the default
+        row = " | ".join(map(str, (*cells, _cell(reason.reason))))
+        lines.append((reason.code, f"| {row} |"))
     return [line for _, line in sorted(lines)]
 
 
@@ -205,9 +205,9 @@ EXAMPLES: dict[str, Any] = {
 def operations() -> str:
     """Return the table of the rosbridge operations that a client may send."""
     lines = [
-        f"| `{name}` | {', '.join(f'`{field}`' for field in one.fields) or '-'} | "
-        f"{f'`{one.right}` `{one.named_by}`' if one.right else '-'} | {'server' if one.own else 'robot'} |"
-        for name, one in OPERATIONS.items()
+        f"| `{name}` | {', '.join(f'`{field}`' for field in rule.fields) or '-'} | "
+        f"{f'`{rule.right}` `{rule.named_by}`' if rule.right else '-'} | {'server' if rule.own else 'robot'} |"
+        for name, rule in OPERATIONS.items()
     ]
     return "\n".join(
         (
@@ -232,24 +232,24 @@ def api(document: dict[str, Any]) -> str:
         f"{document['info']['description']} `/api/v1/openapi.json` has all of it for programs.",
     ]
     for path, item in document["paths"].items():
-        for method, one in item.items():
+        for method, operation in item.items():
             if method != "parameters":
-                lines += ["", f"## {method.upper()} {path}", "", *_operation(one)]
+                lines += ["", f"## {method.upper()} {path}", "", *_operation(operation)]
     lines += ["", "## Types"]
     for name, schema in document["components"]["schemas"].items():
         lines += ["", f"### {name}", "", *_type(schema)]
     return "\n".join((*lines, ""))
 
 
-def _operation(one: dict[str, Any]) -> Iterator[str]:
-    yield f"{one['summary']}. {one.get('description', '')}".strip().replace("..", ".")
+def _operation(operation: dict[str, Any]) -> Iterator[str]:
+    yield f"{operation['summary']}. {operation.get('description', '')}".strip().replace("..", ".")
     yield ""
-    for parameter in one.get("parameters", []):
+    for parameter in operation.get("parameters", []):
         words = parameter.get("description", "")
         yield f"- `?{parameter['name']}=` {_kind(parameter['schema'])}{': ' if words else ''}{words}"
-    if "requestBody" in one:
-        yield f"- Body: {_kind(one['requestBody']['content']['application/json']['schema'])}"
-    for status, answer in one["responses"].items():
+    if "requestBody" in operation:
+        yield f"- Body: {_kind(operation['requestBody']['content']['application/json']['schema'])}"
+    for status, answer in operation["responses"].items():
         if "$ref" in answer:
             yield f"- {status}: {answer['$ref'].rpartition('/')[2]}"
             continue
@@ -280,9 +280,9 @@ def _kind(schema: dict[str, Any]) -> str:
         name = schema["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
     if "anyOf" in schema:
-        return " or ".join(_kind(one) for one in schema["anyOf"])
+        return " or ".join(_kind(option) for option in schema["anyOf"])
     if "enum" in schema:
-        return " or ".join(f"`{json.dumps(one)}`" for one in schema["enum"])
+        return " or ".join(f"`{json.dumps(option)}`" for option in schema["enum"])
     if "const" in schema:
         return f"`{json.dumps(schema['const'])}`"
     if schema.get("type") == "array":
@@ -301,12 +301,12 @@ BOUNDS = {
 }
 
 
-def _default(one: Variable) -> str:
-    if one.secret:
-        return "a secret" if one.default is None else "a secret, or empty"
-    if one.default is None:
+def _default(variable: Variable) -> str:
+    if variable.secret:
+        return "a secret" if variable.default is None else "a secret, or empty"
+    if variable.default is None:
         return "none: must be set"
-    return f"`{one.default}`" if one.default else "empty"
+    return f"`{variable.default}`" if variable.default else "empty"
 
 
 def _cell(text: str) -> str:
@@ -317,7 +317,7 @@ def _with_decisions(entry: Any, decisions: list[str]) -> Any:
     if isinstance(entry, dict):
         return {name: _with_decisions(value, decisions) for name, value in entry.items()}
     if isinstance(entry, list):
-        return [_with_decisions(one, decisions) for one in entry]
+        return [_with_decisions(item, decisions) for item in entry]
     return decisions if entry == "adr/*" else entry
 
 
@@ -326,7 +326,7 @@ class _Scripts(HTMLParser):
 
     def __init__(self) -> None:
         super().__init__()
-        self.found: list[str] = []
+        self.scripts: list[str] = []
         self._inside = False
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -334,11 +334,11 @@ class _Scripts(HTMLParser):
         runs = names.get("type") in (None, "text/javascript", "module")
         self._inside = tag == "script" and "src" not in names and runs
         if self._inside:
-            self.found.append("")
+            self.scripts.append("")
 
     def handle_data(self, data: str) -> None:
         if self._inside:
-            self.found[-1] += data
+            self.scripts[-1] += data
 
     def handle_endtag(self, tag: str) -> None:
         self._inside = False
@@ -347,4 +347,4 @@ class _Scripts(HTMLParser):
 def _inline_scripts(page: Path) -> list[str]:
     parser = _Scripts()
     parser.feed(page.read_text())
-    return parser.found
+    return parser.scripts

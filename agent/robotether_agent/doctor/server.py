@@ -41,7 +41,7 @@ LONG_LENGTH = 0x80
 TIMEOUT_S = 6.0
 MAX_ANSWER_BYTES = 16 * 1024
 # It answers to anybody, in words that no other server has.
-ASKED = "/api/v1/ssh"
+SSH_PATH = "/api/v1/ssh"
 CLOCK_TOLERANCE = timedelta(minutes=5)
 BUILT = datetime(2025, 1, 1, tzinfo=timezone.utc)
 
@@ -286,7 +286,7 @@ async def _distrust(settings: Settings) -> Cause:
 
 
 async def _ask(settings: Settings, seen: ServerView) -> ServerView:
-    url = f"https://{settings.server}{ASKED}"
+    url = f"https://{settings.server}{SSH_PATH}"
     async with (
         aiohttp.ClientSession() as http,
         http.get(url, ssl=_blind(), allow_redirects=False, proxy=settings.http_proxy) as response,

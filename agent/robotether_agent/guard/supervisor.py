@@ -37,7 +37,7 @@ MAX_UNSENT_LINES = 64
 # Maximum length of the names of drive topics in the status.
 MAX_NAMES_LENGTH = 500
 # Message that gives a new guard the stop that the previous one had confirmed.
-KEPT = "kept"
+LATCH_ID = "kept"
 STATE = re.compile("ready|down")
 NO_STATUS = MappingProxyType({"moving": False, "refused": dict.fromkeys(REFUSED_KINDS, 0)})
 
@@ -211,7 +211,7 @@ class GuardSupervisor:
     def _keep_stop(self) -> None:
         """Send the stop of the last guard to this one, which may not have found it: disks fail."""
         if self.view.stopped and self._unanswered_stop is None:
-            self._unanswered_stop = {"type": "stop", "id": KEPT, "by": self.view.by}
+            self._unanswered_stop = {"type": "stop", "id": LATCH_ID, "by": self.view.by}
 
     def _replay(self) -> Iterator[JsonObject]:
         yield self._config_line

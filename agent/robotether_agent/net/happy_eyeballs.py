@@ -173,8 +173,8 @@ def said_once(messages: Iterable[str]) -> str:
     for message in dict.fromkeys(messages):
         what, colon, why = message.partition(": ")
         what, why = (what, why) if colon else ("", what)
-        placed = WHERE.fullmatch(why)
-        why, where = placed.groups() if placed else (why, "")
+        match = WHERE.fullmatch(why)
+        why, where = match.groups() if match else (why, "")
         wheres.setdefault((what, why), []).append(where)
     whats: dict[str, list[str]] = {}
     for (what, why), places in wheres.items():

@@ -40,7 +40,7 @@ _RTT = struct.Struct("=68xI")
 _BYTES_ACKED = struct.Struct("=120xQ")
 # The newest of the fields that are needed here; since Linux 4.6.
 _MIN_RTT = struct.Struct("=148xI")
-_WANTED = _MIN_RTT.size
+_INFO_SIZE = _MIN_RTT.size
 _INT = struct.Struct("=i")
 
 log = logging.getLogger(__name__)
@@ -52,12 +52,12 @@ Waiting = tuple[int, "asyncio.Future[int]"]
 def read(connection: socket.socket, now_s: float) -> Reading | None:
     """Look at `connection`; nothing if the kernel does not report enough, or the connection is gone."""
     try:
-        info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _WANTED)
+        info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _INFO_SIZE)
         queued = _INT.unpack(fcntl.ioctl(connection, termios.TIOCOUTQ, bytes(_INT.size)))[0]
     except (OSError, ValueError):
         # ValueError: closed on our side.
         return None
-    return None if len(info) < _WANTED else _reading(info, queued, now_s)
+    return None if len(info) < _INFO_SIZE else _reading(info, queued, now_s)
 
 
 def _reading(info: bytes, queued: int, now_s: float) -> Reading | None:

@@ -102,22 +102,22 @@ class InventoryModule(BaseInventoryPlugin, Constructable, Cacheable):
         super().parse(inventory, loader, path, cache)
         self._read_config_data(path)
         try:
-            found = self._cached(path) if cache and self.get_option("cache") else None
-            if found is None:
-                found = self._asked()
+            answers = self._cached(path) if cache and self.get_option("cache") else None
+            if answers is None:
+                answers = self._answers()
             if self.get_option("cache"):
-                self._cache[self.get_cache_key(path)] = found
-            self._add_all(found)
+                self._cache[self.get_cache_key(path)] = answers
+            self._add_all(answers)
         except ServerError as problem:
             raise AnsibleParserError(f"cannot list the robots: {problem}") from problem
 
     def _cached(self, path: str) -> Mapping[str, Any] | None:
         try:
-            found: Mapping[str, Any] = self._cache[self.get_cache_key(path)]
+            answers: Mapping[str, Any] = self._cache[self.get_cache_key(path)]
         except KeyError:
             return None
         # Of the same questions to the same server.
-        return found if found["asked"] == self._questions() else None
+        return answers if answers["asked"] == self._questions() else None
 
     def _questions(self) -> list[Any]:
         return [self.get_option("server"), self.get_option("jump"), self._groups_by("group")]
@@ -125,7 +125,7 @@ class InventoryModule(BaseInventoryPlugin, Constructable, Cacheable):
     def _groups_by(self, kind: str) -> bool:
         return kind in self.get_option("group_by")
 
-    def _asked(self) -> dict[str, Any]:
+    def _answers(self) -> dict[str, Any]:
         """Return what the server answers, as it is cached."""
         server = Server.of({name: self.get_option(name) for name in ARGUMENTS}, prefix="")
         has_groups = self._groups_by("group")
@@ -136,20 +136,20 @@ class InventoryModule(BaseInventoryPlugin, Constructable, Cacheable):
             "grants": server.get("/api/v1/grants")["grants"] if has_groups else [],
         }
 
-    def _add_all(self, found: Mapping[str, Any]) -> None:
+    def _add_all(self, answers: Mapping[str, Any]) -> None:
         self.inventory.add_group(ROBOTS)
         for name in ("server", "tls_fingerprint"):
             if value := self.get_option(name):
                 self.inventory.set_variable(ROBOTS, ROLE_PREFIX + name, value)
-        shells = shells_of(found["shells"])
-        for robot in found["robots"]:
+        shells = shells_of(answers["shells"])
+        for robot in answers["robots"]:
             if robot["name"] == CONTROLLER:
                 self.display.warning(
                     f"left the robot {CONTROLLER} out: Ansible would take it for this machine. Rename it on the server"
                 )
                 continue
             has_groups = self._groups_by("group")
-            groups = {"groups": user_groups_of(robot, found["grants"])} if has_groups else {}
+            groups = {"groups": user_groups_of(robot, answers["grants"])} if has_groups else {}
             self._add({**robot, **groups}, shells.get(robot["name"], {}))
 
     def _add(self, robot: Mapping[str, Any], connection: Mapping[str, Any]) -> None:

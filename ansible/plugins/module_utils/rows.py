@@ -24,17 +24,17 @@ def own_row(
 
     An admin may have given the robot another name or another MAC since, but then the row has the machine's key.
     """
-    found = [row for row in rows if mac == row["mac"] or name == row["name"]]
+    matches = [row for row in rows if mac == row["mac"] or name == row["name"]]
     fingerprint = fingerprint_of(public_key) if public_key else None
-    for row in found:
+    for row in matches:
         is_same = (row["mac"], row["name"]) == (mac, name)
         if is_same or (fingerprint is not None and row["fingerprint"] == fingerprint):
             return row
-    if found:
-        known = " and ".join(f"{row['name']} (MAC {row['mac']})" for row in found)
+    if matches:
+        names = " and ".join(f"{row['name']} (MAC {row['mac']})" for row in matches)
         raise ForeignRowError(
             f"cannot decide which robot {name} is on the server: the machine reports MAC {mac}, the server "
-            f"knows {known}, and the key there is not this machine's; check both, and remove the right one by "
+            f"knows {names}, and the key there is not this machine's; check both, and remove the right one by "
             "hand: robotether robot remove NAME"
         )
     return None

@@ -105,10 +105,10 @@ class Server:
     def get(self, path: str) -> dict[str, Any]:
         """Return the JSON object that a GET answers; raise ServerError when the server refuses."""
         status, answer = self._exchange("GET", path)
-        found = self._parsed(status, answer)
+        parsed = self._parsed(status, answer)
         if status != OK:
-            raise refusal(f"get {path}", status, found)
-        return found
+            raise refusal(f"get {path}", status, parsed)
+        return parsed
 
     def get_text(self, path: str) -> str:
         """Return the text that a GET answers; raise ServerError when the server refuses."""

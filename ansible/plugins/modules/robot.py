@@ -109,10 +109,10 @@ def _present(server: Server, params: dict[str, Any], *, check_mode: bool) -> dic
         raise refusal(f"enrol robot {params['name']}", status, answer)
     created = status == CREATED
     # 200 is also the answer when a row that was announced, or waited, took the key.
-    taken = before is not None and any(
+    has_new_key = before is not None and any(
         before.get(key) != answer.get(key) for key in ("state", "fingerprint")
     )
-    return {"changed": created or taken, "created": created, "robot": answer}
+    return {"changed": created or has_new_key, "created": created, "robot": answer}
 
 
 def _absent(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[str, Any]:
@@ -126,7 +126,7 @@ def _absent(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict
     return {"changed": True}
 
 
-def _known(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[str, Any]:
+def _check(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[str, Any]:
     del check_mode  # it changes nothing
     if server.token.startswith(JOIN_TOKEN):
         server.connect().close()
@@ -175,7 +175,7 @@ def _path(name: str) -> str:
     return f"/api/v1/robots/{quote(name, safe='')}"
 
 
-ACTIONS = {"present": _present, "absent": _absent, "known": _known}
+ACTIONS = {"present": _present, "absent": _absent, "known": _check}
 
 if __name__ == "__main__":
     main()

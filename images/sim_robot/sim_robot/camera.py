@@ -249,14 +249,14 @@ class FrameFeed:
         else:
             self._running.set()
 
-    async def next_frame(self, wanted: FrameFormat, after: int = -1) -> RenderedFrame:
+    async def next_frame(self, frame_format: FrameFormat, after: int = -1) -> RenderedFrame:
         """Wait for a frame with a sequence above `after`: the newest one, not the next in line."""
         sequence = await self._due(after)
         while self.is_frozen:
             await self._running.wait()
             sequence = await self._due(after)
         # Shielded: a viewer who leaves must not take the frame from the others.
-        return await asyncio.shield(self._drawing(wanted, sequence))
+        return await asyncio.shield(self._drawing(frame_format, sequence))
 
     async def close(self) -> None:
         """Draw nothing more."""
@@ -270,28 +270,28 @@ class FrameFeed:
         await asyncio.sleep(sequence / self._fps - loop.time())
         return sequence
 
-    def _drawing(self, wanted: FrameFormat, sequence: int) -> asyncio.Task[RenderedFrame]:
-        known = self._newest.get(wanted)
-        if known is not None and known[0] >= sequence:
-            return known[1]
-        task = asyncio.create_task(self._draw(wanted, sequence))
-        self._newest[wanted] = (sequence, task)
-        self._newest.move_to_end(wanted)
+    def _drawing(self, frame_format: FrameFormat, sequence: int) -> asyncio.Task[RenderedFrame]:
+        drawing = self._newest.get(frame_format)
+        if drawing is not None and drawing[0] >= sequence:
+            return drawing[1]
+        task = asyncio.create_task(self._draw(frame_format, sequence))
+        self._newest[frame_format] = (sequence, task)
+        self._newest.move_to_end(frame_format)
         if len(self._newest) > MAX_FORMATS:
             self._newest.popitem(last=False)
         return task
 
-    async def _draw(self, wanted: FrameFormat, sequence: int) -> RenderedFrame:
+    async def _draw(self, frame_format: FrameFormat, sequence: int) -> RenderedFrame:
         scene = self._scene()
         loop = asyncio.get_running_loop()
-        data = await loop.run_in_executor(self._thread, _frame, scene, wanted)
+        data = await loop.run_in_executor(self._thread, _frame, scene, frame_format)
         self.drawn += 1
         return RenderedFrame(sequence, scene.stamp_ns, data)
 
 
-def _frame(scene: Scene, wanted: FrameFormat) -> bytes:
-    image = draw(scene, (wanted.width, wanted.height))
-    return jpeg(image, wanted.quality)
+def _frame(scene: Scene, frame_format: FrameFormat) -> bytes:
+    image = draw(scene, (frame_format.width, frame_format.height))
+    return jpeg(image, frame_format.quality)
 
 
 FORMAT = FrameFormat(quality=80)  # image_transport's own default

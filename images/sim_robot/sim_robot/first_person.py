@@ -96,13 +96,13 @@ class Lens:
 
 
 def _before_the_lens(corners: Sequence[Corner]) -> Iterator[Corner]:
-    for last, this in zip([corners[-1], *corners[:-1]], corners, strict=True):
-        if (last[0] < NEAR_M) != (this[0] < NEAR_M):
-            part = (NEAR_M - last[0]) / (this[0] - last[0])
-            right, up = (last[axis] + part * (this[axis] - last[axis]) for axis in (1, 2))
+    for last, corner in zip([corners[-1], *corners[:-1]], corners, strict=True):
+        if (last[0] < NEAR_M) != (corner[0] < NEAR_M):
+            part = (NEAR_M - last[0]) / (corner[0] - last[0])
+            right, up = (last[axis] + part * (corner[axis] - last[axis]) for axis in (1, 2))
             yield NEAR_M, right, up
-        if this[0] >= NEAR_M:
-            yield this
+        if corner[0] >= NEAR_M:
+            yield corner
 
 
 class Painter:
@@ -118,13 +118,13 @@ class Painter:
 
     def upright(self, start: Point, end: Point, bands: Sequence[Band]) -> None:
         """Fill rectangles over a line on the floor, the later ones over the earlier."""
-        one, other = self.lens.position(*start), self.lens.position(*end)
-        if not self.lens.sees((one, other)):
+        left, right = self.lens.position(*start), self.lens.position(*end)
+        if not self.lens.sees((left, right)):
             return
-        distance_m = round(math.hypot(one[0] + other[0], one[1] + other[1]) / 2)
+        distance_m = round(math.hypot(left[0] + right[0], left[1] + right[1]) / 2)
         for low, high, colour in bands:
             bottom, top = low - CAMERA_HEIGHT_M, high - CAMERA_HEIGHT_M
-            corners = [(*one, bottom), (*other, bottom), (*other, top), (*one, top)]
+            corners = [(*left, bottom), (*right, bottom), (*right, top), (*left, top)]
             self._fill(corners, _hazy(colour, distance_m))
 
     def _fill(self, corners: Sequence[Corner], colour: Colour) -> None:
@@ -148,7 +148,7 @@ def draw(world: World, pose: Pose, size: Size) -> Image.Image:
 @lru_cache(maxsize=1024)
 def _mixed(colour: Colour, other: Colour, part: float) -> Colour:
     red, green, blue = (
-        round(one + (two - one) * part) for one, two in zip(colour, other, strict=True)
+        round(level + (target - level) * part) for level, target in zip(colour, other, strict=True)
     )
     return red, green, blue
 
@@ -295,7 +295,7 @@ def _draw_obstacles(painter: Painter, world: World) -> None:
     ]
     for obstacle, _ in seen:
         painter.ground(_shadow(obstacle), SHADOW)
-    seen.sort(key=lambda one: -_distance(one[0], lens.x, lens.y))
+    seen.sort(key=lambda pair: -_distance(pair[0], lens.x, lens.y))
     for obstacle, (colour, stripe, high) in seen:
         if isinstance(obstacle, Box):
             _draw_box(painter, obstacle, colour, stripe, high)

@@ -114,31 +114,31 @@ class Bus:
 
     def publisher_names(self, topic: str) -> list[str]:
         """Name the nodes that publish on a topic."""
-        found = self._topics.get(topic)
-        return sorted({node.name for node in found.publishers}) if found else []
+        topic_state = self._topics.get(topic)
+        return sorted({node.name for node in topic_state.publishers}) if topic_state else []
 
     def subscriber_names(self, topic: str) -> list[str]:
         """Name the nodes that listen to a topic."""
-        found = self._topics.get(topic)
-        return sorted({node.name for node in found.subscribers}) if found else []
+        topic_state = self._topics.get(topic)
+        return sorted({node.name for node in topic_state.subscribers}) if topic_state else []
 
     def _establish(self, topic: str, type_name: str | None) -> _BusTopic:
-        known = self._topics.get(topic)
+        topic_state = self._topics.get(topic)
         if type_name is None:
-            if known is None:
+            if topic_state is None:
                 raise GraphError(
                     f"cannot find the type of {topic}: nobody advertises it yet; give a type"
                 )
-            return known
+            return topic_state
         key = self._types.key_of(type_name)
-        if known is None:
-            known = self._topics[topic] = _BusTopic(key)
-        elif known.key != key:
-            established = self._types.name_of(known.key)
+        if topic_state is None:
+            topic_state = self._topics[topic] = _BusTopic(key)
+        elif topic_state.key != key:
+            established = self._types.name_of(topic_state.key)
             raise GraphError(
                 f"cannot use {topic} as {type_name}: it is established as {established}"
             )
-        return known
+        return topic_state
 
     def _forget_if_unused(self, topic: str) -> None:
         if not self._topics[topic].publishers and not self._topics[topic].subscribers:

@@ -100,10 +100,10 @@ def _holonomic(values: Values) -> Velocity:
 
 
 def _ackermann(values: Values) -> Velocity:
-    speed, wanted = values["drive"]["speed"], values["drive"]["steering_angle"]
-    if not math.isfinite(wanted):
-        return Velocity(speed, 0.0, wanted)  # the robot refuses it
-    steering = min(max(wanted, -STEERING_LIMIT_RAD), STEERING_LIMIT_RAD)
+    speed, angle = values["drive"]["speed"], values["drive"]["steering_angle"]
+    if not math.isfinite(angle):
+        return Velocity(speed, 0.0, angle)  # the robot refuses it
+    steering = min(max(angle, -STEERING_LIMIT_RAD), STEERING_LIMIT_RAD)
     return Velocity(speed, 0.0, speed * math.tan(steering) / WHEELBASE_M)
 
 

@@ -173,9 +173,9 @@ class _Conformer:
     def message(self, fields: Fields, values: object, path: str) -> Values:
         if not isinstance(values, Mapping):
             raise self._mismatch(path, "an object", values)
-        known = dict(fields)
+        members = dict(fields)
         for name in values:
-            if name not in known:
+            if name not in members:
                 raise MessageMismatchError(f"{self._what} has no field {path}{name}")
         return {
             name: self._field(field_type, values[name], f"{path}{name}")

@@ -62,8 +62,8 @@ def variable_names() -> tuple[str, ...]:
 def _refuse_unknown(values: Mapping[str, str]) -> None:
     for key in sorted(values):
         if key not in variable_names():
-            known = ", ".join(variable_names())
-            raise SimSettingsError(f"cannot start: {key} is no setting; known are {known}")
+            names = ", ".join(variable_names())
+            raise SimSettingsError(f"cannot start: {key} is no setting; known are {names}")
 
 
 def _wrong(key: str, value: str, allowed: str) -> SimSettingsError:

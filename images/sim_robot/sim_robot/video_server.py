@@ -60,7 +60,7 @@ class VideoServer:
 
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
         query = _query_of(request)
-        wanted = _wanted(query)
+        frame_format = _frame_format(query)
         feed = self._feed(query)
         if feed is None:
             await asyncio.sleep(CLEANUP_S)
@@ -68,14 +68,14 @@ class VideoServer:
         if not self._hears(query):
             await _stay_silent(request)
             return _cut_off(request)
-        frame = await feed.next_frame(wanted)
+        frame = await feed.next_frame(frame_format)
         headers = _HEADERS | {"X-Timestamp": _timestamp(frame)}
         return web.Response(body=frame.jpeg, content_type="image/jpeg", headers=headers)
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         query = _query_of(request)
         _check_type(query)
-        wanted = _wanted(query)
+        frame_format = _frame_format(query)
         content_type = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
         response = web.StreamResponse(headers=_HEADERS | {"Content-Type": content_type})
         response.force_close()
@@ -87,7 +87,7 @@ class VideoServer:
             if feed is None:
                 await asyncio.sleep(CLEANUP_S)
             elif self._hears(query):
-                await _send_frames(response, feed, wanted)
+                await _send_frames(response, feed, frame_format)
             else:
                 await _stay_silent(request)
         except ConnectionError:
@@ -111,10 +111,12 @@ def _query_of(request: web.Request) -> dict[str, str]:
     return {name: value for name, _, value in words if name}
 
 
-async def _send_frames(response: web.StreamResponse, feed: FrameFeed, wanted: FrameFormat) -> None:
+async def _send_frames(
+    response: web.StreamResponse, feed: FrameFeed, frame_format: FrameFormat
+) -> None:
     sequence = -1
     while True:
-        frame = await feed.next_frame(wanted, after=sequence)
+        frame = await feed.next_frame(frame_format, after=sequence)
         sequence = frame.sequence
         await response.write(_part(frame))
 
@@ -151,7 +153,7 @@ def _check_type(query: Mapping[str, str]) -> None:
         raise web.HTTPNotFound(text="Not Found")
 
 
-def _wanted(query: Mapping[str, str]) -> FrameFormat:
+def _frame_format(query: Mapping[str, str]) -> FrameFormat:
     return FrameFormat(
         width=_number(query, "width", FrameFormat.width, SIZE_LIMIT_PX),
         height=_number(query, "height", FrameFormat.height, SIZE_LIMIT_PX),

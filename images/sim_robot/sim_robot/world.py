@@ -75,8 +75,8 @@ def _crossing(low: float, high: float, speed: float) -> tuple[float, float]:
     """Give when a ray enters and leaves the strip from low to high."""
     if speed == 0:
         return (-math.inf, math.inf) if low <= 0 <= high else (math.inf, -math.inf)
-    one, other = low / speed, high / speed
-    return min(one, other), max(one, other)
+    first, second = low / speed, high / speed
+    return min(first, second), max(first, second)
 
 
 class World:

@@ -48,7 +48,7 @@ LIFELINE = (
     "{ while read -r _ <&3; do :; done; kill -TERM 0; } >/dev/null 2>&1 & "
     '"${SHELL:-/bin/sh}" -c "$1" 3<&-; status=$?; kill "$!" 2>/dev/null; exit "$status"'
 )
-_SHOWN = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) != "\t"}
+_ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) != "\t"}
 
 log = logging.getLogger(__name__)
 
@@ -90,7 +90,7 @@ class Lines:
     def _pass_on(self, lines: list[str]) -> None:
         with self._lock:
             for line in lines:
-                self._to.write(f"{self._prefix}{line.removesuffix(chr(13)).translate(_SHOWN)}\n")
+                self._to.write(f"{self._prefix}{line.removesuffix(chr(13)).translate(_ESCAPES)}\n")
             self._to.flush()
 
 

@@ -65,16 +65,18 @@ def set_settings(name: str, changes: Sequence[str], shell_user: str | None) -> N
     A change is in force at once. A change of drive topics, max_age_ms or policy disconnects operators, who
     connect again.
     """
-    asked = [_change(name, text) for text in changes]
+    requests = [_change(name, text) for text in changes]
     if shell_user is not None:
-        asked.append((SHELL_USER, shell_user or None))
-    if not asked:
+        requests.append((SHELL_USER, shell_user or None))
+    if not requests:
         raise NotDoneError(f"cannot change robot {name}: say what; see --help")
-    _check_said_once([path for path, _ in asked])
+    _check_said_once([path for path, _ in requests])
     with open_database().transaction() as tx:
-        changed = robots.change_settings(tx, SOURCE, name, lambda present: _changed(present, asked))
+        changed = robots.change_settings(
+            tx, SOURCE, name, lambda present: _changed(present, requests)
+        )
     in_force = robot_settings.parse(changed.settings).as_dict()
-    now = " ".join(f"{path}={json.dumps(get_path(in_force, path))}" for path, _ in asked)
+    now = " ".join(f"{path}={json.dumps(get_path(in_force, path))}" for path, _ in requests)
     click.echo(f"robot {name} has {now}")
 
 
@@ -101,10 +103,10 @@ def _check_said_once(paths: Sequence[str]) -> None:
             raise FieldInvalidError(f"cannot use {path}: it is given twice")
 
 
-def _changed(present: Settings, asked: Sequence[Change]) -> Settings:
+def _changed(present: Settings, requests: Sequence[Change]) -> Settings:
     """Return the settings with the changes, unchecked; raise FieldInvalidError for a default of no setting."""
     settings = present
-    for path, value in asked:
+    for path, value in requests:
         if value is None and path not in MEANT_NULLS:
             _check_known(present, path)
             settings = remove_path(settings, path)

@@ -22,7 +22,7 @@ class AuditEvent:
     details: dict[str, Any]
 
 
-class _Known(dict[str, object]):
+class _Details(dict[str, object]):
     def __missing__(self, name: str) -> str:
         return "?"
 
@@ -34,7 +34,7 @@ def sentence(event: AuditEvent) -> str:
     _, words = AUDIT_KINDS[event.kind]
     if callable(words):
         return words(event)
-    return words.format_map(_Known(event.details, robot=event.robot or "?"))
+    return words.format_map(_Details(event.details, robot=event.robot or "?"))
 
 
 def event_names() -> list[tuple[str, str]]:
@@ -45,28 +45,28 @@ def event_names() -> list[tuple[str, str]]:
     )
 
 
-def _given(event: AuditEvent) -> str:
+def _grant_sentence(event: AuditEvent) -> str:
     return f"gave {_holder(event)} the right to {event.details.get('level', '?')} {_scope(event)}"
 
 
-def _taken(event: AuditEvent) -> str:
+def _removal_sentence(event: AuditEvent) -> str:
     return (
         f"took from {_holder(event)} the right to {event.details.get('level', '?')} {_scope(event)}"
     )
 
 
-def _placed(event: AuditEvent) -> str:
+def _site_sentence(event: AuditEvent) -> str:
     site = event.details.get("site")
     if site is None:
         return f"removed {event.robot} from its site"
     return f"moved {event.robot} to site {site}"
 
 
-def _shell(event: AuditEvent) -> str:
+def _shell_sentence(event: AuditEvent) -> str:
     return f"turned the shell of {event.robot} {'on' if event.details.get('shell') else 'off'}"
 
 
-def _drive_ended(event: AuditEvent) -> str:
+def _drive_sentence(event: AuditEvent) -> str:
     lasted, code = event.details.get("lasted_s"), event.details.get("end_code")
     after = "" if lasted is None else f" after {duration_words(lasted)}"
     return f"stopped driving {event.robot}{after}" + (
@@ -74,7 +74,7 @@ def _drive_ended(event: AuditEvent) -> str:
     )
 
 
-def _blocked(event: AuditEvent) -> str:
+def _refusal_sentence(event: AuditEvent) -> str:
     count = sum(event.details.values())
     return f"sent {event.robot} what is not allowed: {count} {'message' if count == 1 else 'messages'} blocked"
 
@@ -108,8 +108,8 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "group_removed": ("Group removed", "removed group {group}"),
     "group_member_added": ("Group member added", "added {user} to group {group}"),
     "group_member_removed": ("Group member removed", "removed {user} from group {group}"),
-    "grant_given": ("Grant given", _given),
-    "grant_taken": ("Grant removed", _taken),
+    "grant_given": ("Grant given", _grant_sentence),
+    "grant_taken": ("Grant removed", _removal_sentence),
     "site_added": ("Site added", "added site {site}"),
     "site_removed": ("Site removed", "removed site {site}"),
     "cell_drained": ("Machine out of service", "took cell {cell} out of service"),
@@ -135,8 +135,8 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "robot_settings_set": ("Robot's settings changed", "changed the settings of {robot}"),
     "robot_page_set": ("Robot's drive page changed", "changed the drive page of {robot}"),
     "robot_buttons_set": ("Robot's buttons changed", "changed the buttons of {robot}"),
-    "robot_site_set": ("Robot's site changed", _placed),
-    "robot_shell_set": ("Robot's shell turned on or off", _shell),
+    "robot_site_set": ("Robot's site changed", _site_sentence),
+    "robot_shell_set": ("Robot's shell turned on or off", _shell_sentence),
     "key_rejected": ("Key rejected", "rejected a key that claimed to be {robot}"),
     "key_forgiven": ("Key allowed again", "allowed a rejected key to ask again"),
     "key_refused": ("Key refused", "refused an unknown key"),
@@ -145,7 +145,7 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "key_released": ("Key released", "released the key of {robot} for another robot"),
     "mac_changed": ("MAC differs", "{robot} joined with its key from another MAC"),
     "drive_started": ("Drive started", "started driving {robot}"),
-    "drive_ended": ("Drive ended", _drive_ended),
+    "drive_ended": ("Drive ended", _drive_sentence),
     "service_called": ("Service called", "called service {service} of {robot}"),
     "lease_asked": ("Control asked for", "asked for control of {robot}"),
     "lease_refused": ("Control refused", "refused {to} control of {robot}"),
@@ -154,5 +154,5 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "lease_taken": ("Control taken", "took control of {robot} from {driver}"),
     "robot_stopped": ("Robot stopped", "stopped {robot}"),
     "robot_released": ("Robot released", "released {robot} after a stop"),
-    "operations_refused": ("Messages blocked", _blocked),
+    "operations_refused": ("Messages blocked", _refusal_sentence),
 }

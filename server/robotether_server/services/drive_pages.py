@@ -72,7 +72,7 @@ def allow(tx: Transaction, source: Source, name: str, button: Button) -> None:
     robot_service.change_settings(tx, source, name, change)
 
 
-def placed(buttons: list[Button], place: int, name: str) -> int:
+def index_of(buttons: list[Button], place: int, name: str) -> int:
     """Return the index of the button at this place, from 1; raise NotPossibleError if its name has changed."""
     if not 1 <= place <= len(buttons) or buttons[place - 1].name != name:
         raise NotPossibleError(

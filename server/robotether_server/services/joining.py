@@ -250,10 +250,10 @@ class _Joining:
         network = network_of(self.request.presented.report.address)
         from_there = sum(network_of(other) == network for other in waiting)
         is_crowded = from_there >= MAX_UNKNOWN_PER_NETWORK
-        whose = f"{from_there} from {network}" if is_crowded else f"{len(waiting)}"
+        addresses = f"{from_there} from {network}" if is_crowded else f"{len(waiting)}"
         if is_crowded or len(waiting) >= self.rules.max_pending:
             raise TooManyPendingError(
-                f"cannot admit another unknown robot: {whose} already wait for approval; an admin approves or "
+                f"cannot admit another unknown robot: {addresses} already wait for approval; an admin approves or "
                 "rejects some, or announces this one with: robotether robot add NAME --mac MAC"
             )
 

@@ -34,31 +34,31 @@ ROS_TYPE = re.compile(
 MEMBERS: dict[Kind, tuple[str, str]] = {"publish": ("topic", "msg"), "call": ("service", "args")}
 
 
-def _type(given: object, path: str) -> str:
-    if not isinstance(given, str) or not ROS_TYPE.fullmatch(given):
+def _type(raw: object, path: str) -> str:
+    if not isinstance(raw, str) or not ROS_TYPE.fullmatch(raw):
         raise FieldInvalidError(
             f"cannot use {path}: it must be a type of ROS, such as std_msgs/Bool", path
         )
-    return given
+    return raw
 
 
-def _type_or_nothing(given: object, path: str) -> str:
-    return "" if given == "" else _type(given, path)
+def _type_or_nothing(raw: object, path: str) -> str:
+    return "" if raw == "" else _type(raw, path)
 
 
-def _fields(given: object, path: str) -> dict[str, Any]:
-    if not isinstance(given, dict):
+def _fields(raw: object, path: str) -> dict[str, Any]:
+    if not isinstance(raw, dict):
         raise FieldInvalidError(f"cannot use {path}: it must be a JSON object, such as {{}}", path)
-    _check(given, path, 1)
+    _check(raw, path, 1)
     try:
-        size = len(_text(given).encode())
+        size = len(_text(raw).encode())
     except UnicodeEncodeError:
         raise FieldInvalidError(f"cannot use {path}: it holds half of a character", path) from None
     if size > MAX_FIELDS_BYTES:
         raise FieldInvalidError(
             f"cannot use {path}: it has over {MAX_FIELDS_BYTES} bytes as JSON", path
         )
-    return given
+    return raw
 
 
 def _text(fields: dict[str, Any]) -> str:
@@ -129,19 +129,19 @@ class Button:
         }
 
 
-def parse(given: object) -> tuple[Button, ...]:
+def parse(raw: object) -> tuple[Button, ...]:
     """Return the buttons of a JSON list; raise FieldInvalidError, which names the member: buttons.1 is the first."""
-    return made(schemas.value("buttons", given, GivenButtons))
+    return made(schemas.value("buttons", raw, GivenButtons))
 
 
-def parse_one(given: object) -> Button:
+def parse_one(raw: object) -> Button:
     """Return one button; raise FieldInvalidError."""
-    return _made(schemas.value("button", given, GivenButton))
+    return _made(schemas.value("button", raw, GivenButton))
 
 
-def made(given: list[GivenButton]) -> tuple[Button, ...]:
+def made(rows: list[GivenButton]) -> tuple[Button, ...]:
     """Return the buttons; raise FieldInvalidError for two of one name."""
-    buttons = tuple(_made(one) for one in given)
+    buttons = tuple(_made(button) for button in rows)
     names = [button.name for button in buttons]
     for name in names:
         if names.count(name) > 1:
@@ -151,12 +151,12 @@ def made(given: list[GivenButton]) -> tuple[Button, ...]:
     return buttons
 
 
-def _made(given: GivenButton) -> Button:
-    if isinstance(given, PublishButton):
-        fields = _text(given.msg)
-        return Button(given.name, "publish", given.topic, given.type, fields, given.confirm)
-    fields = _text(given.args)
-    return Button(given.name, "call", given.service, given.type, fields, given.confirm)
+def _made(button: GivenButton) -> Button:
+    if isinstance(button, PublishButton):
+        fields = _text(button.msg)
+        return Button(button.name, "publish", button.topic, button.type, fields, button.confirm)
+    fields = _text(button.args)
+    return Button(button.name, "call", button.service, button.type, fields, button.confirm)
 
 
 def _check(value: Any, path: str, depth: int) -> None:

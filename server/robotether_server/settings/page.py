@@ -177,9 +177,9 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
 DEFAULTS = PageSettings()
 
 
-def parse(given: Mapping[str, object]) -> PageSettings:
+def parse(raw: Mapping[str, object]) -> PageSettings:
     """Return what this JSON object means; raise FieldInvalidError, which names the member."""
-    return check(schemas.read(given, PageSettings, "page."))
+    return check(schemas.read(raw, PageSettings, "page."))
 
 
 def check(page: PageSettings) -> PageSettings:

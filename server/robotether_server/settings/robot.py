@@ -31,8 +31,8 @@ EVERYTHING = Globs(["*"])
 NOTHING = Globs()
 
 
-def _drive_topics(given: object, path: str) -> Globs:
-    globs = schemas.read_globs(given, path)
+def _drive_topics(raw: object, path: str) -> Globs:
+    globs = schemas.read_globs(raw, path)
     if not globs.patterns:
         # Without one, every command would pass the guard unseen.
         raise FieldInvalidError(f"cannot use {path}: it must name at least one topic", path)
@@ -290,11 +290,11 @@ class GivenSettings(Struct, frozen=True, forbid_unknown_fields=True):
     buttons: GivenButtons = []
 
 
-def parse(given: object) -> RobotSettings:
+def parse(raw: object) -> RobotSettings:
     """Return the settings that this JSON object means; raise FieldInvalidError, which names the member."""
-    if not isinstance(given, Mapping):
+    if not isinstance(raw, Mapping):
         raise FieldInvalidError("cannot use settings: it must be a JSON object")
-    members = schemas.read(given, GivenSettings, of="settings")
+    members = schemas.read(raw, GivenSettings, of="settings")
     policy = members.policy
     settings = RobotSettings(
         shell_user=members.shell_user or None,
@@ -362,9 +362,9 @@ def _difference(present: Mapping[str, object], default: Mapping[str, object]) ->
     return differs
 
 
-def same_json(one: object, other: object) -> bool:
+def same_json(value: object, other: object) -> bool:
     """Return whether two values are the same JSON. As texts: to Python, true is 1."""
-    return json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)
+    return json.dumps(value, sort_keys=True) == json.dumps(other, sort_keys=True)
 
 
 Settings = dict[str, object]
@@ -372,17 +372,17 @@ Settings = dict[str, object]
 
 def get_path(settings: Mapping[str, object], path: str) -> object:
     """Return the value at a path; None where there is none."""
-    found: object = settings
+    value: object = settings
     for step in path.split("."):
-        found = found.get(step) if isinstance(found, Mapping) else None
-    return found
+        value = value.get(step) if isinstance(value, Mapping) else None
+    return value
 
 
 def is_in(settings: Mapping[str, object], path: str) -> bool:
     """Return whether there is a value at a path, null included."""
     folder, dot, last = path.rpartition(".")
-    found = get_path(settings, folder) if dot else settings
-    return isinstance(found, Mapping) and last in found
+    inner = get_path(settings, folder) if dot else settings
+    return isinstance(inner, Mapping) and last in inner
 
 
 def put_path(settings: Mapping[str, object], path: str, value: object) -> Settings:
@@ -402,5 +402,5 @@ def remove_path(settings: Mapping[str, object], path: str) -> Settings:
 
 
 def _inner(settings: Mapping[str, object], name: str) -> Mapping[str, object]:
-    found = settings.get(name)
-    return found if isinstance(found, Mapping) else {}
+    value = settings.get(name)
+    return value if isinstance(value, Mapping) else {}

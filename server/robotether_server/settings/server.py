@@ -66,13 +66,13 @@ class Variable:
 
     def text(self, environ: Mapping[str, str]) -> str | None:
         """Return the value as it was written; None: there is none. An empty variable counts as unset."""
-        given = environ.get(self.name)
+        value = environ.get(self.name)
         path = environ.get(f"{self.name}_FILE") if self.secret else None
-        if given and path:
+        if value and path:
             raise SettingsError(
                 f"cannot decide which to use: both {self.name} and {self.name}_FILE are set; keep one"
             )
-        return given or (self._from_file(path) if path else self.default)
+        return value or (self._from_file(path) if path else self.default)
 
     def _from_file(self, path: str) -> str:
         try:
@@ -299,7 +299,7 @@ _TABLE = (
         "info",
     ),
 )
-VARIABLES = {one.name: one for one in _TABLE}
+VARIABLES = {variable.name: variable for variable in _TABLE}
 
 
 @dataclass(frozen=True)
@@ -442,10 +442,10 @@ def load(kind: type[T], environ: Mapping[str, str]) -> T:
 
 def in_force(environ: Mapping[str, str]) -> dict[str, str]:
     """Return every variable with its value, secrets masked; an unset one says so. Raises SettingsError."""
-    return {variable.name: _shown(variable, environ) for variable in VARIABLES.values()}
+    return {variable.name: _masked(variable, environ) for variable in VARIABLES.values()}
 
 
-def _shown(variable: Variable, environ: Mapping[str, str]) -> str:
+def _masked(variable: Variable, environ: Mapping[str, str]) -> str:
     text = variable.text(environ)
     if text is not None:
         variable.read(environ)

@@ -111,15 +111,15 @@ def subscribe(client: Client, operation: dict[str, Any]) -> None:
     request = _request(operation)
     get_count(operation, "fragment_size")
     client.check_limit()
-    known = client.subscriptions.get(topic)
-    subscription = known or Subscription(
+    former = client.subscriptions.get(topic)
+    subscription = former or Subscription(
         ThrottledQueue(partial(_deliver, client, topic, as_written))
     )
     client.graph.bus.subscribe(topic, type_name, client.node, subscription.offer)
     client.subscriptions[topic] = subscription
     subscription.add(get_identity(operation), request)
     latched = client.graph.bus.latched(topic)
-    if known is None and latched is not None:
+    if former is None and latched is not None:
         subscription.offer(latched)
 
 
@@ -171,9 +171,9 @@ def _call(graph: Graph, name: str, args: object) -> dict[str, Any]:
     service = graph.services.get(full_name(name))
     if isinstance(args, list):
         args = dict(zip((field for field, _ in service.request), args, strict=False))
-    given = args if isinstance(args, dict) else {}
+    values = args if isinstance(args, dict) else {}
     what = graph.types.name_of(service.key, "srv")
-    request = graph.types.conform_fields(what, service.request, given, time.time_ns())
+    request = graph.types.conform_fields(what, service.request, values, time.time_ns())
     return service.handler(request)
 
 
@@ -227,14 +227,14 @@ def handle(client: Client, data: str | bytes) -> None:
 def _run(client: Client, operation: dict[str, Any]) -> None:
     name = operation.get("op")
     if name is None:
-        raise OperationError(f"Received a message without an op; known are {_known()}")
+        raise OperationError(f"Received a message without an op; known are {_names()}")
     if not isinstance(name, str) or name not in OPERATIONS:
-        raise OperationError(f"Unknown operation: {name!r:.60}; known are {_known()}")
+        raise OperationError(f"Unknown operation: {name!r:.60}; known are {_names()}")
     get_identity(operation)
     OPERATIONS[name](client, operation)
 
 
-def _known() -> str:
+def _names() -> str:
     return ", ".join(OPERATIONS)
 
 

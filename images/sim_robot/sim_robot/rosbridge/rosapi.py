@@ -43,10 +43,10 @@ def _topic_type(graph: Graph, request: Values) -> Values:
 
 def _topics_for_type(graph: Graph, request: Values) -> Values:
     try:
-        wanted = graph.types.key_of(request["type"])
+        key_of_type = graph.types.key_of(request["type"])
     except TypeUnknownError:
         return {"topics": []}
-    return {"topics": [name for name, key in graph.bus.topics().items() if key == wanted]}
+    return {"topics": [name for name, key in graph.bus.topics().items() if key == key_of_type]}
 
 
 def _publishers(graph: Graph, request: Values) -> Values:
@@ -70,8 +70,8 @@ def _service_type(graph: Graph, request: Values) -> Values:
 
 def _services_for_type(graph: Graph, request: Values) -> Values:
     name_of = partial(graph.types.name_of, kind="srv")
-    wanted = [s.name for s in graph.services.all() if name_of(s.key) == request["type"]]
-    return {"services": wanted}
+    names = [s.name for s in graph.services.all() if name_of(s.key) == request["type"]]
+    return {"services": names}
 
 
 def _nodes(graph: Graph, _request: Values) -> Values:

@@ -95,8 +95,8 @@ class PeerTopicsHandler:
         await socket.open(request)
         subscription = await _subscription(socket)
         if subscription is not None and KNOWN in request.query:
-            known = request.query[KNOWN].split(",")
-            for each in await self._connector.repeat(SharedTopic(robot, subscription), known):
+            digests = request.query[KNOWN].split(",")
+            for each in await self._connector.repeat(SharedTopic(robot, subscription), digests):
                 await socket.send_frame(
                     write_json({"op": KNOWN_OP, "digest": each}), WSMsgType.TEXT
                 )

@@ -61,7 +61,7 @@ class PeerStopEnd(Struct, frozen=True, tag="released"):
 PeerMessage = PeerHello | PeerRobot | PeerStop | PeerStopEnd
 _ENCODER = msgspec.json.Encoder()
 _DECODER: msgspec.json.Decoder[PeerMessage] = msgspec.json.Decoder(PeerMessage)
-_KNOWN = frozenset(kind.__struct_config__.tag for kind in get_args(PeerMessage))
+_TAGS = frozenset(kind.__struct_config__.tag for kind in get_args(PeerMessage))
 
 
 class _PeerHead(Struct):
@@ -88,6 +88,6 @@ def build(message: PeerMessage) -> str:
 
 def _is_unknown(text: str) -> bool:
     try:
-        return _HEAD.decode(text).type not in _KNOWN
+        return _HEAD.decode(text).type not in _TAGS
     except (ValueError, RecursionError):
         return False

@@ -105,12 +105,12 @@ class LinkChecks:
     ) -> None:
         self._check = check
         self._every_s = every_s
-        self._asked = False
+        self._is_due = False
         self._task: asyncio.Task[None] | None = None
 
     def ask(self) -> None:
         """Check as soon as it is allowed."""
-        self._asked = True
+        self._is_due = True
         if self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._run())
 
@@ -121,8 +121,8 @@ class LinkChecks:
             await asyncio.gather(self._task, return_exceptions=True)
 
     async def _run(self) -> None:
-        while self._asked:
-            self._asked = False
+        while self._is_due:
+            self._is_due = False
             try:
                 await self._check()
             except Exception:

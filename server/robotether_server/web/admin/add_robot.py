@@ -110,9 +110,9 @@ def _page(
     )
 
 
-def _choices(none: str, names: list[str]) -> list[tuple[str, str]]:
+def _choices(default: str, names: list[str]) -> list[tuple[str, str]]:
     """Return the values and words of a choice; empty when there is nothing to choose."""
-    return [("", none), *((name, name) for name in names)] if names else []
+    return [("", default), *((name, name) for name in names)] if names else []
 
 
 def _arrivals(

@@ -31,7 +31,7 @@ blueprint = Blueprint("robots", __name__)
 
 # Maximum number of sessions in a robot's history, and of sessions and events at first.
 MAX_SHOWN = 200
-SHOWN = 10
+MAX_ROWS = 10
 MAX_MAC_LENGTH = 17
 MAX_USER_LENGTH = 32
 LOWEST_PORT, HIGHEST_PORT = 1024, 65535
@@ -154,7 +154,7 @@ def show_access(name: str, problem: RobotetherError | None = None) -> str:
 @blueprint.get("/robots/<name>/history")
 def show_history(name: str) -> str:
     """Show the last sessions and events of one robot; ?sessions=all shows more sessions."""
-    limit = MAX_SHOWN if request.args.get("sessions") == "all" else SHOWN
+    limit = MAX_SHOWN if request.args.get("sessions") == "all" else MAX_ROWS
     with context().database.transaction() as tx:
         seen = find(tx, name)
         # One more than is shown: it shows whether there are more.
@@ -167,7 +167,7 @@ def show_history(name: str) -> str:
             has_more=len(sessions) > limit,
             limit=limit,
             max_shown=MAX_SHOWN,
-            events=audit.find(tx, audit.AuditSearch(robot=name), limit=SHOWN),
+            events=audit.find(tx, audit.AuditSearch(robot=name), limit=MAX_ROWS),
         )
 
 
@@ -214,7 +214,7 @@ def find(tx: Transaction, name: str) -> SeenRobot:
     return seen
 
 
-def found(name: str) -> Words:
+def confirmation_words(name: str) -> Words:
     """Return what the texts of actions name; raise RobotUnknownError."""
     with context().database.transaction() as tx:
         robot = find(tx, name).robot
@@ -254,7 +254,7 @@ grants.register_form(blueprint, "/robots/<name>/grants", show_access, grants.pag
 confirmation.register(
     blueprint,
     "/admin/robots/{name}",
-    found,
+    confirmation_words,
     ConfirmedAction(
         path="/robots/<name>/disable",
         title="Disable robot {name}?",

@@ -95,7 +95,7 @@ def change(tx: Transaction, source: Source, name: str, place: int) -> Saved:
     was = request.form.get("was", "")
 
     def put(present: list[Button], new: Button) -> list[Button]:
-        present[drive_pages.placed(present, place, was)] = new
+        present[drive_pages.index_of(present, place, was)] = new
         return present
 
     return _save(tx, source, name, put)
@@ -110,7 +110,7 @@ def move(name: str, place: int) -> AnyResponse:
     was = request.form.get("was", "")
 
     def swapped(present: list[Button]) -> list[Button]:
-        at = drive_pages.placed(present, place, was)
+        at = drive_pages.index_of(present, place, was)
         if not 0 <= at + to < len(present):
             raise NotPossibleError(f"cannot move button {was}: it cannot move further")
         present[at], present[at + to] = present[at + to], present[at]
@@ -125,7 +125,7 @@ def _remove(tx: Transaction, source: Source, name: str, place: int) -> None:
     was = request.form.get("was", "")
 
     def without(present: list[Button]) -> list[Button]:
-        del present[drive_pages.placed(present, place, was)]
+        del present[drive_pages.index_of(present, place, was)]
         return present
 
     _change(tx, source, name, without)
@@ -229,7 +229,7 @@ def _at(name: str, place: int) -> Button:
     return present[place - 1]
 
 
-def _found(name: str, place: int) -> Words:
+def _confirmation_words(name: str, place: int) -> Words:
     button = _at(name, place)
     return {"name": name, "button": button.name, "was": _was(button)}
 
@@ -237,7 +237,7 @@ def _found(name: str, place: int) -> Words:
 confirmation.register(
     blueprint,
     path_of("{name}", BUTTONS),
-    _found,
+    _confirmation_words,
     ConfirmedAction(
         path="/<int:place>/remove",
         title="Remove button {button} of robot {name}?",

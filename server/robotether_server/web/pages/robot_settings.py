@@ -101,7 +101,7 @@ def show(tab: Tab, name: str, problem: RobotetherError | None = None) -> str:
         camera_words=schemas.words(Camera),
         longest_name=MAX_LABEL_LENGTH,
         turns=[(turn, f"{turn}°") for turn in TURNS],
-        was=request.form.get("was") or _shown(tab, present),
+        was=request.form.get("was") or _digests(tab, present),
         problem=problem,
     )
 
@@ -112,16 +112,18 @@ def save(tab: Tab, tx: Transaction, source: Source, name: str) -> Saved:
     values, was = _checked(tab), request.form.get("was", "").split()
 
     def changed(present: Mapping[str, object]) -> Settings:
-        kept = {path: _present(path, present) for path in values if _digest(path, values) in was}
-        return _changed(present, values | kept)
+        unchanged = {
+            path: _present(path, present) for path in values if _digest(path, values) in was
+        }
+        return _changed(present, values | unchanged)
 
     change = robot_service.change_settings if tab.is_for_admins else drive_pages.change_page
     change(tx, source, name, changed)
     return path_of(name, tab), tab.saved.format(name=name)
 
 
-for one in (SAFETY, CAMERAS, DRIVING, PERMISSIONS):
-    form(blueprint, one.path, partial(show, one))(partial(save, one))
+for tab in (SAFETY, CAMERAS, DRIVING, PERMISSIONS):
+    form(blueprint, tab.path, partial(show, tab))(partial(save, tab))
 
 
 def _settings(tx: Transaction, name: str, tab: Tab) -> Mapping[str, object]:
@@ -136,7 +138,7 @@ def _present(path: str, present: Mapping[str, object]) -> object:
     return get_path(present if is_in(present, path) else DEFAULTS, path)
 
 
-def _shown(tab: Tab, present: Mapping[str, object]) -> str:
+def _digests(tab: Tab, present: Mapping[str, object]) -> str:
     """Return the digests of what a tab shows, for its form to send back."""
     values = {path: _present(path, present) for path in _paths(tab)}
     for field in tab.fields:
@@ -182,9 +184,13 @@ def _camera_rows(present: Mapping[str, object]) -> list[tuple[str, str, str]]:
     else:
         cameras = get_path(present, CAMERAS_PATH)
         rows = [
-            (str(one.get("topic", "")), str(one.get("name", "")), str(one.get("turned_deg", 0)))
-            for one in (cameras if isinstance(cameras, list) else [])
-            if isinstance(one, Mapping)
+            (
+                str(camera.get("topic", "")),
+                str(camera.get("name", "")),
+                str(camera.get("turned_deg", 0)),
+            )
+            for camera in (cameras if isinstance(cameras, list) else [])
+            if isinstance(camera, Mapping)
         ]
     return [*rows, *[("", "", "0")] * SPARE_ROWS][:MAX_CAMERAS]
 
@@ -271,7 +277,7 @@ def _reset(tx: Transaction, source: Source, name: str) -> None:
     robot_service.change_settings(tx, source, name, without)
 
 
-def _found(name: str) -> Words:
+def _confirmation_words(name: str) -> Words:
     with context().database.transaction() as tx:
         _settings(tx, name, SAFETY)
     return {"name": name}
@@ -280,7 +286,7 @@ def _found(name: str) -> Words:
 confirmation.register(
     blueprint,
     path_of("{name}"),
-    _found,
+    _confirmation_words,
     ConfirmedAction(
         path="/defaults",
         title="Reset safety and permissions of robot {name} to the defaults?",

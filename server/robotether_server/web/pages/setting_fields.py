@@ -218,7 +218,7 @@ _FIELDS = {field.path: field for tab in TABS for field in tab.fields}
 def summary(settings: Mapping[str, object]) -> list[tuple[str, str]]:
     """Return what of safety and permissions differs from the defaults, as labels and texts."""
     try:
-        given = robot_settings.parse(settings).as_given()
+        differences = robot_settings.parse(settings).as_given()
     except FieldInvalidError as error:
         # Somebody wrote by SQL what nobody may set.
         return [("Not valid", error.detail)]
@@ -226,12 +226,12 @@ def summary(settings: Mapping[str, object]) -> list[tuple[str, str]]:
         # Only the levels' fields have one label several times.
         (
             field.label if tab is SAFETY else f"{section.title}: {field.label}",
-            line_of(field, get_path(given, field.path)),
+            line_of(field, get_path(differences, field.path)),
         )
         for tab in (SAFETY, PERMISSIONS)
         for section in (*tab.sections, *tab.more)
         for field in section.fields
-        if is_in(given, field.path)
+        if is_in(differences, field.path)
     ]
 
 

@@ -66,10 +66,10 @@ def test_page_and_buttons_leave_each_other_alone(site: Site, database: Database)
 def test_a_place_is_that_of_a_name() -> None:
     """Somebody else may have moved them."""
     buttons = [parse_one({**WAVE, "name": name}) for name in ("a", "b")]
-    assert drive_pages.placed(buttons, 2, "b") == 1
+    assert drive_pages.index_of(buttons, 2, "b") == 1
     for place, name in ((1, "b"), (0, "b"), (3, "b"), (-1, "a")):
         with pytest.raises(NotPossibleError, match="have changed meanwhile"):
-            drive_pages.placed(buttons, place, name)
+            drive_pages.index_of(buttons, place, name)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", "1", "{} x", '{"a": 1, "a": 2}', "[" * 5000, "\x00"])

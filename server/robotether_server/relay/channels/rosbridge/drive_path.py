@@ -307,15 +307,15 @@ class DriveLog:
         entry, ages_ms = self.entry, report.ages_ms
         if report.fence != entry.fence or not ages_ms:
             return
-        known = [age_ms for age_ms in ages_ms if age_ms is not None]
-        for age_ms in known:
+        measured_ms = [age_ms for age_ms in ages_ms if age_ms is not None]
+        for age_ms in measured_ms:
             self._seen.add(age_ms)
-        if known:
-            entry.seen_max_ms = oldest_ms = max(*known, entry.seen_max_ms or 0.0)
+        if measured_ms:
+            entry.seen_max_ms = oldest_ms = max(*measured_ms, entry.seen_max_ms or 0.0)
             entry.seen_p50_ms, entry.seen_p95_ms, entry.seen_p99_ms = (
                 min(self._seen.quantile(share) or 0.0, oldest_ms) for share in (0.5, 0.95, 0.99)
             )
-        entry.seen_unknown = (entry.seen_unknown or 0) + len(ages_ms) - len(known)
+        entry.seen_unknown = (entry.seen_unknown or 0) + len(ages_ms) - len(measured_ms)
         self._show_seen(ages_ms[-1])
 
     def written(self) -> DriveEntry:

@@ -142,7 +142,7 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
                 subscriber.on_topic_failed(self.key.topic, why)
         self.failure = why
 
-    def known(self) -> dict[str, tuple[bytes, WSMsgType]]:
+    def by_digest(self) -> dict[str, tuple[bytes, WSMsgType]]:
         """Return the messages that newcomers may get, by digest."""
         return {digest(message.data): (message.data, message.kind) for message in self._remembered}
 
@@ -169,8 +169,8 @@ class TopicConnector(Protocol):
     async def run(self, topic: SharedTopic) -> None:
         """Bring its messages until this is cancelled."""
 
-    async def repeat(self, topic: SharedTopic, known: Collection[str]) -> list[str]:
-        """Return the digests of those known messages that rosbridge repeats to a newcomer."""
+    async def repeat(self, topic: SharedTopic, digests: Collection[str]) -> list[str]:
+        """Return the digests of those messages that rosbridge repeats to a newcomer."""
 
 
 class SharedTopics(SharedCopies[SharedTopic]):
@@ -189,8 +189,8 @@ class SharedTopics(SharedCopies[SharedTopic]):
             return None
         if topic.failure is not None:
             subscriber.on_topic_failed(subscription.topic, topic.failure)
-        elif known := topic.known():
-            self._start(self._repeat(topic, known, subscriber))
+        elif by_digest := topic.by_digest():
+            self._start(self._repeat(topic, by_digest, subscriber))
         return topic
 
     def watch(
@@ -224,13 +224,13 @@ class SharedTopics(SharedCopies[SharedTopic]):
     async def _repeat(
         self,
         topic: SharedTopic,
-        known: Mapping[str, tuple[bytes, WSMsgType]],
+        by_digest: Mapping[str, tuple[bytes, WSMsgType]],
         subscriber: TopicClient,
     ) -> None:
         name = topic.key.topic
-        repeated = await self._connector.repeat(topic, known.keys())
+        repeated = await self._connector.repeat(topic, by_digest.keys())
         # Each publisher of static transforms has latched one, of which rosbridge for ROS 2 repeats the last alone.
-        digests = known.keys() if repeated and name.endswith("/tf_static") else repeated
+        digests = by_digest.keys() if repeated and name.endswith("/tf_static") else repeated
         for each in digests:
             if subscriber in topic.users:
-                subscriber.on_message(name, *known[each])
+                subscriber.on_message(name, *by_digest[each])

@@ -80,14 +80,14 @@ class TopicLinks:
                 pauses = delays(FIRST_PAUSE_S, MAX_PAUSE_S)
             await asyncio.sleep(next(pauses))
 
-    async def repeat(self, topic: SharedTopic, known: Collection[str]) -> list[str]:
-        """Return the digests of those known messages that rosbridge repeats to a newcomer."""
+    async def repeat(self, topic: SharedTopic, digests: Collection[str]) -> list[str]:
+        """Return the digests of those messages that rosbridge repeats to a newcomer."""
         repeated: list[str] = []
         try:
             async with asyncio.timeout(REPEATED_WITHIN_S):
-                socket = await self._open(topic, {KNOWN: ",".join(known)})
+                socket = await self._open(topic, {KNOWN: ",".join(digests)})
                 try:
-                    while (name := _name_in(await socket.receive())) in known:
+                    while (name := _name_in(await socket.receive())) in digests:
                         repeated.append(str(name))
                 finally:
                     socket.drop()

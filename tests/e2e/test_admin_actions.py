@@ -20,7 +20,7 @@ HANGS_S = 30.0
 @pytest.fixture(scope="module")
 def program(stack: Stack) -> Iterator[Program]:
     """A program with an API token of the admin; afterwards the robot is back for the tests that follow."""
-    yield Program(stack, stack.token("deeds"))
+    yield Program(stack, stack.token("actions"))
     wait_until_back(stack, ROBOT)
 
 
@@ -38,7 +38,7 @@ def robot(program: Program, name: str = ROBOT) -> dict[str, object]:
 
 
 def change(program: Program, method: str, path: str, body: dict[str, object] | None = None) -> None:
-    """One deed over the API."""
+    """Change something over the API."""
     status, answer = program.stack.request(method, path, body, program.headers)
     assert status in (200, 204), answer
 
