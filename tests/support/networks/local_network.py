@@ -8,12 +8,14 @@ import socket
 import ssl
 
 # Below the ports that the kernel gives to clients and to servers on port 0: one of those would otherwise take a port
-# that a test has only noted down so far. Above those of robots, which test_direct publishes. Each of pytest-xdist's
-# workers has its own share, for the same reason.
+# that a test has only noted down so far. Above those of robots, which test_direct publishes, and those that are kept
+# for shells in the unit tests' database, where robots get some of these. Each of pytest-xdist's workers has its own
+# share, for the same reason.
 _WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
 _WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-_SHARE = (32_000 - 20_100) // _WORKERS
-PORTS = range(20_100 + _WORKER * _SHARE, 20_100 + (_WORKER + 1) * _SHARE)
+_FIRST = 24_050
+_SHARE = (32_000 - _FIRST) // _WORKERS
+PORTS = range(_FIRST + _WORKER * _SHARE, _FIRST + (_WORKER + 1) * _SHARE)
 _rng = random.SystemRandom()
 _given: set[int] = set()
 
