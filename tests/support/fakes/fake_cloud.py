@@ -28,6 +28,7 @@ from local_network import free_port
 from openssh_server import OpenSshServer
 from robotether_common.join import ROTATION_NAMESPACE, rotation_message
 from robotether_server.identity import parse_robots_key, signature_holds
+from timed_websocket import timed_session
 
 HEARTBEAT_S = 0.2
 TIMEOUT_S = 1.5
@@ -315,7 +316,7 @@ async def echo(port: int, text: str, *, key: str = GUARD_KEY) -> str:
     await eventually(lambda: _is_open(port), lambda: f"port {port} leads to the robot")
     headers = {"Robotether-Key": key, "Robotether-Mode": "observe"}
     async with (
-        aiohttp.ClientSession(headers=headers) as http,
+        timed_session(headers=headers) as http,
         http.ws_connect(f"ws://127.0.0.1:{port}/", timeout=aiohttp.ClientWSTimeout(5, 5)) as robot,
     ):
         await robot.send_json({"op": "call_service", "service": "/echo", "id": text})

@@ -19,6 +19,7 @@ from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
 from robotether_agent.rosbridge_socket import new_http
+from timed_websocket import timed_session
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
@@ -207,7 +208,7 @@ class GuardClient:
         self._headers = {} if fence is None else headers
         self._fence = fence
         self._port = port
-        self._http = aiohttp.ClientSession()
+        self._http = timed_session()
         self.socket: aiohttp.ClientWebSocketResponse
 
     async def __aenter__(self) -> Self:

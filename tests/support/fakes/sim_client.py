@@ -10,6 +10,7 @@ from typing import Any, Self
 
 import aiohttp
 from sim_robot.settings import SimSettings
+from timed_websocket import timed_session
 
 WAIT_S = 30.0
 SETTINGS = SimSettings(name="test", bind_address="127.0.0.1", rosbridge_port=0, video_port=0)
@@ -20,7 +21,7 @@ class SocketClient:
 
     def __init__(self, port: int) -> None:
         self._url = f"ws://127.0.0.1:{port}/"
-        self._http = aiohttp.ClientSession()
+        self._http = timed_session()
         self.socket: aiohttp.ClientWebSocketResponse
 
     async def __aenter__(self) -> Self:

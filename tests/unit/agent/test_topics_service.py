@@ -15,6 +15,7 @@ from fake_cloud import eventually
 from robotether_agent.fields import FieldError
 from robotether_agent.topics_service import TopicsService, parse_subscription
 from robotether_common.topics import FRESH_BYTES, PATH, digest
+from timed_websocket import timed_session
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
 
@@ -43,7 +44,7 @@ class World:
 @pytest.fixture
 async def world() -> AsyncIterator[World]:
     """A robot with the service."""
-    async with TopicRosbridge({}) as rosbridge, aiohttp.ClientSession() as http:
+    async with TopicRosbridge({}) as rosbridge, timed_session() as http:
         service = TopicsService(rosbridge.url)
         app = web.Application()
         app.router.add_get(PATH, service.answer)

@@ -22,6 +22,7 @@ from robotether_server.relay.channels.rosbridge import message_validator
 from robotether_server.relay.wiring import Timing
 from robotether_server.settings.robot import Limits
 from syrupy.assertion import SnapshotAssertion
+from timed_websocket import timed_session
 from transcripts import Transcript
 from validators import DRIVING, MANAGING, OBSERVING
 
@@ -94,7 +95,7 @@ async def running_world(timing: Timing) -> AsyncIterator[World]:
     connector = aiohttp.TCPConnector(force_close=True)
     async with (
         running_relay(database, timing) as relay,
-        aiohttp.ClientSession(connector=connector) as http,
+        timed_session(connector=connector) as http,
     ):
         world = World(relay, database, http)
         # No command is late because the machine is busy.

@@ -21,6 +21,7 @@ from robotether_agent.video import receiver as receiver_module
 from robotether_agent.video.frames_service import FramesService
 from robotether_agent.video.receiver import Header
 from robotether_agent.video.sources import SourceSettings
+from timed_websocket import timed_session
 
 WITHIN_S = 5
 TOPIC = "/camera/image_raw"
@@ -114,7 +115,7 @@ class World:
 @pytest.fixture
 async def world() -> AsyncIterator[World]:
     """A robot with web_video_server, and its service running."""
-    async with FakeVideoServer() as camera, aiohttp.ClientSession() as http:
+    async with FakeVideoServer() as camera, timed_session() as http:
         made = World(camera, http)
         await made.start()
         yield made

@@ -21,6 +21,7 @@ from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.db.migrate import set_port_range
 from robotether_server.relay.robots import port_checks, robot_dialer
 from robotether_server.relay.wiring import Timing
+from timed_websocket import timed_session
 
 Connect = Callable[..., Awaitable[RobotSession]]
 
@@ -176,5 +177,5 @@ async def connect(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[Connect
 async def http() -> AsyncIterator[aiohttp.ClientSession]:
     """Ask over HTTP as a browser or program does."""
     connector = aiohttp.TCPConnector(force_close=True)
-    async with aiohttp.ClientSession(connector=connector) as session:
+    async with timed_session(connector=connector) as session:
         yield session
