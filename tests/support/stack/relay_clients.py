@@ -36,6 +36,13 @@ async def configured(session: RobotSession) -> RobotSession:
     return session
 
 
+async def session_of(relay: RelayServer, robot_id: int, kind: str = "session") -> RobotSession:
+    """Open a connection of a robot, and wait for its configuration; the test closes it."""
+    session = RobotSession(robot_id, kind=kind, session_key=SESSION_KEY)
+    await session.connect(relay.relay.session_port)
+    return await configured(session)
+
+
 async def misbehaving(relay: RelayServer, robot: RelayRobot, mode: Mode) -> FakeRobot:
     """Connect a robot that does not behave; the test stops it."""
     fake = FakeRobot(robot.id, SESSION_KEY, mode)

@@ -13,7 +13,6 @@ from yarl import URL
 
 @pytest.mark.parametrize("path", ["/", "/robots", "/robots/sim1", "/robots/sim1/other", "/metrics"])
 async def test_other_paths_are_problems_too(relay, http, path):
-    """What the relay does not serve is a problem with a code; metrics are not public."""
     async with http.get(f"{relay.url}{path}") as answer:
         assert answer.status == 404
         assert answer.content_type == "application/problem+json"
@@ -36,8 +35,6 @@ async def test_a_refusal_has_all_members_of_the_contract(relay, http):
 
 
 async def test_a_defect_is_answered_without_its_details(relay, http, monkeypatch, caplog):
-    """A defect is 500 for the client, and a traceback in the log."""
-
     async def broken(*_args: object) -> None:
         raise ZeroDivisionError("secret detail")
 
@@ -141,7 +138,6 @@ async def test_health_is_good_without_a_database_and_says_so(relay, http, memory
 
 
 async def test_metrics_tell_what_happens(relay, robot, sim1, http):
-    """Robots, connections, traffic, refusals and the process are counted."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
         await socket.send_str('{"op":"call_service","service":"/rosapi/topics"}')
         echo = await socket.receive_str()
@@ -193,14 +189,12 @@ async def test_another_page_may_not(relay, http, path, origin):
 
 @pytest.mark.parametrize("path", ["/api/v1/stop", "/api/v1/events", "/robots/sim1/ros"])
 async def test_other_paths_are_for_no_other_page(relay, http, path):
-    """What is not in the contract stays shut."""
     async with http.options(relay.url + path, headers=ALLOWED | ASKS) as answer:
         assert answer.status == 405
         assert "Access-Control-Allow-Origin" not in answer.headers
 
 
 async def test_options_that_is_no_preflight_is_answered_as_ever(relay, http):
-    """405, as for any method that a path has not."""
     async with http.options(relay.url + CORS_PATHS[0], headers=ALLOWED) as answer:
         assert answer.status == 405
 
@@ -208,7 +202,6 @@ async def test_options_that_is_no_preflight_is_answered_as_ever(relay, http):
 async def test_a_page_that_is_allowed_stops_a_robot_with_its_token(
     relay, robot, http, memory_database
 ):
-    """It reads the answer, and a problem as well."""
     token = memory_database.add_credential("token", RelayUser(1, "ann"))
     headers = ALLOWED | {"Authorization": f"Bearer {token}"}
     for name, status in (("sim1", 200), ("nosuch", 404)):
@@ -219,7 +212,6 @@ async def test_a_page_that_is_allowed_stops_a_robot_with_its_token(
 
 
 async def test_a_program_without_an_origin_gets_no_word_of_it(relay, robot, http, memory_database):
-    """Only what caches need."""
     token = memory_database.add_credential("token", RelayUser(1, "ann"))
     url = f"{relay.url}/api/v1/robots/sim1/control"
     async with http.get(url, headers={"Authorization": f"Bearer {token}"}) as answer:

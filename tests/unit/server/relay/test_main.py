@@ -32,7 +32,6 @@ from stopwatch import Stopwatch
 
 
 def test_a_missing_setting_stops_the_start_with_a_sentence():
-    """Without its variables the process ends with the name of the first one, and no traceback."""
     environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
     result = subprocess.run(
         [sys.executable, "-m", "robotether_server.relay"],
@@ -48,7 +47,6 @@ def test_a_missing_setting_stops_the_start_with_a_sentence():
 
 
 def test_a_fleet_needs_more_open_files_than_a_container_begins_with():
-    """It takes as many as it may have."""
     script = (
         "import resource; from robotether_server.relay.main import raise_open_files; "
         "resource.setrlimit(resource.RLIMIT_NOFILE, (64, 2048)); raise_open_files(); "
@@ -67,7 +65,6 @@ def test_a_fleet_needs_more_open_files_than_a_container_begins_with():
 
 
 async def test_sigterm_stops_it(caplog):
-    """It starts without a database, and ends when it is told to."""
     caplog.set_level("INFO")
     listen = Listen(host=HOST, http_port=0, session_port=0, inside_port=0)
     running = asyncio.create_task(run(relay_settings(), listen))
@@ -83,22 +80,7 @@ ANN = RelayUser(1, "ann")
 NOON = utc(2026, 1, 1, 12)
 
 
-async def test_sessions_are_written_when_the_database_is_back(
-    relay, sim1, memory_database, connect
-):
-    """A session that came and went while the database was away is written afterwards."""
-    memory_database.down = True
-    session = await configured(await connect())
-    await session.close()
-    await until(lambda: not relay.relay.registry.presence(sim1.id).online, "it is offline")
-    assert memory_database.sessions() == []
-    memory_database.down = False
-    await until(memory_database.sessions, "it is written")
-    assert memory_database.sessions()[0].ended_at is not None
-
-
 async def test_former_sessions_are_closed_at_the_start(memory_database):
-    """The first entry of a relay ends what a former one left open."""
     async with running_relay(memory_database):
         await until(lambda: memory_database.written, "something is written")
     assert isinstance(memory_database.written[0], FormerSessions)
@@ -182,8 +164,6 @@ async def test_the_last_entries_are_written_before_the_end():
 
 
 async def test_a_part_that_fails_is_in_the_log(memory_database, caplog):
-    """All else goes on without it."""
-
     def fail() -> None:
         raise LookupError
 
@@ -224,12 +204,3 @@ async def test_a_robot_that_leaves_is_shown_without_its_drivers(relay, robot, si
             assert (await closing(socket))[0] == 4505
         subscriber.first_event()
         assert subscriber.first_event()[1][0].drivers == []
-
-
-async def test_a_robot_whose_row_is_gone_is_forgotten(relay, robot, sim1, memory_database):
-    """What was known of it does not come back with a new row of the same id."""
-    row, memory_database.robots = memory_database.robots, {}
-    await until(lambda: relay.relay.registry.presence(sim1.id).since is None, "it is forgotten")
-    memory_database.robots = row
-    await until(lambda: relay.relay.fleet.known().robots, "the row is back")
-    assert relay.relay.registry.presence(sim1.id).since is None

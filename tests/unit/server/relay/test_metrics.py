@@ -12,13 +12,11 @@ from robotether_server.relay.metrics import Metrics
 
 @pytest.fixture
 def traffic() -> Traffic:
-    """What the bridges count."""
     return Traffic()
 
 
 @pytest.fixture
 def metrics(traffic: Traffic) -> Metrics:
-    """Metrics of a relay that has just been made."""
     return Metrics(traffic)
 
 
@@ -41,7 +39,6 @@ def test_traffic_is_read_when_somebody_asks(metrics, traffic):
 
 
 def test_a_gauge_is_read_when_somebody_asks(metrics):
-    """A gauge shows what its part says now."""
     robots = [1, 2]
     metrics.gauge("robots_online", "Robots with a session", lambda: len(robots))
     assert "robotether_relay_robots_online 2.0" in lines(metrics)
@@ -50,7 +47,6 @@ def test_a_gauge_is_read_when_somebody_asks(metrics):
 
 
 def test_close_reasons_and_refusals_are_counted_by_reason(metrics):
-    """Each counter has its own label, and counts each reason by itself."""
     for _ in range(2):
         metrics.close_reasons.labels("client_left").inc()
     metrics.refusals.labels("ticket_used").inc()
@@ -77,7 +73,6 @@ def test_two_relays_do_not_share_their_numbers(metrics, traffic):
 
 
 def test_frames_are_read_when_somebody_asks(metrics):
-    """What feeds count shows up in the next answer."""
     traffic = FeedTraffic()
     metrics.collect_feeds(traffic)
     traffic.frames_in, traffic.frames_out, traffic.skipped = 3, 7, 2

@@ -41,13 +41,11 @@ class Notes(EventWriter):
 
 @pytest.fixture
 def event_writer(memory_database: MemoryDatabase) -> Notes:
-    """A writer that never runs."""
     return Notes(memory_database)
 
 
 @pytest.fixture
 def metrics() -> Metrics:
-    """Numbers at zero."""
     return Metrics(Traffic())
 
 
@@ -68,7 +66,6 @@ def driving(robot: RelayRobot, *, use: str = "drive", reached: bool = True) -> C
 
 
 def test_a_session_is_one_entry_from_its_begin_to_its_end(observer, event_writer):
-    """Coming, telling a version and leaving are three states of one row."""
     observer.on_robot_change(Change("connected", 7, ONLINE))
     observer.on_robot_change(Change("updated", 7, replace(ONLINE, agent_version="0.1.0")))
     observer.on_robot_change(Change("disconnected", 7, Presence(since=DISCONNECTED), "timeout"))
@@ -82,7 +79,6 @@ def test_a_session_is_one_entry_from_its_begin_to_its_end(observer, event_writer
 
 
 def test_rosbridge_that_its_network_reaches_is_written(observer, event_writer):
-    """When it is told first, and when it is mended."""
     observer.on_robot_change(Change("connected", 7, ONLINE))
     for exposed in (True, True, False):
         observer.on_robot_change(Change("updated", 7, replace(ONLINE, ros_exposed=exposed)))
@@ -184,7 +180,6 @@ def test_what_the_guard_refused_is_the_drives(observer, event_writer, sim1, metr
 def test_what_a_guard_refuses_long_after_a_drive_is_nobodys(
     *, observer, event_writer, sim1, metrics, monkeypatch
 ):
-    """Only the numbers have it."""
     connection, drive = driving(sim1), a_drive()
     observer.on_robot_change(guard_refused(old=0))
     observer.connection(ConnectionReport(connection, None, drive=drive))
@@ -220,7 +215,6 @@ def test_what_a_driver_saw_is_the_drives(observer, event_writer, sim1, monkeypat
 
 
 def test_refusals_are_one_audit_line_of_their_connection(observer, event_writer, sim1):
-    """Summed by kind, at the end, observers' too."""
     close_reason = close_reasons.client_left("sim1")
     connection = driving(sim1, use="observe")
     observer.connection(ConnectionReport(connection, None, close_reason, refused={"topic": 3}))
@@ -260,7 +254,6 @@ def test_a_guard_that_began_anew_is_counted_from_nothing():
 
 
 def test_a_guard_that_tells_no_counts_changes_nothing():
-    """An older guard that reports no counts changes nothing."""
     robot = Robot(7)
     new_refusals(robot, [("old", 5)])
     assert new_refusals(robot, []) == {}

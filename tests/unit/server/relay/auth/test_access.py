@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from relay_server import MemoryDatabase, utc
-from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
+from robotether_server.db.fleet import Credential, RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
     GrantMissingError,
     LoginMissingError,
@@ -23,7 +23,7 @@ from robotether_server.problems import (
 from robotether_server.relay.auth.access import Access, Permit, Request, UsedTickets, request_of
 from robotether_server.relay.auth.credentials import Credentials, credential_of
 from robotether_server.schemas import Level
-from robotether_server.tickets import Ticket, TicketSigner, new_id
+from robotether_server.tickets import Mode, Ticket, TicketSigner, new_id
 
 START = utc(2026, 1, 1, 12, 0)
 
@@ -50,6 +50,34 @@ def access_of(
         clock=lambda: datetime.fromtimestamp(time.time(), UTC),
         online_s=online_s,
     )
+
+
+ANN = RelayUser(3, "ann")
+
+
+@pytest.fixture
+def database() -> MemoryDatabase:
+    return MemoryDatabase()
+
+
+@pytest.fixture
+def credentials(database: MemoryDatabase) -> Credentials:
+    return Credentials(database)
+
+
+@pytest.fixture
+def login(database: MemoryDatabase) -> Credential:
+    return credential_of("login", database.add_credential("login", ANN))
+
+
+def showing_ticket(
+    login: Credential, name: str = "sim1", mode: Mode = "observe", *, remembered: bool = False
+) -> Request:
+    """A request with a ticket that web made of the database's answer, or of what it remembered."""
+    robot = (None if remembered else 7, name)
+    by = (mode, "login", login.digest.hex())
+    ticket = Ticket(new_id(), ANN.id, ANN.name, *robot, *by, remembered=remembered)
+    return Request("robots.example", None, TicketSigner("key", 30).sign(ticket), None, None)
 
 
 @pytest.mark.parametrize(
@@ -104,29 +132,24 @@ def test_only_this_site_and_listed_origins_pass(origin, host, passes):
         ("manage", "drive", "manage", True),
     ],
 )
-async def test_a_ticket_to_observe_gives_no_more_rights_than_that(granted, mode, level, may_drive):
+async def test_a_ticket_to_observe_gives_no_more_rights_than_that(
+    *, database, login, granted, mode, level, may_drive
+):
     """Only a connection that drives has what its user was granted."""
-    ticket = Ticket(new_id(), 3, "ann", 7, "sim1", mode, "login", "0f" * 32)
-    signed = TicketSigner("key", 30).sign(ticket)
-    request = Request("robots.example", origin=None, ticket=signed, login=None, authorization=None)
-    permit = access_of(MemoryDatabase(), granted).for_rosbridge(request, "sim1")
+    request = showing_ticket(login, mode=mode)
+    permit = access_of(database, granted).for_rosbridge(request, "sim1")
     assert (permit.use, permit.level, permit.may_drive) == (mode, level, may_drive)
 
 
 @pytest.mark.parametrize("opens", ["for_rosbridge", "for_video", "for_frames"])
-async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(opens):
-    """For each of what it opens; and one that the relay knows no more opens nothing."""
-    database = MemoryDatabase()
-    credentials = Credentials(database)
+async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(
+    database, credentials, login, opens
+):
+    """One that the relay knows no more opens nothing."""
     access = access_of(database, credentials=credentials)
-    login = credential_of("login", database.add_credential("login", RelayUser(3, "ann")))
-    by = "login", login.digest.hex()
 
     async def open_by(*, remembered: bool) -> Permit:
-        robot_id = None if remembered else 7
-        ticket = Ticket(new_id(), 3, "ann", robot_id, "sim1", "observe", *by, remembered=remembered)
-        text = TicketSigner("key", 30).sign(ticket)
-        permit = getattr(access, opens)(Request("h", None, text, None, None), "sim1")
+        permit = getattr(access, opens)(showing_ticket(login, remembered=remembered), "sim1")
         return permit if isinstance(permit, Permit) else await permit
 
     assert (await open_by(remembered=False)).credential == login
@@ -141,36 +164,28 @@ async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(open
 
 
 @pytest.mark.parametrize(
-    ("name", "mode", "problem"),
+    ("name", "asked_for", "mode", "problem"),
     [
-        ("sim1", "drive", GrantMissingError),
-        ("sim2", "observe", TicketForeignError),
-        ("sim3", "observe", RobotUnknownError),
+        ("sim1", "sim1", "drive", GrantMissingError),
+        ("sim2", "sim1", "observe", TicketForeignError),
+        ("sim3", "sim3", "observe", RobotUnknownError),
     ],
 )
-async def test_a_ticket_from_webs_memory_opens_its_robot_within_the_grant(name, mode, problem):
+async def test_a_ticket_from_webs_memory_opens_its_robot_within_the_grant(
+    *, database, credentials, login, name, asked_for, mode, problem
+):
     """Web knew neither; the robot is the one of its name."""
-    database = MemoryDatabase()
-    credentials = Credentials(database)
     access = access_of(database, credentials=credentials)
-    login = credential_of("login", database.add_credential("login", RelayUser(3, "ann")))
     assert await credentials.holds(login)
-    by = "login", login.digest.hex()
-    asked_for = "sim1" if problem is TicketForeignError else name
-    ticket = Ticket(new_id(), 3, "ann", None, asked_for, mode, *by, remembered=True)
-    request = Request("h", None, TicketSigner("key", 30).sign(ticket), None, None)
     with pytest.raises(problem):
-        access.for_rosbridge(request, name)
+        access.for_rosbridge(showing_ticket(login, asked_for, mode, remembered=True), name)
 
 
-async def test_a_ticket_that_web_asked_the_database_for_makes_its_login_known():
-    """If the database has not answered the relay since."""
-    database = MemoryDatabase()
-    credentials = Credentials(database)
-    access = access_of(database, credentials=credentials)
-    login = credential_of("login", database.add_credential("login", RelayUser(3, "ann")))
-    ticket = Ticket(new_id(), 3, "ann", 7, "sim1", "observe", "login", login.digest.hex())
-    request = Request("h", None, TicketSigner("key", 30).sign(ticket), None, None)
+async def test_a_ticket_that_web_asked_the_database_for_makes_its_login_known(
+    database, credentials, login
+):
+    """It does if the database has not answered the relay since."""
+    access, request = access_of(database, credentials=credentials), showing_ticket(login)
     await credentials.check_new()
     await access.for_video(request, "sim1")
     assert not credentials.held_lately(login)
@@ -273,26 +288,16 @@ def test_a_clock_that_is_set_back_makes_no_new_ticket_too_old():
     ("online_s", "is_good"), [(None, True), (15, True), (10.1, True), (9.5, False), (0, False)]
 )
 async def test_tickets_of_before_the_robot_came_are_refused(
-    monkeypatch, online_s, is_good, remembered
+    *, database, credentials, login, monkeypatch, online_s, is_good, remembered
 ):
     """This one is signed at 0 and shown at 10.6 s. Another cell may have used it; signatures have whole seconds."""
     now = START.timestamp()
     monkeypatch.setattr(time, "time", lambda: now)
-    signer = TicketSigner("key", 30)
-    database = MemoryDatabase()
-    credentials = Credentials(database)
-    login = credential_of("login", database.add_credential("login", RelayUser(3, "ann")))
     assert await credentials.holds(login)
-    access = access_of(
-        database,
-        "drive",
-        credentials,
-        online_s=lambda robot_id: online_s if robot_id == 7 else None,
-    )
-    robot, by = (None if remembered else 7, "sim1"), ("login", login.digest.hex())
-    text = signer.sign(Ticket(new_id(), 3, "ann", *robot, "drive", *by, remembered=remembered))
+    online = {7: online_s}.get
+    access = access_of(database, "drive", credentials, online_s=online)
+    request = showing_ticket(login, mode="drive", remembered=remembered)
     monkeypatch.setattr(time, "time", lambda: now + 10.6)
-    request = Request("robots.example", None, text, None, None)
     if is_good:
         access.for_rosbridge(request, "sim1")
         return

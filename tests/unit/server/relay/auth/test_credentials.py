@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Collection
+from collections.abc import Awaitable, Collection
 
 import pytest
 from relay_server import MemoryDatabase
@@ -17,8 +17,19 @@ ANN = RelayUser(1, "ann")
 
 @pytest.fixture
 def credentials(memory_database: MemoryDatabase) -> Credentials:
-    """Credentials with nothing kept."""
     return Credentials(memory_database)
+
+
+@pytest.fixture
+def login(memory_database: MemoryDatabase) -> Credential:
+    """A login of ann's."""
+    return credential_of("login", memory_database.add_credential("login", ANN))
+
+
+async def unanswered(question: Awaitable[object]) -> None:
+    """Ask what nobody knows while the database is away."""
+    with pytest.raises(StoreUnavailableError):
+        await question
 
 
 async def test_an_answer_is_kept_also_when_it_is_no(credentials, memory_database):
@@ -121,9 +132,8 @@ async def test_all_addresses_together_have_a_bound(monkeypatch):
     await asyncio.gather(*asking)
 
 
-async def test_who_leaves_takes_nobodys_answer(credentials, memory_database):
+async def test_who_leaves_takes_nobodys_answer(credentials, memory_database, login):
     """Two requests with one credential have one question; the first of them is given up."""
-    login = credential_of("login", memory_database.add_credential("login", ANN))
     first, second = (asyncio.create_task(credentials.user_of(login)) for _ in range(2))
     await asyncio.sleep(0)
     first.cancel()
@@ -131,18 +141,14 @@ async def test_who_leaves_takes_nobodys_answer(credentials, memory_database):
     assert memory_database.lookups == 1
 
 
-async def test_an_outage_is_told_and_not_kept(credentials, memory_database):
-    """While the database is away nobody is called unknown."""
-    login = credential_of("login", memory_database.add_credential("login", ANN))
+async def test_an_outage_is_told_and_not_kept(credentials, memory_database, login):
     memory_database.down = True
-    with pytest.raises(StoreUnavailableError):
-        await credentials.user_of(login)
+    await unanswered(credentials.user_of(login))
     memory_database.down = False
     assert await credentials.user_of(login) == ANN
 
 
 async def test_what_hangs_on_an_ended_credential_ends(credentials, memory_database):
-    """All holders of the ended one are told, nobody else."""
     gone = credential_of("login", memory_database.add_credential("login", ANN))
     stays = credential_of("token", memory_database.add_credential("token", ANN))
     ended: list[str] = []
@@ -181,8 +187,7 @@ async def test_what_is_new_while_the_database_is_away_is_asked_for_later(
     ended: list[str] = []
     with credentials.held(credential_of("login", "gone"), lambda: ended.append("gone")):
         memory_database.down = True
-        with pytest.raises(StoreUnavailableError):
-            await credentials.check_new()
+        await unanswered(credentials.check_new())
         assert ended == []
         memory_database.down = False
         await credentials.check_new()
@@ -199,25 +204,20 @@ async def test_who_drove_lately_may_again_while_the_database_is_away(
     assert await credentials.holds(login)
     memory_database.down = True
     assert await credentials.holds(login)
-    with pytest.raises(StoreUnavailableError):
-        await credentials.holds(other)
+    await unanswered(credentials.holds(other))
     monkeypatch.setattr(module, "RECENT_S", 0.0)
-    with pytest.raises(StoreUnavailableError):
-        await credentials.holds(login)
+    await unanswered(credentials.holds(login))
 
 
 async def test_who_is_live_may_drive_while_the_database_is_away(
-    credentials, memory_database, monkeypatch
+    credentials, memory_database, login, monkeypatch
 ):
-    """As long as that lasts, and for a while after it."""
-    login = credential_of("login", memory_database.add_credential("login", ANN))
     with credentials.held(login, lambda: None):
         await credentials.check_new()
         memory_database.down = True
         monkeypatch.setattr(module, "RECENT_S", 0.0)
         assert await credentials.holds(login)
-    with pytest.raises(StoreUnavailableError):
-        await credentials.holds(login)
+    await unanswered(credentials.holds(login))
     monkeypatch.setattr(module, "RECENT_S", 60.0)
     assert await credentials.holds(login)
 
@@ -233,27 +233,24 @@ async def test_what_ended_before_the_database_went_does_not_come_back(credential
     await credentials.recheck()
     memory_database.down = True
     assert await credentials.holds(stays)
-    with pytest.raises(StoreUnavailableError):
-        await credentials.holds(login)
+    await unanswered(credentials.holds(login))
 
 
 async def test_what_may_have_ended_when_the_database_went_does_not_count(
-    credentials, memory_database
+    credentials, memory_database, login
 ):
     """Something has changed, and there is no answer as to what."""
-    login = credential_of("login", memory_database.add_credential("login", ANN))
     assert await credentials.holds(login)
     memory_database.down = True
-    with pytest.raises(StoreUnavailableError):
-        await credentials.recheck()
-    with pytest.raises(StoreUnavailableError):
-        await credentials.holds(login)
+    await unanswered(credentials.recheck())
+    await unanswered(credentials.holds(login))
 
 
 @pytest.mark.parametrize("asks", ["holds", "check_new"])
-async def test_what_ended_by_any_answer_does_not_come_back(credentials, memory_database, asks):
+async def test_what_ended_by_any_answer_does_not_come_back(
+    credentials, memory_database, login, asks
+):
     """Also before the relay reads that credentials have changed, and though something hangs on it."""
-    login = credential_of("login", memory_database.add_credential("login", ANN))
     with credentials.held(login, lambda: None):
         await credentials.check_new()
         assert await credentials.holds(login)
@@ -264,8 +261,7 @@ async def test_what_ended_by_any_answer_does_not_come_back(credentials, memory_d
             else:
                 await credentials.check_new()
         memory_database.down = True
-        with pytest.raises(StoreUnavailableError):
-            await credentials.holds(login)
+        await unanswered(credentials.holds(login))
 
 
 async def test_who_drove_lately_may_stop_a_robot_while_the_database_is_away(
@@ -281,16 +277,19 @@ async def test_who_drove_lately_may_stop_a_robot_while_the_database_is_away(
     assert await credentials.user_of(ended) is None
     memory_database.down = True
     assert await credentials.user_of(stays) == ANN
-    with pytest.raises(StoreUnavailableError):
-        await credentials.holds(ended)
+    await unanswered(credentials.holds(ended))
 
 
 @pytest.mark.parametrize(("age_s", "is_believed"), [(0.0, True), (3.9, True), (4.1, False)])
 async def test_a_ticket_newer_than_the_last_answer_is_believed_while_the_database_is_away(
-    credentials, memory_database, age_s, is_believed
+    credentials, memory_database, login, age_s, is_believed
 ):
     """Another cell's web has asked the database since this relay last could."""
-    login = credential_of("login", memory_database.add_credential("login", ANN))
+    memory_database.down = True
+    credentials.note_signed(login, ANN, 0.0)
+    # Not before a first answer.
+    await unanswered(credentials.holds(login))
+    memory_database.down = False
     await credentials.check_new()
     memory_database.down = True
     credentials._answered_at -= module.NEWER_BY_S + 4
@@ -299,16 +298,7 @@ async def test_a_ticket_newer_than_the_last_answer_is_believed_while_the_databas
         assert await credentials.holds(login)
         assert await credentials.user_of(login) == ANN
     else:
-        with pytest.raises(StoreUnavailableError):
-            await credentials.holds(login)
-
-
-async def test_no_ticket_is_believed_before_the_first_answer(credentials, memory_database):
-    login = credential_of("login", memory_database.add_credential("login", ANN))
-    memory_database.down = True
-    credentials.note_signed(login, ANN, 0.0)
-    with pytest.raises(StoreUnavailableError):
-        await credentials.holds(login)
+        await unanswered(credentials.holds(login))
 
 
 @pytest.mark.parametrize("asks", ["holds", "user_of", "recheck", "check_new", "lost recheck"])
@@ -322,14 +312,12 @@ async def test_no_ticket_of_before_an_answer_is_believed(credentials, memory_dat
         if asks in {"holds", "user_of"}:
             assert not await getattr(credentials, asks)(ended)
         elif memory_database.down:
-            with pytest.raises(StoreUnavailableError):
-                await credentials.recheck()
+            await unanswered(credentials.recheck())
         else:
             await getattr(credentials, asks)()
     memory_database.down = True
     credentials.note_signed(ended, ANN, 0.0)
-    with pytest.raises(StoreUnavailableError):
-        await credentials.holds(ended)
+    await unanswered(credentials.holds(ended))
 
 
 async def test_who_a_ticket_made_known_is_asked_for_when_the_database_is_back(
@@ -365,19 +353,20 @@ async def test_who_begins_to_drive_during_a_recheck_is_known_after_it():
     assert await credentials.holds(late)
 
 
-async def test_a_yes_of_before_a_change_is_not_believed_later():
+@pytest.mark.parametrize("asks", ["holds", "user_of"])
+async def test_an_answer_of_before_a_change_is_not_kept(asks):
+    """A login that ends while it is looked up is looked up again the next time."""
     memory_database = SlowDatabase()
     credentials = Credentials(memory_database)
     login = credential_of("login", memory_database.add_credential("login", ANN))
-    asking = asyncio.create_task(credentials.holds(login))
+    asking = asyncio.create_task(getattr(credentials, asks)(login))
     await memory_database.asked.wait()
     memory_database.credentials.clear()
     await credentials.recheck()
     memory_database.go_on.set()
     assert await asking
     memory_database.down = True
-    with pytest.raises(StoreUnavailableError):
-        await credentials.holds(login)
+    await unanswered(getattr(credentials, asks)(login))
 
 
 async def test_who_may_drive_without_the_database_is_bounded(
@@ -393,8 +382,7 @@ async def test_who_may_drive_without_the_database_is_bounded(
     memory_database.down = True
     assert await credentials.holds(logins[0])
     assert await credentials.holds(logins[2])
-    with pytest.raises(StoreUnavailableError):
-        await credentials.holds(logins[1])
+    await unanswered(credentials.holds(logins[1]))
     memory_database.down = False
     monkeypatch.setattr(module, "RECENT_S", 0.0)
     asked = memory_database.lookups
@@ -421,25 +409,24 @@ class SlowDatabase(MemoryDatabase):
 
 
 async def test_what_something_live_hangs_on_is_known_without_the_database(
-    credentials, memory_database, monkeypatch
+    credentials, memory_database, login, monkeypatch
 ):
     """Whoever has a page open can stop a robot while the database is away, and for a while after that."""
     monkeypatch.setattr(module, "KEEP_S", 0.0)
-    login = credential_of("login", memory_database.add_credential("login", ANN))
     with credentials.held(login, lambda: None):
         await credentials.check_new()
         memory_database.down = True
         monkeypatch.setattr(module, "RECENT_S", 0.0)
         assert await credentials.user_of(login) == ANN
-    with pytest.raises(StoreUnavailableError):
-        await credentials.user_of(login)
+    await unanswered(credentials.user_of(login))
     monkeypatch.setattr(module, "RECENT_S", 60.0)
     assert await credentials.user_of(login) == ANN
 
 
-async def test_what_ended_is_known_no_more_though_somebody_holds_it(credentials, memory_database):
+async def test_what_ended_is_known_no_more_though_somebody_holds_it(
+    credentials, memory_database, login
+):
     """The answer of before the end does not count, and nor does one that comes when nobody holds it."""
-    login = credential_of("login", memory_database.add_credential("login", ANN))
     with credentials.held(login, lambda: None):
         await credentials.check_new()
         del memory_database.credentials[login]
@@ -463,22 +450,7 @@ async def test_who_comes_during_a_recheck_is_not_ended_by_it():
             await recheck
 
 
-async def test_an_answer_of_before_a_change_is_not_kept():
-    """A login that ends while it is looked up is looked up again the next time."""
-    memory_database = SlowDatabase()
-    credentials = Credentials(memory_database)
-    login = credential_of("login", memory_database.add_credential("login", ANN))
-    asking = asyncio.create_task(credentials.user_of(login))
-    await memory_database.asked.wait()
-    memory_database.credentials.clear()
-    await credentials.recheck()
-    memory_database.go_on.set()
-    assert await asking == ANN
-    assert await credentials.user_of(login) is None
-
-
 async def test_who_is_no_longer_live_is_not_told(credentials, memory_database):
-    """After the block nothing is held, and nothing is asked."""
     login = credential_of("login", "rubbish")
     with credentials.held(login, lambda: pytest.fail("not live any more")):
         pass

@@ -6,7 +6,7 @@ import logging
 from dataclasses import replace
 
 import pytest
-from relay_server import MemoryDatabase, cell_settings, running_relay, until
+from relay_server import MemoryDatabase, cell_settings
 from robotether_server.db.cells import Cell
 from robotether_server.problems import RecordExistsError
 from robotether_server.relay.cells import cells as relay_cells
@@ -16,8 +16,6 @@ OTHER = Cell("b", "b.example", 443, (2222,), "b.example:8444", "0.1.0", 3, False
 
 
 class Count:
-    """How often it was notified."""
-
     def __init__(self) -> None:
         self.times = 0
 
@@ -27,7 +25,6 @@ class Count:
 
 @pytest.fixture
 def memory_database() -> MemoryDatabase:
-    """Records with another cell."""
     memory_database = MemoryDatabase()
     memory_database.cells["b"] = OTHER
     return memory_database
@@ -35,13 +32,11 @@ def memory_database() -> MemoryDatabase:
 
 @pytest.fixture
 def count() -> Count:
-    """A listener."""
     return Count()
 
 
 @pytest.fixture
 def cells(memory_database: MemoryDatabase, count: Count) -> Cells:
-    """Cell a, which is polled by hand."""
     cells = Cells(cell_settings("a", "a.example", "a.example:8444"), memory_database, lambda: 2)
     cells.listen(count.notify)
     return cells
@@ -55,16 +50,6 @@ async def test_it_writes_its_own_and_knows_the_others(cells, memory_database):
     assert [one.host for one in cells.addresses(7)] == ["a.example", "b.example"]
 
 
-async def test_a_draining_cell_sends_its_robots_elsewhere(cells, memory_database):
-    """It knows by its own row."""
-    await cells.poll()
-    assert not cells.draining
-    memory_database.cells["a"] = replace(memory_database.cells["a"], draining=True)
-    await cells.poll()
-    assert cells.draining
-    assert [one.host for one in cells.addresses(7)] == ["b.example", "a.example"]
-
-
 async def test_a_robot_that_is_sent_elsewhere_comes_back_if_it_cannot_get_there(
     cells, memory_database
 ):
@@ -76,7 +61,6 @@ async def test_a_robot_that_is_sent_elsewhere_comes_back_if_it_cannot_get_there(
 
 
 async def test_robots_of_another_region_go_there_next(memory_database):
-    """Robots of another region connect there next while a cell of it is alive."""
     memory_database.cells["b"] = replace(OTHER, region="us")
     settings = cell_settings("a", "a.example", region="eu")
     cells = Cells(settings, memory_database, lambda: 2, region_of={7: "eu", 8: "us"}.get)
@@ -125,7 +109,6 @@ async def test_without_the_database_all_stays_as_it_was(cells, memory_database, 
 async def test_a_cell_that_does_not_come_back_with_the_database_is_dead(
     cells, memory_database, monkeypatch
 ):
-    """The while ends."""
     monkeypatch.setattr(relay_cells, "ALIVE_S", 0.0)
     await cells.poll()
     memory_database.down = True
@@ -150,14 +133,6 @@ async def test_a_name_that_another_relay_has_is_reported_once(caplog):
         await cells.poll()
     errors = [record.message for record in caplog.records if record.levelno == logging.ERROR]
     assert errors == ["cannot take part as cell a: another relay has this name"]
-
-
-async def test_a_relay_polls_by_itself(memory_database):
-    """A relay polls from its start on."""
-    async with running_relay(memory_database, cell=cell_settings("a", "a.example")) as relay:
-        assert relay.relay.cells.addresses(7)[0].host == "a.example"
-        memory_database.cells["b"] = replace(OTHER, is_alive=False)
-        await until(lambda: len(relay.relay.cells.addresses(7)) == 1, "b is gone")
 
 
 async def test_surplus_is_against_the_emptiest_cell(memory_database):

@@ -24,7 +24,6 @@ def move(cell, to, address):
 
 
 async def test_a_cell_that_is_back_is_connected_within_a_second(site, cell_a, cell_b):
-    """However long it was away."""
     async with cell_b.listener.cut():
         await until(lambda: cell_a.relay.peers.count() == 0, "it is away")
     with Stopwatch() as stopwatch:
@@ -33,7 +32,6 @@ async def test_a_cell_that_is_back_is_connected_within_a_second(site, cell_a, ce
 
 
 async def test_a_cell_that_moves_is_found(site, cell_a, cell_b, keys_dir, peer_keys):
-    """Its row has the new address; and a cell that is removed is left."""
     listener = PeerListener(keys_dir, peer_keys.proof)
     await listener.start()
     listener.relay_port = cell_b.relay.peer_port

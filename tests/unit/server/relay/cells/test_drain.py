@@ -7,8 +7,8 @@ from dataclasses import replace
 from datetime import timedelta
 
 import pytest
-from fake_robot import FakeRobot, RobotSession
-from relay_clients import closing, configured, ended
+from fake_robot import FakeRobot
+from relay_clients import closing, ended, session_of
 from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, running_relay, until
 from robotether_server.db.cells import Cell
 from robotether_server.relay.cells.drain import DrainRules
@@ -25,7 +25,6 @@ CELL = cell_settings("a", "a.example")
 
 @pytest.fixture
 def memory_database(memory_database: MemoryDatabase) -> MemoryDatabase:
-    """Three robots, and another cell that takes them."""
     memory_database.cells["b"] = OTHER
     for robot_id, name in ROBOTS.items():
         memory_database.add_robot(robot_id, name, u1="drive", u2="observe")
@@ -38,12 +37,6 @@ def timing(**changes: float) -> Timing:
 
 def set_draining(memory_database: MemoryDatabase, *, on: bool) -> None:
     memory_database.cells["a"] = replace(memory_database.cells["a"], draining=on)
-
-
-async def session_of(relay, robot_id: int) -> RobotSession:
-    session = RobotSession(robot_id, kind="session", session_key=SESSION_KEY)
-    await session.connect(relay.relay.session_port)
-    return await configured(session)
 
 
 async def test_robots_are_told_where_to_go_and_leave(memory_database, sim1):
@@ -91,34 +84,10 @@ async def test_unused_robots_leave_first_and_the_driven_last(memory_database, si
         await idle.close()
 
 
-async def test_a_drive_ends_when_its_time_is_over(memory_database, sim1, http):
-    """The machine goes down for some reason."""
-    async with running_relay(memory_database, timing(drives_last_s=0.2), CELL) as relay:
-        robot = FakeRobot(sim1.id, SESSION_KEY)
-        await robot.start(relay.relay.session_port)
-        driver = await http.ws_connect(relay.ros_url(sim1))
-        await until(lambda: robot.clients, "the driver is connected")
-        set_draining(memory_database, on=True)
-        assert (await closing(driver))[0] == 4505
-        assert await ended(robot.session) == "cell_draining"
-        await robot.stop()
-
-
-async def test_nobody_begins_to_drive(memory_database, sim1, http):
-    """A robot that has yet to leave would take the drive along."""
-    memory_database.cells["a"] = DRAINED
-    async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
-        robot = FakeRobot(sim1.id, SESSION_KEY)
-        await robot.start(relay.relay.session_port)
-        reason = "cannot let you drive sim1: its server goes out of service; try again shortly"
-        assert await closing(await http.ws_connect(relay.ros_url(sim1))) == (4510, reason)
-        async with http.ws_connect(relay.ros_url(sim1, "observe")):
-            await until(lambda: robot.clients, "one may still observe")
-        await robot.stop()
-
-
-async def test_one_drives_while_no_other_cell_takes_robots(memory_database, sim1, http):
-    """They died during the drain, which goes on when one is back."""
+async def test_one_begins_to_drive_only_while_no_other_cell_takes_robots(
+    memory_database, sim1, http
+):
+    """A robot that has yet to leave would take the drive along; if the others died, it stays."""
     memory_database.cells |= {"a": DRAINED, "b": replace(OTHER, is_alive=False)}
     async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
         robot = FakeRobot(sim1.id, SESSION_KEY)
@@ -127,12 +96,14 @@ async def test_one_drives_while_no_other_cell_takes_robots(memory_database, sim1
             await until(lambda: relay.relay.control.driver(sim1.id), "somebody drives")
         memory_database.cells["b"] = OTHER
         await until(relay.relay.cells.robots_leave, "b is back")
-        assert (await closing(await http.ws_connect(relay.ros_url(sim1))))[0] == 4510
+        reason = "cannot let you drive sim1: its server goes out of service; try again shortly"
+        assert await closing(await http.ws_connect(relay.ros_url(sim1))) == (4510, reason)
+        async with http.ws_connect(relay.ros_url(sim1, "observe")):
+            await until(lambda: robot.clients, "one may still observe")
         await robot.stop()
 
 
 async def test_a_drain_goes_on_when_another_cell_is_back(memory_database):
-    """Robots have waited for it."""
     memory_database.cells |= {"a": DRAINED, "b": replace(OTHER, is_alive=False)}
     async with running_relay(memory_database, timing(), CELL) as relay:
         session = await session_of(relay, 8)
@@ -144,7 +115,6 @@ async def test_a_drain_goes_on_when_another_cell_is_back(memory_database):
 async def test_a_drive_that_began_while_no_other_took_robots_has_its_time(
     memory_database, sim1, http
 ):
-    """From when another cell is back, and not from the drain's begin."""
     memory_database.cells |= {"a": DRAINED, "b": replace(OTHER, is_alive=False)}
     async with running_relay(memory_database, timing(drives_last_s=0.6), CELL) as relay:
         robot = FakeRobot(sim1.id, SESSION_KEY)
@@ -157,6 +127,7 @@ async def test_a_drive_that_began_while_no_other_took_robots_has_its_time(
         began = asyncio.get_running_loop().time()
         assert (await closing(driver))[0] == 4505
         assert asyncio.get_running_loop().time() - began > 0.3
+        assert await ended(robot.session) == "cell_draining"
         await robot.stop()
 
 
@@ -185,7 +156,6 @@ async def test_a_robot_that_could_go_nowhere_stays(memory_database, change):
 
 
 async def test_a_cell_that_is_put_back_keeps_the_rest(memory_database):
-    """A resumed cell keeps the rest, and its robots get it in their lists again."""
     memory_database.cells["a"] = DRAINED
     async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
         session = await session_of(relay, 8)
@@ -194,13 +164,4 @@ async def test_a_cell_that_is_put_back_keeps_the_rest(memory_database):
         await until(lambda: len(session.configs) == 2, "it is told")
         assert session.configs[1]["cells"][0]["host"] == "a.example"
         assert session.bye is None
-        await session.close()
-
-
-async def test_a_relay_that_starts_in_a_drained_cell_goes_on_with_it(memory_database):
-    """The row says so."""
-    memory_database.cells["a"] = DRAINED
-    async with running_relay(memory_database, timing(), CELL) as relay:
-        session = await session_of(relay, 8)
-        assert await ended(session) == "cell_draining"
         await session.close()

@@ -33,7 +33,6 @@ async def follow(http, cell_a, peer_keys):
 
 
 async def read(connection, kind):
-    """The next message of a kind."""
     async with asyncio.timeout(WAIT_S):
         while True:
             message = await connection.receive_json()
@@ -94,7 +93,6 @@ async def test_only_nginx_peer_listener_is_answered(http, cell_a, cell_b, peer_k
 
 
 async def test_the_public_port_has_no_fleet_for_cells(http, cell_a, peer_keys):
-    """Whatever somebody shows there."""
     url = f"{cell_a.server.url}/cell/v1/fleet"
     async with http.get(url, headers={PROOF_HEADER: peer_keys.proof}) as answer:
         assert answer.status == 404
@@ -166,6 +164,5 @@ async def test_a_stop_does_not_wait_until_a_fleet_is_sent(
 
 
 async def test_a_relay_without_a_pair_serves_no_cells(memory_database):
-    """Nothing listens."""
     async with running_relay(memory_database) as server:
         assert server.relay.peer_port == 0

@@ -102,7 +102,6 @@ async def test_all_who_ask_are_forwarded_while_the_database_is_away(*, at_b, cel
     ["/api/v1/events", "/api/v1/robots/sim1/other", "/robots/sim1", "/robots/sim2/ros", "/x"],
 )
 async def test_all_else_is_answered_here(at_b, cell_a, http, path):
-    """What is no robot's, and a robot that is nowhere."""
     async with http.get(cell_a.server.url + path) as answer:
         assert "X-Accel-Redirect" not in answer.headers
         assert answer.status != 204

@@ -21,7 +21,6 @@ def test_the_proof_is_the_hash_that_nginx_makes(keys_dir):
 
 @pytest.mark.parametrize("missing", [CERTIFICATE, KEY])
 def test_a_cell_without_a_pair_has_no_peers(keys_dir, tmp_path, missing):
-    """Half a pair is none."""
     for name in {CERTIFICATE, KEY} - {missing}:
         (tmp_path / name).write_bytes((keys_dir / name).read_bytes())
     assert read_peer_keys(tmp_path) is None

@@ -33,7 +33,6 @@ MESSAGES = {
 
 @pytest.mark.parametrize("text", MESSAGES)
 def test_messages_are_read_as_they_were_written(text):
-    """Both ways, to the microsecond."""
     assert build(MESSAGES[text]) == text
     assert parse(text) == MESSAGES[text]
 
@@ -47,14 +46,12 @@ def test_members_that_an_older_cell_does_not_send_have_defaults():
 
 
 def test_a_stop_and_its_end_name_the_same():
-    """When and by whom."""
     stop = PeerStop(7, NOON, "ben", "smoke").stop
     assert stop == Stop(7, NOON, "ben", "smoke")
     assert stop.id == PeerStopEnd(7, NOON, "ben").stop_id
 
 
 def test_what_a_newer_cell_says_is_passed_over():
-    """A type that is not known here, or a member."""
     assert parse('{"type":"weather","robot_id":7}') is None
     assert parse('{"type":"hello","cell":"a","weather":"fine"}') == PeerHello("a")
 

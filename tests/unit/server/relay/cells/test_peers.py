@@ -7,8 +7,8 @@ import asyncio
 import pytest
 from fake_robot import RobotSession
 from msgspec.structs import replace
-from relay_clients import configured, ended
-from relay_server import SESSION_KEY, until
+from relay_clients import ended, session_of
+from relay_server import until
 from robotether_server.contract.control import NO_CONTROL, StopObject
 from robotether_server.contract.robots import LiveState
 from robotether_server.db.control import Stop
@@ -19,9 +19,7 @@ from site_cells import SiteCell
 
 async def session(cell: SiteCell, robot_id: int, epoch: int) -> RobotSession:
     """A bare session that says its epoch."""
-    opened = RobotSession(robot_id, kind="session", session_key=SESSION_KEY)
-    await opened.connect(cell.relay.session_port)
-    await configured(opened)
+    opened = await session_of(cell.server, robot_id)
     opened.send(type="hello", hostname="x", agent_version="0.2.0", guard="on", epoch=epoch)
     return opened
 
@@ -41,7 +39,6 @@ async def test_a_robot_of_another_cell_is_shown_as_that_cell_sees_it(site, cell_
 
 
 async def test_clients_of_any_cell_follow_all_robots(site, cell_a, cell_b, sim1):
-    """A change at another cell is an event here."""
     with cell_a.relay.fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         robot = await cell_b.robot(sim1)
@@ -160,20 +157,9 @@ async def test_who_waits_for_a_guard_ignores_the_reports_of_other_robots(site, c
     assert await waiting
 
 
-async def test_a_stop_comes_by_the_database_while_cells_are_apart(site, cell_a, cell_b, sim1):
-    """The other one has written it, and cannot say so."""
-    robot = await cell_b.robot(sim1)
-    async with cell_a.listener.cut():
-        await until(lambda: cell_b.relay.peers.count() == 0, "b is alone")
-        cell_b.database.stops.append(Stop(sim1.id, utc_now(), "ben"))
-        await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped")
-    await robot.stop()
-
-
 async def test_no_answer_of_the_database_keeps_later_stops_or_robots_out(
     *, site, cell_a, cell_b, sim1, monkeypatch
 ):
-    """Such as one that a mistake in a statement gets."""
     asked = []
 
     async def broken(robot_id=None):
@@ -240,15 +226,6 @@ async def test_a_stop_that_only_the_database_has_is_read_with_the_session(
         robot = await cell_b.robot(sim1)
         assert robot.session.leases[0] == {"type": "lease", "fence": 41, "held": False}
         assert robot.session.stopped_by == "ben"
-    await robot.stop()
-
-
-async def test_a_robot_connects_without_the_database_too(site, cell_b, sim1):
-    """What other cells reported counts then."""
-    cell_b.database.down = True
-    robot = await cell_b.robot(sim1)
-    assert not robot.session.stopped
-    cell_b.database.down = False
     await robot.stop()
 
 

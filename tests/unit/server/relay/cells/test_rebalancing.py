@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import timedelta
 
 import pytest
 from fake_robot import FakeRobot, RobotSession
-from relay_clients import configured, ended
+from relay_clients import ended, session_of
 from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, running_relay, until
 from robotether_server.db.cells import Cell
 from robotether_server.relay.cells.rebalancing import BalanceRules
 from robotether_server.relay.wiring import Timing
-from robotether_server.times import utc_now
 
 EMPTY = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 0, False, True)
 RULES = BalanceRules(robots=0, share=0, robots_per_s=50, look_every_s=0.05, stays_s=0.3)
@@ -21,7 +19,6 @@ CELL = cell_settings("a", "a.example")
 
 @pytest.fixture
 def memory_database(memory_database: MemoryDatabase) -> MemoryDatabase:
-    """Three robots, and a cell without any."""
     memory_database.cells["b"] = EMPTY
     for robot_id, name in {8: "sim2", 9: "sim3"}.items():
         memory_database.add_robot(robot_id, name, u1="drive")
@@ -30,12 +27,6 @@ def memory_database(memory_database: MemoryDatabase) -> MemoryDatabase:
 
 def timing(**changes: float) -> Timing:
     return replace(FAST, balance=replace(RULES, **changes))
-
-
-async def session_of(relay, robot_id: int, kind: str = "session") -> RobotSession:
-    session = RobotSession(robot_id, kind=kind, session_key=SESSION_KEY)
-    await session.connect(relay.relay.session_port)
-    return await configured(session)
 
 
 async def stay(*sessions: RobotSession) -> None:
@@ -120,17 +111,7 @@ async def test_a_robot_that_comes_back_at_once_is_left_alone(memory_database):
             await each.close()
 
 
-async def test_a_robot_goes_though_the_clock_was_set_back(memory_database):
-    """It has been here long enough, if by the clock only in an hour."""
-    async with running_relay(memory_database, timing(), CELL) as relay:
-        relay.relay.registry._clock = lambda: utc_now() + timedelta(hours=1)
-        session = await session_of(relay, 8)
-        assert await ended(session) == "rebalanced"
-        await session.close()
-
-
 async def test_a_draining_cell_sends_all_by_its_own_rules(memory_database):
-    """A draining cell releases all its robots and accepts none."""
     memory_database.cells["a"] = replace(EMPTY, name="a", draining=True)
     async with running_relay(memory_database, timing(), CELL) as relay:
         session = await session_of(relay, 8)

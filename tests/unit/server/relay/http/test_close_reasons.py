@@ -41,14 +41,14 @@ def test_all_reasons_fit_with_the_longest_name():
         assert len(close_reason.reason.encode()) <= 123, close_reason.name
 
 
-def test_offline_since_today_has_the_time_only():
-    """The sentence of the contract."""
-    since, now = utc(2026, 1, 1, 12, 3, 59), utc(2026, 1, 1, 23, 0)
-    assert offline_sentence("sim1", since, now) == "robot sim1 has been offline since 12:03 UTC"
-
-
-def test_offline_since_another_day_has_the_day():
-    """Yesterday's time alone would be read as today's."""
-    since, now = utc(2026, 1, 1, 12, 3), utc(2026, 1, 2, 1, 0)
-    expected = "robot sim1 has been offline since 2026-01-01 12:03 UTC"
-    assert offline_sentence("sim1", since, now) == expected
+@pytest.mark.parametrize(
+    ("now", "since"),
+    [
+        (utc(2026, 1, 1, 23, 0), "12:03 UTC"),
+        # Yesterday's time alone would be read as today's.
+        (utc(2026, 1, 2, 1, 0), "2026-01-01 12:03 UTC"),
+    ],
+)
+def test_offline_since_today_has_the_time_only(now, since):
+    sentence = offline_sentence("sim1", utc(2026, 1, 1, 12, 3, 59), now)
+    assert sentence == f"robot sim1 has been offline since {since}"

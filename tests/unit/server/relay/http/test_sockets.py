@@ -76,7 +76,6 @@ def transport_of(client: aiohttp.ClientWebSocketResponse) -> asyncio.Transport:
 
 
 async def test_the_reason_arrives(operator):
-    """Code and reason of the ending are what the client reads."""
     async with operator(lambda socket: socket.finish(OFFLINE)) as client:
         assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
         await client.close()
@@ -95,7 +94,6 @@ async def test_nobody_but_finish_says_goodbye(operator):
 
 
 async def test_a_code_that_is_never_sent_cuts(operator):
-    """A connection that broke is ended without a frame."""
     async with operator(lambda socket: socket.finish(CloseReason(NEVER_SENT, "x", "x"))) as client:
         message = await client.receive(timeout=WAIT_S)
         assert message.type is not WSMsgType.CLOSE
@@ -103,7 +101,6 @@ async def test_a_code_that_is_never_sent_cuts(operator):
 
 
 async def test_a_client_that_does_not_answer_the_close_is_cut(operator, monkeypatch):
-    """The goodbye has its time, and no more."""
     monkeypatch.setattr(module, "OPERATOR_FAREWELL_S", 0.2)
     lasted: asyncio.Future[Stopwatch] = asyncio.get_running_loop().create_future()
 
@@ -221,7 +218,6 @@ async def robot_session(limit: int = 0) -> AsyncIterator[aiohttp.ClientSession]:
 
 
 async def test_a_robot_that_does_not_answer_is_left_in_time(monkeypatch):
-    """A close that is not answered is waited for shortly."""
     monkeypatch.setattr(module, "ROBOT_FAREWELL_S", 0.2)
     async with serving(unresponsive) as url, robot_session() as session:
         socket = cast(RobotSocket, await session.ws_connect(url))

@@ -100,7 +100,6 @@ async def echoed(socket: ClientWebSocketResponse, text: str) -> None:
 
 
 async def test_a_database_that_refuses_is_unavailable():
-    """Nobody on the port: StoreUnavailableError at once."""
     memory_database = RelayDatabase(
         Database(DatabaseSettings("127.0.0.1", 1, "r", "relay", "x")), "main"
     )
@@ -122,7 +121,6 @@ async def test_nobody_waits_to_be_known_while_the_database_hangs():
 
 
 async def test_a_database_that_hangs_is_unavailable_in_time(paused):
-    """No answer: StoreUnavailableError after the limit, and the loop was never held up."""
     memory_database = RelayDatabase(Database(paused.settings("relay")), "main", answer_within_s=0.3)
     max_s = 0.0
     with Stopwatch() as stopwatch:
@@ -380,11 +378,3 @@ async def test_what_ends_a_credential_ends_what_it_opened(
             else:
                 await socket.send_str(LOOK_UP)
                 assert (await asyncio.wait_for(answer, WAIT_S)).data == LOOK_UP
-
-
-async def test_a_login_of_the_real_database_is_found(mariadb, database, ann):
-    """The cookie's text leads to its user."""
-    login = log_in(database)
-    memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main")
-    assert await memory_database.users_of([login]) == {login: ann}
-    memory_database.close()

@@ -20,27 +20,7 @@ from robotether_server.relay.records.journal import MAX_STALE_LINES, Journal, Jo
 NOW = utc(2026, 1, 1)
 
 
-class Picky(MemoryDatabase):
-    """Records that refuse the sessions of robot 13, as for a robot that was deleted."""
-
-    async def write(self, entries):
-        if any(getattr(entry, "robot_id", 0) == 13 for entry in entries):
-            raise RecordRefusedError("no such robot")
-        return await super().write(entries)
-
-
-class Broken(MemoryDatabase):
-    """Records with a defect that the sessions of robot 13 meet."""
-
-    async def write(self, entries):
-        if any(getattr(entry, "robot_id", 0) == 13 for entry in entries):
-            raise TypeError("a defect")
-        return await super().write(entries)
-
-
 class Silent(MemoryDatabase):
-    """Records that never answer."""
-
     def __init__(self) -> None:
         super().__init__()
         self._asked = asyncio.Event()
@@ -60,20 +40,11 @@ def session(robot_id: int = 7) -> SessionEntry:
 @pytest_asyncio.fixture
 async def event_writer(memory_database: MemoryDatabase) -> AsyncIterator[EventWriter]:
     """A writer that runs, and holds at most 5 entries."""
-    async for event_writer in _running(memory_database):
+    async with _at_work(event_writer := EventWriter(memory_database, max_waiting=5)):
         yield event_writer
 
 
-async def _running(memory_database: MemoryDatabase) -> AsyncIterator[EventWriter]:
-    event_writer = EventWriter(memory_database, max_waiting=5)
-    task = asyncio.create_task(event_writer.run())
-    yield event_writer
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
-
-
 async def test_entries_are_written_in_order(event_writer, memory_database):
-    """What is added is written, the first first."""
     entries = [session(1), AuditEntry(NOW, "ann", "drive_started"), session(2)]
     for entry in entries:
         event_writer.add(entry)
@@ -82,7 +53,6 @@ async def test_entries_are_written_in_order(event_writer, memory_database):
 
 
 async def test_a_new_row_is_known_to_its_entry(event_writer, memory_database):
-    """The second write of a session updates its row."""
     entry = session()
     event_writer.add(entry)
     await event_writer.flush(5)
@@ -90,7 +60,6 @@ async def test_a_new_row_is_known_to_its_entry(event_writer, memory_database):
 
 
 async def test_a_session_waits_once_with_its_newest_state(event_writer, memory_database):
-    """A session that changes while the database is away is one entry."""
     memory_database.down = True
     entry = session()
     for code in ("link_lost", "timeout"):
@@ -104,7 +73,6 @@ async def test_a_session_waits_once_with_its_newest_state(event_writer, memory_d
 
 
 async def test_the_queue_is_bounded_and_says_what_it_drops(event_writer, memory_database, caplog):
-    """Beyond its bound the oldest entries go, and the log says so once."""
     memory_database.down = True
     for robot_id in range(20):
         event_writer.add(session(robot_id))
@@ -132,33 +100,40 @@ async def test_a_stop_and_the_end_of_former_sessions_are_never_dropped(
     await until(lambda: entry in memory_database.written, "it is written")
 
 
-async def test_one_refused_entry_does_not_keep_the_others(caplog):
-    """What the database refuses is dropped with a line in the log; the rest is written."""
-    memory_database = Picky()
-    async for event_writer in _running(memory_database):
-        for robot_id in (1, 13, 2):
-            event_writer.add(session(robot_id))
-        await event_writer.flush(5)
-        assert [entry.robot_id for entry in memory_database.sessions()] == [1, 2]
-        assert event_writer.dropped == 1
-        assert "no such robot" in caplog.text
+class Picky(MemoryDatabase):
+    """Records that do not take the sessions of robot 13."""
+
+    def __init__(self, problem: Exception) -> None:
+        super().__init__()
+        self._problem = problem
+
+    async def write(self, entries):
+        if any(getattr(entry, "robot_id", 0) == 13 for entry in entries):
+            raise self._problem
+        return await super().write(entries)
 
 
-async def test_an_entry_that_fails_takes_no_stop_with_it(caplog):
-    """A defect in one line of the log costs that line."""
-    memory_database = Broken()
+@pytest.mark.parametrize(
+    ("problem", "logged"),
+    [
+        (RecordRefusedError("no such robot"), "no such robot"),
+        (TypeError("a defect"), "Traceback"),
+    ],
+)
+async def test_one_refused_entry_does_not_keep_the_others(caplog, problem, logged):
+    """What the database refuses, or a defect meets, is dropped with a line in the log; the rest is written."""
+    memory_database, first = Picky(problem), session(1)
     stop = StopEntry(7, Stop(7, NOW, "ben"))
-    async for event_writer in _running(memory_database):
-        for entry in (session(13), stop):
+    async with _at_work(event_writer := EventWriter(memory_database)):
+        for entry in (first, session(13), stop):
             event_writer.add(entry)
         await event_writer.flush(5)
-        assert memory_database.written == [stop]
+        assert memory_database.written == [first, stop]
         assert event_writer.dropped == 1
-        assert "Traceback" in caplog.text
+        assert logged in caplog.text
 
 
 async def test_a_flush_ends_without_a_database(event_writer, memory_database, caplog):
-    """Stopping does not wait for ever, and says what was lost."""
     memory_database.down = True
     event_writer.add(session())
     async with asyncio.timeout(WAIT_S):
@@ -287,17 +262,3 @@ async def test_what_is_being_written_stays_when_the_journal_is_written_anew(path
         for _ in range(2 * MAX_STALE_LINES):
             event_writer.add(drive)
     assert _kept(path) == [LeaseStart, DriveEntry]
-
-
-async def test_a_disk_that_cannot_be_written_costs_the_journal_alone(
-    tmp_path, memory_database, drive, caplog
-):
-    """All is written from memory."""
-    event_writer = EventWriter(memory_database, journal=Journal(tmp_path / "no" / "journal"))
-    assert event_writer.restore() == []
-    for entry in (START, drive, END):
-        event_writer.add(entry)
-    async with _at_work(event_writer):
-        await event_writer.flush(5)
-    assert memory_database.written == [START, drive, END]
-    assert caplog.text.count("cannot write the journal") == 1

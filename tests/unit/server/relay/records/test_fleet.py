@@ -10,8 +10,6 @@ from robotether_server.relay.records.fleet import Fleet
 
 
 class Heard:
-    """What the fleet called back."""
-
     def __init__(self) -> None:
         self.snapshots: list[Snapshot] = []
         self.rechecks = 0
@@ -28,7 +26,6 @@ class Heard:
 
 @pytest.fixture
 def heard() -> Heard:
-    """Callbacks that count."""
     return Heard()
 
 
@@ -42,7 +39,6 @@ def fleet(memory_database: MemoryDatabase, heard: Heard) -> Fleet:
 
 
 async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_database, heard):
-    """Three polls with one change between are two snapshots."""
     await fleet.poll()
     await fleet.poll()
     assert len(heard.snapshots) == 1
@@ -53,7 +49,6 @@ async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_dat
 
 
 async def test_the_past_is_read_once(fleet, memory_database, heard):
-    """Since when robots are offline is asked at the first contact."""
     memory_database.seen = [(7, utc(2026, 1, 1), None)]
     await fleet.poll()
     memory_database.add_robot(8, "sim2")
@@ -103,7 +98,6 @@ async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, memor
 
 
 async def test_a_change_during_an_outage_is_seen_afterwards(fleet, memory_database, heard):
-    """Nothing that happened meanwhile is missed."""
     await fleet.poll()
     memory_database.down = True
     await fleet.poll()

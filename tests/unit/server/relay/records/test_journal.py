@@ -40,7 +40,6 @@ def keep(path: Path, *entries: module.JournalEntry) -> Journal:
 
 
 def test_each_kind_is_read_as_it_was_written(path):
-    """In the same order, with all that it says."""
     ended = ((NOON - HOUR, "ben"), (NOON, "ann"))
     stops = StopEntry(7, Stop(7, NOON, "ben", "smoke"), ended)
     entries = [START, LINE, ended_drive(distance_m=2.5, turned_rad=None), END, stops]
@@ -48,11 +47,6 @@ def test_each_kind_is_read_as_it_was_written(path):
     found = Journal(path).read()
     assert found == entries
     assert found[-1].ended == ended
-
-
-def test_without_a_file_nothing_is_left(path):
-    """Without a file the state is that of a first start."""
-    assert Journal(path).read() == []
 
 
 @pytest.mark.parametrize("name", ["journal.jsonl", "journal.new"])
@@ -89,7 +83,6 @@ def test_a_line_is_in_the_file_at_once(path):
 
 
 def test_a_drive_and_a_robots_stops_are_read_once(path):
-    """The newest state of a drive and of a robot's stops is read."""
     stop = Stop(7, NOON, "ben")
     older, newer = StopEntry(7, stop), StopEntry(7, None, (stop.id,))
     keep(path, ended_drive(), older, StopEntry(8, stop), ended_drive(distance_m=2.5), newer)
@@ -122,14 +115,12 @@ def test_what_cannot_be_read_costs_itself_alone(path, caplog, torn):
 
 
 def test_an_entry_that_no_line_can_hold_costs_itself_alone(path, caplog):
-    """The relay goes on."""
     keep(path, START, AuditEntry(NOON, "\ud800", "robot_stopped"), END)
     assert Journal(path).read() == [START, END]
     assert "cannot keep" in caplog.text
 
 
 def test_a_journal_that_is_cleared_is_empty(path):
-    """What comes afterwards is kept."""
     journal = Journal(path)
     journal.add(START)
     journal.clear()
@@ -140,18 +131,7 @@ def test_a_journal_that_is_cleared_is_empty(path):
     assert Journal(path).read() == [END]
 
 
-def test_what_a_former_relay_left_is_cleared(path):
-    """Once the next relay has written it."""
-    keep(path, START)
-    journal = Journal(path)
-    journal.read()
-    journal.clear()
-    journal.close()
-    assert Journal(path).read() == []
-
-
 def test_a_long_file_is_written_anew(path):
-    """The new file has only the waiting entries."""
     journal = Journal(path)
     drive = ended_drive()
     while not journal.needs_rewrite(1):
@@ -169,7 +149,6 @@ def test_a_long_file_is_written_anew(path):
 
 
 def test_a_full_disk_is_said_once_and_tried_again(path, caplog, monkeypatch):
-    """What waits is written as a whole when there is room."""
     journal = Journal(path)
     with monkeypatch.context() as full:
         full.setattr(module, "_open_regular", lambda _path, flags: os.open("/dev/full", flags))
