@@ -162,8 +162,7 @@ class Database:
 
         Raise SettingsError when the authority in `settings` cannot be read.
         """
-        self._settings = settings
-        self._tls = tls_options(settings)
+        self._options = connect_options(settings)
         self._keep = keep
         self._lock = threading.Lock()
         # Those that nobody uses, the newest last.
@@ -222,20 +221,13 @@ class Database:
         return True
 
     def _connect(self, *, briefly: bool) -> _Connection:
-        settings = self._settings
         answer_timeout_s = BRIEF_TIMEOUT_S if briefly else ANSWER_TIMEOUT_S
         opened_at = time.monotonic()
         mysql = pymysql.connect(
-            host=settings.host,
-            port=settings.port,
-            user=settings.user,
-            password=settings.password,
-            database=settings.name,
-            charset="utf8mb4",
+            **self._options,
             cursorclass=DictCursor,
             conv=_CONVERSIONS,
             init_command="SET time_zone = '+00:00'",
-            **self._tls,
             connect_timeout=BRIEF_TIMEOUT_S if briefly else CONNECT_TIMEOUT_S,
             read_timeout=answer_timeout_s,
             write_timeout=answer_timeout_s,
@@ -243,11 +235,24 @@ class Database:
         return _Connection(mysql, briefly, opened_at)
 
 
-def tls_options(settings: DatabaseSettings) -> dict[str, Any]:
-    """Return what makes pymysql demand TLS, or use none; reads the authority once, for all connections.
+def connect_options(settings: DatabaseSettings) -> dict[str, Any]:
+    """Return pymysql's arguments for this account; reads the authority once, for all connections.
 
     Raises SettingsError.
     """
+    return {
+        "host": settings.host,
+        "port": settings.port,
+        "user": settings.user,
+        "password": settings.password,
+        "database": settings.name,
+        "charset": "utf8mb4",
+        **_tls_options(settings),
+    }
+
+
+def _tls_options(settings: DatabaseSettings) -> dict[str, Any]:
+    """Return what makes pymysql demand TLS, or use none."""
     if settings.ca_file is None:
         # The network `data` exists on one host only. TLS without a certificate to check would protect nothing there.
         return {"ssl_disabled": True}

@@ -16,7 +16,7 @@ from pymysql.constants import CLIENT
 from pymysql.cursors import Cursor
 
 from robotether_server.db import Database
-from robotether_server.db.database import CONNECT_TIMEOUT_S, Transaction, tls_options
+from robotether_server.db.database import CONNECT_TIMEOUT_S, Transaction, connect_options
 from robotether_server.problems import MigrationFailedError, StoreUnavailableError
 from robotether_server.settings.server import DatabaseSettings, MigrateSettings
 
@@ -69,15 +69,9 @@ def _apply(settings: DatabaseSettings, files: list[Path]) -> list[str]:
 def _connect(settings: DatabaseSettings) -> "pymysql.Connection[Cursor]":
     """Return a connection on which a statement may take its time, and is committed by itself."""
     return pymysql.connect(
-        host=settings.host,
-        port=settings.port,
-        user=settings.user,
-        password=settings.password,
-        database=settings.name,
-        charset="utf8mb4",
+        **connect_options(settings),
         autocommit=True,
         client_flag=CLIENT.MULTI_STATEMENTS,
-        **tls_options(settings),
         connect_timeout=CONNECT_TIMEOUT_S,
     )
 
