@@ -57,8 +57,6 @@ round_trip_ms: {description: how long the message was on its way, type: float, r
 
 TOPIC = "/robotether_enrolment"
 ANSWER_S = 5.0
-# Time limit for one echo before another message is published.
-AGAIN_S = 1.0
 PAUSE_S = 0.5
 CREATED = 201
 SWITCHING_PROTOCOLS = 101
@@ -158,31 +156,22 @@ def _echo(socket: Any) -> float:
     topic = {"topic": TOPIC, "type": "std_msgs/String"}
     for operation in ("advertise", "subscribe"):
         socket.send(json.dumps({"op": operation, **topic}))
-    took_s = _published(socket, time.monotonic() + ANSWER_S)
+    # The first waits at the server for the subscription.
+    _time_echo(socket)
+    took_s = _time_echo(socket)
     for operation in ("unsubscribe", "unadvertise"):
         socket.send(json.dumps({"op": operation, "topic": TOPIC}))
     return round(took_s * 1000, 1)
 
 
-def _published(socket: Any, end: float) -> float:
-    """Publish until it comes back: the subscription goes another way, and may stand later than the first is sent."""
-    socket.settimeout(AGAIN_S)
-    while True:
-        text, started = secrets.token_hex(8), time.monotonic()
-        socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": {"data": text}}))
-        if _comes_back(socket, text, started + AGAIN_S):
-            return time.monotonic() - started
-        if time.monotonic() > end:
+def _time_echo(socket: Any) -> float:
+    text, started = secrets.token_hex(8), time.monotonic()
+    socket.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": {"data": text}}))
+    while text not in _received(socket):
+        # By our clock, too: each ping of the server begins the socket's own time limit anew.
+        if time.monotonic() > started + ANSWER_S:
             raise websocket.WebSocketTimeoutException(f"no echo in {ANSWER_S:g} s")
-
-
-def _comes_back(socket: Any, text: str, end: float) -> bool:
-    # By our clock, too: each ping of the server begins the socket's own time limit anew.
-    with contextlib.suppress(websocket.WebSocketTimeoutException):
-        while time.monotonic() <= end:
-            if text in _received(socket):
-                return True
-    return False
+    return time.monotonic() - started
 
 
 def _received(socket: Any) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import itertools
 import json
 import time
 from collections.abc import AsyncIterator, Coroutine
@@ -18,7 +16,6 @@ from stack import Stack
 Result = TypeVar("Result")
 # Time limit for the first subscription, which opens the media connection.
 OPEN_WITHIN_S = 20.0
-AGAIN_S = 0.5
 
 
 class Program:
@@ -51,11 +48,18 @@ class Program:
 
 
 async def echo(
-    socket: aiohttp.ClientWebSocketResponse, text: str, topic: str = "/test_echo"
+    socket: aiohttp.ClientWebSocketResponse,
+    text: str,
+    topic: str = "/test_echo",
+    seconds: float = 5,
 ) -> str:
     """Publish a std_msgs/String that the same connection is subscribed to; what came back."""
     await socket.send_json({"op": "publish", "topic": topic, "msg": {"data": text}})
-    return await asyncio.wait_for(_published(socket, topic), 5)
+    async with asyncio.timeout(seconds):
+        while True:
+            message = json.loads(await socket.receive_str())
+            if message.get("op") == "publish" and message["topic"] == topic:
+                return str(message["msg"]["data"])
 
 
 async def drive_on(
@@ -77,23 +81,7 @@ async def open_echo(socket: aiohttp.ClientWebSocketResponse, topic: str = "/test
     """Advertise and subscribe a std_msgs/String topic, and wait until the robot answers: then the drive has begun."""
     await socket.send_json({"op": "advertise", "topic": topic, "type": "std_msgs/String"})
     await socket.send_json({"op": "subscribe", "topic": topic, "type": "std_msgs/String"})
-    # A subscription goes another way than what is published, and may stand later.
-    for number in itertools.count():
-        await socket.send_json({"op": "publish", "topic": topic, "msg": {"data": f"open {number}"}})
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(AGAIN_S):
-                # No earlier one is under way once the newest is here.
-                while await _published(socket, topic) != f"open {number}":
-                    pass
-                return
-        assert number * AGAIN_S < OPEN_WITHIN_S, "the subscription never stands"
-
-
-async def _published(socket: aiohttp.ClientWebSocketResponse, topic: str) -> str:
-    while True:
-        message = json.loads(await socket.receive_str())
-        if message.get("op") == "publish" and message["topic"] == topic:
-            return str(message["msg"]["data"])
+    assert await echo(socket, "open", topic, OPEN_WITHIN_S) == "open"
 
 
 async def drive_forward(program: Program, robot: str) -> float:

@@ -79,7 +79,14 @@ async def test_a_message_comes_back(certificate: Path) -> None:
     async with serving(certificate, rosbridge) as server:
         result = await run_round_trip(server, ca_file=str(certificate))
     assert result["round_trip_ms"] > 0
-    assert operations == ["advertise", "subscribe", "publish", "unsubscribe", "unadvertise"]
+    assert operations == [
+        "advertise",
+        "subscribe",
+        "publish",
+        "publish",
+        "unsubscribe",
+        "unadvertise",
+    ]
 
 
 async def closes(request: web.Request) -> web.StreamResponse:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import warnings
 from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import replace
 from urllib.parse import urlencode
 
 import aiohttp
@@ -21,6 +22,7 @@ from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.db.migrate import set_port_range
 from robotether_server.relay.robots import port_checks, robot_dialer
 from robotether_server.relay.wiring import Timing
+from robotether_server.settings import robot as robot_settings
 from timed_websocket import timed_session
 
 Connect = Callable[..., Awaitable[RobotSession]]
@@ -179,3 +181,12 @@ async def http() -> AsyncIterator[aiohttp.ClientSession]:
     connector = aiohttp.TCPConnector(force_close=True)
     async with timed_session(connector=connector) as session:
         yield session
+
+
+@pytest.fixture
+def wide(memory_database, sim1) -> RelayRobot:
+    """Robot sim1, to which drivers may publish all and as much as may be."""
+    policy = {"drive": {"publish": ["*"]}, "limits": {"message_kb": 10_240}}
+    wide = replace(sim1, settings=robot_settings.parse({"policy": policy}))
+    memory_database.robots = {sim1.id: wide}
+    return wide

@@ -183,6 +183,7 @@ class Bridge(OperatorConnection):
             self._ping(self._operator, self._limits, self._next_ping),
             self._send_control_updates(),
             self._topics.send(self._deliver),
+            self._send_released(robot),
         ]
         if robot_end.lease is not None:
             self._drive = DrivePath(robot_end.lease, robot, self._timestamps, self._count_to_robot)
@@ -293,13 +294,24 @@ class Bridge(OperatorConnection):
 
     async def _send_to_robot(self, robot: RobotSocket, checked: ValidatedMessage) -> None:
         if checked.drive is None or self._drive is None:
-            self._count_to_robot(len(checked.data))
-            await robot.send_frame(checked.data, WSMsgType.TEXT)
+            if checked.topic is None or not self._topics.held.add(checked.topic, checked.data):
+                await self._send_as_it_is(robot, checked.data)
             return
         complaint = await self._drive.submit(checked.drive)
         if complaint is not None:
             answer = status_error(complaint, checked.drive.message.get("id"))
             await self._send_to_client(answer, WSMsgType.TEXT)
+
+    async def _send_as_it_is(self, robot: RobotSocket, data: bytes) -> None:
+        self._count_to_robot(len(data))
+        await robot.send_frame(data, WSMsgType.TEXT)
+
+    async def _send_released(self, robot: RobotSocket) -> CloseReason:
+        try:
+            while True:
+                await self._send_as_it_is(robot, await self._topics.held.next())
+        except ConnectionError:
+            return await self._close_reason_by_robot("its connection broke")
 
     async def _do_own(self, operation: str, own: Mapping[str, Any]) -> None:
         answer = self._own.answer(operation, own)

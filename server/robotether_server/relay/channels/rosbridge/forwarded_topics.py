@@ -15,6 +15,7 @@ import msgspec
 from aiohttp import WSMsgType
 from msgspec import Struct
 
+from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.shared_topics import TopicRequest
 from robotether_server.relay.channels.rosbridge.subscriptions import Deliver, MessageId
 from robotether_server.relay.http.close_reasons import CloseReason
@@ -69,6 +70,8 @@ class ForwardedTopics:
 
     def __init__(self, key: bytes, user_id: int, members: set[object]) -> None:
         self.user_id = user_id
+        # Nothing waits: the observer's cell knows alone when rosbridge has a subscription.
+        self.held = HeldMessages()
         self._key = key
         self._members = members
         self._shared: dict[str, TopicRequest] = {}

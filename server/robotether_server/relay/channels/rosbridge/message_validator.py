@@ -81,7 +81,7 @@ class MessageRefusedError(RobotetherError):
 
 
 class ValidatedMessage(NamedTuple):
-    """A message that passed. `data` goes to the robot, as a text message.
+    """A message that passed. `data` goes to the robot, as a text message; it is published to `topic`, if any.
 
     With `drive`, what `stamped` makes of it goes in its place. With `own`, the operation is for
     the relay, `data` is empty, and `own` has its fields. With `subscription`, what is requested of
@@ -93,6 +93,7 @@ class ValidatedMessage(NamedTuple):
     drive: DriveCommand | None = None
     own: Mapping[str, Any] | None = None
     subscription: Mapping[str, Any] | None = None
+    topic: str | None = None
 
 
 class _RefusalError(RobotetherError):
@@ -224,7 +225,7 @@ class MessageValidator:
         stamp = fields.pop(STAMP, None) or DriveStamp()
         topic = fields["topic"]
         if not self._is_drive_topic(topic):
-            return ValidatedMessage(write_json(fields), "publish")
+            return ValidatedMessage(write_json(fields), "publish", topic=topic)
         try:
             speed, turn = speeds(fields.get("msg", {}))
         except FieldRefusedError as exc:

@@ -99,6 +99,9 @@ class TopicClient(CopyUser, Protocol):
     def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
         """A message of a topic came."""
 
+    def on_topic_ready(self, topic: str) -> None:
+        """The robot's rosbridge has the subscription."""
+
     def on_topic_failed(self, topic: str, why: str) -> None:
         """The topic brings nothing for now."""
 
@@ -118,6 +121,8 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
 
     def __init__(self, robot: RelayRobot, subscription: TopicRequest) -> None:
         super().__init__(robot, subscription)
+        # Whether rosbridge has the subscription.
+        self.is_ready = False
         # Why it brings nothing now; None: it does, or that is not known yet.
         self.failure: str | None = None
         # What newcomers may get, the newest last.
@@ -128,9 +133,17 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         self._count = 0
         self._clock = asyncio.get_running_loop().time
 
+    def on_ready(self) -> None:
+        """Tell all that rosbridge has the subscription."""
+        self.is_ready = True
+        for subscriber in list(self.users):
+            subscriber.on_topic_ready(self.key.topic)
+
     def on_message(self, message: bytes, kind: WSMsgType) -> None:
         """Give a message to all who share the topic."""
         self.failure = None
+        if not self.is_ready:
+            self.on_ready()
         self._remember(message, kind)
         for subscriber in list(self.users):
             subscriber.on_message(self.key.topic, message, kind)
@@ -141,6 +154,7 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
             for subscriber in list(self.users):
                 subscriber.on_topic_failed(self.key.topic, why)
         self.failure = why
+        self.is_ready = False
 
     def by_digest(self) -> dict[str, tuple[bytes, WSMsgType]]:
         """Return the messages that newcomers may get, by digest."""
@@ -167,7 +181,7 @@ class TopicConnector(Protocol):
     """Who brings topics their messages."""
 
     async def run(self, topic: SharedTopic) -> None:
-        """Bring its messages until this is cancelled."""
+        """Bring its messages until this is cancelled, and say when rosbridge has the subscription."""
 
     async def repeat(self, topic: SharedTopic, digests: Collection[str]) -> list[str]:
         """Return the digests of those messages that rosbridge repeats to a newcomer."""

@@ -14,6 +14,7 @@ from aiohttp import WSMsgType
 from robotether_common.topics import MAX_TOPICS, MessageQueue
 
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.message_validator import status_error
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     SharedTopic,
@@ -38,6 +39,10 @@ MessageId = str | int | None
 class TopicSharing(Protocol):
     """How a client comes to the topics that it has subscribed to."""
 
+    @property
+    def held(self) -> HeldMessages:
+        """What it published that waits for them."""
+
     def share(
         self, topic: str, subscription: TopicRequest | None, message_id: MessageId = None
     ) -> None:
@@ -57,6 +62,7 @@ class TopicSubscriptions:
         # By topic, and by the client's id.
         self._requested: dict[str, dict[MessageId, TopicRequest]] = {}
         self._sharing = sharing
+        self.held = sharing.held
         self.send = sharing.send
         self.close = sharing.close
 
@@ -89,6 +95,7 @@ class TopicCopies:
         is_driver: bool,
     ) -> None:
         self.user_ids = user_ids
+        self.held = HeldMessages()
         self._robot = robot
         self._limit = MAX_TOPICS if is_driver else MAX_OBSERVED_TOPICS
         self._shared_topics = shared_topics
@@ -104,8 +111,13 @@ class TopicCopies:
         self._queues[topic].push(message, kind, self._clock())
         self._due.set()
 
+    def on_topic_ready(self, topic: str) -> None:
+        """The robot's rosbridge has the subscription."""
+        self.held.release(topic)
+
     def on_topic_failed(self, topic: str, why: str) -> None:
         """The topic brings nothing for now."""
+        self.held.release(topic)
         message_id = self._message_ids.get(topic)
         text = status_error(f"cannot subscribe to {topic}: {why}", message_id)
         self._add_status(text, WSMsgType.TEXT)
@@ -138,6 +150,7 @@ class TopicCopies:
                 return
             del self.joined[topic]
             self._shared_topics.leave(joined, self)
+            self.held.release(topic)
         if subscription is None:
             del self._message_ids[topic]
             self._queues.pop(topic, None)
@@ -149,6 +162,8 @@ class TopicCopies:
             self.on_topic_failed(topic, f"{self._robot.name} sends {self._limit} topics already")
         else:
             self.joined[topic] = shared
+            if not shared.is_ready and shared.failure is None:
+                self.held.begin(topic)
 
     def _add_status(self, status: bytes, kind: WSMsgType) -> None:
         self._statuses.append((status, kind))

@@ -54,6 +54,9 @@ class TopicPoll:
         """Return who waits."""
         return {self._user_id}
 
+    def on_topic_ready(self, topic: str) -> None:
+        """The robot's rosbridge has the subscription: a message may come."""
+
     def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
         """A message of a topic came."""
         self._changed.set()

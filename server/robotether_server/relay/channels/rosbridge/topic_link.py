@@ -106,6 +106,8 @@ class TopicLinks:
             socket.drop()
 
     async def _pass_on(self, socket: RobotSocket, topic: SharedTopic) -> None:
+        # It reads in order: its answer says that rosbridge has got the subscription before.
+        await socket.ping()
         count = 0
         while True:
             count = await next_turn(count)
@@ -119,7 +121,9 @@ class TopicLinks:
                 topic.on_message(message.data, message.type)
             elif message.type is WSMsgType.PING:
                 await socket.pong(message.data)
-            elif message.type is not WSMsgType.PONG:
+            elif message.type is WSMsgType.PONG:
+                topic.on_ready()
+            else:
                 return
 
     async def _open(self, topic: SharedTopic, query: dict[str, str]) -> RobotSocket:

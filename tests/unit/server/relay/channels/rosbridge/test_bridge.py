@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import struct
 import time
-from dataclasses import replace
 
 import aiohttp
 import pytest
@@ -14,12 +13,11 @@ from aiohttp import WSMsgType
 from fake_operator import FakeOperator
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import MESSAGE_LIMIT, until
-from robotether_server.db.fleet import RelayRobot, RelayUser
+from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.channels.rosbridge import bridge, message_validator
 from robotether_server.relay.channels.rosbridge.handler import OBSERVER_LIMIT
 from robotether_server.relay.channels.rosbridge.message_validator import STOP
 from robotether_server.relay.http.sockets import RobotSocket
-from robotether_server.settings import robot as robot_settings
 from stopwatch import Stopwatch
 
 BOB = RelayUser(2, "bob")
@@ -57,15 +55,6 @@ async def _flood(socket: aiohttp.ClientWebSocketResponse) -> None:
             for _ in range(100):
                 await socket.send_str('{"op":"subscribe","topic":"/a"}')
             await asyncio.sleep(0.01)
-
-
-@pytest.fixture
-def wide(memory_database, sim1) -> RelayRobot:
-    """Robot sim1, to which drivers may publish all and as much as may be."""
-    policy = {"drive": {"publish": ["*"]}, "limits": {"message_kb": 10_240}}
-    wide = replace(sim1, settings=robot_settings.parse({"policy": policy}))
-    memory_database.robots = {sim1.id: wide}
-    return wide
 
 
 def large(size: int) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import aiohttp
 import pytest_asyncio
 from relay_server import until
-from robotether_server.relay.channels.rosbridge import topic_link
+from robotether_server.relay.channels.rosbridge import held_messages, topic_link
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     SharedTopic,
     TopicRequest,
@@ -187,9 +187,57 @@ class Client:
     def user_ids(self) -> tuple[int, ...]:
         return (1,)
 
+    def on_topic_ready(self, topic: str) -> None: ...
+
     def on_message(self, topic: str, message: bytes, kind: aiohttp.WSMsgType) -> None: ...
 
     def on_topic_failed(self, topic: str, why: str) -> None: ...
+
+
+async def test_what_a_client_publishes_waits_for_its_own_subscription(wide, relay, robot, http):
+    """In order, and no other message waits with it, nor a drive command to a topic that it subscribes to."""
+    echo = {"op": "publish", "topic": "/echo"}
+    drive = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": 0.5}}}
+    async with http.ws_connect(relay.ros_url(wide)) as driver:
+        for topic in ("/echo", "/cmd_vel"):
+            await driver.send_json({"op": "subscribe", "topic": topic})
+        for message in ({**echo, "msg": {"data": "1"}}, {**echo, "msg": {"data": "2"}}, drive):
+            await driver.send_json(message)
+        await driver.send_json({"op": "publish", "topic": "/other", "msg": {}})
+        await until(lambda: len(robot.received) == 6, "all reach the robot")
+    sent = [json.loads(data) for data in robot.received]
+    said = [
+        (message["op"], message["topic"], message.get("msg", {}).get("data")) for message in sent
+    ]
+    of_echo = [each for each in said if each[1] == "/echo"]
+    assert of_echo == [
+        ("subscribe", "/echo", None),
+        ("publish", "/echo", "1"),
+        ("publish", "/echo", "2"),
+    ]
+    others = [each[:2] for each in said[:2]]
+    assert others == [("publish", "/cmd_vel"), ("publish", "/other")]
+
+
+async def test_what_waits_for_a_subscription_that_fails_goes_on(wide, relay, robot, http):
+    robot.has_topics = False
+    async with http.ws_connect(relay.ros_url(wide)) as driver:
+        await driver.send_json(ODOM)
+        await driver.send_json({"op": "publish", "topic": "/odom", "msg": {}})
+        await until(lambda: len(robot.received) == 1, "the message reaches the robot")
+
+
+async def test_a_client_keeps_no_more_at_the_relay_than_it_may(
+    wide, relay, robot, http, monkeypatch
+):
+    monkeypatch.setattr(held_messages, "MAX_HELD_BYTES", 100)
+    async with http.ws_connect(relay.ros_url(wide)) as driver:
+        await driver.send_json(ODOM)
+        for text in ("x", "x" * 100):
+            await driver.send_json({"op": "publish", "topic": "/odom", "msg": {"data": text}})
+        await until(lambda: len(robot.received) == 3, "all reach the robot")
+    operations = [json.loads(data)["op"] for data in robot.received]
+    assert operations == ["publish", "publish", "subscribe"]
 
 
 async def test_a_topic_of_a_robot_that_was_dropped_is_no_others(relay, sim1):
