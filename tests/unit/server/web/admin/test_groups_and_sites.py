@@ -45,12 +45,14 @@ def test_collection_is_added_filled_and_removed(
     remove = f"{fill}/{member}/{case.removal}"
     assert f"There is no {kind} yet" in admin.ask("GET", path).text
     assert send(admin, path, name="x").location == f"{path}/x"
-    assert f'href="{remove}"' not in admin.ask("GET", f"{path}/x").text
+    page, choice = admin.ask("GET", f"{path}/x").text, f'<option value="{member}">'
+    assert (f'href="{remove}"' in page, choice in page) == (False, True)
     assert send(admin, fill, **{case.member_kind: member}).location == f"{path}/x"
     assert members() == (member,)
     assert member in admin.ask("GET", path).text
     assert f"{path}/x" in admin.ask("GET", f"/admin/{case.member_kind}s/{member}").text
-    assert f'href="{remove}"' in admin.ask("GET", f"{path}/x").text
+    page = admin.ask("GET", f"{path}/x").text
+    assert (f'href="{remove}"' in page, choice in page) == (True, False)
     assert f"Add {member} again" in admin.ask("GET", remove).text
     assert members() == (member,)
     assert send(admin, remove).location == f"{path}/x"
@@ -97,9 +99,11 @@ def test_robot_is_moved_from_its_own_page(admin: Browser, database: Database) ->
     assert send(admin, "/admin/sites/lab/robots/ghost/take-out").status_code == 404
 
 
-@pytest.mark.parametrize("kind", ["group", "site"])
+@pytest.mark.parametrize(
+    ("kind", "place"), [("group", "given to no group"), ("site", "at no site")]
+)
 def test_question_names_the_join_tokens_that_lose_the_record(
-    admin: Browser, database: Database, kind: str
+    admin: Browser, database: Database, kind: str, place: str
 ) -> None:
     """Only tokens that can still admit a robot are named."""
     now = dt.datetime.now(dt.UTC)
@@ -111,4 +115,4 @@ def test_question_names_the_join_tokens_that_lose_the_record(
         for token, ends_at in (("b", later), ("<a>", later), ("old", past)):
             join_tokens.create(tx, token, 1, ends_at, "root", place=Place(**{kind: "x"}))
         join_tokens.create(tx, "elsewhere", 1, later, "root")
-    assert ": &lt;a&gt;, b.<" in admin.ask("GET", page).text
+    assert f"with these tokens will be {place}: &lt;a&gt;, b.<" in admin.ask("GET", page).text
