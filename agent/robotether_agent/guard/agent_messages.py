@@ -8,6 +8,7 @@ than the server takes of a robot, which would end its session.
 from __future__ import annotations
 
 import asyncio
+import math
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -31,10 +32,14 @@ from robotether_agent.fields import (
     line_of,
     parse_object,
 )
+from robotether_agent.guard.blind_limits import BlindLimits
 from robotether_agent.guard.drive_messages import DriveLimits, DriveTopics
 from robotether_agent.guard.seen_age import SeenAges
 
 MAX_LIMIT = 1e6
+# Minimum of what a robot may move unseen, in m or degrees; nothing at all would be no limit but a stop.
+MIN_BLIND = 0.001
+MAX_CAMERA_MS = 5000
 ROSBRIDGE_URL = re.compile(r"wss?://\S{1,500}")
 MAX_KEY_LENGTH = 500
 MAX_BY_LENGTH = 100
@@ -62,6 +67,7 @@ class GuardConfig:
     deadman_s: float = DEFAULT_MS / 1000
     max_age_s: float = DEFAULT_MS / 1000
     limits: DriveLimits = field(default_factory=DriveLimits)
+    blind: BlindLimits = field(default_factory=BlindLimits)
     direct: bool = False
 
 
@@ -178,7 +184,18 @@ def _config(fields: JsonObject) -> GuardConfig:
             max_turn_acceleration_rad_s2=_limit(values, "max_turn_acceleration_rad_s2"),
             max_steering_rad=_limit(values, "max_steering_rad"),
         ),
+        blind=_blind(values),
         direct=direct,
+    )
+
+
+def _blind(guard: JsonObject) -> BlindLimits:
+    degrees = _limit(guard, "blind_deg", MIN_BLIND)
+    return BlindLimits(
+        blind_m=_limit(guard, "blind_m", MIN_BLIND),
+        blind_rad=None if degrees is None else math.radians(degrees),
+        camera_s=get_number({"camera_ms": 0, **guard}, "camera_ms", 0, MAX_CAMERA_MS) / 1000,
+        needs_frames=get_text(guard, "without_frames", default="") == "slowest",
     )
 
 
@@ -198,8 +215,8 @@ def _seconds(guard: JsonObject, name: str) -> float:
     return get_number({name: DEFAULT_MS, **guard}, name, *TIMES_MS) / 1000
 
 
-def _limit(guard: JsonObject, name: str) -> float | None:
-    return get_number(guard, name, 0, MAX_LIMIT) if name in guard else None
+def _limit(guard: JsonObject, name: str, low: float = 0) -> float | None:
+    return get_number(guard, name, low, MAX_LIMIT) if name in guard else None
 
 
 READERS: Mapping[str, Callable[[JsonObject], AgentMessage]] = {
@@ -251,10 +268,11 @@ class GuardReporter:
     def seen(self, ages: SeenAges) -> None:
         """Report how old was what the driver saw, now and then, and empty `ages`."""
         now = self._clock()
-        if not ages.ages_ms or now - self._seen_at < SEEN_EVERY_S:
+        if not ages.has_news or now - self._seen_at < SEEN_EVERY_S:
             return
-        if self._line({"type": "seen", "fence": ages.fence, "ages_ms": ages.ages_ms}):
-            self._seen_at, ages.ages_ms = now, []
+        if self._line({"type": "seen", **ages.report()}):
+            self._seen_at = now
+            ages.clear()
 
     def state(
         self, state: State, refused: Mapping[RefusedKind, int], *, answers: str | None = None

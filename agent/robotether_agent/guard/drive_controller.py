@@ -26,6 +26,7 @@ from robotether_agent.guard.drive_messages import (
     limited,
     message_id,
     read_command,
+    slowed,
     write_command,
     zero,
 )
@@ -47,6 +48,8 @@ from robotether_agent.guard.topics import (
 AHEAD_MS = 100.0
 # Time after its last use for which a topic counts as driven.
 DRIVEN_FOR_S = 10.0
+# Time after a command without another one, after which it is slowed as what its driver saw grows old.
+SLOWED_EVERY_S = 0.1
 # Time within which rosbridge and ROS register a topic that was advertised.
 REGISTERED_WITHIN_S = 2.0
 # Time after which rosbridge registers an unadvertised topic again; its unregister_timeout is 10 s.
@@ -301,8 +304,8 @@ class DriveController:
         self, source: CommandSource, stamp: Mapping[str, object], now: float
     ) -> SeenFrames | None:
         """Return what the driver saw; a client that has named frames once is one that names them."""
-        source.names_frames = source.names_frames or "seen" in stamp
-        if not source.names_frames:
+        source.view.names_frames = source.view.names_frames or "seen" in stamp
+        if not (source.view.names_frames or self._config.blind.needs_frames):
             return None
         return SeenFrames(self.frame_times.oldest_s(stamp.get("seen"), now))
 
@@ -360,6 +363,7 @@ class DriveController:
         for topic in self._topics:
             await self._announce(topic)
             await self._send_waiting(topic)
+            await self._slow_down(topic)
         self._motion.tend(now, moves=self.moving)
         self._stepped.set()
         self._changed()
@@ -384,6 +388,7 @@ class DriveController:
             topic.withheld_until = 0.0
             await self._announce(topic)
             command = zero(topic.sent.shape, topic.sent.frame_id)
+            self._count_slowed(topic, now)
             if await self._publisher.send(_publish(topic, command, None)):
                 topic.sent, topic.sent_at = command, now
                 self._deadman.zeroed(topic.name, now)
@@ -403,9 +408,9 @@ class DriveController:
             # Meanwhile a stop may have come, or a newer command.
             if topic.waiting is waiting:
                 topic.waiting = None
-                await self._send(topic, waiting, now)
+                await self._send(topic, waiting)
 
-    async def _send(self, topic: Topic, waiting: PendingCommand, now: float) -> None:
+    async def _send(self, topic: Topic, waiting: PendingCommand) -> None:
         command = waiting.command
         was_moving = self._deadman.is_moving(topic.name)
         if command.moves and not was_moving:
@@ -415,19 +420,74 @@ class DriveController:
                 self.refuse(waiting.source, "held", _cannot(topic, why), waiting.message_id)
                 return
             self._wake.set()
+        if waiting.seen is not None and topic.seen is None:
+            # From now on it is looked at now and then.
+            self._wake.set()
+        now = self._clock()
         self._driver = topic.source = waiting.source
+        topic.seen = waiting.seen if command.moves else None
+        command = self._seen_and_slowed(topic, command, now)
         topic.sent, topic.sent_at = command, now
         if command.moves:
             # Before it is sent: if the connection breaks meanwhile, it may have arrived.
             self._deadman.commanded(topic.name, now, moves=True)
             topic.moved = True
-        fence = waiting.source.authorization.fence
-        if command.moves and waiting.seen is not None and fence:
-            self.seen_ages.add(fence, waiting.seen.age_s(now))
         sent = await self._publisher.send(_publish(topic, command, waiting.message_id))
         if sent and not command.moves and topic.sent is command:
             self._deadman.commanded(topic.name, now, moves=False)
             self._wake.set()
+
+    async def _slow_down(self, topic: Topic) -> None:
+        """Send the last command again, slower, if none comes while what its driver saw grows old."""
+        now = self._clock()
+        if not self._grows_old(topic) or topic.sent is None or now < topic.slow_at:
+            return
+        topic.slow_at = now + SLOWED_EVERY_S
+        if self._deadman.owes or not self._publisher.can_send:
+            return
+        command = self._within_limits(topic, topic.sent, now)
+        if command != topic.sent:
+            self._count_slowed(topic, now)
+            topic.is_slowed = topic.source is not None and topic.source.authorization.fence > 0
+            topic.sent, topic.sent_at = command, now
+            await self._publisher.send(_publish(topic, command, None))
+
+    def _grows_old(self, topic: Topic) -> bool:
+        """Return whether the robot moves on by what somebody saw at the last command, and that is limited."""
+        is_seen = topic.seen is not None and topic.source is not None
+        return self._config.blind.any and is_seen and self._deadman.is_moving(topic.name)
+
+    def _seen_and_slowed(self, topic: Topic, command: CheckedCommand, now: float) -> CheckedCommand:
+        """Return a new command as fast as its driver's view allows, and count both for the drive's record."""
+        self._count_slowed(topic, now)
+        topic.slow_at = now + SLOWED_EVERY_S
+        if topic.seen is None or topic.source is None:
+            return command
+        fence = topic.source.authorization.fence
+        self.seen_ages.begin(fence)
+        self.seen_ages.limits = None
+        allowed = self._within_limits(topic, command, now)
+        if fence:
+            self.seen_ages.add(topic.seen.age_s(now))
+            topic.is_slowed = allowed != command
+        return allowed
+
+    def _within_limits(self, topic: Topic, command: CheckedCommand, now: float) -> CheckedCommand:
+        """Return the command as fast as the view of the topic's driver allows now."""
+        if topic.seen is None or topic.source is None:
+            return command
+        age_s = topic.source.view.limiting_age.at(topic.seen.age_s(now), now)
+        speed, turn = self._config.blind.speed(age_s), self._config.blind.turn(age_s)
+        allowed = slowed(command, speed, turn)
+        if allowed != command:
+            self.seen_ages.limits = (speed, turn)
+        return allowed
+
+    def _count_slowed(self, topic: Topic, now: float) -> None:
+        """Count for how long the command before was slowed."""
+        if topic.is_slowed:
+            self.seen_ages.slowed_s += now - topic.sent_at
+        topic.is_slowed = False
 
     def _drop_old(self, topic: Topic, waiting: PendingCommand, now: float) -> None:
         why = "rosbridge did not accept it in time"
@@ -451,6 +511,7 @@ class DriveController:
             times.append(due)
         if self._deadman.moving():
             times.append(self._authorizer.silent_at)
+        times += [topic.slow_at for topic in self._topics if self._grows_old(topic)]
         now = self._clock()
         times += [t.withheld_until for t in self._topics if t.withheld_until > now]
         if self._motion.ends_at is not None and not self.moving:

@@ -389,6 +389,15 @@ def limited(
     )
 
 
+def slowed(command: CheckedCommand, speed: float, turn: float) -> CheckedCommand:
+    """Return `command` with at most this speed in m/s and turn in rad/s, in its direction."""
+    return replace(
+        command,
+        linear=_limited_vector(command.linear, STANDSTILL, speed, None, 0.0),
+        angular=_limited_vector(command.angular, STANDSTILL, turn, None, 0.0),
+    )
+
+
 def _limited_vector(
     command: Vector, before: Vector, most: float | None, growth: float | None, step_s: float
 ) -> Vector:

@@ -7,9 +7,12 @@ guard was not told is unknown, never young. Pure: times in seconds are given.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
 from robotether_common.guard import MAX_SEEN_FRAMES, MAX_SEEN_S
+
+from robotether_agent.guard.blind_limits import LimitingAge
 
 # Maximum number of cameras whose frames are remembered.
 MAX_CAMERAS = 16
@@ -67,20 +70,61 @@ class SeenFrames:
         return None if self.taken_s is None else max(0.0, now - self.taken_s)
 
 
+@dataclass
+class DriverView:
+    """What the guard knows of one connection's driver, beside the frames of a command."""
+
+    # Whether a command has named frames.
+    names_frames: bool = False
+    limiting_age: LimitingAge = field(default_factory=LimitingAge)
+
+
 class SeenAges:
-    """The ages of one drive's commands that the agent has not been told yet, in ms; None: unknown."""
+    """The ages of one drive's commands that the agent has not been told yet, in ms, and how they were slowed.
+
+    An age of None is unknown. `slowed_s` is the time for which a command was slowed, `limits` the greatest speed and
+    turn of the newest command that was; None: the newest was not.
+    """
 
     def __init__(self) -> None:
         self.fence = 0
         self.ages_ms: list[float | None] = []
+        self.slowed_s = 0.0
+        self.limits: tuple[float, float] | None = None
 
-    def add(self, fence: int, age_s: float | None) -> None:
-        """Add the age of a command that was sent; without a lease there is no drive."""
+    @property
+    def has_news(self) -> bool:
+        """Whether there is something to report."""
+        return bool(self.ages_ms) or self.slowed_s > 0
+
+    def report(self) -> dict[str, object]:
+        """Return the members of the report."""
+        speed, turn = self.limits or (math.inf, math.inf)
+        return {
+            "fence": self.fence,
+            "ages_ms": self.ages_ms,
+            "slowed_s": round(self.slowed_s, 3),
+            "max_speed_m_s": round(speed, 4) if math.isfinite(speed) else None,
+            "max_turn_rad_s": round(turn, 4) if math.isfinite(turn) else None,
+        }
+
+    def clear(self) -> None:
+        """Forget what was reported."""
+        self.ages_ms, self.slowed_s = [], 0.0
+
+    def begin(self, fence: int) -> None:
+        """Forget another drive's; without a lease there is none."""
         if fence != self.fence:
-            self.fence, self.ages_ms = fence, []
+            self.fence, self.limits = fence, None
+            self.clear()
+
+    def add(self, age_s: float | None) -> None:
+        """Add the age of a command that was sent."""
         age_ms = None if age_s is None else round(age_s * 1000, 1)
         if len(self.ages_ms) < MAX_AGES:
             self.ages_ms.append(age_ms)
-        elif age_ms is None or (self.ages_ms[-1] or age_ms) < age_ms:
-            # More commands than are reported: the greatest age must not get lost.
+            return
+        # More commands than are reported: the greatest age must not get lost.
+        last_ms = self.ages_ms[-1]
+        if last_ms is not None and (age_ms is None or age_ms > last_ms):
             self.ages_ms[-1] = age_ms

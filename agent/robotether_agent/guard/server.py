@@ -32,6 +32,7 @@ from robotether_agent.guard.drive_messages import (
     MessageId,
     drive_message,
 )
+from robotether_agent.guard.seen_age import DriverView
 from robotether_agent.guard.topics import Authorization
 from robotether_agent.problems import StateUnusableError
 from robotether_agent.rosbridge_socket import (
@@ -112,7 +113,7 @@ class ClientProxy:
         topics: Callable[[], DriveTopics],
     ) -> None:
         self.authorization = authorization
-        self.names_frames = False
+        self.view = DriverView()
         self._client = client
         self._controller = controller
         self._topics = topics

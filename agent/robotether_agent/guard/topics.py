@@ -36,7 +36,7 @@ from robotether_agent.guard.drive_messages import (
     MessageId,
     Shape,
 )
-from robotether_agent.guard.seen_age import SeenFrames
+from robotether_agent.guard.seen_age import DriverView, SeenFrames
 from robotether_agent.problems import StateUnusableError
 
 MAX_TOPICS = 16
@@ -69,9 +69,9 @@ class Authorization:
 
 
 class CommandSource(Protocol):
-    """Who sends drive messages: a client proxy. `names_frames`: a command has named what its driver saw."""
+    """Who sends drive messages: a client proxy."""
 
-    names_frames: bool
+    view: DriverView
 
     @property
     def authorization(self) -> Authorization:
@@ -106,6 +106,10 @@ class Topic:
     sent: CheckedCommand | None = None
     sent_at: float = 0.0
     source: CommandSource | None = None
+    # What the driver saw at the last command, whether that was slowed for it, and when to look again.
+    seen: SeenFrames | None = None
+    is_slowed: bool = False
+    slow_at: float = 0.0
     waiting: PendingCommand | None = None
     # Whether it ever got a command that moves.
     moved: bool = False

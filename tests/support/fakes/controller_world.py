@@ -10,6 +10,7 @@ from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorizer import Authorizer
 from robotether_agent.guard.drive_controller import DriveController
 from robotether_agent.guard.drive_messages import drive_message
+from robotether_agent.guard.seen_age import DriverView
 from robotether_agent.guard.topics import Authorization, Driven, MotionFile
 from robotether_common.guard import RefusedKind
 
@@ -50,7 +51,7 @@ class FakeSource:
 
     def __init__(self, authorization: Authorization = DRIVER) -> None:
         self.authorization = authorization
-        self.names_frames = False
+        self.view = DriverView()
         self.refused: list[tuple[RefusedKind, str]] = []
         self.notified: list[bytes] = []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +28,7 @@ from robotether_agent.guard.agent_messages import (
     Tick,
     parse,
 )
+from robotether_agent.guard.blind_limits import BlindLimits
 from robotether_agent.guard.seen_age import SeenAges
 from robotether_common.guard import REFUSED_KINDS
 
@@ -94,6 +96,18 @@ def test_a_configuration_is_read_whole() -> None:
     assert "secret" not in repr(config)
 
 
+def test_what_the_robot_may_move_unseen_is_read() -> None:
+    """An older server says nothing of it, which is no limit; a null of the settings is none either."""
+    for guard in ({}, {"blind_m": None, "blind_deg": None, "without_frames": "unlimited"}):
+        config = read(type="config", rosbridge_url=URL, guard=guard)
+        assert isinstance(config, GuardConfig)
+        assert (config.blind, config.blind.any) == (BlindLimits(), False)
+    guard = {"blind_m": 0.25, "blind_deg": 90, "camera_ms": 40, "without_frames": "slowest"}
+    config = read(type="config", rosbridge_url=URL, guard=guard)
+    assert isinstance(config, GuardConfig)
+    assert config.blind == BlindLimits(0.25, math.pi / 2, 0.04, needs_frames=True)
+
+
 def test_a_robot_may_have_no_drive_topics() -> None:
     config = read(type="config", rosbridge_url=URL, guard={"drive_topics": []})
     assert isinstance(config, GuardConfig)
@@ -105,6 +119,7 @@ def test_a_robot_may_have_no_drive_topics() -> None:
     [
         {"deadman_ms": 199}, {"deadman_ms": 2001}, {"max_age_ms": "500"}, {"drive_topics": "x"},
         {"drive_topics": ["/a[b]"]}, {"max_speed_m_s": -1}, {"max_speed_m_s": "fast"}, {"key": 3},
+        {"blind_m": 0}, {"blind_deg": -1}, {"camera_ms": -1}, {"without_frames": True},
     ],
 )  # fmt: skip
 def test_a_wrong_setting_names_itself(guard: dict[str, Any]) -> None:
@@ -212,16 +227,22 @@ def test_what_is_seen_is_reported_now_and_then() -> None:
     now, ages = 5.0, SeenAges()
     reports = GuardReporter(pipe := FakePipe(), lambda: now)
     reports.seen(ages)
-    ages.add(13, 0.14)
+    ages.begin(13)
+    ages.add(0.14)
+    ages.slowed_s, ages.limits = 0.05, (0.5, math.inf)
     reports.seen(ages)
-    ages.add(13, None)
+    ages.add(None)
+    ages.limits = None
     now += SEEN_EVERY_S / 2
     reports.seen(ages)
-    assert pipe.lines == [{"type": "seen", "fence": 13, "ages_ms": [140.0]}]
+    unlimited = {"max_speed_m_s": None, "max_turn_rad_s": None}
+    first = {"type": "seen", "fence": 13, "ages_ms": [140.0], "slowed_s": 0.05}
+    assert pipe.lines == [{**first, **unlimited, "max_speed_m_s": 0.5}]
     now += SEEN_EVERY_S / 2
     pipe.waiting = MAX_QUEUE_BYTES + 1
     reports.seen(ages)
     pipe.waiting = 0
     reports.seen(ages)
     reports.seen(ages)
-    assert pipe.lines[1:] == [{"type": "seen", "fence": 13, "ages_ms": [None]}]
+    second = {"type": "seen", "fence": 13, "ages_ms": [None], "slowed_s": 0.0}
+    assert pipe.lines[1:] == [{**second, **unlimited}]

@@ -100,18 +100,22 @@ def test_an_age_is_never_negative() -> None:
 
 def test_ages_are_of_one_drive() -> None:
     ages = SeenAges()
-    ages.add(13, 0.14)
-    ages.add(13, None)
+    for age_s in (0.14, None):
+        ages.begin(13)
+        ages.add(age_s)
+    ages.slowed_s, ages.limits = 0.05, (0.52, 1.0)
     assert (ages.fence, ages.ages_ms) == (13, [140.0, None])
-    ages.add(14, 0.2)
-    assert (ages.fence, ages.ages_ms) == (14, [200.0])
+    ages.begin(14)
+    ages.add(0.2)
+    assert (ages.fence, ages.ages_ms, ages.slowed_s, ages.limits) == (14, [200.0], 0.0, None)
 
 
+@pytest.mark.parametrize("first", [0.0, 0.1])
 @pytest.mark.parametrize("worst", [9.0, None])
-def test_the_worst_age_is_never_lost(worst: float | None) -> None:
+def test_the_worst_age_is_never_lost(worst: float | None, first: float) -> None:
     """However many commands come between two reports."""
     ages = SeenAges()
-    for age_s in [0.1] * (MAX_AGES + 5) + [worst] + [0.1] * 5:
-        ages.add(13, age_s)
+    for age_s in [first] * (MAX_AGES + 5) + [worst] + [0.1] * 5:
+        ages.add(age_s)
     assert len(ages.ages_ms) == MAX_AGES
     assert ages.ages_ms[-1] == (None if worst is None else 9000)
