@@ -99,6 +99,7 @@ class DriveEntry:
     seen_p99_ms: float | None = None
     seen_max_ms: float | None = None
     seen_unknown: int | None = None
+    slowed_s: float | None = None
     bytes: int = 0
     frames: int = 0
     frame_bytes: int = 0
@@ -233,6 +234,7 @@ PROGRESS = (
     "seen_p99_ms",
     "seen_max_ms",
     "seen_unknown",
+    "slowed_s",
     "bytes",
     "pictures",
     "picture_bytes",

@@ -21,9 +21,10 @@ class Drive:
     Distance, turn and speeds are those commanded. `dropped_old` counts commands that came too late, `refused` the
     operations that the policy refused, by kind, and what the robot's guard refused (`guard_...`). `latency_...` are
     round trips from the driver to the robot. `seen_..._ms` is how old was what the driver saw when a command that moved
-    the robot reached it, by the robot's clock, and `seen_unknown` the number of those of which nobody knows. `bytes`
-    are rosbridge's in both directions, `frames` and `frame_bytes` the driver's video, `viewed_s` the time with a video
-    open. None: not measured; the turn: not known, as of a car.
+    the robot reached it, by the robot's clock, and `seen_unknown` the number of those of which nobody knows; `slowed_s`
+    is the time for which the robot was slowed for that. `bytes` are rosbridge's in both directions, `frames` and
+    `frame_bytes` the driver's video, `viewed_s` the time with a video open. None: not measured; the turn: not known, as
+    of a car.
     """
 
     id: Count
@@ -49,6 +50,7 @@ class Drive:
     seen_p99_ms: Amount | None
     seen_max_ms: Amount | None
     seen_unknown: Count | None
+    slowed_s: Amount | None
     bytes: Count | None
     frames: Count | None
     frame_bytes: Count | None

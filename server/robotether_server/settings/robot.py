@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field, structs
 from robotether_common.guard import DEFAULT_MS, DEFAULT_TOPICS, TIMES_MS
@@ -74,6 +74,10 @@ DriveTopics = Annotated[
 GuardTime = Annotated[int, Meta(ge=TIMES_MS[0], le=TIMES_MS[1])]
 Acceleration = Annotated[float, Meta(ge=0.001, le=1000)]
 Angle = Annotated[float, Meta(ge=0.001, le=3.2)]
+BlindLength = Annotated[float, Meta(ge=0.01, le=100)]
+BlindAngle = Annotated[float, Meta(ge=1, le=3600)]
+CameraTime = Annotated[int, Meta(ge=0, le=2000)]
+WithoutFrames = Literal["unlimited", "slowest"]
 Publish = Annotated[GivenGlobs, setting("Publish to", "Topics in addition to the drive topics.")]
 Call = Annotated[
     GivenGlobs, setting("Call", "Services and actions, in addition to the look-ups of /rosapi.")
@@ -137,6 +141,32 @@ class GuardSettings(Struct, frozen=True, forbid_unknown_fields=True):
     max_steering_rad: Annotated[
         Angle | None, _limit("Maximum steering angle", "For robots that steer like a car.", "°")
     ] = None
+    blind_m: Annotated[
+        BlindLength | None,
+        _limit(
+            "Distance driven unseen",
+            "The older what the driver sees, the slower the robot: speed times age stays within this.",
+            "m",
+        ),
+    ] = 0.25
+    blind_deg: Annotated[
+        BlindAngle | None, _limit("Angle turned unseen", "The same for turns.", "degrees")
+    ] = 30
+    camera_ms: Annotated[
+        CameraTime,
+        setting(
+            "Delay of the camera",
+            "Until its frames have a timestamp; it is added to the age of what the driver sees.",
+            unit="ms",
+        ),
+    ] = 0
+    without_frames: Annotated[
+        WithoutFrames,
+        setting(
+            "Programs that do not say what their driver sees",
+            options={"unlimited": "Drive without this limit", "slowest": "Have the slowest speed"},
+        ),
+    ] = "unlimited"
 
     def as_dict(self) -> dict[str, object]:
         """Return the JSON members, all of them, as they go to the agent."""

@@ -28,6 +28,7 @@ def add_drive(admin_database: Database, robot: str, user: str, **changes: object
         "seen_p99_ms": 380.0,
         "seen_max_ms": 512.3,
         "seen_unknown": 4,
+        "slowed_s": 12.0,
         "bytes": 1_234_567,
         "pictures": 6000,
         "picture_bytes": 180_000_000,

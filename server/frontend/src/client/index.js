@@ -55,7 +55,7 @@ export class Robot {
       onControl: (control) => this.receive(control),
       onRoundTrip: (reading) => (this.roundTripMs = reading?.medianMs ?? null),
       seenAt: (timestamp) => this.seenAt(timestamp),
-      onSeen: (ageMs) => (this.seenAgeMs = ageMs ?? null),
+      onSeen: ({ ageMs }) => (this.seenAgeMs = ageMs),
     });
     this.driver = new Driver({ output: this.session });
     this.letGoOnBlur = letGoOnBlur;

@@ -9,6 +9,8 @@ import { RttProbe, median } from "./rtt.js";
 /**
  * @typedef {import("./teleop.js").Twist} Twist
  * @typedef {{camera: string, frame: number | null}} NamedFrame a frame that is seen, by its sequence number; null: unknown
+ * @typedef {{ageMs: number | null, maxSpeed: number | null, maxTurn: number | null}} Seen how old was what was seen, null for unknown, and
+ *   the limits in m/s and rad/s to which the robot slowed the newest command for that, null for none
  * @typedef {{t_ms?: number, seen?: NamedFrame[]}} Stamp the timestamp of a command in the relay's time, and what was seen
  */
 
@@ -29,7 +31,8 @@ const MAX_SILENCE_MS = 2000; // of the robot, which answers each second: what is
 export class Session {
   // `driveTopic` is driven, "" for none; `wheelbase` in m of a robot that steers. `requestUrl()`, `prepare`, `onState` and `onLeaving` as
   // of connection.js; `seenAt(timestamp)` gives the frames that the driver saw then, undefined for a client that names none, and
-  // `onSeen(ageMs)` reports how old they were at the robot, null for unknown; `onControl(control)` with what is known of who drives and whether the robot is stopped; `onRoundTrip` as of rtt.js.
+  // `onSeen(seen)` reports how old they were at the robot; `onControl(control)` with what is known of who drives and whether the robot
+  // is stopped; `onRoundTrip` as of rtt.js.
   /**
    * @param {{
    *   driveTopic: string,
@@ -41,7 +44,7 @@ export class Session {
    *   onControl: (control: Control) => void,
    *   onRoundTrip: (reading: {medianMs: number, ageMs: number} | null) => void,
    *   seenAt?: (timestamp: number) => NamedFrame[] | undefined,
-   *   onSeen?: (ageMs: number | null) => void,
+   *   onSeen?: (seen: Seen) => void,
    * }} options
    */
   constructor({
@@ -128,7 +131,7 @@ export class Session {
   receive(operation) {
     if (!this.clockSync.isRelays(operation)) return;
     if (operation.op === "robotether.clock_sync") this.clockSync.receive(operation);
-    if (operation.op === "robotether.seen") this.onSeen(operation.age_ms);
+    if (operation.op === "robotether.seen") this.onSeen(seenOf(operation));
     if (operation.op === "robotether.control") this.controlState.fromLink(operation.control);
   }
 
@@ -148,6 +151,15 @@ export class Session {
     return this.connection.send({ op: "robotether.stop" });
   }
 }
+
+const numberOrNull = (value) => (Number.isFinite(value) ? value : null);
+
+/** @type {(operation: any) => Seen} */
+const seenOf = ({ age_ms, max_speed_m_s, max_turn_rad_s }) => ({
+  ageMs: numberOrNull(age_ms),
+  maxSpeed: numberOrNull(max_speed_m_s),
+  maxTurn: numberOrNull(max_turn_rad_s),
+});
 
 // What is known of a robot's control object (docs/reference/protocols.md, "Control"). It comes twice: on the page's own
 // connection and with the fleet's events. Mixing them would bring old states after new ones, so while the

@@ -99,6 +99,7 @@ export function driveRows(drive) {
     speed: texts.commanded(`${shortNumber(drive.top_speed_m_s)} m/s`),
     latency: latencyText(drive),
     seen: seenText(drive),
+    slowed: slowedText(drive),
     pictures: framesText(drive),
     bytes: Number.isFinite(drive.bytes) ? sizeText(drive.bytes) : texts.unknown,
     stops: drive.stops ? String(drive.stops) : texts.nothing,
@@ -116,6 +117,11 @@ function seenText({ seen_p50_ms, seen_p95_ms, seen_unknown }) {
   if (!Number.isFinite(seen_p50_ms)) return texts.unknown;
   const known = texts.seen(Math.round(seen_p50_ms), Math.round(seen_p95_ms));
   return seen_unknown ? `${known}; ${texts.seenUnknown(seen_unknown)}` : known;
+}
+
+function slowedText({ slowed_s }) {
+  if (!Number.isFinite(slowed_s)) return texts.unknown;
+  return slowed_s ? texts.slowed(durationText(slowed_s * 1000)) : texts.nothing;
 }
 
 function framesText({ frames, frame_bytes, viewed_s }) {

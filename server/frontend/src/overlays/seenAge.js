@@ -1,8 +1,11 @@
-// How old is what the driver sees: the age that the robot's guard measures, and about where that time goes.
+// How old is what the driver sees: the age that the robot's guard measures, about where that time goes, and how slow the robot is
+// for it.
 // It must never show an age that nobody measured: what is not reported is unknown.
 
 import { byTestId, part, setText } from "../dom/page.js";
-import { seen as texts } from "../texts/common.js";
+import { limits, seen as texts } from "../texts/common.js";
+
+/** @typedef {import("../client/session.js").Seen} Seen */
 
 const TICK_MS = 250;
 const SHOWN_MS = 2000; // time for which a report counts; the guard reports each half second
@@ -13,7 +16,7 @@ export class SeenAge {
     this.element = byTestId(root, "seen-age");
     this.parts = byTestId(root, "seen-parts");
     this.now = now;
-    /** @type {{ageMs: number | null, at: number} | null} */
+    /** @type {(Seen & {at: number}) | null} */
     this.report = null;
     this.begunAt = this.drivenAt = -Infinity;
     this.oldest = null;
@@ -31,10 +34,9 @@ export class SeenAge {
     this.drivenAt = now;
   }
 
-  // `ageMs` null: unknown.
-  /** @type {(ageMs: number | null) => void} */
-  receive(ageMs) {
-    this.report = { ageMs: Number.isFinite(ageMs) ? ageMs : null, at: this.now() };
+  /** @type {(seen: Seen) => void} */
+  receive(seen) {
+    this.report = { ...seen, at: this.now() };
     this.show();
   }
 
@@ -42,16 +44,30 @@ export class SeenAge {
     const ageMs = this.shownMs;
     this.element.hidden = ageMs === undefined;
     if (ageMs === undefined) return;
-    setText(part(this.element, "value"), texts.ago(ageMs === null ? texts.unknown : Math.round(ageMs)));
+    const { slowed } = this;
+    this.element.dataset.slowed = String(Boolean(slowed));
+    const ago = texts.ago(ageMs === null ? texts.unknown : Math.round(ageMs));
+    setText(part(this.element, "value"), slowed ? `${slowed}: ${ago}` : ago);
     const words = this.words(ageMs);
     this.element.title = words;
     setText(this.parts, words);
   }
 
+  // To what the robot slows the driver's commands, in words; empty for not at all.
+  get slowed() {
+    const { maxSpeed = null, maxTurn = null } = this.isFresh ? (this.report ?? {}) : {};
+    const words = [maxSpeed !== null && limits.linear(maxSpeed), maxTurn !== null && limits.angular(maxTurn)];
+    return words.some(Boolean) ? texts.slowed(...words) : "";
+  }
+
+  get isFresh() {
+    return this.report !== null && this.now() - this.report.at <= SHOWN_MS;
+  }
+
   // The age to show; null for unknown, undefined for none: nobody drives, or the first report is still to come.
   get shownMs() {
     const now = this.now();
-    if (this.report && now - this.report.at <= SHOWN_MS) return this.report.ageMs;
+    if (this.report && this.isFresh) return this.report.ageMs;
     const drives = now - this.drivenAt <= DRIVES_MS && now - this.begunAt > SHOWN_MS;
     return drives ? null : undefined;
   }

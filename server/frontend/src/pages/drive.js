@@ -57,7 +57,7 @@ const session = new Session({
   onControl: useControl,
   onRoundTrip: showRoundTrip,
   seenAt,
-  onSeen: (ageMs) => seenAge.receive(ageMs),
+  onSeen: (seen) => seenAge.receive(seen),
 });
 const { connection } = session;
 const topicSwitch = new TopicSwitch({

@@ -207,6 +207,7 @@ export const latency = {
 export const seen = {
   ago: (ms) => `seen ${ms} ms ago`,
   unknown: "?",
+  slowed: (speed, turn) => `slowed to ${[speed, turn].filter(Boolean).join(", ")}`,
   why: "The robot does not know the frames that this page shows.",
   parts: (video, held, rest) => `about ${video} ms until it is shown, ${held} ms until the command, ${rest} ms on to the robot`,
 };

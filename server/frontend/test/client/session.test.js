@@ -54,12 +54,15 @@ test("a command names the frames that were seen at its input, also before the re
 
 test("the relay alone says how old is what is seen", () => {
   const ages = [];
-  session.onSeen = (ageMs) => ages.push(ageMs);
+  session.onSeen = (seen) => ages.push(seen);
   session.clockSync.isRelays = ({ key }) => key === "mine";
   session.receive({ op: "robotether.seen", age_ms: 1, key: "a robot's" });
   session.receive({ op: "robotether.seen", age_ms: 140.2, key: "mine" });
-  session.receive({ op: "robotether.seen", age_ms: null, key: "mine" });
-  assert.deepEqual(ages, [140.2, null]);
+  session.receive({ op: "robotether.seen", age_ms: null, max_speed_m_s: 0.025, max_turn_rad_s: null, key: "mine" });
+  assert.deepEqual(ages, [
+    { ageMs: 140.2, maxSpeed: null, maxTurn: null },
+    { ageMs: null, maxSpeed: 0.025, maxTurn: null },
+  ]);
 });
 
 test("another type, and another connection, are advertised anew", () => {

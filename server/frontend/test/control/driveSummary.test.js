@@ -14,6 +14,7 @@ const DRIVE = {
   seen_p50_ms: 140.2,
   seen_p95_ms: 210.6,
   seen_unknown: 0,
+  slowed_s: 12.4,
   bytes: 1_230_000,
   frames: 1500,
   frame_bytes: 45_000_000,
@@ -38,6 +39,7 @@ test("a drive's record is written in words", () => {
     speed: "0.8 m/s commanded",
     latency: "42 ms; 95 % within 80 ms",
     seen: "140 ms ago; 95 % within 211 ms",
+    slowed: "12 s, as you saw late",
     pictures: "15 a second, 45 MB",
     bytes: "1.2 MB",
     stops: "1",
@@ -46,16 +48,18 @@ test("a drive's record is written in words", () => {
 });
 
 test("how old was what the driver saw is unknown for the commands of which nobody knows", () => {
-  const { seen } = words({ ...DRIVE, seen_unknown: 4 });
+  const { seen, slowed } = words({ ...DRIVE, seen_unknown: 4, slowed_s: 0 });
+  assert.equal(slowed, "None");
   assert.equal(seen, "140 ms ago; 95 % within 211 ms; unknown for 4 commands");
 });
 
 test("what was not measured is not written as nothing", () => {
-  const { latency, seen, pictures, bytes, stops, refused, ended } = words({
+  const { latency, seen, slowed, pictures, bytes, stops, refused, ended } = words({
     ...DRIVE,
     latency_p50_ms: null,
     latency_p95_ms: null,
     seen_p50_ms: null,
+    slowed_s: null,
     frames: 0,
     viewed_s: null,
     bytes: null,
@@ -65,8 +69,8 @@ test("what was not measured is not written as nothing", () => {
     end_code: "newly_made",
   });
   assert.deepEqual(
-    [latency, seen, pictures, bytes, stops, refused, ended],
-    ["Not measured", "Not measured", "No video", "Not measured", "None", "None", "newly_made"],
+    [latency, seen, slowed, pictures, bytes, stops, refused, ended],
+    ["Not measured", "Not measured", "Not measured", "No video", "Not measured", "None", "None", "newly_made"],
   );
 });
 

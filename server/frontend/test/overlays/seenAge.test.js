@@ -5,7 +5,7 @@ import { SeenAge } from "../../src/overlays/seenAge.js";
 
 let clock, value, parts, element, seenAge;
 
-const place = () => ({ textContent: "", hidden: true, title: "" });
+const place = () => ({ textContent: "", hidden: true, title: "", dataset: {} });
 
 beforeEach(() => {
   mock.timers.reset();
@@ -25,13 +25,15 @@ function pass(ms) {
   }
 }
 
+const receive = (ageMs, maxSpeed = null, maxTurn = null) => seenAge.receive({ ageMs, maxSpeed, maxTurn });
+
 const words = () => (element.hidden ? "" : value.textContent);
 
 const frame = (at, shownAt) => ({ topic: "/a", sequence: 1, at, shownAt });
 
 test("the age that the robot measures is shown with about its parts", () => {
   seenAge.command([frame(9910, 9960), frame(9900, 9970)], 10_000);
-  seenAge.receive(140.4);
+  receive(140.4);
   assert.equal(words(), "seen 140 ms ago");
   assert.match(element.title, /about 70 ms until it is shown, 30 ms until the command, 40 ms on to the robot/);
   assert.equal(parts.textContent, element.title);
@@ -39,17 +41,15 @@ test("the age that the robot measures is shown with about its parts", () => {
 
 test("parts that were measured apart are never less than nothing", () => {
   seenAge.command([frame(9800, 9900)], 9890);
-  seenAge.receive(90);
+  receive(90);
   assert.match(element.title, /100 ms until it is shown, 0 ms until the command, 0 ms on/);
 });
 
 test("what the robot does not know is unknown", () => {
   seenAge.command([frame(9900, 9960)], 10_000);
-  for (const ageMs of [null, undefined]) {
-    seenAge.receive(ageMs);
-    assert.equal(words(), "seen ? ms ago");
-    assert.match(element.title, /does not know/);
-  }
+  receive(null);
+  assert.equal(words(), "seen ? ms ago");
+  assert.match(element.title, /does not know/);
 });
 
 test("a robot that reports nothing while somebody drives leaves the age unknown", () => {
@@ -66,7 +66,7 @@ test("a robot that reports nothing while somebody drives leaves the age unknown"
 });
 
 test("a report is shown no longer than it counts", () => {
-  seenAge.receive(140);
+  receive(140);
   pass(2000);
   assert.equal(words(), "seen 140 ms ago");
   pass(250);
@@ -79,4 +79,15 @@ test("a robot without a camera has no age to show", () => {
     pass(250);
   }
   assert.equal(words(), "");
+});
+
+test("the limit that is in force is shown with its reason, as long as the report counts", () => {
+  receive(480, 0.52, Math.PI / 3);
+  assert.deepEqual([words(), element.dataset.slowed], ["slowed to 0.52 m/s, 60 °/s: seen 480 ms ago", "true"]);
+  receive(null, 0.02);
+  assert.equal(words(), "slowed to 0.02 m/s: seen ? ms ago");
+  pass(2250);
+  assert.equal(words(), "");
+  receive(140);
+  assert.deepEqual([words(), element.dataset.slowed], ["seen 140 ms ago", "false"]);
 });

@@ -96,10 +96,17 @@ NO_REPORT = GuardReport()
 
 @dataclass(frozen=True)
 class SeenReport:
-    """How old was what the driver with this fence saw at its newest commands, in ms; None: unknown."""
+    """How old was what the driver with this fence saw at its newest commands, in ms, and what followed from it.
+
+    An age of None is unknown. `slowed_s` is the time for which commands were slowed since the last report (None: the
+    guard does not say), the others the limits by which the newest one was (None: it was not, or has no such limit).
+    """
 
     fence: int
     ages_ms: tuple[float | None, ...]
+    slowed_s: float | None = None
+    max_speed_m_s: float | None = None
+    max_turn_rad_s: float | None = None
 
 
 @dataclass(frozen=True)

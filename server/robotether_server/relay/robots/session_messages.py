@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
 from msgspec import Meta, Struct
-from robotether_common.guard import REFUSED_KINDS
+from robotether_common.guard import MAX_NUMBER, REFUSED_KINDS
 from robotether_common.services import SERVICES
 from robotether_common.session import (
     MAX_EPOCH,
@@ -112,15 +112,24 @@ class GuardLine(Struct, tag="guard"):
 
 
 class SeenLine(Struct, tag="seen"):
-    """How old was what the driver with this fence saw at its newest commands, in ms; None: unknown."""
+    """How old was what the driver with this fence saw, and how slow that made the robot; see SeenReport."""
 
     fence: Annotated[int, Meta(ge=1, le=MAX_FENCE)]
     ages_ms: Annotated[list[AgeMs | None], Meta(max_length=MAX_AGES)]
+    slowed_s: Annotated[float, Meta(ge=0, le=MAX_AGE_MS)] | None = None
+    max_speed_m_s: Annotated[float, Meta(ge=0, le=MAX_NUMBER)] | None = None
+    max_turn_rad_s: Annotated[float, Meta(ge=0, le=MAX_NUMBER)] | None = None
 
     @property
     def report(self) -> SeenReport:
         """What the registry passes on."""
-        return SeenReport(self.fence, tuple(self.ages_ms))
+        return SeenReport(
+            self.fence,
+            tuple(self.ages_ms),
+            self.slowed_s,
+            self.max_speed_m_s,
+            self.max_turn_rad_s,
+        )
 
 
 class HealthLine(Struct, tag="health"):

@@ -191,14 +191,14 @@ def test_a_drive_is_written_while_it_lasts_and_at_its_end(relay_database, sim1):
     drive.ended_at, drive.end_code = NOON + HOUR, "client_left"
     drive.latency_p50_ms, drive.latency_p95_ms, drive.bytes = 41.2, 80.5, 1234
     drive.seen_p50_ms, drive.seen_p95_ms, drive.seen_p99_ms = 140.2, 210.5, 380.0
-    drive.seen_max_ms, drive.seen_unknown = 512.3, 4
+    drive.seen_max_ms, drive.seen_unknown, drive.slowed_s = 512.3, 4, 12.0
     drive.frames, drive.frame_bytes, drive.viewed_s = 30, 90_000, 2.5
     drive.turned_rad = drive.top_turn_rad_s = None
     write(relay_database, drive)
     (row,) = rows(relay_database, "drives")
     assert (row["latency_p50_ms"], row["latency_p95_ms"], row["bytes"]) == (41.2, 80.5, 1234)
     assert (row["seen_p50_ms"], row["seen_p95_ms"], row["seen_p99_ms"]) == (140.2, 210.5, 380.0)
-    assert (row["seen_max_ms"], row["seen_unknown"]) == (512.3, 4)
+    assert (row["seen_max_ms"], row["seen_unknown"], row["slowed_s"]) == (512.3, 4, 12.0)
     assert (row["pictures"], row["picture_bytes"], row["viewed_s"]) == (30, 90_000, 2.5)
     assert (row["turned_rad"], row["top_turn_rad_s"]) == (None, None)
     assert (row["user_name"], row["fence"], row["address"]) == ("ann", 3, "198.51.100.7")

@@ -52,6 +52,7 @@ from robotether_server.relay.http.sockets import (
     RobotSocket,
 )
 from robotether_server.relay.http.timing import Excess, LivenessLimits
+from robotether_server.relay.robots.robot import SeenReport
 
 # Time limit for the robot's session to end after rosbridge's connection: a lost tunnel ends both in
 # either order, and the operator reads which of the two it was.
@@ -149,9 +150,9 @@ class Bridge(OperatorConnection):
         finally:
             self._topics.close()
 
-    def show_seen(self, age_ms: float | None) -> None:
+    def show_seen(self, report: SeenReport) -> None:
         """Report to the operator how old is what they saw at their newest command."""
-        self._own.show_seen(age_ms)
+        self._own.show_seen(report)
 
     async def close_reason_of_gone(self) -> CloseReason:
         """Return why a connection that is gone ended, by the frames that nobody has read yet."""
@@ -424,8 +425,8 @@ class OwnOperations:
         self._key: dict[str, object] = {}
         self._update_due = asyncio.Event()
         self._has_changed = False
-        # The newest age in ms, in a tuple until it is sent.
-        self._seen: tuple[float | None] | None = None
+        # Until it is sent.
+        self._seen: SeenReport | None = None
 
     def watched(self) -> AbstractContextManager[None]:
         """Be notified of changes inside the block."""
@@ -445,9 +446,9 @@ class OwnOperations:
         relay_ms = round(time.monotonic() * 1000, 3)
         return _written(operation, t_ms=own.get("t_ms"), relay_ms=relay_ms, **self._key)
 
-    def show_seen(self, age_ms: float | None) -> None:
-        """Send how old is what the client's operator saw at the newest command; None: unknown."""
-        self._seen = (age_ms,)
+    def show_seen(self, report: SeenReport) -> None:
+        """Send how old is what the client's operator saw at the newest command."""
+        self._seen = report
         if self._clock_syncs:
             self._update_due.set()
 
@@ -455,9 +456,10 @@ class OwnOperations:
         """Wait until there is something to send; return its message, the control object's first."""
         await self._update_due.wait()
         if self._seen is not None and not self._has_changed:
-            (age_ms,), self._seen = self._seen, None
+            seen, self._seen = self._seen, None
             self._update_due.clear()
-            return _written("robotether.seen", age_ms=age_ms, **self._key)
+            limits = {"max_speed_m_s": seen.max_speed_m_s, "max_turn_rad_s": seen.max_turn_rad_s}
+            return _written("robotether.seen", age_ms=seen.ages_ms[-1], **limits, **self._key)
         self._has_changed = False
         if self._seen is None:
             self._update_due.clear()

@@ -256,7 +256,7 @@ class DriveLog:
         deadman_s: float,
         refused: Counter[str],
         counters: DriveCounters = DriveCounters(),
-        show_seen: Callable[[float | None], None] = lambda _: None,
+        show_seen: Callable[[SeenReport], None] = lambda _: None,
     ) -> None:
         self.entry = entry
         self._show_seen = show_seen
@@ -305,7 +305,11 @@ class DriveLog:
     def on_seen(self, report: SeenReport) -> None:
         """The guard reported what a driver saw; another drive's is of no use here."""
         entry, ages_ms = self.entry, report.ages_ms
-        if report.fence != entry.fence or not ages_ms:
+        if report.fence != entry.fence:
+            return
+        if report.slowed_s is not None:
+            entry.slowed_s = round((entry.slowed_s or 0.0) + report.slowed_s, 3)
+        if not ages_ms:
             return
         measured_ms = [age_ms for age_ms in ages_ms if age_ms is not None]
         for age_ms in measured_ms:
@@ -316,7 +320,7 @@ class DriveLog:
                 min(self._seen.quantile(share) or 0.0, oldest_ms) for share in (0.5, 0.95, 0.99)
             )
         entry.seen_unknown = (entry.seen_unknown or 0) + len(ages_ms) - len(measured_ms)
-        self._show_seen(ages_ms[-1])
+        self._show_seen(report)
 
     def written(self) -> DriveEntry:
         """Return the entry as it is now."""

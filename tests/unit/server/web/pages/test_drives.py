@@ -32,6 +32,7 @@ def test_admin_sees_all_and_user_her_own(
         "41 ms; 95 % within 80 ms",
         "140 ms ago; 95 % within 210 ms, at most 512 ms",
         "4 commands",
+        "for 12 s, as the driver saw late",
         "15.0 frames/s",
         "181.2 MB",
         "2 too old, 3 to a topic that is not allowed",
@@ -49,10 +50,10 @@ def test_admin_sees_all_and_user_her_own(
 def test_what_nobody_measured_is_not_claimed(admin: Browser, admin_database: Database) -> None:
     """Of a drive from before there were such records, and of one without pings and video."""
     measured = ("latency_p50_ms", "latency_p95_ms", "bytes", "pictures", "picture_bytes")
-    seen = ("seen_p50_ms", "seen_p95_ms", "seen_p99_ms", "seen_max_ms", "seen_unknown")
+    seen = ("seen_p50_ms", "seen_p95_ms", "seen_p99_ms", "seen_max_ms", "seen_unknown", "slowed_s")
     add_drive(admin_database, "sim1", "ann", **dict.fromkeys((*measured, *seen, "viewed_s")))
     page = admin.ask("GET", "/drives").text
-    facts = ("Round trip", "Seen", "Seen, unknown for", "Video", "Data")
+    facts = ("Round trip", "Seen", "Seen, unknown for", "Slowed", "Video", "Data")
     assert [words for words in facts if f"<dt>{words}<" in page] == []
 
 

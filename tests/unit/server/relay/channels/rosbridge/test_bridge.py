@@ -412,9 +412,12 @@ async def test_the_driver_reads_how_old_is_what_they_see(relay, guarded, sim1, h
         guarded.session.send(type="seen", fence=1, ages_ms=[])
         guarded.session.send(type="seen", fence=1, ages_ms=[None, 120.5, 140.2])
         seen = await ann.until("robotether.seen")
-        assert seen == {"op": "robotether.seen", "age_ms": 140.2, "key": "k"}
-        guarded.session.send(type="seen", fence=1, ages_ms=[120.5, None])
-        assert (await ann.until("robotether.seen"))["age_ms"] is None
+        unlimited = {"max_speed_m_s": None, "max_turn_rad_s": None}
+        assert seen == {"op": "robotether.seen", "age_ms": 140.2, **unlimited, "key": "k"}
+        slowed = {"slowed_s": 0.4, "max_speed_m_s": 0.52, "max_turn_rad_s": 1.1}
+        guarded.session.send(type="seen", fence=1, ages_ms=[120.5, None], **slowed)
+        seen = await ann.until("robotether.seen")
+        assert (seen["age_ms"], seen["max_speed_m_s"], seen["max_turn_rad_s"]) == (None, 0.52, 1.1)
         relay.relay.control.stops.stop(sim1, "carl")
         await bob.until("robotether.control")
         assert all(message["op"] != "robotether.seen" for message in bob.messages)

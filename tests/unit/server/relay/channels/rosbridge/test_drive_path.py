@@ -457,7 +457,20 @@ def test_what_the_driver_saw_is_counted_by_its_age(refused):
     assert entry.seen_p95_ms == pytest.approx(200, rel=0.01)
     assert entry.seen_p99_ms == pytest.approx(480, rel=0.01)
     assert (entry.seen_max_ms, entry.seen_unknown) == (512.3, 2)
-    assert shown == [None, 140.2, None]
+    assert [report.ages_ms[-1] for report in shown] == [None, 140.2, None]
+
+
+def test_the_time_of_slow_driving_is_the_drives(refused):
+    """Of an older guard nothing is claimed; one that slows nothing counts 0."""
+    log = DriveLog(DriveEntry(7, "sim1", "ann", 5, NOON), 0.5, refused)
+    log.on_seen(SeenReport(5, (140.0,)))
+    assert log.written().slowed_s is None
+    log.on_seen(SeenReport(5, (140.0,), 0.0))
+    assert log.written().slowed_s == 0
+    log.on_seen(SeenReport(5, (340.0,), 0.45, 0.6, None))
+    log.on_seen(SeenReport(5, (), 0.05))
+    log.on_seen(SeenReport(4, (), 9.0))
+    assert log.written().slowed_s == 0.5
 
 
 def test_no_part_of_what_was_seen_is_older_than_the_oldest(refused):
