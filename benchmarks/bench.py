@@ -26,6 +26,7 @@ import fan_out
 import operations_rate
 import recovery
 import round_trip
+import seen_age
 import stopping
 import video
 from demo import ROOT, Demo
@@ -58,6 +59,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
     "behind_video": lambda _, effort: behind_video.measure(5 if effort.quick else behind_video.SECONDS),
     "bulk_topics": lambda _, effort: bulk_topics.measure(5 if effort.quick else bulk_topics.SECONDS),
     "picture_age": lambda demo, effort: video.measure_age(demo, 3 if effort.quick else video.SECONDS),
+    "seen_age": lambda demo, effort: seen_age.measure(demo, 5 if effort.quick else seen_age.SECONDS),
     "viewers": lambda demo, effort: video.measure_viewers(demo, 3 if effort.quick else video.VIEWERS_SECONDS),
     "fan_out": lambda demo, effort: fan_out.measure(demo, 6 if effort.quick else fan_out.SECONDS),
     "input_latency": lambda demo, effort: drive_page.measure_input(demo, 5 if effort.quick else drive_page.PRESSES),

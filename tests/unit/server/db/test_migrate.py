@@ -106,6 +106,8 @@ def test_rows_of_an_older_release_are_kept(
         assert all(one.ends_at is None and not one.is_for_all for one in found)
         assert (odd.had_key, odd.fingerprint, odd.shell_port) == (True, "f", None)
         assert (announced.had_key, announced.shell, announced.ros_port) == (False, False, 20000)
+        # A robot that exists does not become slower by an upgrade.
+        assert odd.settings == {"guard": {"blind_m": None, "blind_deg": None}}
         # The ports that it had by hand are nobody's shell port.
         assert (changed.mac, changed.shell_port) == ("01:00:5e:00:00:01", 24001)
         assert (changed.ros_port, changed.video_port) == (20004, 20005)
