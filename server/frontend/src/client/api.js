@@ -18,8 +18,8 @@ export class Api {
     return this.ask(path, { method: "POST", headers, body: JSON.stringify(body) }, options);
   }
 
-  get(path, query = {}) {
-    return this.ask(`${path}?${new URLSearchParams(query)}`, { method: "GET" });
+  get(path, query = {}, options = {}) {
+    return this.ask(withQuery(path, query), { method: "GET" }, options);
   }
 
   async ask(path, request, { keepalive = false, timeoutMs = TIMEOUT_MS } = {}) {
@@ -44,6 +44,15 @@ export class Api {
 
   stop(robot) {
     return this.post(path(robot, "stop"), {}, { keepalive: true, timeoutMs: 3000 });
+  }
+
+  // The server answers by itself after `wait_s`, or 5 s.
+  topic(robot, topic, query) {
+    return this.get(path(robot, `topics/${encodeURIComponent(topic)}`), query, waitFor(query.wait_s));
+  }
+
+  service(robot, service, args, query) {
+    return this.post(withQuery(path(robot, `services/${encodeURIComponent(service)}`), query), args, waitFor(query.timeout_s));
   }
 
   // `stopped` as in the control object: no other stop is released.
@@ -71,6 +80,10 @@ export async function readRefusal(answer) {
   const words = (await answer.text().catch(() => "")).trim();
   return { status: answer.status, code: "", detail: words.slice(0, MAX_WORDS) };
 }
+
+const withQuery = (path, query) => `${path}?${new URLSearchParams(Object.entries(query).filter(([, value]) => value !== undefined))}`;
+
+const waitFor = (seconds = 5) => ({ timeoutMs: TIMEOUT_MS + seconds * 1000 });
 
 const path = (robot, action) => `/api/v1/robots/${encodeURIComponent(robot)}/${action}`;
 

@@ -150,14 +150,33 @@ export class Robot {
   }
 
   // `action`: ask, withdraw, hand_over, refuse or take.
-  lease(action, more) {
-    return this.ask(action, (api) => api.lease(this.name, action, more));
+  async lease(action, more) {
+    await this.ask(action, (api) => api.lease(this.name, action, more));
   }
 
   async ask(what, act) {
     if (!this.api) throw new Error(`cannot ${what} ${this.name}: that needs a token or a login`);
-    const { ok, code, detail } = await act(this.api);
+    const answer = await act(this.api);
+    const { ok, code, detail } = answer;
     if (!ok) throw Object.assign(new Error(detail || `cannot ${what} ${this.name}: no answer`), { code });
+    return answer;
+  }
+
+  // Without a connection, over HTTP: {message, received_age_s, sequence} of the newest message, null when none came in `waitS`.
+  // `since` is the `sequence` of one that is no more wanted.
+  async newest(topic, /** @type {{type?: string, throttleMs?: number, waitS?: number, since?: string}} */ options = {}) {
+    const { type, throttleMs, waitS, since } = options;
+    const query = { type, throttle_rate: throttleMs, wait_s: waitS, since };
+    const { status, body } = await this.ask(`read ${topic} of`, (api) => api.topic(this.name, topic, query));
+    return status === 204 ? null : body;
+  }
+
+  // Without a connection, over HTTP. Resolves with the answer's values.
+  async callOnce(service, args = {}, /** @type {{type?: string, timeoutS?: number}} */ { type, timeoutS } = {}) {
+    const query = { type, timeout_s: timeoutS };
+    const { body } = await this.ask(`call ${service} of`, (api) => api.service(this.name, service, args, query));
+    if (!body.result) throw new Error(`cannot call ${service}: ${body.reason}`);
+    return body.values;
   }
 
   // Gives the function that ends the subscription. It outlives cuts.

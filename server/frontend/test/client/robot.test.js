@@ -52,9 +52,9 @@ beforeEach(() => {
   const quiet = { addEventListener() {} };
   Object.assign(globalThis, { window: windowHears, document: quiet, location: { origin: "https://lab.example" }, WebSocket: FakeServer });
   globalThis.fetch = async (url, { headers, body }) => {
-    asked.push({ url, headers, body: JSON.parse(body) });
+    asked.push({ url, headers, body: body && JSON.parse(body) });
     const [status, answer] = answers[new URL(url).pathname] ?? [404, {}];
-    return Response.json(answer, { status });
+    return status === 204 ? new Response(null, { status }) : Response.json(answer, { status });
   };
 });
 
@@ -354,4 +354,23 @@ test("it has the age of what its driver sees, as the server reports it", async (
   assert.equal(robot.seenAgeMs, null);
   sockets[0].relaySays({ op: "robotether.seen", age_ms: 140.2 });
   assert.equal(robot.seenAgeMs, 140.2);
+});
+
+test("a topic and a service answer over HTTP without a connection", async () => {
+  const robot = make();
+  const first = { topic: "/arm/state", received_age_s: 0.02, sequence: "a-1", message: { data: 1 } };
+  answers["/api/v1/robots/sim%201/topics/arm%2Fstate"] = [200, first];
+  assert.deepEqual(await robot.newest("arm/state", { waitS: 30, throttleMs: 100 }), first);
+  answers["/api/v1/robots/sim%201/topics/arm%2Fstate"] = [204];
+  assert.equal(await robot.newest("arm/state", { since: "a-1" }), null);
+  answers["/api/v1/robots/sim%201/services/arm%2Fmove"] = [200, { result: true, values: { ok: true } }];
+  assert.deepEqual(await robot.callOnce("arm/move", { x: 1 }, { timeoutS: 9 }), { ok: true });
+  assert.deepEqual(
+    asked.map(({ url, body }) => [new URL(url).search, body]),
+    [["?throttle_rate=100&wait_s=30", undefined], ["?since=a-1", undefined], ["?timeout_s=9", { x: 1 }]],
+  );
+  answers["/api/v1/robots/sim%201/services/arm%2Fmove"] = [200, { result: false, reason: "it is broken" }];
+  await assert.rejects(robot.callOnce("arm/move"), /cannot call arm\/move: it is broken/);
+  answers["/api/v1/robots/sim%201/services/arm%2Fmove"] = [409, { code: "lease_held", detail: "ben drives" }];
+  await assert.rejects(robot.callOnce("arm/move"), { message: "ben drives", code: "lease_held" });
 });
