@@ -351,7 +351,7 @@ async def relay(patient: Timing) -> AsyncIterator[tuple[RelayServer, MemoryDatab
 async def test_relay(
     relay: tuple[RelayServer, MemoryDatabase], recorded: SnapshotAssertion
 ) -> None:
-    """Stop, release, lease, and the events of the fleet."""
+    """Stop, release, lease, topics, services, and the events of the fleet."""
     server, database = relay
     sim1 = database.robots[7]
     transcript = Transcript(measured=["rtt_ms"])
@@ -384,6 +384,10 @@ async def test_relay(
             await _stops(ask)
             async with http.ws_connect(server.ros_url(sim1, user=ANN)) as socket:
                 await until(lambda: server.relay.control.driver(sim1.id), "ann drives")
+                robot.has_topics = False
+                await ask("bob", "GET", "/robots/sim1/topics/%2Fodom")
+                await ask("carl", "GET", "/robots/sim1/topics/odom?since=")
+                await ask("carl", "POST", "/robots/sim1/services/move?timeout_s=9", {"x": 1})
                 await _lease(ask)
                 await socket.close()
         finally:
@@ -403,6 +407,8 @@ async def _refusals(ask: Ask) -> None:
     for who in ("nobody", "eve", "ann"):
         await ask(who, "GET", "/robots/sim1/control")
         await ask(who, "GET", "/robots/sim1/uplink")
+        await ask(who, "GET", "/robots/sim1/topics/odom")
+        await ask(who, "POST", "/robots/sim1/services/move", {})
     await ask("nobody", "GET", "/events")
     await ask("eve", "POST", "/robots/sim1/stop")
     await ask("ann", "GET", "/robots/sim1/stop")

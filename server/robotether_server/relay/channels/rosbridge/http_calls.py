@@ -97,7 +97,8 @@ class HttpCall(OperatorConnection):
     async def _send(self, body: memoryview) -> web.StreamResponse:
         """Send an answer within the limits of memory and time; one that is cut short ends the connection."""
         response = web.StreamResponse(headers=HEADERS)
-        response.content_type, response.content_length = "application/json", len(body)
+        response.content_type, response.charset = "application/json", "utf-8"
+        response.content_length = len(body)
         try:
             await response.prepare(self._request)
             for start in range(0, len(body), SEND_BUFFER_BYTES):

@@ -235,17 +235,29 @@ async def test_a_call_shares_its_users_drive(*, relay, guarded, sim1, http, ask,
     assert (status, body["code"]) == (409, "lease_lost")
 
 
-async def test_calls_of_one_user_share_a_lease(relay, guarded, sim1, ask, serving):
-    """The first one's end is not that of the second."""
-    first = asyncio.create_task(ask("POST", f"{SERVICES}/a?timeout_s=1", "ann"))
+async def test_calls_of_one_user_share_a_lease(*, relay, guarded, sim1, ask, serving, monkeypatch):
+    """The first one's end is not that of the second, nor is the second one's begin that of the first."""
+    slow = SlowFences(relay.relay._database)
+    monkeypatch.setattr(relay.relay._database, "next_fence", slow.next_fence)
+    first = asyncio.create_task(ask("POST", f"{SERVICES}/a?timeout_s=30", "ann"))
     second = asyncio.create_task(ask("POST", f"{SERVICES}/b?timeout_s=30", "ann"))
+    await slow.asked.wait()
+    connections = relay.relay.registry.robot(sim1.id).connections
+    await until(lambda: len(connections) == 2, "both wait")
+    slow.go_on.set()
     await until(lambda: len(of_operation(guarded, "call_service")) == 2, "both are there")
-    status, body = await first
-    assert (status, body["code"]) == (504, "service_timeout")
+    first.cancel()
+    await until(lambda: len(connections) == 1, "the first has left")
     await serving(values={})
     assert (await second)[0] == 200
     assert relay.relay.control.leasing.of(sim1.id).fence == 1
     assert relay.relay.control.driver(sim1.id) is None
+
+
+async def test_a_service_that_does_not_answer_in_time_is_a_problem(guarded, ask):
+    status, body = await ask("POST", f"{SERVICES}/a?timeout_s=1", "ann")
+    assert (status, body["code"]) == (504, "service_timeout")
+    assert body["detail"] == "cannot call /a: no answer within 1 s; it may still run"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import replace
@@ -238,6 +239,15 @@ async def test_a_client_keeps_no_more_at_the_relay_than_it_may(
         await until(lambda: len(robot.received) == 3, "all reach the robot")
     operations = [json.loads(data)["op"] for data in robot.received]
     assert operations == ["publish", "publish", "subscribe"]
+
+
+async def test_a_copy_stays_for_the_longest_of_those_who_left(relay, robot, sim1):
+    topics, client = relay.relay.shared_topics, Client()
+    for linger_s in (0.1, 60.0, 0.1):
+        topic = topics.watch(sim1, TopicRequest("/odom"), client, limit=1)
+        topics.leave(topic, client, linger_s)
+    await asyncio.sleep(0.3)
+    assert topics.count() == 1
 
 
 async def test_a_topic_of_a_robot_that_was_dropped_is_no_others(relay, sim1):
