@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from paper import costs
-from paper.costs import Group, Reading, Use, cpu_between, limits_met, memory_between
+from paper.costs import Group, Reading, Use
 
 USE = Use(
     cpu_s=2.0,
@@ -58,25 +57,6 @@ def test_a_group_of_the_second_kind(tmp_path):
     )
     group = Group(7, proc=tmp_path / "proc", groups=tmp_path / "groups")
     assert group.use() == Use(1.5, 4500, 1000000, 2, 4, None)
-
-
-def test_what_lies_between_two_readings():
-    last = Reading(
-        at_s=11.0,
-        services={"sshd": replace(USE, cpu_s=6.0, memory_bytes=350)},
-        robots_cpu_s=8.0,
-        operators_cpu_s=1.5,
-        machine_cpu_s=112.0,
-    )
-    assert cpu_between(FIRST, last) == {"sshd": 4.0, "robots": 5.0, "operators": 0.5, "rest": 2.5}
-    assert memory_between(FIRST, last) == {"sshd": 250}
-    assert limits_met(FIRST, last) == []
-
-
-def test_a_restarted_container_counts_from_zero():
-    fresh = replace(USE, cpu_s=0.5)
-    last = replace(FIRST, services={"sshd": fresh})
-    assert cpu_between(FIRST, last)["sshd"] == 0.5
 
 
 def test_processes_count_with_what_they_started(tmp_path, monkeypatch):

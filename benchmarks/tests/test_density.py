@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import pytest
-from paper.density.report import memory_spread_percent, report
+from paper.density.report import report
 from paper.step import Outcome
 
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
@@ -45,38 +44,6 @@ def fleet(*drives: dict[str, Any], back: dict[str, Any] | None = None) -> Outcom
     return Outcome(values={**values, "return": back or run(3.0, 4.0)})
 
 
-def soak(*memory: int, lost: int = 0) -> dict[str, Any]:
-    rounds = [
-        {
-            "drive": {"drives": [drive("agent", lost=lost)]},
-            "memory_bytes": {"relay": one},
-            "message_s": [1.0],
-        }
-        for one in memory
-    ]
-    return {"count": 1, "driven": 1, "seconds": 60.0, "rounds": rounds}
-
-
-def aims(**outcomes: Outcome) -> dict[str, Any]:
-    found = report({name.replace("_", "-"): one for name, one in outcomes.items()})
-    return {
-        row.what.partition(": ")[2] or row.what.partition(", ")[2]: row for row in found.comparisons
-    }
-
-
-def test_what_a_robot_costs_is_of_all_server_processes():
-    rows = aims(fleet_2=fleet(drive("agent"), drive("virtual")))
-    assert rows["a start, server's processor a robot"].ours == pytest.approx(250.0)
-    assert rows["idle, server's processor a robot and s"].ours == pytest.approx(2.5)
-    assert rows["server's memory a robot"].ours == pytest.approx(2.5)
-
-
-def test_agents_and_virtual_robots_are_told_apart():
-    found = report({"fleet-2": fleet(drive("agent"), drive("virtual", lost=3))})
-    told = [(row["driven"], row["lost"]) for row in found.values["driven"]]
-    assert told == [("1 agents", 0), ("1 virtual robots", 3)]
-
-
 def test_what_was_lost_or_did_not_come_back_falls_short():
     ended = drive("virtual", lost=1, endings={"close code 4408": 2})
     found = report({"fleet-2": fleet(ended, back=run(3.0, None))})
@@ -96,9 +63,3 @@ def test_a_drive_that_failed_has_no_figure_and_is_told():
     assert math.isnan(row.ours)
     assert row.is_short
     assert "driving among 2 robots: no lease" in found.shortfalls
-
-
-def test_memory_of_a_soak_is_compared_from_its_second_part_on():
-    assert memory_spread_percent(soak(50, 100, 104, 99)) == pytest.approx(4.0)
-    rows = aims(soak_1=Outcome(values=soak(50, 100, lost=2)))
-    assert rows["commands lost"].ours == 4

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from openssh_server import descendants
 from paper.fleet.operators import Arrivals
-from paper.fleet.report import Group, cost_rows
+from paper.fleet.report import Group
 from paper.robots import ASIDE, no_longer_aside
 from paper.step import Outcome
 
@@ -82,31 +82,6 @@ def test_a_late_robot_has_failed_and_is_told_apart_from_one_that_never_came():
 def test_a_run_that_failed_as_a_whole_counts_all_its_robots():
     group = one(run(1.0, 1.0), Outcome(failure="a worker ended"))
     assert (group.wanted, group.in_time, group.never, group.success) == (4, 2, 2, 50.0)
-
-
-def test_costs_are_of_robots_that_came():
-    group = one(run(1.0, None), run(1.0, 2.0))
-    assert group.per_robot("cpu_s", ["sshd", "relay"]) == 4.0
-    assert group.per_robot("memory_bytes", ["sshd", "unknown"]) == 4000 / 3
-    [row] = cost_rows([group])
-    assert row["cores busy"] == 2.0
-
-
-def test_what_went_wrong_is_added_up():
-    group = one(
-        run(1.0, 2.0, wrong=1, received=3, waits={"closed with 4503": 2}, limits=["b"]),
-        run(1.0, 2.0, wrong=2, waits={"closed with 4503": 1}, limits=["a", "b"]),
-    )
-    assert (group.total("wrong"), group.doubled) == (3, 1)
-    assert group.waits == {"closed with 4503": 3}
-    assert group.limits == ["a", "b"]
-
-
-def test_what_an_idle_robot_costs_is_of_the_runs_that_looked():
-    measured = run(1.0, 2.0, idle_s=10.0, idle_cpu_s={"sshd": 1.0, "relay": 0.5, "robots": 3.0})
-    group = one(measured, run(1.0, 2.0))
-    assert group.idle_ms(("sshd", "relay", "nginx")) == 75.0
-    assert one(run(1.0, 2.0)).idle_ms(("sshd",)) is None
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may take a higher priority")

@@ -11,7 +11,7 @@ import aiohttp
 import pytest
 from local_network import free_port
 from paper.bus_robot import BusRobot
-from paper.numbered.messages import FRAME_BYTES, Account, Histogram, joined, publish
+from paper.numbered.messages import Account, joined, publish
 from paper.numbered.worker import End, Receiver, Sender
 
 
@@ -26,18 +26,6 @@ def account(*numbers: int, count: int = 4) -> Account:
     for number in numbers:
         made.note(text(1, number), 1_000_000)
     return made
-
-
-def histogram(*times_ms: float) -> Histogram:
-    made = Histogram()
-    for ms in times_ms:
-        made.add(ms)
-    return made
-
-
-@pytest.mark.parametrize("number", [0, 99_999])
-def test_a_message_is_as_long_as_it_says(number: int) -> None:
-    assert len(publish(49, number, 123_456_789_012_345)) == FRAME_BYTES
 
 
 def test_what_is_missing_is_named() -> None:
@@ -61,21 +49,6 @@ def test_what_is_of_nobody_here_is_foreign(data: str) -> None:
     kept = Account(pair=1, count=4)
     kept.note(data, 0)
     assert (kept.foreign, kept.received) == (1, 0)
-
-
-def test_latency_counts_from_when_a_message_was_due() -> None:
-    kept = Account(pair=1, count=1)
-    kept.note(text(1, 0, due_ns=5_000_000), 7_500_000)
-    assert kept.latency.as_json() == {"2.50": 1}
-
-
-@pytest.mark.parametrize(
-    ("ms", "kept"),
-    [(0, "0.00"), (0.004, "0.00"), (3.456, "3.46"), (99.994, "99.99"), (99.999, "100.00"), (123.456, "123.50"),
-     (12_345.6, "12350.00"), (99_996, "100000.00")],
-)  # fmt: skip
-def test_a_time_is_kept_to_four_digits_and_no_finer_than_a_hundredth(ms: float, kept: str) -> None:
-    assert histogram(ms).as_json() == {kept: 1}
 
 
 def test_a_run_is_the_sum_of_its_pairs() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from paper.page import chapter, write_page
 from paper.step import Comparison, Outcome, Part, Report, ResultStore, Scale, Step
-from report import arrived, quantiles, table, tail
+from report import table
 
 QUICK = Scale(quick=True)
 KEPT = Outcome(values={"x": 1}, began="2026-01-01T00:00:00Z")
@@ -50,11 +50,6 @@ def test_falls_short_where_ours_is_worse(
     assert row.is_short is short
 
 
-def test_ratio_is_ours_divided_by_the_reference() -> None:
-    assert replace(UNMET, reference=4, ours=1).ratio == 0.25
-    assert replace(UNMET, reference=0, ours=1).ratio is None
-
-
 def test_what_is_measured_anew_is_set_aside_and_the_rest_stays(store: ResultStore) -> None:
     one, other = part("one", "a", "b"), part("other", "a")
     for key in (("one", "a"), ("one", "b"), ("other", "a")):
@@ -90,20 +85,3 @@ def test_a_table_has_three_digits_that_count_and_a_dash_for_what_is_missing() ->
         "| a | 1.23 | 30,000 |",
         "| b | - | - |",
     ]
-
-
-def test_what_never_came_is_in_no_percentile() -> None:
-    assert quantiles([1.0, None, 3.0], 0.5, 1) == {"p50, s": 2.0, "max, s": 3.0}
-    assert np.isnan(quantiles([None], 0.99, unit="ms")["p99, ms"])
-
-
-def test_a_line_of_arrivals_ends_at_the_share_that_came() -> None:
-    line = arrived("a", [1.0, 2.0, None, 4.0], of=4)
-    assert (line.x.iloc[-1], line.y.iloc[-1]) == (4.0, 75.0)
-    assert line.x.is_monotonic_increasing
-
-
-def test_a_line_of_long_times_ends_at_the_last_but_none() -> None:
-    line = tail("a", list(range(1001)))
-    assert (line.x.iloc[0], line.y.iloc[0]) == (0, 1)
-    assert line.x.iloc[-1] == pytest.approx(999, abs=0.1)
