@@ -99,7 +99,9 @@ def write_part(name: str, section: Section, measured: str) -> None:
     known = dict(zip(pieces[::2], pieces[1::2], strict=True))
     known[name] = f"{section.markdown}\n{measured}"
     parts = [
-        f"<!-- experiment: {one} -->\n{known[one].strip()}\n" for one in EXPERIMENTS if one in known
+        f"<!-- experiment: {item} -->\n{known[item].strip()}\n"
+        for item in EXPERIMENTS
+        if item in known
     ]
     PAGE.write_text("\n".join([HEAD, *parts]))
 

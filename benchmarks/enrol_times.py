@@ -70,19 +70,19 @@ def row(what: str, robots: int, values: list[float]) -> Row:
 
 def measure(site: Site, hosts: RobotHosts) -> list[Row]:
     program = Program(site.stack, site.token)
-    one = [hosts.boot("solo")]
+    item = [hosts.boot("solo")]
     fleet = hosts.boot_all(*(f"fleet{number}" for number in range(1, FLEET + 1)))
     rows = []
-    one[0].put(f"[global]\ncert = {CA_BUNDLE}\n".encode(), "/etc/pip.conf")
+    item[0].put(f"[global]\ncert = {CA_BUNDLE}\n".encode(), "/etc/pip.conf")
     for source, options in (("the index", ""), ("a folder", f"--wheelhouse {WHEELHOUSE}")):
-        times = [line_s(site, one[0], options) for _ in range(LINES)]
+        times = [line_s(site, item[0], options) for _ in range(LINES)]
         rows.append(row(f"install line with packages from {source}, to connected", 1, times))
-    for robots in (one, fleet):
+    for robots in (item, fleet):
         for what in ("enroll.yml, first run, to drivable", "enroll.yml, second run"):
             played = site.play_well("enroll.yml", *robots)
             report(played)
             rows.append(row(what, len(robots), [played.took_s]))
-    cuts = [asyncio.run(power_on_s(program, one[0])) for _ in range(POWER_CUTS)]
+    cuts = [asyncio.run(power_on_s(program, item[0])) for _ in range(POWER_CUTS)]
     rows.append(row("power-on of an enrolled robot to drivable", 1, cuts))
     return rows
 

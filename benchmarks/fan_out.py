@@ -80,7 +80,8 @@ async def observing(
         try:
             await until(
                 lambda: (
-                    not any(one.missing for one in observers) or any(task.done() for task in tasks)
+                    not any(item.missing for item in observers)
+                    or any(task.done() for task in tasks)
                 ),
                 f"each of {len(urls)} observers has {', '.join(topics)}",
                 STARTS_WITHIN_S,
@@ -129,14 +130,14 @@ async def run_observers(demo: Demo, topics: Sequence[str], count: int, seconds: 
             raise RuntimeError(
                 f"cannot measure: {count} observers took {started - begun:.1f} s to come"
             )
-        before = sum(one.messages for one in observers)
+        before = sum(observer.messages for observer in observers)
         # All runs take the same time, however long their observers needed to come.
         await asyncio.sleep(begun + seconds - started)
         return Run(
             ", ".join(topics),
             count,
             time.monotonic() - started,
-            sum(one.messages for one in observers) - before,
+            sum(observer.messages for observer in observers) - before,
             usage.uplink_bytes() - uplink,
             usage.relay_cpu_s() - cpu_s,
         )

@@ -77,22 +77,22 @@ def time_of(name: str, data: bytes) -> Rate:
     """The quickest of some rounds: what else runs on the machine only adds to it."""
     validator = MessageValidator(DEFAULTS.policy.manage, DEFAULTS.guard.drive_topics, UNLIMITED)
 
-    def one() -> None:
+    def check_once() -> None:
         command = validator.check(data).drive
         if command is not None:
             stamped(command, 1.5, 7)
 
     started = time.perf_counter()
-    one()
+    check_once()
     count = max(1, int(SHORTEST_S / (time.perf_counter() - started)))
-    best = min(_repeat(one, count) for _ in range(REPEATS))
+    best = min(_repeat(check_once, count) for _ in range(REPEATS))
     return Rate(name, len(data), best / count * 1_000_000)
 
 
-def _repeat(one: Callable[[], None], count: int) -> float:
+def _repeat(work: Callable[[], None], count: int) -> float:
     started = time.perf_counter()
     for _ in range(count):
-        one()
+        work()
     return time.perf_counter() - started
 
 

@@ -142,10 +142,10 @@ async def run(demo: Demo, seconds: float) -> list[Seen]:
 
 def row(seen: list[Seen]) -> Row:
     """What was measured: how old the frames were, and how much more the guard measured."""
-    errors = [one.error_ms for one in seen]
+    errors = [item.error_ms for item in seen]
     return {
         "commands": len(seen),
-        "age when sent, p50, ms": quantiles([one.sent_ms for one in seen], 0.5, unit="ms")[
+        "age when sent, p50, ms": quantiles([item.sent_ms for item in seen], 0.5, unit="ms")[
             "p50, ms"
         ],
         "error, least, ms": min(errors),

@@ -76,8 +76,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
         if config.getoption("restart") or asked <= store.keys():
             store.set_aside(asked)
         waiting = asked - store.keys()
-    config.hook.pytest_deselected(items=[one for one in items if key_of(one) not in waiting])
-    items[:] = [one for one in items if key_of(one) in waiting]
+    config.hook.pytest_deselected(items=[entry for entry in items if key_of(entry) not in waiting])
+    items[:] = [entry for entry in items if key_of(entry) in waiting]
 
 
 def key_of(item: pytest.Function) -> Key:
@@ -112,7 +112,7 @@ def versions(world: World) -> dict[str, str]:
     client = subprocess.run(["ssh", "-V"], capture_output=True, text=True, check=True).stderr
     found = {name: _VERSION.search(text) for name, text in of_stack.items()}
     return {
-        **{name: one[0] if one else of_stack[name] for name, one in found.items()},
+        **{name: item[0] if item else of_stack[name] for name, item in found.items()},
         "OpenSSH of the robots": " ".join(_VERSION.findall(client)[:1]),
         "Python of robots and experiments": platform.python_version(),
         "Docker": str(docker.from_env().version()["Version"]),
@@ -129,25 +129,25 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     scale, store = scale_of(config), config.stash[STORE]
     chapters = [chapter(part, scale, store) for part in PARTS]
     folder = QUICK_PAGES if scale.quick else PAGES
-    pages = [write_page(folder, one, scale, store) for one in chapters if one.outcomes]
+    pages = [write_page(folder, item, scale, store) for item in chapters if item.outcomes]
     parts = {part for part, _ in config.stash[ASKED]}
-    asked = [one for one in chapters if one.part.name in parts]
+    asked = [item for item in chapters if item.part.name in parts]
     config.stash[SUMMARY] = [
-        *(line for one in asked for line in summary(one)),
+        *(line for item in asked for line in summary(item)),
         *(f"a page is {page}" for page in pages),
     ]
     session.exitstatus = (
-        pytest.ExitCode.OK if all(one.is_fine for one in asked) else pytest.ExitCode.TESTS_FAILED
+        pytest.ExitCode.OK if all(item.is_fine for item in asked) else pytest.ExitCode.TESTS_FAILED
     )
 
 
-def summary(one: Chapter) -> Iterator[str]:
+def summary(item: Chapter) -> Iterator[str]:
     """A line on the part, and one for each thing besides failures of steps that makes the exit status 1."""
-    good = len(one.outcomes) - len(one.failed)
-    failed = f"{len(one.failed)} failed, {len(one.missing)} have not run"
-    yield f"{one.part.name}: {good} of {len(one.steps)} steps succeeded, {failed}"
-    yield from (f"  {line}" for line in one.problems)
-    for row in one.unmet:
+    good = len(item.outcomes) - len(item.failed)
+    failed = f"{len(item.failed)} failed, {len(item.missing)} have not run"
+    yield f"{item.part.name}: {good} of {len(item.steps)} steps succeeded, {failed}"
+    yield from (f"  {line}" for line in item.problems)
+    for row in item.unmet:
         yield f"  {row.what} is {number(row.ours)} and has to be {number(row.reference)} {row.unit}"
 
 

@@ -35,7 +35,7 @@ class Chapter:
 
     @property
     def failed(self) -> list[str]:
-        return [name for name, one in self.outcomes.items() if one.values is None]
+        return [name for name, outcome in self.outcomes.items() if outcome.values is None]
 
     @property
     def missing(self) -> list[str]:
@@ -44,7 +44,11 @@ class Chapter:
     @property
     def unmet(self) -> list[Comparison]:
         """What has to be equal, and is not."""
-        return [one for one in self.report.comparisons if one.better == "equal" and one.is_short]
+        return [
+            comparison
+            for comparison in self.report.comparisons
+            if comparison.better == "equal" and comparison.is_short
+        ]
 
     @property
     def is_fine(self) -> bool:
@@ -53,7 +57,7 @@ class Chapter:
 
     @property
     def took_s(self) -> float:
-        return sum(one.took_s for one in self.outcomes.values())
+        return sum(outcome.took_s for outcome in self.outcomes.values())
 
     @property
     def shortfalls(self) -> list[str]:
@@ -91,40 +95,40 @@ def chapter(part: Part, scale: Scale, store: ResultStore) -> Chapter:
 def sentence(error: BaseException) -> str:
     """An exception in one line: its kind and what it says; of a group, those that it holds."""
     if isinstance(error, BaseExceptionGroup):  # noqa: F821 (ruff checks for 3.10; this runs from 3.11 on)
-        return "; ".join(sentence(one) for one in error.exceptions)
+        return "; ".join(sentence(problem) for problem in error.exceptions)
     said = " ".join(str(error).split())
     if len(said) > LONGEST_FAILURE:
         said = f"{said[:LONGEST_FAILURE]}..."
     return f"{type(error).__name__}: {said}" if said else type(error).__name__
 
 
-def write_page(folder: Path, one: Chapter, scale: Scale, store: ResultStore) -> Path:
+def write_page(folder: Path, item: Chapter, scale: Scale, store: ResultStore) -> Path:
     """Write a part's page and picture; a picture that cannot be drawn is a problem of the chapter."""
     folder.mkdir(parents=True, exist_ok=True)
-    picture = folder / f"{one.part.name}.svg"
+    picture = folder / f"{item.part.name}.svg"
     picture.unlink(missing_ok=True)
-    if one.report.figure is not None and one.report.figure.lines:
+    if item.report.figure is not None and item.report.figure.lines:
         try:
-            draw(one.report.figure, picture)
+            draw(item.report.figure, picture)
         except Exception as error:  # noqa: BLE001 (the border of a part's own picture)
             traceback.print_exc()
-            one.problems.append(f"{picture.name} could not be drawn: {sentence(error)}")
-    written = folder / f"{one.part.name}.md"
-    written.write_text(markdown(one, scale, store, has_picture=picture.exists()))
+            item.problems.append(f"{picture.name} could not be drawn: {sentence(error)}")
+    written = folder / f"{item.part.name}.md"
+    written.write_text(markdown(item, scale, store, has_picture=picture.exists()))
     return written
 
 
-def markdown(one: Chapter, scale: Scale, store: ResultStore, *, has_picture: bool) -> str:
+def markdown(item: Chapter, scale: Scale, store: ResultStore, *, has_picture: bool) -> str:
     """The whole page."""
-    outcomes = list(one.outcomes.values())
+    outcomes = list(item.outcomes.values())
     values = {
-        "one": one,
+        "one": item,
         "scale": scale,
         "circumstances": _circumstances(outcomes, store.sittings(outcomes)),
         "has_picture": has_picture,
     }
-    name = one.part.name if one.report.values else "experiment"
-    return page(f"{name}.md.j2", **values, **one.report.values)
+    name = item.part.name if item.report.values else "experiment"
+    return page(f"{name}.md.j2", **values, **item.report.values)
 
 
 def _circumstances(outcomes: Sequence[Outcome], sittings: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -132,13 +136,15 @@ def _circumstances(outcomes: Sequence[Outcome], sittings: Sequence[Mapping[str, 
     commits = Counter(step.commit for step in outcomes)
     several = "; **steps come from several commits**" if len(commits) > 1 else ""
     machines = dict.fromkeys(
-        f"{plain(one['processor'])}, {one['cores']} cores, {one['memory_gb']} GB of memory, "
-        f"Linux {plain(one['kernel'])}"
-        for one in sittings
+        f"{plain(sitting['processor'])}, {sitting['cores']} cores, {sitting['memory_gb']} GB of memory, "
+        f"Linux {plain(sitting['kernel'])}"
+        for sitting in sittings
     )
     versions = dict.fromkeys(
-        ", ".join(f"{plain(name)} {plain(version)}" for name, version in one["versions"].items())
-        for one in sittings
+        ", ".join(
+            f"{plain(name)} {plain(version)}" for name, version in sitting["versions"].items()
+        )
+        for sitting in sittings
     )
     return [
         f"Machine: {' / '.join(machines)}; everything runs on it.",

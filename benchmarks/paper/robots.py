@@ -101,10 +101,10 @@ class WholeRobot:
 
     def ended(self) -> str:
         """Say which of its processes has ended by itself, or nothing."""
-        return ", ".join(filter(None, (one.ended() for one in (self._agent, self._ros))))
+        return ", ".join(filter(None, (item.ended() for item in (self._agent, self._ros))))
 
     def logs(self) -> str:
-        return "\n".join(f"--- {self.name}\n{one.tail()}" for one in (self._ros, self._agent))
+        return "\n".join(f"--- {self.name}\n{item.tail()}" for item in (self._ros, self._agent))
 
     def _ros_program(self) -> tuple[Sequence[str], Mapping[str, str]]:
         if self._ros_kind == "bus":

@@ -148,7 +148,7 @@ class Part:
 
 def succeeded(results: Results) -> dict[str, Values]:
     """What was measured in the steps that did not fail."""
-    return {name: one.values for name, one in results.items() if one.values is not None}
+    return {name: result.values for name, result in results.items() if result.values is not None}
 
 
 def now() -> str:
@@ -190,7 +190,7 @@ class ResultStore:
 
     def sittings(self, outcomes: Iterable[Outcome]) -> list[Mapping[str, Any]]:
         """What is known of the processes that measured these, the first first."""
-        wanted = {one.sitting for one in outcomes}
+        wanted = {outcome.sitting for outcome in outcomes}
         known = (line["sitting"] for line in self._lines() if "sitting" in line)
         return [sitting for sitting in known if sitting["began"] in wanted]
 

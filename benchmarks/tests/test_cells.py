@@ -26,8 +26,11 @@ def driven(
     """Commands at 20 Hz that come and move the robot, and a zero behind the last."""
     events = []
     for at in range(round((end_s - begin_s) * 20)):
-        at_s, one = begin_s + at / 20, {"connection": connection, "number": first + at}
-        events += [event(at_s, "arrived", fence=fence, **one), event(at_s + 0.001, "moved", **one)]
+        at_s, command = begin_s + at / 20, {"connection": connection, "number": first + at}
+        events += [
+            event(at_s, "arrived", fence=fence, **command),
+            event(at_s + 0.001, "moved", **command),
+        ]
     return [*events, event(end_s + 0.4, "zeroed")]
 
 
@@ -106,7 +109,7 @@ HISTORIES = {
 
 @pytest.mark.parametrize(("history", "database", "rules"), HISTORIES.values(), ids=HISTORIES)
 def test_a_history_breaks_these_rules(history: list[Event], database: Database, rules: str) -> None:
-    broken = {one.rule for one in check(in_order(history), database)}
+    broken = {violation.rule for violation in check(in_order(history), database)}
     assert ", ".join(sorted(broken)) == rules
 
 
@@ -163,7 +166,7 @@ RETURNS = {
 @pytest.mark.parametrize(("history", "expected"), RETURNS.values(), ids=RETURNS)
 def test_returns(history: list[Event], expected: list[tuple[float, float, bool]]) -> None:
     found = find_returns(in_order(history), CELLS)
-    assert [(round(one.at_s, 2), round(one.took_s, 2), one.came) for one in found] == expected
+    assert [(round(item.at_s, 2), round(item.took_s, 2), item.came) for item in found] == expected
 
 
 def test_a_fault_that_takes_a_moment_is_still_the_cause():
@@ -177,13 +180,13 @@ def test_what_is_written_is_read_in_order(tmp_path: Path):
     first.add("moved", robot="one", connection="ann", number=3)
     second.add("wants", robot="one", what="ann")
     first.add("zeroed", robot="one")
-    for one in (first, second):
-        one.close()
+    for item in (first, second):
+        item.close()
     # A process was killed while it wrote.
     with (tmp_path / "robots.jsonl").open("a") as file:
         file.write('{"at_s": 3')
     found = read(tmp_path)
-    written = [(one.kind, one.source) for one in found]
+    written = [(item.kind, item.source) for item in found]
     assert written == [("moved", "robots"), ("wants", "people"), ("zeroed", "robots")]
     assert found[0].number == 3
 

@@ -21,7 +21,7 @@ def run(*message_s: float | None, **others: Any) -> dict[str, Any]:
         "limits": [],
         "failures": [],
         "wrong": 0,
-        "received": sum(one is not None for one in message_s),
+        "received": sum(message_ is not None for message_ in message_s),
         "took_s": 3.0,
         "cpu_s": dict.fromkeys((*SERVICES, "robots"), 0.1),
         "memory_bytes": dict.fromkeys(SERVICES, 2**20),

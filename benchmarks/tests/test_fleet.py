@@ -68,19 +68,19 @@ def run(*message_s: float | None, **others: Any) -> Outcome:
     return Outcome(values={**usual, **others})
 
 
-def one(*outcomes: Outcome) -> Group:
+def group_of(*outcomes: Outcome) -> Group:
     return Group("2", 2, outcomes)
 
 
 def test_a_late_robot_has_failed_and_is_told_apart_from_one_that_never_came():
-    group = one(run(1.0, 60.0), run(60.1, None))
+    group = group_of(run(1.0, 60.0), run(60.1, None))
     assert (group.wanted, group.in_time, group.late, group.never) == (4, 2, 1, 1)
     assert group.success == 50.0
     assert list(group.seconds("message_s")) == [1.0, 60.0, 60.1]
 
 
 def test_a_run_that_failed_as_a_whole_counts_all_its_robots():
-    group = one(run(1.0, 1.0), Outcome(failure="a worker ended"))
+    group = group_of(run(1.0, 1.0), Outcome(failure="a worker ended"))
     assert (group.wanted, group.in_time, group.never, group.success) == (4, 2, 2, 50.0)
 
 

@@ -44,9 +44,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def history(tmp_path: Path) -> Iterator[History]:
-    one = History.open(tmp_path, "nemesis")
-    yield one
-    one.close()
+    item = History.open(tmp_path, "nemesis")
+    yield item
+    item.close()
 
 
 def open_nemesis(history: History, deeds: Deeds, **how: Any) -> Nemesis:
@@ -55,8 +55,8 @@ def open_nemesis(history: History, deeds: Deeds, **how: Any) -> Nemesis:
 
 def test_the_seed_decides(history: History) -> None:
     def chosen(seed: int) -> list[Any]:
-        one = Nemesis(context(seed), history)
-        return [one.choose() for _ in range(20)]
+        item = Nemesis(context(seed), history)
+        return [item.choose() for _ in range(20)]
 
     assert chosen(5) == chosen(5)
     assert chosen(5) != chosen(6)
@@ -75,11 +75,11 @@ async def takers_beside(
     history: History, name: str, target: Target, cells: str = "abc"
 ) -> dict[str, set[str]]:
     """What takes a cell and may be chosen beside a fault, with its cells."""
-    one = Nemesis(context(cells=cells), history, noting([]))
-    await one.begin(name, target)
+    item = Nemesis(context(cells=cells), history, noting([]))
+    await item.begin(name, target)
     found: dict[str, set[str]] = {}
     for _ in range(500):
-        chosen = one.choose()
+        chosen = item.choose()
         if chosen is not None and chosen[0] in TAKES_A_CELL:
             found.setdefault(chosen[0], set()).add(chosen[1].cell)
     return found
@@ -88,7 +88,7 @@ async def takers_beside(
 async def test_another_cell_breaks_while_one_is_drained(history: History) -> None:
     """Never the drained one: its web could not resume it."""
     beside = await takers_beside(history, DRAINED, Target("b"))
-    assert beside == {one: {"a", "c"} for one in TAKES_A_CELL - {DRAINED, "database_away"}}
+    assert beside == {item: {"a", "c"} for item in TAKES_A_CELL - {DRAINED, "database_away"}}
 
 
 @pytest.mark.parametrize("name", sorted(TAKES_A_CELL - {DRAINED, "database_away"}))

@@ -70,8 +70,8 @@ async def test_a_sender_that_is_held_up_hides_no_latency() -> None:
         url = f"ws://127.0.0.1:{port}/"
         receiver = Receiver(End(**pair, sends=False, url=url), http)
         sender = Sender(End(**pair, sends=True, url=url), http)
-        for one in (receiver, sender):
-            await one.connection.dial()
+        for item in (receiver, sender):
+            await item.connection.dial()
         sending = asyncio.create_task(sender.run(time.monotonic_ns()))
         await asyncio.sleep(0.1)
         # The loop of this test is that of the sender.
@@ -80,6 +80,6 @@ async def test_a_sender_that_is_held_up_hides_no_latency() -> None:
         async with asyncio.timeout(10):
             while not receiver.account.complete:  # noqa: ASYNC110 (it has no event)
                 await asyncio.sleep(0.01)
-        for one in (receiver, sender):
-            await one.connection.close()
+        for item in (receiver, sender):
+            await item.connection.close()
     assert (receiver.account.latency.quantile_ms(0.7) or 0) > 50

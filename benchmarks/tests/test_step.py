@@ -17,7 +17,7 @@ UNMET = Comparison("success", "paper", reference=100, ours=99.9, unit="%", bette
 
 
 def part(name: str, *steps: str, unmet: bool = False) -> Part:
-    made = [Step(name=one, title=f"step {one}", run=lambda _world: {}) for one in steps]
+    made = [Step(name=item, title=f"step {item}", run=lambda _world: {}) for item in steps]
     return Part(
         name=name,
         title=f"A {name}",
@@ -51,12 +51,12 @@ def test_falls_short_where_ours_is_worse(
 
 
 def test_what_is_measured_anew_is_set_aside_and_the_rest_stays(store: ResultStore) -> None:
-    one, other = part("one", "a", "b"), part("other", "a")
+    first, other = part("one", "a", "b"), part("other", "a")
     for key in (("one", "a"), ("one", "b"), ("other", "a")):
         store.add(key, KEPT)
     before = store.path.read_text()
     store.set_aside({("one", "a"), ("one", "b")})
-    assert store.outcomes(one, QUICK) == {}
+    assert store.outcomes(first, QUICK) == {}
     assert store.outcomes(other, QUICK) == {"a": KEPT}
     [aside] = store.path.parent.glob("quick-*.jsonl")
     assert aside.read_text() == before

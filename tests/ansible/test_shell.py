@@ -162,7 +162,7 @@ def test_ansible_pings_it_from_the_inventory(known: Person, site: Site) -> None:
 def test_fleet_runs_on_it(known: Person) -> None:
     """A fleet command runs on the robot, with sudo too, and its exit status comes back."""
     done = known.fleet("id -un", "--on", "*", "--json")
-    assert [(one["robot"], one["stdout"]) for one in json.loads(done.stdout)] == [
+    assert [(row["robot"], row["stdout"]) for row in json.loads(done.stdout)] == [
         (NAME, f"{USER}\n")
     ]
     assert known.fleet("id -un", "--on", "*", "--sudo").stdout == f"{NAME} | root\n"

@@ -40,7 +40,7 @@ class Site:
         """Tell whether all machines have what they should have."""
         first, *others = self.machines
         return are_healthy(first, SERVICES | {"mysql"}) and all(
-            are_healthy(one, SERVICES) for one in others
+            are_healthy(item, SERVICES) for item in others
         )
 
     def alive(self) -> set[str]:
@@ -60,7 +60,10 @@ def site(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Iterato
     images = save_images(folder)
     machines = [boot_machine(hosts, name) for name in NAMES]
     inventory = folder / "site.ini"
-    lines = [one.inventory_line(robotether_cell_public_host=f"{one.name}.test") for one in machines]
+    lines = [
+        machine.inventory_line(robotether_cell_public_host=f"{machine.name}.test")
+        for machine in machines
+    ]
     inventory.write_text(
         "[robotether_cells]\n" + "\n".join(lines) + "\n[robotether_cells:vars]\n"
         f"robotether_server_images={images}\n"
@@ -72,9 +75,9 @@ def site(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 def test_bare_machines_become_one_site_once(site: Site) -> None:
     """--check works before; a second run changes nothing; what people and robots see is the same everywhere."""
-    before = [one.run("ls /opt /etc") for one in site.machines]
+    before = [machine.run("ls /opt /etc") for machine in site.machines]
     site.play("--check")
-    assert [one.run("ls /opt /etc") for one in site.machines] == before
+    assert [machine.run("ls /opt /etc") for machine in site.machines] == before
 
     changed, said = site.play()
     assert changed > 0
@@ -89,12 +92,12 @@ def test_bare_machines_become_one_site_once(site: Site) -> None:
     secret = others[0].run(f"cat {FOLDER}/compose/secrets/ticket_key")
     assert secret not in said
 
-    secrets = [secrets_of(one) for one in site.machines]
+    secrets = [secrets_of(machine) for machine in site.machines]
     changed, said = site.play()
     assert changed == 0, said
     changed, said = site.play("--check")
     assert changed == 0, said
-    assert [secrets_of(one) for one in site.machines] == secrets
+    assert [secrets_of(machine) for machine in site.machines] == secrets
 
 
 def test_database_is_for_the_cells_alone(site: Site) -> None:
@@ -112,8 +115,8 @@ def test_database_is_for_the_cells_alone(site: Site) -> None:
 
 def test_upgrade_takes_one_cell_after_the_other(site: Site) -> None:
     """Each is emptied before it is restarted, and takes robots again after it."""
-    for one in site.machines:
-        one.run(f"echo 'older built' > {FOLDER}/compose/.deployed")
+    for machine in site.machines:
+        machine.run(f"echo 'older built' > {FOLDER}/compose/.deployed")
     changed, _ = site.play()
     assert changed > 0
     assert site.healthy()

@@ -31,7 +31,7 @@ def nothing_stays(stack: Stack) -> Iterator[None]:
 
 def _records(stack: Stack) -> set[tuple[str, str]]:
     listed = {kind: stack.admin.ask("GET", f"/{kind}")[kind] for kind in ("robots", "users")}
-    return {(kind, one["name"]) for kind, found in listed.items() for one in found}
+    return {(kind, item["name"]) for kind, found in listed.items() for item in found}
 
 
 def _state(stack: Stack, name: str) -> list[list[str]]:

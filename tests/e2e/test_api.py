@@ -44,7 +44,7 @@ class Api:
 
     def names(self, path: str, key: str, member: str = "name") -> set[str]:
         """What a list holds."""
-        return {str(one[member]) for one in self.ask("GET", path)[key]}
+        return {str(item[member]) for item in self.ask("GET", path)[key]}
 
     def records(self) -> dict[str, set[str]]:
         """Everything that a request could name, by the name of its place in paths."""
@@ -70,8 +70,8 @@ def api(stack: Stack) -> Iterator[Api]:
     for kind, path in lists.items():
         for name in api.records()[kind] - before[kind]:
             api.ask("DELETE", f"/{path}/{name}")
-    for one in api.ask("GET", "/join-tokens")["join_tokens"]:
-        api.ask("DELETE", f"/join-tokens/{one['id']}")
+    for join_token in api.ask("GET", "/join-tokens")["join_tokens"]:
+        api.ask("DELETE", f"/join-tokens/{join_token['id']}")
     assert api.records() == before
 
 

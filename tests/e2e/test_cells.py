@@ -49,7 +49,7 @@ def second(first: Stack) -> Iterator[Stack]:
 
 def cells_by(cell: Stack) -> dict[str, dict[str, Any]]:
     """The cells of the site, as this one lists them."""
-    return {one["name"]: one for one in json.loads(cell.robotether("cell", "list", "--json"))}
+    return {row["name"]: row for row in json.loads(cell.robotether("cell", "list", "--json"))}
 
 
 def test_both_cells_are_listed_and_serve_pages(first: Stack, second: Stack) -> None:
@@ -57,11 +57,13 @@ def test_both_cells_are_listed_and_serve_pages(first: Stack, second: Stack) -> N
     for cell in (first, second):
         cell.wait(
             "both cells alive",
-            lambda cell=cell: [one["is_alive"] for one in cells_by(cell).values()] == [True, True],
+            lambda cell=cell: (
+                [item["is_alive"] for item in cells_by(cell).values()] == [True, True]
+            ),
             "relay",
         )
         listed = cells_by(cell)
-        assert {name: one["host"] for name, one in listed.items()} == dict.fromkeys(
+        assert {name: row["host"] for name, row in listed.items()} == dict.fromkeys(
             ("a", "b"), first.settings["PUBLIC_HOST"]
         )
         assert [listed[name]["https_port"] for name in ("a", "b")] == [
@@ -204,9 +206,9 @@ def robots_at(cell: Stack) -> int:
     """How many are online there, as its relay counts them, which needs no database."""
     read = "import urllib.request as r; print(r.urlopen('http://127.0.0.1:9100/metrics').read().decode())"
     [line] = [
-        one
-        for one in cell.exec("relay", "python3", "-c", read).splitlines()
-        if one.startswith("robotether_relay_robots_online ")
+        item
+        for item in cell.exec("relay", "python3", "-c", read).splitlines()
+        if item.startswith("robotether_relay_robots_online ")
     ]
     return round(float(line.split()[1]))
 

@@ -109,7 +109,9 @@ def _falls_silent(watch: SimWatch) -> None:
     since = time.monotonic()
     watch.wait_pose(
         "silent",
-        lambda _: time.monotonic() - max([since, *(one.at for one in watch.commands())]) > 0.5,
+        lambda _: (
+            time.monotonic() - max([since, *(command.at for command in watch.commands())]) > 0.5
+        ),
     )
     assert all(_is_zero(seen.msg) for seen in watch.commands(since))
 

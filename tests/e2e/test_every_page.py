@@ -110,7 +110,7 @@ def rules_of_pages() -> list[str]:
             log_level="info",
         )
     )
-    rules = [one.rule for one in app.url_map.iter_rules() if "GET" in (one.methods or ())]
+    rules = [item.rule for item in app.url_map.iter_rules() if "GET" in (item.methods or ())]
     return [rule for rule in rules if not NO_PAGES.match(rule)]
 
 
@@ -193,7 +193,7 @@ class Looks:
             }""",
             only,
         )
-        self.found += [f"{self._path} {look}: {one}" for one in violations]
+        self.found += [f"{self._path} {look}: {violation}" for violation in violations]
 
     def _expect_none(self, what: str, script: str) -> None:
         found = self.page.evaluate(script)

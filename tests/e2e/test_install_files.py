@@ -32,7 +32,7 @@ def invitation(stack: Stack) -> Iterator[dict[str, Any]]:
     yield made
     stack.request("DELETE", f"/api/v1/join-tokens/{made['id']}", headers=headers)
     tokens = stack.request("GET", "/api/v1/tokens", headers=headers)[1]["tokens"]
-    [own] = [one["id"] for one in tokens if one["name"] == "invite"]
+    [own] = [item["id"] for item in tokens if item["name"] == "invite"]
     stack.request("DELETE", f"/api/v1/tokens/{own}", headers=headers)
 
 

@@ -110,12 +110,12 @@ def _box(page: Page, name: str) -> FloatRect:
     return box
 
 
-def _overlap(one: FloatRect, other: FloatRect) -> bool:
+def _overlap(item: FloatRect, other: FloatRect) -> bool:
     return (
-        one["x"] < other["x"] + other["width"]
-        and other["x"] < one["x"] + one["width"]
-        and one["y"] < other["y"] + other["height"]
-        and other["y"] < one["y"] + one["height"]
+        item["x"] < other["x"] + other["width"]
+        and other["x"] < item["x"] + item["width"]
+        and item["y"] < other["y"] + other["height"]
+        and other["y"] < item["y"] + item["height"]
     )
 
 
@@ -339,8 +339,8 @@ def _expect_tools_apart(page: Page, view: Locator, where: str) -> None:
         "stop",
     )
     boxes = {name: _box(page, name) for name in names}
-    for one, other in combinations(names, 2):
-        assert not _overlap(boxes[one], boxes[other]), f"{where} {one} lies over {other}"
+    for name, other in combinations(names, 2):
+        assert not _overlap(boxes[name], boxes[other]), f"{where} {name} lies over {other}"
 
 
 def test_without_scripts_the_page_says_so_and_shows_no_dead_stop(

@@ -178,7 +178,7 @@ def test_an_observer_follows_a_topic_that_nothing_asked_for_before(
     for name in ("/odom", "/camera/image_raw/compressed"):
         look = _look(page, name)
     looks = page.get_by_test_id("topic-look")
-    names = [one.get_attribute("data-topic") for one in looks.all()]
+    names = [item.get_attribute("data-topic") for item in looks.all()]
     assert names == ["/odom", "/camera/image_raw/compressed"]
     expect(look).to_contain_text("can be several MB large.")
     look.get_by_test_id("topic-get-one").click()

@@ -124,12 +124,12 @@ def test_the_picture_says_how_old_it_is(robot: Page) -> None:
 def test_views_are_swapped_and_only_what_is_shown_has_a_stream(robot: Page) -> None:
     """Beside the main one a small picture, asked for small; a choice of the map leaves one to drive by."""
     sockets: list[WebSocket] = []
-    robot.on("websocket", lambda one: "/video/frames" in one.url and sockets.append(one))
+    robot.on("websocket", lambda item: "/video/frames" in item.url and sockets.append(item))
     robot.reload()
     _expect_picture(_tile(robot, FRONT), "live")
     robot.get_by_test_id("layout").select_option("inset")
     _expect_picture(_tile(robot, REAR), "live")
-    assert ["rear" in one.url for one in sockets] == [False, True]
+    assert ["rear" in socket.url for socket in sockets] == [False, True]
     small = _tile(robot, REAR).get_by_test_id("side-video")
     robot.wait_for_function(
         "canvas => canvas.width > 0 && canvas.width <= 320", arg=small.element_handle()

@@ -65,12 +65,12 @@ def operations(value: Any) -> list[Any]:
     """Every `op` inside, without recursion: messages may be deep."""
     found, open_values = [], [value]
     while open_values:
-        one = open_values.pop()
-        if isinstance(one, dict):
-            found += [one["op"]] if "op" in one else []
-            open_values += one.values()
-        elif isinstance(one, list):
-            open_values += one
+        item = open_values.pop()
+        if isinstance(item, dict):
+            found += [item["op"]] if "op" in item else []
+            open_values += item.values()
+        elif isinstance(item, list):
+            open_values += item
     return found
 
 

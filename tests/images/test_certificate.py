@@ -43,7 +43,9 @@ class Pairs:
 
     def join(self, name: str, *parts: str) -> None:
         """Write NAME.pem of certificates in this order."""
-        self[f"{name}.pem"].write_bytes(b"".join(self[f"{one}.pem"].read_bytes() for one in parts))
+        self[f"{name}.pem"].write_bytes(
+            b"".join(self[f"{part}.pem"].read_bytes() for part in parts)
+        )
 
 
 def names(*given: str) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ def test_odd_question_finds_nothing(key: RobotKey, stack: Stack) -> None:
     before = stack.sql(count)
     odd = ("", "MD5:00:11", HASH[:-1], HASH + "a", HASH[:-1] + "\n", "SHA256:" + "a" * 100_000)
     quoted = ("' OR '1'='1' -- ".ljust(43, "a"), "../../../etc/passwd".ljust(43, "a"))
-    for fingerprint in (*odd, *(f"SHA256:{one}" for one in quoted)):
+    for fingerprint in (*odd, *(f"SHA256:{item}" for item in quoted)):
         done = look_up(stack, "tunnel", fingerprint, CONNECTION)
         assert (done.returncode, done.stdout) == (0, ""), fingerprint[:30]
     for arguments in ((), ("tunnel",), ("tunnel", HASH), ("tunnel", HASH, "", "")):

@@ -192,8 +192,8 @@ async def main():
     async with aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0, ssl=False)) as http:
         asked = [asyncio.create_task(status(http, "GET", "control")) for _ in range(900)]
         await asyncio.wait(asked, return_when=asyncio.FIRST_COMPLETED)
-        while not any(one.done() and one.result() == 429 for one in asked):
-            await asyncio.wait([one for one in asked if not one.done()], return_when=asyncio.FIRST_COMPLETED)
+        while not any(task.done() and task.result() == 429 for task in asked):
+            await asyncio.wait([task for task in asked if not task.done()], return_when=asyncio.FIRST_COMPLETED)
         print(await status(http, "POST", "stop"))
         found = collections.Counter(await asyncio.gather(*asked))
         print(*sorted(found))

@@ -18,8 +18,8 @@ SERVICES = dict.fromkeys(("nginx", "web", "relay", "sshd", "mysql"), "healthy")
 ONE_SHOTS = dict.fromkeys(("settings", "certificate", "secrets", "migrate"), "exited 0")
 OWNERS = r"""
 from pathlib import Path
-agents = [one for one in Path("/proc").glob("[0-9]*") if b"robotether_agent\0run" in (one / "cmdline").read_bytes()]
-print(*{one.owner() for one in agents})
+agents = [path for path in Path("/proc").glob("[0-9]*") if b"robotether_agent\0run" in (path / "cmdline").read_bytes()]
+print(*{path.owner() for path in agents})
 """
 # Compose's lines about a service whose image it asks a registry for.
 PULL_PROGRESS = re.compile(r"^ [\w-]+ (?:Pulling|Warning|Error)\b.*", re.MULTILINE)
@@ -68,22 +68,22 @@ def test_simulated_robots_join_by_themselves(site: PlainCompose) -> None:
     """With a token for just as many, that no log has, and again after a start in new containers."""
     site.settings["COMPOSE_PROFILES"] = "demo,demo-more"
     site.compose("up", "--detach", "--wait")
-    site.wait("online", lambda: all(one["online"] for one in site.robots().values()), *SIMS)
+    site.wait("online", lambda: all(robot["online"] for robot in site.robots().values()), *SIMS)
     before = site.robots()
-    assert {name: one["state"] for name, one in before.items()} == dict.fromkeys(SIMS, "active")
+    assert {name: item["state"] for name, item in before.items()} == dict.fromkeys(SIMS, "active")
     kinds = [
         json.loads(site.compose("exec", "-T", "web", "robotether", "robot", "settings", name))
         for name in SIMS
     ]
-    assert [one["page"]["kind"] for one in kinds] == KINDS
+    assert [service["page"]["kind"] for service in kinds] == KINDS
     tokens = site.compose("exec", "-T", "web", "robotether", "join-token", "list").splitlines()
     assert [line.split()[:4] for line in tokens[1:]] == [["demo", "5", "of", "5"]]
     assert "rj_" not in site.compose("logs")
     site.compose("up", "--detach", "--wait", "--force-recreate", "--no-deps", *SIMS)
-    site.wait("online", lambda: all(one["online"] for one in site.robots().values()), *SIMS)
+    site.wait("online", lambda: all(robot["online"] for robot in site.robots().values()), *SIMS)
     after = site.robots()
-    assert {name: one["fingerprint"] for name, one in after.items()} == {
-        name: one["fingerprint"] for name, one in before.items()
+    assert {name: item["fingerprint"] for name, item in after.items()} == {
+        name: item["fingerprint"] for name, item in before.items()
     }
     assert (
         site.compose("exec", "-T", "web", "robotether", "join-token", "list").splitlines() == tokens
@@ -211,8 +211,8 @@ def test_backup_alone_makes_the_server_on_another_machine(
         other.compose("up", "--detach", "--wait")
         other.wait("online", lambda: other.robots()["sim1"]["online"], "sshd", seconds=180)
         after = other.robots()
-        assert {name: one["fingerprint"] for name, one in after.items()} == {
-            name: one["fingerprint"] for name, one in before.items()
+        assert {name: item["fingerprint"] for name, item in after.items()} == {
+            name: item["fingerprint"] for name, item in before.items()
         }
         assert other.accepts_login(password)
         assert backup_ages(other) == ["+Inf", "+Inf"]

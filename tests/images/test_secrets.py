@@ -99,9 +99,9 @@ class Site:
         assert done.returncode == 0, done.stderr
         with tarfile.open(fileobj=io.BytesIO(base64.b64decode(done.stdout))) as archive:
             return {
-                one.name: file.read().decode()
-                for one in archive
-                if (file := archive.extractfile(one)) is not None
+                member.name: file.read().decode()
+                for member in archive
+                if (file := archive.extractfile(member)) is not None
             }
 
     def files(self) -> dict[str, dict[str, list[Any]]]:
@@ -207,7 +207,7 @@ def names_in(certificate: str) -> set[str]:
     """Host names and addresses for which a certificate is good."""
     read = x509.load_pem_x509_certificate(certificate.encode())
     found = read.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    return {str(one.value) for one in found}
+    return {str(item.value) for item in found}
 
 
 def test_database_has_a_certificate_for_its_host(site: Site) -> None:

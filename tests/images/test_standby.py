@@ -202,7 +202,7 @@ def numbers_at(site: Site, machine: Stack) -> list[int]:
 def alive(cell: Stack) -> set[str]:
     """The cells that one sees, as the site's database and the relays have them."""
     listed: list[dict[str, Any]] = json.loads(cell.robotether("cell", "list", "--json"))
-    return {one["name"] for one in listed if one["is_alive"]}
+    return {row["name"] for row in listed if row["is_alive"]}
 
 
 def test_promoted_standby_has_all_that_was_confirmed(site: Site) -> None:
@@ -255,10 +255,10 @@ def test_promoted_database_has_what_migrations_need(site: Site) -> None:
     )
     assert state == "ENABLED"
     assert site.b.sql("SELECT @@event_scheduler, @@read_only") == [["ON", "0"]]
-    with site.connection(site.b) as one, site.connection(site.b) as other:
-        one.execute("SELECT GET_LOCK('taken', 0)")
-        other.execute("SELECT GET_LOCK('taken', 0)")
-        assert (one.fetchall(), other.fetchall()) == (((1,),), ((0,),))
+    with site.connection(site.b) as first, site.connection(site.b) as second:
+        first.execute("SELECT GET_LOCK('taken', 0)")
+        second.execute("SELECT GET_LOCK('taken', 0)")
+        assert (first.fetchall(), second.fetchall()) == (((1,),), ((0,),))
 
 
 def test_old_database_comes_back_as_standby_alone(site: Site) -> None:

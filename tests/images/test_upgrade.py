@@ -112,7 +112,11 @@ def identity(stack: Stack) -> dict[str, Any]:
     robots = stack.admin.ask("GET", "/robots")["robots"]
     ssh = stack.exec("sshd", "sh", "-c", "cat /etc/ssh/public/*.pub")
     tls = stack.exec("nginx", "cat", "/etc/nginx/tls/cert.pem")
-    return {"ssh": ssh, "tls": tls, "robots": [{key: one[key] for key in kept} for one in robots]}
+    return {
+        "ssh": ssh,
+        "tls": tls,
+        "robots": [{key: robot[key] for key in kept} for robot in robots],
+    }
 
 
 async def drive(program: Program) -> None:

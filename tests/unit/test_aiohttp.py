@@ -94,8 +94,8 @@ def own_classes() -> list[type]:
     found = []
     while left:
         left += (below := left.pop().__subclasses__())
-        found += [one for one in below if one.__module__.startswith("robotether_")]
-    return sorted(found, key=lambda one: one.__qualname__)
+        found += [item for item in below if item.__module__.startswith("robotether_")]
+    return sorted(found, key=lambda item: item.__qualname__)
 
 
 def names_of(cls: type) -> set[str]:
@@ -112,7 +112,7 @@ def test_the_product_has_websockets_of_its_own() -> None:
         "RobotSocket",
         "ClientSocket",
         "RosbridgeSocket",
-    } <= {one.__name__ for one in own_classes()}
+    } <= {kind.__name__ for kind in own_classes()}
 
 
 @pytest.mark.parametrize("cls", own_classes(), ids=lambda cls: cls.__qualname__)
@@ -301,7 +301,7 @@ async def test_a_request_that_cannot_be_parsed_is_logged_with_its_exception(capl
             writer.close()
     finally:
         await runner.cleanup()
-    [record] = [one for one in caplog.records if one.name == logger.name]
+    [record] = [item for item in caplog.records if item.name == logger.name]
     assert record.exc_info is not None
     assert isinstance(record.exc_info[1], HttpProcessingError)
 

@@ -21,7 +21,7 @@ LOADED = """
 import importlib, sys
 for module in sys.argv[1:]:
     importlib.import_module(module)
-print(*(one.__file__ for name, one in sys.modules.items() if name.startswith("robotether_")), sep="\\n")
+print(*(module.__file__ for name, module in sys.modules.items() if name.startswith("robotether_")), sep="\\n")
 """
 
 
@@ -43,7 +43,7 @@ def declared(package: str, *extras: str) -> set[str]:
         name = name_of(left.pop())
         if name not in found:
             found.add(name)
-            left += [one for one in needed_by(name) if "extra ==" not in one]
+            left += [module for module in needed_by(name) if "extra ==" not in module]
     return found
 
 

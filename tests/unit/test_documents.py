@@ -205,7 +205,7 @@ def test_each_path_of_the_relay_has_its_place_in_nginx() -> None:
         rf"{re.escape(path)}$" if sign == "=" else path.strip('"')
         for sign, path in re.findall(r"location (=|~) (\S+) \{", text)
     ]
-    assert [path for path in paths if not any(re.match(one, path) for one in located)] == []
+    assert [path for path in paths if not any(re.match(item, path) for item in located)] == []
 
 
 def test_each_decision_has_its_parts() -> None:

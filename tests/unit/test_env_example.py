@@ -130,8 +130,8 @@ def test_a_wrong_value_ends_the_start_before_anything_runs() -> None:
     ours = services()["settings"]["environment"]
     site = {
         name: text
-        for one in ("web", "relay", "migrate")
-        for name, text in services()[one]["environment"].items()
+        for item in ("web", "relay", "migrate")
+        for name, text in services()[item]["environment"].items()
         if text.startswith("${") and name != "DIRECT_PORTS"
     }
     nginx = {name: f"${{{name}:-}}" for name in ("DIRECT_SOURCES", "TRUSTED_PROXIES")}
@@ -159,7 +159,7 @@ def image_of(service: dict[str, Any]) -> str:
     return found[1]
 
 
-@pytest.mark.parametrize("name", sorted({image_of(one) for one in services().values()}))
+@pytest.mark.parametrize("name", sorted({image_of(item) for item in services().values()}))
 def test_every_image_is_built_by_one_service(name: str) -> None:
     """Compose builds it from the files and under the name that docker-bake.hcl has, and pulls it only if asked to."""
     of_image = [service for service in services().values() if image_of(service) == name]

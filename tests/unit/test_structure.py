@@ -118,7 +118,7 @@ ALLOWED = {
 }
 WHOLE = set(" ".join(BANNED_NAMES).split())
 SINGULAR = " ".join(BANNED_WORDS).split()
-FORMS = {f"{one}{end}" for one in SINGULAR for end in ("", "s", "es")} | {"deliveries"}
+FORMS = {f"{word}{end}" for word in SINGULAR for end in ("", "s", "es")} | {"deliveries"}
 PRODUCT = [path for package in PACKAGES.values() for path in package.rglob("*.py")]
 EXPORT = re.compile(r"^export (?:async )?(?:function\*?|class|const|let) (\w+)", re.MULTILINE)
 
@@ -165,10 +165,17 @@ def test_no_identifier_has_a_banned_word() -> None:
         if is_banned(kind, name)
     }
     allowed = {
-        (one, key) for one in found for key in ALLOWED if one[0] == key[0] and key[1] in one[1]
+        (item, key) for item in found for key in ALLOWED if item[0] == key[0] and key[1] in item[1]
     }
-    assert sorted(found - {one for one, _ in allowed}) == []
+    assert sorted(found - {item for item, _ in allowed}) == []
     assert sorted(set(ALLOWED) - {key for _, key in allowed}) == []
+
+
+def test_no_test_calls_its_subject_one() -> None:
+    """What a loop or a lambda of the tests and benchmarks has in hand has the noun of the thing."""
+    pronoun = re.compile(r"\b(?:for|lambda) (?:\w+, )*one\b(?= in|[:,])")
+    files = [path for name in ("tests", "benchmarks") for path in (ROOT / name).rglob("*.py")]
+    assert [str(path) for path in files if pronoun.search(path.read_text("utf-8"))] == []
 
 
 # The first word of a comment above a constant that is a number: it names the quantity.

@@ -67,18 +67,18 @@ def _nemesis(site: Site, size: Size) -> Values:
             people.end()
         failed = workload.failed
     violations = check(history, database)
-    events = Counter(one.kind for one in history)
+    events = Counter(item.kind for item in history)
     unseen = [f"nobody saw an event {kind}" for kind in JUDGED if not events[kind]]
     values = {
         "seed": seed,
         "size": asdict(size),
         "faults": dict(Counter(done)),
         "events": dict(events),
-        "violations": [asdict(one) for one in violations[:MOST_VIOLATIONS]],
+        "violations": [asdict(violation) for violation in violations[:MOST_VIOLATIONS]],
         "broken": len(violations),
-        "returns": [asdict(one) for one in find_returns(history, site.names)],
+        "returns": [asdict(violation) for violation in find_returns(history, site.names)],
         "crowds": find_crowds(history),
-        "ignored_stops_s": [round(one, 3) for one in find_ignored_stops(history)],
+        "ignored_stops_s": [round(violation, 3) for violation in find_ignored_stops(history)],
         "seen": seen,
         "failed": [*failed, *seen["failed"], *unseen],
         "online_s": online_s,

@@ -96,7 +96,7 @@ def check(history: Sequence[Event], database: Database) -> list[Violation]:
     found += _lost_records(history, database)
     found += _wrong_stops(history, database)
     found += _several_sessions(history, database)
-    return sorted(found, key=lambda one: one.at_s)
+    return sorted(found, key=lambda item: item.at_s)
 
 
 class Lateness:
@@ -104,9 +104,9 @@ class Lateness:
 
     def __init__(self, history: Sequence[Event]) -> None:
         self._late: dict[str, list[tuple[float, float]]] = {}
-        for one in history:
-            if one.kind == "late":
-                self._late.setdefault(one.source, []).append((one.at_s, one.number / 1000))
+        for event in history:
+            if event.kind == "late":
+                self._late.setdefault(event.source, []).append((event.at_s, event.number / 1000))
 
     def between(self, source: str, first_s: float, last_s: float) -> float:
         """Seconds in all, of what ended from then on, or shortly after."""
@@ -122,44 +122,46 @@ class Lateness:
 
 def fences_of(events: Iterable[Event]) -> dict[tuple[str, int], int]:
     """The fence with which each command came to the guard, by connection and number."""
-    return {(one.connection, one.number): one.fence for one in events if one.kind == "arrived"}
+    return {
+        (event.connection, event.number): event.fence for event in events if event.kind == "arrived"
+    }
 
 
 def _moved(events: Iterable[Event]) -> Iterator[Event]:
-    return (one for one in events if one.kind == "moved")
+    return (event for event in events if event.kind == "moved")
 
 
 def _unknown_commands(events: Sequence[Event]) -> Iterator[Violation]:
     """A robot moves by commands alone that its guard got."""
     known = fences_of(events)
-    for one in _moved(events):
-        if (one.connection, one.number) not in known:
-            words = f"command {one.number} of {one.connection} never came to the guard"
-            yield Violation("unknown command", one.robot, one.at_s, words)
+    for move in _moved(events):
+        if (move.connection, move.number) not in known:
+            words = f"command {move.number} of {move.connection} never came to the guard"
+            yield Violation("unknown command", move.robot, move.at_s, words)
 
 
 def _interleaved_drivers(events: Sequence[Event]) -> Iterator[Violation]:
     """A connection whose command was followed by another's never moves the robot again."""
     over: set[str] = set()
     now = ""
-    for one in _moved(events):
-        if one.connection in over:
-            words = f"{one.connection} moves it after {now}, which came after it"
-            yield Violation("two drivers", one.robot, one.at_s, words)
-        elif one.connection != now:
+    for move in _moved(events):
+        if move.connection in over:
+            words = f"{move.connection} moves it after {now}, which came after it"
+            yield Violation("two drivers", move.robot, move.at_s, words)
+        elif move.connection != now:
             over |= {now} - {""}
-            now = one.connection
+            now = move.connection
 
 
 def _old_fences(events: Sequence[Event]) -> Iterator[Violation]:
     """A command never moves a robot after one of a newer fence did."""
     fences = fences_of(events)
     newest = 0
-    for one in _moved(events):
-        fence = fences.get((one.connection, one.number), newest)
+    for move in _moved(events):
+        fence = fences.get((move.connection, move.number), newest)
         if fence < newest:
             words = f"a command of fence {fence} moves it after one of fence {newest}"
-            yield Violation("old fence", one.robot, one.at_s, words)
+            yield Violation("old fence", move.robot, move.at_s, words)
         newest = max(newest, fence)
 
 
@@ -167,58 +169,56 @@ def _shared_fences(events: Sequence[Event]) -> Iterator[Violation]:
     """No two connections are ever given one number."""
     owners: dict[int, str] = {}
     known: set[tuple[int, str]] = set()
-    for one in events:
-        if one.kind != "arrived" or not one.fence or (one.fence, one.connection) in known:
+    for event in events:
+        if event.kind != "arrived" or not event.fence or (event.fence, event.connection) in known:
             continue
-        known.add((one.fence, one.connection))
-        owner = owners.setdefault(one.fence, one.connection)
-        if owner != one.connection:
-            words = f"fence {one.fence} was given to {owner} and to {one.connection}"
-            yield Violation("shared fence", one.robot, one.at_s, words)
+        known.add((event.fence, event.connection))
+        owner = owners.setdefault(event.fence, event.connection)
+        if owner != event.connection:
+            words = f"fence {event.fence} was given to {owner} and to {event.connection}"
+            yield Violation("shared fence", event.robot, event.at_s, words)
 
 
 def _moves_while_stopped(events: Sequence[Event], lateness: Lateness) -> Iterator[Violation]:
     """Once a stop is confirmed, by the guard or to who asked, nothing moves until a release."""
     # When it was confirmed, and until when a command may still have been under way in the robot; by whom it was.
     stopped: dict[str, float] = {}
-    for one in events:
-        if one.kind == "stopped":
-            stopped.setdefault("its guard", one.at_s)
-        elif one.kind == "stop_done" and one.number:
-            stopped.setdefault("the server", one.at_s)
-        elif one.kind == "released":
+    for event in events:
+        if event.kind == "stopped":
+            stopped.setdefault("its guard", event.at_s)
+        elif event.kind == "stop_done" and event.number:
+            stopped.setdefault("the server", event.at_s)
+        elif event.kind == "released":
             stopped.pop("its guard", None)
-        elif one.kind == "release_asked":
+        elif event.kind == "release_asked":
             stopped.pop("the server", None)
-        elif one.kind == "moved":
+        elif event.kind == "moved":
             for who, at_s in stopped.items():
-                late_s = lateness.between(one.source, at_s, one.at_s)
-                if one.at_s > at_s + TOLERANCE_S + late_s:
-                    words = (
-                        f"{one.connection} moves it {one.at_s - at_s:.2f} s after {who} confirmed"
-                    )
-                    yield Violation("stop undone", one.robot, one.at_s, f"{words} a stop")
+                late_s = lateness.between(event.source, at_s, event.at_s)
+                if event.at_s > at_s + TOLERANCE_S + late_s:
+                    words = f"{event.connection} moves it {event.at_s - at_s:.2f} s after {who} confirmed"
+                    yield Violation("stop undone", event.robot, event.at_s, f"{words} a stop")
 
 
 def _releases_of_nobody(events: Sequence[Event]) -> Iterator[Violation]:
     """A guard releases a robot only for who asked, and not when a stop came between and was confirmed."""
     asked_s = done_s = -1.0
     stop_asked_s = -1.0
-    for one in events:
-        if one.kind == "release_asked":
-            asked_s = one.at_s
-        elif one.kind == "stop_asked":
-            stop_asked_s = one.at_s
-        elif one.kind == "stop_done" and stop_asked_s > asked_s:
-            done_s = one.at_s
-        elif one.kind == "released" and (asked_s < 0 or done_s > asked_s):
+    for event in events:
+        if event.kind == "release_asked":
+            asked_s = event.at_s
+        elif event.kind == "stop_asked":
+            stop_asked_s = event.at_s
+        elif event.kind == "stop_done" and stop_asked_s > asked_s:
+            done_s = event.at_s
+        elif event.kind == "released" and (asked_s < 0 or done_s > asked_s):
             words = (
                 "its guard released it, and nobody had asked"
                 if asked_s < 0
-                else f"its guard released it, asked {one.at_s - asked_s:.2f} s ago, before a stop "
-                f"that was confirmed {one.at_s - done_s:.2f} s ago"
+                else f"its guard released it, asked {event.at_s - asked_s:.2f} s ago, before a stop "
+                f"that was confirmed {event.at_s - done_s:.2f} s ago"
             )
-            yield Violation("release of nobody", one.robot, one.at_s, words)
+            yield Violation("release of nobody", event.robot, event.at_s, words)
 
 
 def _unattended_motion(
@@ -227,12 +227,12 @@ def _unattended_motion(
     """A command that moves is followed by another, or by a zero, within the deadman's time."""
     moving: Event | None = None
     guard_changed = False
-    for one in events:
-        if one.kind in ("guard_killed", "guard_began"):
+    for event in events:
+        if event.kind in ("guard_killed", "guard_began"):
             guard_changed = True
-        elif one.kind in ("moved", "zeroed"):
-            yield from _too_long(moving, one.at_s, lateness, guard_changed=guard_changed)
-            moving, guard_changed = one if one.kind == "moved" else None, False
+        elif event.kind in ("moved", "zeroed"):
+            yield from _too_long(moving, event.at_s, lateness, guard_changed=guard_changed)
+            moving, guard_changed = event if event.kind == "moved" else None, False
     yield from _too_long(moving, end_s, lateness, guard_changed=guard_changed)
 
 
@@ -251,41 +251,43 @@ def _too_long(
 def _old_epochs(events: Sequence[Event]) -> Iterator[Violation]:
     """Each session of a robot has a higher epoch than the one before."""
     newest = 0
-    for one in events:
-        if one.kind == "session" and one.epoch:
-            if one.epoch <= newest:
-                words = f"its session at {one.cell} has epoch {one.epoch}, one before had {newest}"
-                yield Violation("old epoch", one.robot, one.at_s, words)
-            newest = max(newest, one.epoch)
+    for event in events:
+        if event.kind == "session" and event.epoch:
+            if event.epoch <= newest:
+                words = (
+                    f"its session at {event.cell} has epoch {event.epoch}, one before had {newest}"
+                )
+                yield Violation("old epoch", event.robot, event.at_s, words)
+            newest = max(newest, event.epoch)
 
 
 def _lost_records(history: Sequence[Event], database: Database) -> Iterator[Violation]:
     """What the server said it had is in the database, whatever was killed meanwhile."""
-    for one, what, is_there in _records(history, database):
+    for event, what, is_there in _records(history, database):
         if not is_there:
-            yield Violation("lost record", one.robot, one.at_s, f"the database has no {what}")
+            yield Violation("lost record", event.robot, event.at_s, f"the database has no {what}")
 
 
 def _records(history: Sequence[Event], database: Database) -> Iterator[tuple[Event, str, bool]]:
     """What the database must have: by which event, what it is, and whether it is there."""
     for robot, events in by_robot(history).items():
         fences, seen = fences_of(events), set[int]()
-        for one in events:
-            if one.kind == "stop_done" and one.what:
-                is_there = one.what in database.stop_reasons
-                yield one, f"audit line of the stop {one.what!r}", is_there
-            if one.kind != "moved":
+        for event in events:
+            if event.kind == "stop_done" and event.what:
+                is_there = event.what in database.stop_reasons
+                yield event, f"audit line of the stop {event.what!r}", is_there
+            if event.kind != "moved":
                 continue
-            fence = fences.get((one.connection, one.number), 0)
+            fence = fences.get((event.connection, event.number), 0)
             if fence in seen or not fence:
                 continue
             seen.add(fence)
-            yield one, f"drive with fence {fence}", (robot, fence) in database.drives
+            yield event, f"drive with fence {fence}", (robot, fence) in database.drives
             is_there = database.fences.get(robot, 0) >= fence
-            yield one, f"fence as high as {fence}", is_there
-    for one in history:
-        if one.kind == "recorded":
-            yield one, f"record {one.what!r}", one.what in database.recorded
+            yield event, f"fence as high as {fence}", is_there
+    for event in history:
+        if event.kind == "recorded":
+            yield event, f"record {event.what!r}", event.what in database.recorded
 
 
 @dataclass(frozen=True)
@@ -301,8 +303,10 @@ class Whereabouts:
     """The process that plays a robot, and at which cells it was."""
 
     def __init__(self, events: Sequence[Event]) -> None:
-        self.source = next((one.source for one in events if one.kind in ("session", "moved")), "")
-        self._sessions = [one for one in events if one.kind == "session"]
+        self.source = next(
+            (event.source for event in events if event.kind in ("session", "moved")), ""
+        )
+        self._sessions = [event for event in events if event.kind == "session"]
 
     def has_to_leave(self, fault: _Fault) -> bool:
         """Whether a fault takes a cell, or drains one that the robot was at."""
@@ -312,9 +316,9 @@ class Whereabouts:
 
     def _cells_in(self, begin_s: float, end_s: float) -> set[str]:
         """Where it was then, and where its newest session before was, to which it connects first."""
-        first = bisect_right(self._sessions, begin_s, key=lambda one: one.at_s)
-        last = bisect_right(self._sessions, end_s, key=lambda one: one.at_s)
-        return {one.cell for one in self._sessions[max(0, first - 1) : last]}
+        first = bisect_right(self._sessions, begin_s, key=lambda session: session.at_s)
+        last = bisect_right(self._sessions, end_s, key=lambda session: session.at_s)
+        return {session.cell for session in self._sessions[max(0, first - 1) : last]}
 
 
 class Faults:
@@ -323,27 +327,27 @@ class Faults:
     def __init__(self, history: Sequence[Event]) -> None:
         self.all: list[_Fault] = []
         begun: dict[tuple[str, str, str], float] = {}
-        for one in history:
-            key = (one.what, one.cell, one.source)
-            if one.kind == "fault":
-                begun.setdefault(key, one.at_s)
-            elif one.kind == "healed" and key in begun:
-                self.all.append(_Fault(*key, begun.pop(key), one.at_s))
+        for event in history:
+            key = (event.what, event.cell, event.source)
+            if event.kind == "fault":
+                begun.setdefault(key, event.at_s)
+            elif event.kind == "healed" and key in begun:
+                self.all.append(_Fault(*key, begun.pop(key), event.at_s))
         self.all += [_Fault(*key, at_s, float("inf")) for key, at_s in begun.items()]
 
     def of_cell(self, cell: str, source: str = "") -> Iterator[_Fault]:
         """Those that concern a cell, as the robots of a process see it."""
         return (
-            one
-            for one in self.all
-            if one.cell in ("", cell) and (not one.source or one.source == source)
+            item
+            for item in self.all
+            if item.cell in ("", cell) and (not item.source or item.source == source)
         )
 
     def is_live(self, cell: str, source: str, at_s: float) -> bool:
         """Whether the robots of a process could use a cell then."""
         return not any(
-            one.what in CELL_GONE and one.begin_s <= at_s < one.end_s
-            for one in self.of_cell(cell, source)
+            item.what in CELL_GONE and item.begin_s <= at_s < item.end_s
+            for item in self.of_cell(cell, source)
         )
 
     def last_change(
@@ -355,22 +359,22 @@ class Faults:
         """
         # A fault is written down before it is done, and may be what the robot's last command came after.
         open_ones = [
-            (one.begin_s, one.what)
-            for one in self.all
-            if one.begin_s <= begin_s <= one.end_s
-            and robot.has_to_leave(one)
-            and one.source in ("", robot.source)
+            (item.begin_s, item.what)
+            for item in self.all
+            if item.begin_s <= begin_s <= item.end_s
+            and robot.has_to_leave(item)
+            and item.source in ("", robot.source)
         ]
         last = (begin_s, max(open_ones, default=(0.0, ""))[1])
         for cell in cells:
-            for one in self.of_cell(cell, robot.source):
-                if not robot.has_to_leave(one):
+            for item in self.of_cell(cell, robot.source):
+                if not robot.has_to_leave(item):
                     continue
-                if one.begin_s <= end_s:
-                    last = max(last, (one.begin_s, one.what))
-                before_s = one.end_s - 0.001
-                if one.end_s <= end_s and not self.any_live(cells, robot.source, before_s):
-                    last = max(last, (one.end_s, f"end of {one.what}"))
+                if item.begin_s <= end_s:
+                    last = max(last, (item.begin_s, item.what))
+                before_s = item.end_s - 0.001
+                if item.end_s <= end_s and not self.any_live(cells, robot.source, before_s):
+                    last = max(last, (item.end_s, f"end of {item.what}"))
         return last
 
     def any_live(self, cells: Sequence[str], source: str, at_s: float) -> bool:
@@ -381,16 +385,16 @@ class Faults:
 def _wrong_stops(history: Sequence[Event], database: Database) -> Iterator[Violation]:
     """The database says of each robot what its last stop or release came to."""
     last: dict[str, Event] = {}
-    for one in history:
-        if one.kind in ("stop_asked", "stop_done", "release_asked", "release_done"):
-            last[one.robot] = one
-    for robot, one in last.items():
-        if one.kind == "stop_done" and robot not in database.stopped:
+    for event in history:
+        if event.kind in ("stop_asked", "stop_done", "release_asked", "release_done"):
+            last[event.robot] = event
+    for robot, item in last.items():
+        if item.kind == "stop_done" and robot not in database.stopped:
             words = "its last stop was confirmed, and the database does not have it"
-            yield Violation("stop undone", robot, one.at_s, words)
-        elif one.kind == "release_done" and robot in database.stopped:
+            yield Violation("stop undone", robot, item.at_s, words)
+        elif item.kind == "release_done" and robot in database.stopped:
             words = "its last release was confirmed, and the database has it stopped"
-            yield Violation("release undone", robot, one.at_s, words)
+            yield Violation("release undone", robot, item.at_s, words)
 
 
 def _several_sessions(history: Sequence[Event], database: Database) -> Iterator[Violation]:
@@ -406,12 +410,12 @@ def find_ignored_stops(history: Sequence[Event]) -> list[float]:
     for events in by_robot(history).values():
         done: Event | None = None
         moved_s = 0.0
-        for one in [*events, Event(at_s=0, kind="release_asked")]:
-            if one.kind == "stop_done" and not one.number:
-                done, moved_s = one, 0.0
-            elif one.kind == "moved" and done is not None:
-                moved_s = one.at_s - done.at_s
-            elif one.kind in ("stopped", "release_asked", "stop_done"):
+        for event in [*events, Event(at_s=0, kind="release_asked")]:
+            if event.kind == "stop_done" and not event.number:
+                done, moved_s = event, 0.0
+            elif event.kind == "moved" and done is not None:
+                moved_s = event.at_s - done.at_s
+            elif event.kind in ("stopped", "release_asked", "stop_done"):
                 found += [moved_s] * (done is not None and moved_s > TOLERANCE_S)
                 done = None
     return found
@@ -421,11 +425,11 @@ def find_crowds(history: Sequence[Event]) -> list[int]:
     """How many robots were at one cell at most, and at the end."""
     where: dict[str, str] = {}
     most = last = 0
-    for one in history:
-        if one.kind == "session":
-            where[one.robot] = one.cell
-        elif one.kind == "session_lost":
-            where.pop(one.robot, None)
+    for event in history:
+        if event.kind == "session":
+            where[event.robot] = event.cell
+        elif event.kind == "session_lost":
+            where.pop(event.robot, None)
         else:
             continue
         last = max(Counter(where.values()).values(), default=0)
@@ -449,15 +453,15 @@ def _returns_of(
 ) -> Iterator[Return]:
     whereabouts = Whereabouts(events)
     wish = _Wish()
-    for one in [*events, Event(at_s=end_s, kind="late")]:
+    for event in [*events, Event(at_s=end_s, kind="late")]:
         since_s, waits = wish.since_s, wish.waits
-        wish.follow(one)
-        ends = one.kind in ("moved", "late") or (one.kind == "leaves" and wish.since_s is None)
-        if not (ends and waits and faults.any_live(cells, whereabouts.source, one.at_s)):
+        wish.follow(event)
+        ends = event.kind in ("moved", "late") or (event.kind == "leaves" and wish.since_s is None)
+        if not (ends and waits and faults.any_live(cells, whereabouts.source, event.at_s)):
             continue
-        begin_s, after = faults.last_change(cells, whereabouts, since_s or one.at_s, one.at_s)
-        if one.at_s - begin_s > OUTAGE_S:
-            yield Return(robot, begin_s, one.at_s - begin_s, one.kind == "moved", after)
+        begin_s, after = faults.last_change(cells, whereabouts, since_s or event.at_s, event.at_s)
+        if event.at_s - begin_s > OUTAGE_S:
+            yield Return(robot, begin_s, event.at_s - begin_s, event.kind == "moved", after)
 
 
 class _Wish:
@@ -472,15 +476,15 @@ class _Wish:
     def waits(self) -> bool:
         return self.since_s is not None and not self._is_stopped
 
-    def follow(self, one: Event) -> None:
-        if one.kind == "wants":
-            self.since_s = self.since_s if self._drivers else one.at_s
-            self._drivers.add(one.what)
-        elif one.kind == "leaves":
-            self._drivers.discard(one.what)
+    def follow(self, item: Event) -> None:
+        if item.kind == "wants":
+            self.since_s = self.since_s if self._drivers else item.at_s
+            self._drivers.add(item.what)
+        elif item.kind == "leaves":
+            self._drivers.discard(item.what)
             self.since_s = self.since_s if self._drivers else None
-        elif one.kind in ("stop_asked", "stopped"):
+        elif item.kind in ("stop_asked", "stopped"):
             self._is_stopped = True
-        elif one.kind in ("moved", "released", "release_done"):
-            self._is_stopped = self._is_stopped and one.kind == "moved"
-            self.since_s = one.at_s if self._drivers else None
+        elif item.kind in ("moved", "released", "release_done"):
+            self._is_stopped = self._is_stopped and item.kind == "moved"
+            self.since_s = item.at_s if self._drivers else None

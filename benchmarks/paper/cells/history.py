@@ -64,7 +64,9 @@ class Event:
     source: str = ""
 
 
-_DEFAULTS = {one.name: one.default for one in fields(Event) if one.default is not MISSING}
+_DEFAULTS = {
+    member.name: member.default for member in fields(Event) if member.default is not MISSING
+}
 ENDING = ".jsonl"
 
 
@@ -90,7 +92,9 @@ class History:
 def as_line(event: Event) -> str:
     """JSON without what is empty."""
     values = asdict(event)
-    return json.dumps({name: one for name, one in values.items() if one != _DEFAULTS.get(name)})
+    return json.dumps(
+        {name: value for name, value in values.items() if value != _DEFAULTS.get(name)}
+    )
 
 
 def read(folder: Path) -> list[Event]:
@@ -106,13 +110,13 @@ def read(folder: Path) -> list[Event]:
 
 def in_order(events: Iterable[Event]) -> list[Event]:
     """By time; those of one moment stay as they are."""
-    return sorted(events, key=lambda one: one.at_s)
+    return sorted(events, key=lambda event: event.at_s)
 
 
 def by_robot(events: Sequence[Event]) -> dict[str, list[Event]]:
     """Those that are about a robot."""
     found: dict[str, list[Event]] = {}
-    for one in events:
-        if one.robot:
-            found.setdefault(one.robot, []).append(one)
+    for event in events:
+        if event.robot:
+            found.setdefault(event.robot, []).append(event)
     return found

@@ -50,14 +50,14 @@ class Context:
     rng: Random
 
     def cell(self, target: Target) -> Cell:
-        return next(one for one in self.site.cells if one.name == target.cell)
+        return next(item for item in self.site.cells if item.name == target.cell)
 
     def full(self, target: Target) -> Path:
         """What fills the disk of a process."""
         return self.robots[target.source].disk / "full"
 
     def others(self, target: Target) -> list[Cell]:
-        return [one for one in self.site.cells if one.name != target.cell]
+        return [item for item in self.site.cells if item.name != target.cell]
 
 
 Do = Callable[[Context, Target], None]
@@ -115,9 +115,9 @@ def _peers_cut(*, to_drop: bool) -> Do:
 
     def do(context: Context, target: Target) -> None:
         cell, others = context.cell(target), context.others(target)
-        cell.drop_to(OF_PEERS, [one.peer_port for one in others], to_drop=to_drop)
-        for one in others:
-            one.drop_to(OF_PEERS, [cell.peer_port], to_drop=to_drop)
+        cell.drop_to(OF_PEERS, [item.peer_port for item in others], to_drop=to_drop)
+        for item in others:
+            item.drop_to(OF_PEERS, [cell.peer_port], to_drop=to_drop)
 
     return do
 
@@ -218,11 +218,11 @@ class Nemesis:
     def choose(self) -> tuple[str, Target] | None:
         """The next fault: one that leaves a cell whole beside what is broken already; None: there is none."""
         rng = self.context.rng
-        open_names = [one.name for one in self._open]
+        open_names = [item.name for item in self._open]
         names = [name for name in self.faults if name not in open_names and self._cells_for(name)]
         if not names:
             return None
-        [name] = rng.choices(names, [self.faults[one].weight for one in names])
+        [name] = rng.choices(names, [self.faults[item].weight for item in names])
         fault = self.faults[name]
         cell = rng.choice(self._cells_for(name)) if fault.of_cell else ""
         source = rng.choice(sorted(self.context.robots)) if fault.of_robots else ""
@@ -231,14 +231,14 @@ class Nemesis:
     def _cells_for(self, name: str) -> Sequence[str]:
         """The cells that a fault may concern; none while it may not begin."""
         cells = self.context.site.names
-        takers = [one for one in self._open if one.name in TAKES_A_CELL]
+        takers = [fault for fault in self._open if fault.name in TAKES_A_CELL]
         if name not in TAKES_A_CELL or not takers:
             return cells
         is_with_drain = len(takers) == 1 and DRAINED in (name, takers[0].name)
         if not (is_with_drain and self.faults[name].of_cell and takers[0].target.cell):
             return []
         # A drained cell is resumed by its own web, which must work; and a third cell takes the robots.
-        others = [one for one in cells if one != takers[0].target.cell]
+        others = [item for item in cells if item != takers[0].target.cell]
         return others if len(others) > 1 else []
 
     async def begin(self, name: str, target: Target) -> None:
@@ -250,27 +250,27 @@ class Nemesis:
         await asyncio.to_thread(self.faults[name].do, self.context, target)
 
     async def _mend_those_due(self) -> None:
-        for one in list(self._open):
-            if one.until_s <= time.monotonic() or len(self._open) >= MOST_AT_ONCE:
-                await asyncio.to_thread(self._mend, one)
+        for fault in list(self._open):
+            if fault.until_s <= time.monotonic() or len(self._open) >= MOST_AT_ONCE:
+                await asyncio.to_thread(self._mend, fault)
 
     def mend_all(self) -> None:
         """Mend what is broken still, the last first; what cannot be mended does not keep the others from it."""
-        tried = [self._try_to_mend(one) for one in reversed(list(self._open))]
-        if problems := [one for one in tried if one is not None]:
+        tried = [self._try_to_mend(fault) for fault in reversed(list(self._open))]
+        if problems := [problem for problem in tried if problem is not None]:
             raise RuntimeError(f"cannot mend all: {problems}") from problems[0]
 
-    def _try_to_mend(self, one: _Open) -> Exception | None:
+    def _try_to_mend(self, item: _Open) -> Exception | None:
         try:
-            self._mend(one)
+            self._mend(item)
         except Exception as error:  # noqa: BLE001 (whatever it is, the others must be mended)
             return error
         return None
 
-    def _mend(self, one: _Open) -> None:
-        self.faults[one.name].mend(self.context, one.target)
-        self._open.remove(one)
-        self._add("healed", one.name, one.target)
+    def _mend(self, item: _Open) -> None:
+        self.faults[item.name].mend(self.context, item.target)
+        self._open.remove(item)
+        self._add("healed", item.name, item.target)
 
     def _add(self, kind: str, name: str, target: Target) -> None:
         self.history.add(kind, what=name, cell=target.cell, source=target.source)  # type: ignore[arg-type] # two of them

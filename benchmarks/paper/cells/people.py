@@ -350,55 +350,56 @@ class People:
     def __init__(self, order: Mapping[str, Any], http: aiohttp.ClientSession) -> None:
         self._order = order
         seed = order["seed"]
-        cells = [CellAddress(**one) for one in order["cells"]]
+        cells = [CellAddress(**cell) for cell in order["cells"]]
         self.history = History.open(Path(order["folder"]), "people")
         self.drivers = [
-            Driver(number, one["name"], one["token"], cells, http)
-            for number, one in enumerate(order["drivers"], 1)
+            Driver(number, driver["name"], driver["token"], cells, http)
+            for number, driver in enumerate(order["drivers"], 1)
         ]
         self.observers = [
-            Observer(one["name"], one["token"], cells, http) for one in order["observers"]
+            Observer(observer["name"], observer["token"], cells, http)
+            for observer in order["observers"]
         ]
         hot = order["hot"]
         self.operators = [
             Operator(
                 hot[number :: len(order["operators"])],
-                Random(f"{seed} {one['name']}"),
+                Random(f"{seed} {operator['name']}"),
                 self.history,
-                one["name"],
-                one["token"],
+                operator["name"],
+                operator["token"],
                 cells,
                 http,
             )
-            for number, one in enumerate(order["operators"])
+            for number, operator in enumerate(order["operators"])
         ]
         self.recorder = Recorder("admin", order["admin"], cells, http)
 
     def begin(self) -> list[asyncio.Task[None]]:
         order, tasks = self._order, []
-        for one in self.drivers:
-            rng = Random(f"{order['seed']} {one.name}")
-            work = one.run(order["robots"], order["hot"], order["rate_hz"], rng, self.history)
+        for driver in self.drivers:
+            rng = Random(f"{order['seed']} {driver.name}")
+            work = driver.run(order["robots"], order["hot"], order["rate_hz"], rng, self.history)
             tasks.append(asyncio.create_task(work))
         for watcher in self.observers:
             rng = Random(f"{order['seed']} {watcher.name}")
             work = watcher.run(order["robots"], order["cameras"], rng)
             tasks.append(asyncio.create_task(work))
-        tasks += [asyncio.create_task(one.run()) for one in self.operators]
+        tasks += [asyncio.create_task(operator.run()) for operator in self.operators]
         tasks.append(asyncio.create_task(self.recorder.run(order["prefix"], self.history)))
         return tasks
 
     def seen(self) -> dict[str, Any]:
         everybody: list[Person] = [*self.drivers, *self.observers, *self.operators, self.recorder]
-        trips = Histogram.merged(one.round_trips.as_json() for one in self.drivers)
+        trips = Histogram.merged(driver.round_trips.as_json() for driver in self.drivers)
         return {
-            "sent": sum(one.sent for one in self.drivers),
+            "sent": sum(driver.sent for driver in self.drivers),
             "heard": trips.total,
             "round_trips": trips.as_json(),
-            "frames": sum(one.frames for one in self.observers),
-            "messages": sum(one.messages for one in self.observers),
-            "confirmed_stops": sum(one.confirmed for one in self.operators),
-            "met": dict(sum((one.met for one in everybody), Counter[str]()).most_common(30)),
+            "frames": sum(observer.frames for observer in self.observers),
+            "messages": sum(observer.messages for observer in self.observers),
+            "confirmed_stops": sum(operator.confirmed for operator in self.operators),
+            "met": dict(sum((person.met for person in everybody), Counter[str]()).most_common(30)),
         }
 
 
@@ -416,15 +417,15 @@ async def work() -> None:
         for task in tasks:
             task.cancel()
         ended = await asyncio.gather(*tasks, return_exceptions=True)
-        failed = [repr(one) for one in ended if isinstance(one, Exception)]
+        failed = [repr(result) for result in ended if isinstance(result, Exception)]
         write_line({**people.seen(), "failed": failed})
-        await asyncio.gather(*(one.settle() for one in people.operators))
+        await asyncio.gather(*(operator.settle() for operator in people.operators))
         write_line({"settled": True})
         # The database is read meanwhile.
         await _line()
-        for one in people.operators:
-            for robot in one.robots:
-                await one.release(robot)
+        for operator in people.operators:
+            for robot in operator.robots:
+                await operator.release(robot)
         people.history.close()
         write_line({"ended": True})
 

@@ -33,13 +33,17 @@ def report(results: Results) -> Report:
 
 def times(returns: Iterable[Mapping[str, Any]]) -> list[float]:
     """Of robots that came back, and of those whose drivers waited for long in vain."""
-    return [one["took_s"] for one in returns if one["came"] or one["took_s"] > PATIENT_S]
+    return [
+        outage["took_s"] for outage in returns if outage["came"] or outage["took_s"] > PATIENT_S
+    ]
 
 
 def _nemesis(run: Values) -> Values:
     by_cause: dict[str, list[Mapping[str, Any]]] = {}
-    for one in run["returns"]:
-        by_cause.setdefault(one["after"].replace("_", " ") or "no fault of a cell", []).append(one)
+    for outage in run["returns"]:
+        by_cause.setdefault(outage["after"].replace("_", " ") or "no fault of a cell", []).append(
+            outage
+        )
     return {
         "p99_ms": Histogram(run["seen"]["round_trips"]).quantile_ms(0.99),
         "faults": ", ".join(
@@ -68,8 +72,8 @@ def _comparisons(run: Values) -> Iterator[Comparison]:
 
 
 def _shortfalls(run: Values) -> Iterator[str]:
-    for one in run["violations"][:MOST_SHOWN]:
-        yield f"{one['rule']}: {one['robot']}: {one['words']}"
+    for violation in run["violations"][:MOST_SHOWN]:
+        yield f"{violation['rule']}: {violation['robot']}: {violation['words']}"
     if run["kept"]:
         yield f"the history of seed {run['seed']} is in {run['kept']}"
     for words, count in Counter(run["failed"]).most_common(MOST_SHOWN):
@@ -79,6 +83,6 @@ def _shortfalls(run: Values) -> Iterator[str]:
             f"{len(ignored)} stops were taken by a cell that could not reach the robot's, and answered as not "
             f"confirmed; the robot was moved for up to {max(ignored):.1f} s more"
         )
-    gave_up = sum(not one["came"] and one["took_s"] > PATIENT_S for one in run["returns"])
+    gave_up = sum(not outage["came"] and outage["took_s"] > PATIENT_S for outage in run["returns"])
     if gave_up:
         yield f"{gave_up} times a driver gave up before a robot was drivable again"

@@ -81,7 +81,7 @@ class Cell:
     def each(self, services: Sequence[str], do: str, **how: Any) -> None:
         """Do the same with several containers at once; one that is so already stays."""
         with ThreadPoolExecutor(AT_ONCE) as threads:
-            list(threads.map(lambda one: self._do(one, do, how), services))
+            list(threads.map(lambda service: self._do(service, do, how), services))
 
     def _do(self, service: str, do: str, how: dict[str, Any]) -> None:
         container = self.container(service)
@@ -197,7 +197,7 @@ class Site:
             for name in "bcdefgh"[: count - 1]:
                 stacks[name] = made.enter_context(second_cell(first, name, prepare=_add_clock))
             world = World(first.container, folder.folder)
-            cells = [Cell(name, one, world.machine) for name, one in stacks.items()]
+            cells = [Cell(name, item, world.machine) for name, item in stacks.items()]
             yield cls(cells, world)
 
     @property
@@ -250,8 +250,8 @@ def _add_clock(stack: Stack) -> None:
     here = {str(folder): {"bind": "/out"}}
     stack.engine.containers.run(CLOCK_IMAGE, remove=True, volumes=here)
     (folder / OFFSET).write_bytes(offset_bytes(0.0))
-    for one in (folder, *folder.iterdir()):
-        one.chmod(0o755)
+    for path in (folder, *folder.iterdir()):
+        path.chmod(0o755)
     stack.settings["STEPPED_CLOCK"] = folder
     stack.settings["COMPOSE_FILE"] = f"{stack.settings['COMPOSE_FILE']}:{CLOCK / 'compose.yaml'}"
 
@@ -271,7 +271,7 @@ def _signal(container: Container, which: Signals) -> None:
 
 
 def _pids() -> Iterator[int]:
-    return (int(one.name) for one in Path("/proc").iterdir() if one.name.isdigit())
+    return (int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit())
 
 
 def _namespace(pid: int) -> str:

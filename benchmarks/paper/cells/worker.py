@@ -288,7 +288,7 @@ class CellRobots(Robots):
     ) -> None:
         if do == "kill_guards":
             chosen = [self.robots[name].supervisor for name in robots]
-            await asyncio.gather(*(one.kill() for one in chosen if one is not None))
+            await asyncio.gather(*(part.kill() for part in chosen if part is not None))
             return
         for robot in self.robots.values():
             robot.cells = cells or robot.cells

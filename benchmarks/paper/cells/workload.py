@@ -75,17 +75,17 @@ class RobotProcess(Worker):
         robots = [*agents, *virtual]
         self.source = source
         self.disk = place / f"disk-{source}"
-        self.names = [one.name for one in robots]
+        self.names = [item.name for item in robots]
         self.inside = uplink.inside.command
         # What robots said that ended, which none may.
         self.failed: list[str] = []
-        folders = [one.state_dir for one in robots]
+        folders = [item.state_dir for item in robots]
         make_disk(self.disk, DISK_BYTES_A_ROBOT * len(robots), folders)
         told = {
             "folder": str(folder),
             "source": source,
-            "agents": {one.name: self._settings(one) for one in agents},
-            "virtual": {one.name: self._settings(one) for one in virtual},
+            "agents": {agent.name: self._settings(agent) for agent in agents},
+            "virtual": {agent.name: self._settings(agent) for agent in virtual},
         }
         super().__init__("paper.cells.worker", uplink, place / f"{source}.log", told)
         self.on_message = lambda said: self.failed.append(f"{said['robot']}: {said['failed']}")
@@ -113,9 +113,9 @@ class Workload:
         self, site: Site, size: Size, folder: Path, seed: int, processes: Sequence[RobotProcess]
     ) -> None:
         self.site, self.size, self.folder, self.seed = site, size, folder, seed
-        self.robots = [one.name for one in site.robots(size.robots)]
+        self.robots = [robot.name for robot in site.robots(size.robots)]
         self.cameras = self.robots[: size.agents]
-        self.processes = {one.source: one for one in processes}
+        self.processes = {process.source: process for process in processes}
 
     @classmethod
     @contextmanager
@@ -155,10 +155,10 @@ class Workload:
             yield workload
 
     def start(self) -> None:
-        for one in self.processes.values():
-            one.has_done("open", OPENS_WITHIN_S)
-        for one in self.processes.values():
-            one.do("start", DONE_WITHIN_S, cells=self.site.ssh_addresses)
+        for process in self.processes.values():
+            process.has_done("open", OPENS_WITHIN_S)
+        for process in self.processes.values():
+            process.do("start", DONE_WITHIN_S, cells=self.site.ssh_addresses)
         self.wait_online(ONLINE_WITHIN_S)
 
     def wait_online(self, within_s: float) -> float:
@@ -173,7 +173,7 @@ class Workload:
                 return round(time.monotonic() - began, 3)
             time.sleep(ASK_EVERY_S)
         shown = {name: sorted(some)[:5] for name, some in missing.items() if some}
-        logs = "\n".join(one.tail() for one in self.processes.values())
+        logs = "\n".join(process.tail() for process in self.processes.values())
         counts = {name: len(some) for name, some in missing.items()}
         raise RuntimeError(
             f"robots are not online within {within_s:g} s: {counts}, such as {shown}\n{logs}"
@@ -190,7 +190,7 @@ class Workload:
                 for line in answer:
                     if line.startswith(b"data: "):
                         fleet = json.loads(line.removeprefix(b"data: "))
-                        return {one["name"] for one in fleet if one["online"]}
+                        return {item["name"] for item in fleet if item["online"]}
         except OSError:
             pass
         return set()
@@ -217,16 +217,16 @@ class Workload:
         }
         people = {
             kind: [
-                {"name": f"x-{one}-{number}", "token": tokens(f"x-{one}-{number}")}
+                {"name": f"x-{service}-{number}", "token": tokens(f"x-{service}-{number}")}
                 for number in range(1, count + 1)
             ]
-            for kind, (one, count) in kinds.items()
+            for kind, (service, count) in kinds.items()
         }
         return {
             **people,
             "folder": str(self.folder),
             "seed": self.seed,
-            "cells": [{"name": one.name, "address": one.address} for one in self.site.cells],
+            "cells": [{"name": cell.name, "address": cell.address} for cell in self.site.cells],
             "admin": self.site.world.token,
             "robots": self.robots,
             # Agents and virtual ones.
@@ -250,7 +250,7 @@ class Workload:
 
     @property
     def failed(self) -> list[str]:
-        return [words for one in self.processes.values() for words in one.failed]
+        return [words for process in self.processes.values() for words in process.failed]
 
 
 class People:
@@ -294,8 +294,8 @@ def read_database(site: Site) -> Database:
     return Database(
         drives={(robot, int(fence)) for robot, fence in drives},
         fences={robot: int(fence) for robot, fence in fences},
-        stop_reasons={one for [one] in reasons},
-        recorded={one for [one] in recorded},
-        stopped={one for [one] in stopped},
+        stop_reasons={reason for [reason] in reasons},
+        recorded={entry for [entry] in recorded},
+        stopped={item for [item] in stopped},
         open_sessions={robot: int(count) for robot, count in sessions},
     )

@@ -127,13 +127,13 @@ async def work() -> None:
     order = json.loads(await asyncio.to_thread(sys.stdin.readline))
     rate_hz, seconds = order["rate_hz"], order["seconds"]
     async with new_http() as http:
-        drivers = [Driver(Drive(**one), order["site"], http) for one in order["drives"]]
+        drivers = [Driver(Drive(**drive), order["site"], http) for drive in order["drives"]]
         await asyncio.gather(*(driver.open() for driver in drivers))
         write_line({"ready": True})
         await asyncio.to_thread(sys.stdin.readline)
         began, cpu_s = time.monotonic(), time.process_time()
         moments = begins(len(drivers), rate_hz)
-        runs = (one.run(at, rate_hz, seconds) for one, at in zip(drivers, moments, strict=True))
+        runs = (item.run(at, rate_hz, seconds) for item, at in zip(drivers, moments, strict=True))
         await asyncio.gather(*runs)
         write_line(
             {

@@ -37,26 +37,28 @@ Drives = Sequence[Mapping[str, Any]]
 def report(results: Results) -> Report:
     """The part's report, of the steps that have run."""
     values = succeeded(results)
-    fleets = [one for name, one in values.items() if name.startswith("fleet-")]
-    soaks = [one for name, one in values.items() if name.startswith("soak-")]
+    fleets = [value for name, value in values.items() if name.startswith("fleet-")]
+    soaks = [value for name, value in values.items() if name.startswith("soak-")]
     alike = [
-        _group(plain(name.replace("-", ": ")), one["count"], one["start"])
-        for name, one in values.items()
+        _group(plain(name.replace("-", ": ")), value["count"], value["start"])
+        for name, value in values.items()
         if name.startswith(("agents", "virtual"))
     ]
     starts = [
-        _group(f"{one['count']}, {one['agents']} of them agents", one["count"], one["start"])
-        for one in fleets
+        _group(
+            f"{fleet['count']}, {fleet['agents']} of them agents", fleet["count"], fleet["start"]
+        )
+        for fleet in fleets
     ]
-    returns = [_group("all containers", one["count"], one["return"]) for one in fleets]
-    whole = [one for one in starts if not one.never]
+    returns = [_group("all containers", fleet["count"], fleet["return"]) for fleet in fleets]
+    whole = [start for start in starts if not start.never]
     return Report(
         values={
             "starts": start_rows([*alike, *starts]),
             "costs": cost_rows([*alike, *starts]),
-            "driven": [row for one in fleets for row in _driven_rows(one)],
+            "driven": [row for fleet in fleets for row in _driven_rows(fleet)],
             "returns": return_rows(returns),
-            "soaks": [(one, _soak_rows(one)) for one in soaks],
+            "soaks": [(soak, _soak_rows(soak)) for soak in soaks],
             "agents": AGENTS,
             "rate_hz": RATE_HZ,
             "failed_after_s": FAILED_AFTER_S,
@@ -87,17 +89,17 @@ def _carries(group: Group) -> Mapping[str, float]:
 
 
 def merged(drives: Drives, name: str) -> Histogram:
-    return Histogram.merged(one[name] for one in drives)
+    return Histogram.merged(drive[name] for drive in drives)
 
 
 def _told(drives: Drives, name: str) -> Counter[str]:
     """What drivers were told of endings or refusals, and how often."""
-    return sum((Counter(one[name]) for one in drives), Counter())
+    return sum((Counter(drive[name]) for drive in drives), Counter())
 
 
 def _counts(drives: Drives) -> Row:
     return {
-        "commands": sum(one["sent"] for one in drives),
+        "commands": sum(drive["sent"] for drive in drives),
         "lost": lost(drives, "lost"),
         "not sent": lost(drives, "unsent"),
         "refusals told": _told(drives, "refused").total(),
@@ -106,7 +108,7 @@ def _counts(drives: Drives) -> Row:
 
 
 def lost(drives: Drives, *names: str) -> int:
-    return sum(one[name] for one in drives for name in names or ("lost", "unsent"))
+    return sum(drive[name] for drive in drives for name in names or ("lost", "unsent"))
 
 
 def _driven_rows(fleet: Values) -> Iterable[Row]:
@@ -116,7 +118,7 @@ def _driven_rows(fleet: Values) -> Iterable[Row]:
         return
     used, took_s = drive["fleet_cpu_s"], drive["took_s"]
     for kind, words in KINDS.items():
-        if some := [one for one in drive["drives"] if one["kind"] == kind]:
+        if some := [item for item in drive["drives"] if item["kind"] == kind]:
             yield {
                 "robots": fleet["count"],
                 "driven": f"{len(some)} {words}",
@@ -131,14 +133,14 @@ def _driven_rows(fleet: Values) -> Iterable[Row]:
 
 
 def _soak_rows(soak: Values) -> Iterable[Row]:
-    for number, one in enumerate(soak["rounds"], 1):
-        drives = one["drive"].get("drives", [])
-        back = pd.Series(one["message_s"], dtype=float).dropna()
+    for number, item in enumerate(soak["rounds"], 1):
+        drives = item["drive"].get("drives", [])
+        back = pd.Series(item["message_s"], dtype=float).dropna()
         yield {
             "part": number,
-            **(_counts(drives) if drives else {"commands": plain(one["drive"]["failure"][:100])}),
+            **(_counts(drives) if drives else {"commands": plain(item["drive"]["failure"][:100])}),
             "p99, ms": merged(drives, "round_trips").quantile_ms(0.99),
-            "memory, MiB": sum(one["memory_bytes"].values()) / MIB,
+            "memory, MiB": sum(item["memory_bytes"].values()) / MIB,
             "returned": f"{len(back)} of {soak['count']}",
             **quantiles(back, 0.5, 1),
         }
@@ -146,7 +148,7 @@ def _soak_rows(soak: Values) -> Iterable[Row]:
 
 def memory_spread_percent(soak: Values) -> float:
     """How far memory moves from that of the second part, or of the only one: the first one fills caches."""
-    totals = pd.Series([sum(one["memory_bytes"].values()) for one in soak["rounds"]])
+    totals = pd.Series([sum(item["memory_bytes"].values()) for item in soak["rounds"]])
     totals = totals.iloc[1:] if len(totals) > 1 else totals
     return float(100 * (totals / totals.iloc[0] - 1).abs().max())
 
@@ -181,13 +183,13 @@ def _aims_of_soaks(soaks: Sequence[Values]) -> Iterable[Comparison]:
         if soak["rounds"]:
             spread = memory_spread_percent(soak)
             yield against_aim(f"{what}: memory moves by", AIM_SOAK_PERCENT, spread, "%")
-        gone = sum(lost(one["drive"].get("drives", [])) for one in soak["rounds"])
+        gone = sum(lost(item["drive"].get("drives", [])) for item in soak["rounds"])
         yield against_aim(f"{what}: commands lost", 0.0, gone, "commands")
 
 
 def _of_drives(fleets: Sequence[Values]) -> Iterable[str]:
-    for one in fleets:
-        where, drive = f"driving among {one['count']} robots", one["drive"]
+    for fleet in fleets:
+        where, drive = f"driving among {fleet['count']} robots", fleet["drive"]
         if "failure" in drive:
             yield f"{where}: {drive['failure']:.200}"
         for name, what in (("refused", "not passed on"), ("endings", "connections ended")):
@@ -197,11 +199,11 @@ def _of_drives(fleets: Sequence[Values]) -> Iterable[str]:
 
 
 def _of_soaks(soaks: Sequence[Values]) -> Iterable[str]:
-    rounds = [one for soak in soaks for one in soak["rounds"]]
-    if gone := sum(one["message_s"].count(None) for one in rounds):
+    rounds = [item for soak in soaks for item in soak["rounds"]]
+    if gone := sum(item["message_s"].count(None) for item in rounds):
         yield f"in the soak {gone} returns of a robot brought no message"
     yield from (
-        f"a part of the soak: {one['drive']['failure']:.200}"
-        for one in rounds
-        if "failure" in one["drive"]
+        f"a part of the soak: {item['drive']['failure']:.200}"
+        for item in rounds
+        if "failure" in item["drive"]
     )

@@ -67,7 +67,7 @@ def placed(
     """As many robots behind each uplink as it has, all nearly alike."""
     each, more = divmod(len(robots), len(uplinks))
     left = iter(robots)
-    return [(one, list(islice(left, each + (at < more)))) for at, one in enumerate(uplinks)]
+    return [(uplink, list(islice(left, each + (at < more)))) for at, uplink in enumerate(uplinks)]
 
 
 def workers_for(count: int, most: int) -> int:
@@ -131,7 +131,7 @@ class Fleet:
         robot does, and on a site each has a processor of its own.
         """
         values = await self.run(run, lambda: self._all("start", OPENS_WITHIN_S))
-        no_longer_aside([one.pid for one in self._sides])
+        no_longer_aside([side.pid for side in self._sides])
         return values
 
     async def run(self, run: str, order: Callable[[], Awaitable[None]]) -> dict[str, Any]:
@@ -203,7 +203,7 @@ class Fleet:
 
     def reading(self) -> Reading:
         containers = {name: self._world.container(name) for name in SERVICES}
-        return Reading.now(containers, [one.pid for one in self._sides])
+        return Reading.now(containers, [side.pid for side in self._sides])
 
 
 def with_fleet(

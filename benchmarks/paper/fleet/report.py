@@ -42,11 +42,13 @@ class Group:
     @cached_property
     def runs(self) -> list[Values]:
         """What was measured in the runs that did not fail as a whole."""
-        return [one.values for one in self.outcomes if one.values is not None]
+        return [outcome.values for outcome in self.outcomes if outcome.values is not None]
 
     def seconds(self, name: str) -> pd.Series:
         """`message_s` or `online_s` of each robot that got so far."""
-        return pd.Series([one for run in self.runs for one in run[name]], dtype=float).dropna()
+        return pd.Series(
+            [outcome for run in self.runs for outcome in run[name]], dtype=float
+        ).dropna()
 
     def total(self, name: str) -> int:
         return sum(run[name] for run in self.runs)
@@ -112,67 +114,67 @@ class Group:
 def start_rows(groups: Iterable[Group]) -> list[Row]:
     return [
         {
-            "robots": one.title,
-            "runs": f"{len(one.outcomes)} of {one.planned}",
-            "message in time": f"{one.in_time} of {one.wanted}",
-            "later": one.late,
-            "never": one.never,
-            **quantiles(one.seconds("message_s"), 0.5, 0.99, 1),
-            "online p50, s": one.seconds("online_s").quantile(0.5),
-            "tried again": one.waits.total(),
-            "wrong robot": one.total("wrong"),
-            "doubled": one.doubled,
+            "robots": group.title,
+            "runs": f"{len(group.outcomes)} of {group.planned}",
+            "message in time": f"{group.in_time} of {group.wanted}",
+            "later": group.late,
+            "never": group.never,
+            **quantiles(group.seconds("message_s"), 0.5, 0.99, 1),
+            "online p50, s": group.seconds("online_s").quantile(0.5),
+            "tried again": group.waits.total(),
+            "wrong robot": group.total("wrong"),
+            "doubled": group.doubled,
         }
-        for one in groups
+        for group in groups
     ]
 
 
 def cost_rows(groups: Iterable[Group]) -> list[Row]:
-    return [_cost_row(one) for one in groups]
+    return [_cost_row(group) for group in groups]
 
 
-def _cost_row(one: Group) -> Row:
-    took = sum(run["took_s"] for run in one.runs)
-    used = sum(sum(run["cpu_s"].values()) for run in one.runs)
-    columns: dict[str, object] = {"robots": one.title, "cores busy": used / took if took else None}
+def _cost_row(item: Group) -> Row:
+    took = sum(run["took_s"] for run in item.runs)
+    used = sum(sum(run["cpu_s"].values()) for run in item.runs)
+    columns: dict[str, object] = {"robots": item.title, "cores busy": used / took if took else None}
     for name, members in {"server": SERVER, **SERVER_PARTS, **BESIDE}.items():
-        columns[f"start, ms: {name}"] = _times(one.per_robot("cpu_s", members), MS_PER_S)
+        columns[f"start, ms: {name}"] = _times(item.per_robot("cpu_s", members), MS_PER_S)
     for name, members in {"server": SERVER, **SERVER_PARTS}.items():
-        columns[f"memory, MiB: {name}"] = _times(one.per_robot("memory_bytes", members), 1 / MIB)
+        columns[f"memory, MiB: {name}"] = _times(item.per_robot("memory_bytes", members), 1 / MIB)
     for name, members in {"server": SERVER, **SERVER_PARTS, "robots' side": ("robots",)}.items():
-        columns[f"idle, ms a s: {name}"] = one.idle_ms(members)
-    return {**columns, "limits met": plain("; ".join(one.limits)) or "none"}
+        columns[f"idle, ms a s: {name}"] = item.idle_ms(members)
+    return {**columns, "limits met": plain("; ".join(item.limits)) or "none"}
 
 
 def return_rows(groups: Iterable[Group]) -> list[Row]:
     return [
         {
-            "restarted": one.title,
-            "robots": one.count,
-            "back in time": f"{one.in_time} of {one.wanted}",
-            "later": one.late,
-            "never": one.never,
+            "restarted": group.title,
+            "robots": group.count,
+            "back in time": f"{group.in_time} of {group.wanted}",
+            "later": group.late,
+            "never": group.never,
             "server answers, s": pd.Series(
-                [run["server_s"] for run in one.runs], dtype=float
+                [run["server_s"] for run in group.runs], dtype=float
             ).max(),
-            **quantiles(one.seconds("message_s"), 0.5, 0.99, 1),
-            "tried again": one.waits.total(),
+            **quantiles(group.seconds("message_s"), 0.5, 0.99, 1),
+            "tried again": group.waits.total(),
         }
-        for one in groups
+        for group in groups
     ]
 
 
 def shortfalls(what: str, groups: Iterable[Group]) -> Iterable[str]:
     """What did not come in time and which limits were met; `what` is "the start" or "the return"."""
-    for one in groups:
-        if missing := one.wanted - one.in_time:
-            heard = ", ".join(f"{why} ({times})" for why, times in one.waits.most_common(3))
-            said = f"; an agent said last: {one.last_words:.200}" if one.last_words else ""
+    for group in groups:
+        if missing := group.wanted - group.in_time:
+            heard = ", ".join(f"{why} ({times})" for why, times in group.waits.most_common(3))
+            said = f"; an agent said last: {group.last_words:.200}" if group.last_words else ""
             yield (
-                f"{what}, {one.title}: {missing} of {one.wanted} robots had no message within {FAILED_AFTER_S:g} s, "
-                f"{one.late} of them later; operators heard: {heard or 'nothing'}{said}"
+                f"{what}, {group.title}: {missing} of {group.wanted} robots had no message within "
+                f"{FAILED_AFTER_S:g} s, {group.late} of them later; operators heard: {heard or 'nothing'}{said}"
             )
-        yield from (f"{what}, {one.title}: {words}" for words in one.limits)
+        yield from (f"{what}, {group.title}: {words}" for words in group.limits)
 
 
 def _times(value: float | None, factor: float) -> float | None:

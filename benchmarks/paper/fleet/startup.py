@@ -113,8 +113,8 @@ def restart_services(world: World, services: Sequence[str]) -> None:
             threads.submit(world.container(service).restart, timeout=KILLED_AT_ONCE_S)
             for service in services
         ]
-    for one in restarted:
-        one.result()
+    for item in restarted:
+        item.result()
 
 
 def report(scale: Scale, results: Results) -> Report:
@@ -123,7 +123,7 @@ def report(scale: Scale, results: Results) -> Report:
     returns = [
         _group(scale, results, f"reconnect-{count}-{what}", IN_WORDS[what]) for what in RESTARTS
     ]
-    starts, returns = [[one for one in some if one.outcomes] for some in (starts, returns)]
+    starts, returns = [[item for item in some if item.outcomes] for some in (starts, returns)]
     measured = [*starts, *returns]
     lines = [
         arrived(group.title, group.seconds("message_s"), group.wanted).assign(panel=panel)
@@ -140,13 +140,16 @@ def report(scale: Scale, results: Results) -> Report:
             "failed_after_s": FAILED_AFTER_S,
         },
         comparisons=[
-            *(_success(one, "start", "paper") for one in starts),
-            *(_success(one, f"return after a restart of {one.title}", "all") for one in returns),
+            *(_success(item, "start", "paper") for item in starts),
+            *(
+                _success(outage, f"return after a restart of {outage.title}", "all")
+                for outage in returns
+            ),
             exactly(
                 "messages that reached another robot",
                 "none",
                 0,
-                sum(one.total("wrong") for one in measured),
+                sum(item.total("wrong") for item in measured),
                 "",
             ),
         ],

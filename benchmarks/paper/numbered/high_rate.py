@@ -68,7 +68,7 @@ def steps(scale: Scale) -> list[Step]:
 
 
 def _step(*runs: Run) -> Step:
-    title = ", ".join(one.title for one in runs)
+    title = ", ".join(item.title for item in runs)
     return Step(name=runs[0].name, title=title, run=partial(measure, runs))
 
 
@@ -95,20 +95,20 @@ def measure(runs: Sequence[Run], world: World) -> Values:
 
     All operators share one uplink and all robots another, so that they share nothing but the server.
     """
-    how_many = max(one.pairs for one in runs)
+    how_many = max(item.pairs for item in runs)
     with ExitStack() as stack:
         operators, robots = stack.enter_context(world.uplinks(2))
         enrolled = world.enrol(world.names("rate", how_many))
         stack.callback(world.remove, enrolled)
-        whole = [stack.enter_context(WholeRobot(world, one, robots, "bus")) for one in enrolled]
+        whole = [stack.enter_context(WholeRobot(world, item, robots, "bus")) for item in enrolled]
         wait_all_online(whole, ONLINE_WITHIN_S + ONLINE_S_A_ROBOT * len(whole))
         return {
             "runs": {
-                one.name: {
-                    "title": one.title,
-                    **run(world, operators, whole[: one.pairs], one.plan),
+                item.name: {
+                    "title": item.title,
+                    **run(world, operators, whole[: item.pairs], item.plan),
                 }
-                for one in runs
+                for item in runs
             }
         }
 

@@ -120,20 +120,24 @@ def joined(
     """One run's figures, of what each sender and each receiver told."""
     senders, receivers = list(sent), list(arrived)
     totals = {
-        name: sum(one[name] for one in receivers)
+        name: sum(receiver[name] for receiver in receivers)
         for name in ("received", "duplicated", "reordered", "foreign")
     }
-    sent_all = sum(one["sent"] for one in senders)
+    sent_all = sum(sender["sent"] for sender in senders)
     return {
         **totals,
         "sent": sent_all,
         "lost": sent_all - totals["received"],
         # Connections that failed before the start, and why.
-        "failed_dials": sum(one["failed_dials"] for one in (*senders, *receivers)),
+        "failed_dials": sum(sender["failed_dials"] for sender in (*senders, *receivers)),
         "dial_failures": sorted(
-            {why for one in (*senders, *receivers) for why in one["dial_failures"]}
+            {why for sender in (*senders, *receivers) for why in sender["dial_failures"]}
         ),
-        "missing": {str(one["pair"]): one["missing"] for one in receivers if one["missing"]},
+        "missing": {
+            str(receiver["pair"]): receiver["missing"]
+            for receiver in receivers
+            if receiver["missing"]
+        },
         "latency": _merged(receivers, "latency"),
         "lateness": _merged(senders, "lateness"),
     }

@@ -64,20 +64,22 @@ def run(
     """
     with tokens(world, len(robots)) as given, ExitStack() as stack:
         outside = [
-            _end(number, plan, sends=plan.to_robot, site=world.address, token=token, robot=one.name)
-            for number, (one, token) in enumerate(zip(robots, given, strict=True))
+            _end(
+                number, plan, sends=plan.to_robot, site=world.address, token=token, robot=item.name
+            )
+            for number, (item, token) in enumerate(zip(robots, given, strict=True))
         ]
         # Clients of the robots' own rosbridges.
         inside = [
-            _end(number, plan, sends=not plan.to_robot, url=one.ros_url)
-            for number, one in enumerate(robots)
+            _end(number, plan, sends=not plan.to_robot, url=item.ros_url)
+            for number, item in enumerate(robots)
         ]
         sides = [(operators, outside), (robots[0].uplink, inside)]
         senders, receivers = sides if plan.to_robot else sides[::-1]
         receiving = stack.enter_context(_generator(world, "receivers", *receivers))
         sending = stack.enter_context(_generator(world, "senders", *senders))
-        for one in (receiving, sending):
-            one.receive("that all are connected", READY_WITHIN_S)
+        for item in (receiving, sending):
+            item.receive("that all are connected", READY_WITHIN_S)
         before = _used(world, robots)
         sending.send({"begin_ns": time.monotonic_ns() + BEGINS_IN_NS})
         sending_s = sending.receive("that all was sent", plan.at_most_s)["sending_s"]
@@ -122,12 +124,12 @@ def _end(number: int, plan: Plan, **where: Any) -> End:
 def _generator(
     world: World, name: str, uplink: Uplink, ends: Sequence[End]
 ) -> Iterator[LineProgram]:
-    one = LineProgram("paper.numbered.worker", world.folder / f"{name}.log")
+    item = LineProgram("paper.numbered.worker", world.folder / f"{name}.log")
     try:
-        one.send({"namespace": uplink.inside.name, "ends": [asdict(end) for end in ends]})
-        yield one
+        item.send({"namespace": uplink.inside.name, "ends": [asdict(end) for end in ends]})
+        yield item
     finally:
-        one.close()
+        item.close()
 
 
 def _used(world: World, robots: Sequence[WholeRobot]) -> dict[str, float]:

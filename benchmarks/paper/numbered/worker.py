@@ -186,14 +186,14 @@ async def _sleep_until(due_ns: int) -> None:
 async def _wait_for_last(receivers: Sequence[Receiver], sent: asyncio.Future[Any]) -> None:
     """Wait until each message has come, or after all were sent for SILENCE_S without any."""
     since_ns = 0
-    while not all(one.account.complete for one in receivers):
+    while not all(receiver.account.complete for receiver in receivers):
         await asyncio.sleep(0.05)
-        for one in receivers:
-            one.connection.check()
+        for receiver in receivers:
+            receiver.connection.check()
         if not sent.done():
             continue
         since_ns = since_ns or time.monotonic_ns()
-        last_ns = max(since_ns, *(one.received_ns for one in receivers))
+        last_ns = max(since_ns, *(receiver.received_ns for receiver in receivers))
         if time.monotonic_ns() - last_ns > SILENCE_S * NS_A_S:
             return
 
@@ -214,16 +214,16 @@ async def work() -> None:
         http = await stack.enter_async_context(new_http(**inside))
         kind = Sender if ends[0].sends else Receiver
         made = [kind(end, http) for end in ends]
-        await asyncio.gather(*(one.connection.dial() for one in made))
-        for one in made:
-            stack.push_async_callback(one.connection.close)
+        await asyncio.gather(*(item.connection.dial() for item in made))
+        for item in made:
+            stack.push_async_callback(item.connection.close)
         write_line({"ready": True})
         started, cpu_s = time.monotonic(), time.process_time()
         if ends[0].sends:
             await _send_all(made, ends[0].rate_hz)
         else:
             await _wait_for_last(made, asyncio.ensure_future(_read_order()))
-        values = [one.result() for one in made]
+        values = [item.result() for item in made]
         write_line(
             {
                 "ends": values,
@@ -239,7 +239,7 @@ async def _send_all(senders: Sequence[Sender], rate_hz: float) -> None:
     # Pairs are not in step, as operators are not.
     offset_ns = NS_A_S / rate_hz / len(senders)
     begins = [begin_ns + int(position * offset_ns) for position in range(len(senders))]
-    await asyncio.gather(*(one.run(at) for one, at in zip(senders, begins, strict=True)))
+    await asyncio.gather(*(sender.run(at) for sender, at in zip(senders, begins, strict=True)))
     write_line({"sent": True, "sending_s": (time.monotonic_ns() - begin_ns) / NS_A_S})
     await _read_order()
 

@@ -330,7 +330,7 @@ class VirtualRobot:
         connection = Connection(partial(self._on_session_line, uptime))
         # As the agent: a cell that let the robot begin, and led to no session, comes after the others.
         targets = self._account.targets()
-        targets.sort(key=lambda one: self._failed_at.get(one, 0.0))
+        targets.sort(key=lambda item: self._failed_at.get(item, 0.0))
         # One that fell silent has had its time to answer.
         unreached_s = NEXT_CELL_AFTER_S if targets[0] == self._fell_silent else 0.0
         self._fell_silent = None

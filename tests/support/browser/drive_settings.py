@@ -60,7 +60,7 @@ def audited(database: Database, kind: str) -> list[tuple[str, dict[str, object]]
     """Who made such changes, and their details; the newest first."""
     with database.transaction() as tx:
         found = audit.find(tx, audit.AuditSearch(kind=kind))
-    return [(one.actor, dict(one.details)) for one in found]
+    return [(item.actor, dict(item.details)) for item in found]
 
 
 def problem_of(page: str) -> str:

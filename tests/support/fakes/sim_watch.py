@@ -60,7 +60,9 @@ class SimWatch(LoopThread):
 
         def came(_: object) -> bool:
             poses = reversed(list(self._seen["/pose"]))
-            return any(condition(seen.msg) for seen in takewhile(lambda one: one.at > since, poses))
+            return any(
+                condition(seen.msg) for seen in takewhile(lambda item: item.at > since, poses)
+            )
 
         self.wait_pose(what, came)
 

@@ -245,7 +245,7 @@ def wait_until(
 
 def descendants(pid: int) -> list[int]:
     """Return all processes below `pid`, zombies left out."""
-    parents = {one: int(parent) for one, (state, parent, *_) in words_of_all() if state != "Z"}
+    parents = {child: int(parent) for child, (state, parent, *_) in words_of_all() if state != "Z"}
     found, frontier = [], [pid]
     while frontier:
         above = frontier.pop()

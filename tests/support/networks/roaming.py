@@ -108,11 +108,11 @@ def roaming_networks(how_many: int) -> Iterator[tuple[Namespace, list[RoamingNet
         yield cloud, networks
 
 
-def _lay(one: tuple[Namespace, str], other: tuple[Namespace, str]) -> None:
+def _lay(item: tuple[Namespace, str], other: tuple[Namespace, str]) -> None:
     """Join two namespaces by a cable, and switch both ends on."""
     peer = ("peer", "name", other[1], "netns", other[0].name)
-    ip("-n", one[0].name, "link", "add", "name", one[1], "type", "veth", *peer)
-    for namespace, name in (one, other):
+    ip("-n", item[0].name, "link", "add", "name", item[1], "type", "veth", *peer)
+    for namespace, name in (item, other):
         ip("-n", namespace.name, "link", "set", name, "up")
 
 

@@ -28,7 +28,9 @@ def marks_of(item: pytest.Item) -> list[str]:
     """Say what a test, its fixtures, or code of the tests that they name, however far, may do."""
     if not isinstance(item, pytest.Function):
         return list(NAMES)
-    everyones = [one.func for found in item._fixtureinfo.name2fixturedefs.values() for one in found]
+    everyones = [
+        entry.func for found in item._fixtureinfo.name2fixturedefs.values() for entry in found
+    ]
     functions = {
         "daemon": [item.function, *everyones],
         # What all tests of a folder do at their end is no reason.
@@ -40,7 +42,7 @@ def marks_of(item: pytest.Item) -> list[str]:
 def fixtures_of(item: pytest.Function) -> Iterator[object]:
     """Functions of the fixtures that a test asks for, also by way of others."""
     found = item._fixtureinfo.name2fixturedefs
-    asked = {mark for one in item.iter_markers("usefixtures") for mark in one.args}
+    asked = {mark for marker in item.iter_markers("usefixtures") for mark in marker.args}
     waiting, seen = [*item._fixtureinfo.argnames, *asked], set[str]()
     while waiting:
         name = waiting.pop()

@@ -93,10 +93,10 @@ class PlainCompose:
     def states(self) -> dict[str, str]:
         """Service -> `healthy`, `exited 0` or whatever else its container is."""
         listed = self.compose("ps", "--all", "--format", "{{json .}}").splitlines()
-        found = {one["Service"]: one for one in map(json.loads, listed)}
+        found = {row["Service"]: row for row in map(json.loads, listed)}
         return {
-            name: one["Health"] or f"{one['State']} {one['ExitCode']}"
-            for name, one in found.items()
+            name: item["Health"] or f"{item['State']} {item['ExitCode']}"
+            for name, item in found.items()
         }
 
     def log(self, service: str) -> str:
@@ -106,7 +106,7 @@ class PlainCompose:
     def robots(self) -> dict[str, dict[str, Any]]:
         """The robots that the server knows."""
         listed = self.compose("exec", "-T", "web", "robotether", "robot", "list", "--json")
-        return {one["name"]: one for one in json.loads(listed)}
+        return {row["name"]: row for row in json.loads(listed)}
 
     def wait(
         self, what: str, condition: Callable[[], object], *services: str, seconds: float = 60

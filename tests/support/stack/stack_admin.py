@@ -47,7 +47,7 @@ class Admin:
 
     def users(self) -> set[str]:
         """Return the names of all users."""
-        return {one["name"] for one in self.ask("GET", "/users")["users"]}
+        return {user["name"] for user in self.ask("GET", "/users")["users"]}
 
     def add_user(self, name: str, password: str | None = None) -> str:
         """Add a user who is no admin; the password, which the server makes unless there is one."""

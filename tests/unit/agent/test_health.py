@@ -127,8 +127,8 @@ async def test_video_comes_from_rosbridge_while_no_server_answers(watch, nowhere
     async with TopicRosbridge({"/camera/image_raw": "sensor_msgs/Image"}) as robot:
         health = watch(robot.url, nowhere)
         only_server = watch(robot.url, nowhere, "web_video_server")
-        for one in (health, only_server):
-            report = await until(one, lambda report: report.video == "down" and report.ros == "ok")
+        for item in (health, only_server):
+            report = await until(item, lambda report: report.video == "down" and report.ros == "ok")
             assert "web_video_server at" in report.video_detail
         robot.topics = IMAGES
         await until(health, lambda report: report.video == "ok")

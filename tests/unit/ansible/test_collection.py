@@ -125,9 +125,9 @@ def test_needed_collections_are_those_of_the_roles(archive: Path) -> None:
 def keys_of(found: object) -> set[str]:
     """All keys of what YAML says."""
     if isinstance(found, list):
-        return set().union(*(keys_of(one) for one in found))
+        return set().union(*(keys_of(item) for item in found))
     if isinstance(found, dict):
-        return set(found).union(*(keys_of(one) for one in found.values()))
+        return set(found).union(*(keys_of(item) for item in found.values()))
     return set()
 
 

@@ -67,7 +67,7 @@ async def test_room_is_needed_in_each_folder() -> None:
 def test_room_is_needed_for_another_version(current: str, megabytes: str) -> None:
     """On a robot with a full disk a second run may still change a setting."""
     tasks = yaml.safe_load((ANSIBLE / "roles/robotether_agent/tasks/preflight.yml").read_text())
-    [asked] = [one[MODULE]["free_mb"] for one in tasks if MODULE in one]
+    [asked] = [task[MODULE]["free_mb"] for task in tasks if MODULE in task]
     known = {"robotether_wheel_version": "2-b", "robotether_agent_free_mb": 150}
     said = Template(asked).render(robotether_agent_found={"current": current}, **known)
     assert said == megabytes

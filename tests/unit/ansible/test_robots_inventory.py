@@ -106,7 +106,7 @@ def _plain(found: dict[str, Any]) -> Any:
 
 def groups_of(found: dict[str, Any]) -> dict[str, list[str]]:
     """The hosts of each group that has some."""
-    return {name: sorted(one["hosts"]) for name, one in found.items() if "hosts" in one}
+    return {name: sorted(item["hosts"]) for name, item in found.items() if "hosts" in item}
 
 
 def test_robots_have_their_sites_and_states(listed: List) -> None:

@@ -33,9 +33,11 @@ def test_resource_fits_the_schema(resource: dict[str, Any], version: str) -> Non
 
 def test_images_have_the_tag_of_this_version() -> None:
     """The kustomization sets the tag of each image that a pod uses."""
-    pods = [one["spec"]["template"]["spec"] for one in RESOURCES if "template" in one["spec"]]
+    pods = [item["spec"]["template"]["spec"] for item in RESOURCES if "template" in item["spec"]]
     used = {
-        one["image"] for pod in pods for one in pod.get("initContainers", []) + pod["containers"]
+        initcontainer["image"]
+        for pod in pods
+        for initcontainer in pod.get("initContainers", []) + pod["containers"]
     }
     tags = {image["name"]: image["newTag"] for image in KUSTOMIZATION["images"]}
     assert tags == dict.fromkeys(used, __version__)

@@ -112,7 +112,9 @@ def test_settings_are_those_of_compose(file: str, name: str) -> None:
     ours = dict(in_swarm(file, name).get("environment", {}))
     theirs = dict(in_compose(name).get("environment", {}))
     # A few that only one of these programs reads are given to both.
-    known = set().union(*(in_compose(one).get("environment", {}) for one in ("web", "relay", name)))
+    known = set().union(
+        *(in_compose(item).get("environment", {}) for item in ("web", "relay", name))
+    )
     assert set(theirs) - SET_OTHERWISE <= set(ours) <= known | SET_OTHERWISE
     for variable in set(ours) & set(theirs) - SET_OTHERWISE:
         assert ours[variable] == theirs[variable], variable
@@ -121,13 +123,13 @@ def test_settings_are_those_of_compose(file: str, name: str) -> None:
 def in_memory(service: dict[str, Any]) -> set[str]:
     """Folders in memory, however they are written."""
     short = {entry.split(":")[0] for entry in service.get("tmpfs", [])}
-    mounts = [one for one in service.get("volumes", []) if isinstance(one, dict)]
-    return short | {one["target"] for one in mounts if one["type"] == "tmpfs"}
+    mounts = [volume for volume in service.get("volumes", []) if isinstance(volume, dict)]
+    return short | {mount["target"] for mount in mounts if mount["type"] == "tmpfs"}
 
 
 def kept(service: dict[str, Any]) -> set[str]:
     """Volumes, but for those that Swarm has otherwise: secrets, and what acme and tools/backup get."""
-    names = {one for one in service.get("volumes", []) if isinstance(one, str)}
+    names = {volume for volume in service.get("volumes", []) if isinstance(volume, str)}
     return {name for name in names if not name.startswith(("acme_", "backup_"))}
 
 
@@ -179,11 +181,11 @@ def handed_out(service: str) -> dict[str, tuple[str, str]]:
 def test_services_have_the_secrets_of_compose(file: str, name: str) -> None:
     """No more and no fewer, each readable by the account that needs it alone."""
     secrets = in_swarm(file, name)["secrets"]
-    ours = {one["source"]: (one["uid"], one["gid"]) for one in secrets}
+    ours = {item["source"]: (item["uid"], item["gid"]) for item in secrets}
     optional = {"cert.pem", "key.pem"}
     theirs = {secret: owner for secret, owner in handed_out(name).items() if secret not in optional}
     assert ours == theirs
-    assert {one["mode"] for one in secrets} == {0o440}
+    assert {item["mode"] for item in secrets} == {0o440}
     declared = read(SWARM / file)["secrets"]
     assert all(declared[secret]["name"] == f"robotether_{secret}" for secret in ours)
 

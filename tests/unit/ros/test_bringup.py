@@ -110,12 +110,12 @@ def test_boot_unit_of_ros_1_ends_with_its_roscore(tmp_path: Path) -> None:
 def test_serves_this_machine_alone_where_the_agent_looks(file: Path) -> None:
     root = ElementTree.parse(file).getroot()
     given = [
-        (one.get("name"), one.get("value"))
-        for one in (*root.iter("param"), *root.iterfind("include/arg"))
+        (element.get("name"), element.get("value"))
+        for element in (*root.iter("param"), *root.iterfind("include/arg"))
     ]
     assert [value for name, value in given if name == "address"] == ["127.0.0.1", "127.0.0.1"]
     assert ("max_message_size", "10000000") in given
-    defaults = {one.get("name"): one.get("default") for one in root.iterfind("arg")}
+    defaults = {element.get("name"): element.get("default") for element in root.iterfind("arg")}
     agent = Settings(server="")
     assert defaults["ros_port"] == str(urlsplit(agent.rosbridge_url).port)
     assert defaults["video_port"] == str(urlsplit(agent.video_url).port)
@@ -127,8 +127,8 @@ def test_compose_file_gives_the_agent_no_more_than_the_network() -> None:
     environ = os.environ | {"SERVER": "robots.example.com"}
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=environ)
     services = json.loads(done.stdout)["services"]
-    assert {one["network_mode"] for one in services.values()} == {"host"}
+    assert {service["network_mode"] for service in services.values()} == {"host"}
     agent = services["agent"]
     assert agent["read_only"]
     assert agent["cap_drop"] == ["ALL"]
-    assert [one["target"] for one in agent["volumes"]] == ["/var/lib/robotether-agent"]
+    assert [volume["target"] for volume in agent["volumes"]] == ["/var/lib/robotether-agent"]

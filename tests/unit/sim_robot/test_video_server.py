@@ -40,12 +40,12 @@ async def test_viewers_share_frames_and_leave_nothing_running(
 ) -> None:
     """Three viewers cost as many drawings as one, and none when they are gone."""
     url = f"/stream?topic={TOPIC}&width=64&height=48"
-    async with http.get(url) as one, http.get(url) as two, http.get(url) as three:
-        for answer in (one, two, three):
+    async with http.get(url) as first, http.get(url) as second, http.get(url) as third:
+        for answer in (first, second, third):
             await answer.content.readline()
         before, start = simulator.feeds[TOPIC].drawn, time.monotonic()
         for _ in range(10):
-            for answer in (one, two, three):
+            for answer in (first, second, third):
                 await read_part(answer.content)
         # A busy machine may draw a second's frames at once.
         assert simulator.feeds[TOPIC].drawn - before <= (time.monotonic() - start) * 15 + 15

@@ -77,9 +77,9 @@ def test_highest_level_holds(
     assert held(database)["ann", "a"] == max(first, second, key=LEVELS.index)
     with database.transaction() as tx:
         ann = users.get(tx, "ann")
-        assert [one.level for one in seen_robots.list_seen(tx, ann) if one.robot.name == "a"] == [
-            max(first, second, key=LEVELS.index)
-        ]
+        assert [
+            item.level for item in seen_robots.list_seen(tx, ann) if item.robot.name == "a"
+        ] == [max(first, second, key=LEVELS.index)]
 
 
 def test_grant_holds_until_its_end(database: Database, ids: dict[str, int]) -> None:

@@ -129,7 +129,7 @@ def test_backup_has_all_for_its_owner_alone_and_old_ones_go(real: Path) -> None:
         assert env is not None
         assert env.read() == b"PUBLIC_HOST=robots.test\n"
         with tarfile.open(fileobj=parts.extractfile("./volumes.tar")) as volumes:
-            files = {one.name.removeprefix("./") for one in volumes if one.isfile()}
+            files = {volume.name.removeprefix("./") for volume in volumes if volume.isfile()}
     assert files == set(SECRETS) - NOT_KEPT
 
 

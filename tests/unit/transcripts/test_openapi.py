@@ -29,11 +29,11 @@ class Reader:
                 return {"$ref": name}
             beside = {key: value for key, value in given.items() if key != "$ref"}
             return self.schema(self._components["schemas"][name] | beside)
-        if "allOf" in given and all("oneOf" not in one for one in given["allOf"]):
-            return self._joined([self.schema(one) for one in given["allOf"]])
+        if "allOf" in given and all("oneOf" not in item for item in given["allOf"]):
+            return self._joined([self.schema(item) for item in given["allOf"]])
         found = {key: value for key, value in given.items() if key not in WORDS}
         for union in {"anyOf", "oneOf"} & set(found):
-            found |= self._union([self.schema(one) for one in found.pop(union)])
+            found |= self._union([self.schema(item) for item in found.pop(union)])
         return self._inner(self._keywords(found))
 
     def _keywords(self, found: Schema) -> Schema:
@@ -56,7 +56,7 @@ class Reader:
 
     def _union(self, options: list[Schema]) -> Schema:
         nothing = {"type": "null"}
-        others = [one for one in options if one != nothing]
+        others = [option for option in options if option != nothing]
         if nothing not in options:
             # One of them fits, and no more: their members differ.
             return {"oneOf": sorted(others, key=repr)}
@@ -81,7 +81,9 @@ class Reader:
 
     def content(self, given: dict[str, Any]) -> list[str]:
         """Return what a body may be, a line for each type."""
-        return [f"{kind} {line(self.schema(one['schema']))}" for kind, one in sorted(given.items())]
+        return [
+            f"{kind} {line(self.schema(item['schema']))}" for kind, item in sorted(given.items())
+        ]
 
 
 def line(schema: Schema) -> str:
@@ -92,18 +94,18 @@ def operation(reader: Reader, shared: list[Any], given: dict[str, Any]) -> list[
     """Return what an operation takes and answers."""
     lines = [f"{given['operationId']}: {given['summary']}"]
     lines += [f"{key} {given[key]}" for key in ("tags", "security") if given.get(key) is not None]
-    lines += sorted(reader.parameter(one) for one in [*shared, *given.get("parameters", [])])
+    lines += sorted(reader.parameter(item) for item in [*shared, *given.get("parameters", [])])
     if "requestBody" in given:
         required = "required" if given["requestBody"].get("required") else "optional"
         lines += [
-            f"body {required} {one}" for one in reader.content(given["requestBody"]["content"])
+            f"body {required} {item}" for item in reader.content(given["requestBody"]["content"])
         ]
     for status, answer in sorted(given["responses"].items()):
         if "$ref" in answer:
             lines.append(f"{status} {answer['$ref'].rpartition('/')[2]}")
         else:
             lines += [
-                f"{status} {one}" for one in reader.content(answer.get("content", {})) or [""]
+                f"{status} {item}" for item in reader.content(answer.get("content", {})) or [""]
             ]
     return [text.rstrip() for text in lines]
 

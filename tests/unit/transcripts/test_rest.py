@@ -305,7 +305,7 @@ def test_enrolment(talk: Conversation, sim1: None, recorded: SnapshotAssertion) 
         talk.ask("root", "POST", f"/robots/sim1/{action}")
     name = talk.ask("nobody", "POST", "/join", ROBOTS[0].join(other_mac))["robot"]
     waiting = talk.ask("root", "GET", "/pending")["pending"]
-    for key in [one["fingerprint"] for one in waiting if one["robot"] == name]:
+    for key in [item["fingerprint"] for item in waiting if item["robot"] == name]:
         talk.ask("root", "POST", f"/robots/{name}/reject", {"fingerprint": key})
     talk.ask("nobody", "POST", "/join", ROBOTS[0].join(other_mac))
     rejected = talk.ask("root", "GET", "/rejected-keys")["rejected_keys"]

@@ -60,7 +60,7 @@ class Session:
 
         def found() -> list[Said]:
             lines = self.server.said if at is not None else self.server.said[self._from :]
-            of_side = [one[2] for one in lines if one[:2] == (of, who)]
+            of_side = [line[2] for line in lines if line[:2] == (of, who)]
             return list(filter(fits, of_side if at is None else _slice(of_side, at)))
 
         await eventually(

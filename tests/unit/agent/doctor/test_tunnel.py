@@ -99,7 +99,7 @@ async def test_each_cell_is_checked(cloud, place):
     settings = load(None, agent_environ(cloud, place))
     await Enroller(settings).enrolment()
     found = await tunnel.check_ssh(settings, None, ())
-    assert [(one.state, one.step) for one in found] == [
+    assert [(item.state, item.step) for item in found] == [
         (SKIPPED, f"ssh {cloud.other_ports[0]}"),
         (OK, f"ssh {cloud.ssh.port}"),
     ]

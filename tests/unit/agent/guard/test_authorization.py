@@ -145,7 +145,7 @@ def test_a_lost_session_ends_drivers_and_keeps_observers() -> None:
         rights.authorize({}),
     )
     rights.session(up=False)
-    assert [rights.keeps(one) for one in (drive, observe, direct)] == [False, True, False]
+    assert [rights.keeps(item) for item in (drive, observe, direct)] == [False, True, False]
     assert kind(rights, drive) == "held"
 
 

@@ -42,12 +42,12 @@ async def start(place: Path) -> AsyncIterator[Start]:
     started: list[GuardProcess] = []
     servers: list[ForkServer] = []
 
-    async def one(mode: str) -> GuardProcess:
+    async def start_guard(mode: str) -> GuardProcess:
         servers.append(ForkServer.start(fake_guard_command(place, mode)))
         started.append(await GuardProcess.start(servers[-1]))
         return started[-1]
 
-    yield one
+    yield start_guard
     for guard in started:
         await guard.kill()
     for server in servers:

@@ -40,15 +40,15 @@ def test_messages_are_told_apart(data, kinds):
 
 async def test_a_reader_takes_what_is_there():
     """A full buffer counts as a change; what is no change does not."""
-    one, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    one.setblocking(False)
+    first, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    first.setblocking(False)
     network = netlink.Network()
-    with one, other:
+    with first, other:
         other.send(message(3))
-        network.read(one)
+        network.read(first)
         assert not network._event.is_set()
         other.send(message(24))
-        network.read(one)
+        network.read(first)
         await asyncio.wait_for(network.changed(), 5)
         assert not network._event.is_set()
 

@@ -160,7 +160,7 @@ async def site(make_cloud, place) -> Site:
         machines = [first, *others]
         for machine in machines:
             # The own one first, as the server has it.
-            rest = [one.cell for one in machines if one is not machine]
+            rest = [item.cell for item in machines if item is not machine]
             machine.cells = [machine.cell, *rest]
         return machines
 

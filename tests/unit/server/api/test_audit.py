@@ -149,7 +149,7 @@ def lines_in(database: Database) -> list[tuple[str, str, str]]:
 def numbered(root: Program, path: str) -> str:
     """The path with the newest number of each kind."""
     numbers = {
-        name: max(one["id"] for one in root.get(LISTS[name])[name])
+        name: max(item["id"] for item in root.get(LISTS[name])[name])
         for name in re.findall(r"{(\w+)}", path)
     }
     return path.format(**numbers)
@@ -169,7 +169,7 @@ def test_every_change_leaves_its_line(
         answer = who.ask(method, numbered(root, path), body)
         assert answer.status_code in {200, 201, 202, 204}, (step, answer.text)
         left = lines_in(database)[before:]
-        assert kind in [one for one, *_ in left], (step, left)
+        assert kind in [item for item, *_ in left], (step, left)
         assert {actor for _, actor, _ in left} == {"robot" if path == "/join" else "root"}, step
     everything = json.dumps(lines_in(database))
     assert PASSWORD not in everything

@@ -65,7 +65,7 @@ def test_every_name_in_a_path_is_a_parameter(document: Document) -> None:
     """No parameter of a path is left over from another path."""
     parameters = document["components"]["parameters"]
     for path, item in document["paths"].items():
-        named = [one["$ref"].rpartition("/")[2] for one in item.get("parameters", [])]
+        named = [parameter["$ref"].rpartition("/")[2] for parameter in item.get("parameters", [])]
         given = {parameters[name]["name"] for name in named if parameters[name]["in"] == "path"}
         assert given == set(re.findall(r"{(\w+)}", path)), path
 

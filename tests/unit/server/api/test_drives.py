@@ -24,7 +24,7 @@ def test_managers_see_their_robots_and_admins_all(
     root: Program, ann: Program, drives: list[int]
 ) -> None:
     """A manager sees a robot as soon as the grant exists."""
-    assert [one["id"] for one in root.get("/drives")["drives"]] == drives[::-1]
+    assert [drive["id"] for drive in root.get("/drives")["drives"]] == drives[::-1]
     root.ask("PUT", "/grants/ann/sim2", {"level": "drive"})
     assert len(ann.get("/drives")["drives"]) == 1
     root.ask("PUT", "/grants/ann/sim2", {"level": "manage"})

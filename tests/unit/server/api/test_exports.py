@@ -35,7 +35,7 @@ def fetched(total: int, asked: list[int]) -> list[Numbered]:
 def test_everything_comes_piece_by_piece(total: int) -> None:
     """Each once, in order; no piece is larger than it may be."""
     asked: list[int] = []
-    assert [one.id for one in fetched(total, asked)] == list(range(total, 0, -1))
+    assert [item.id for item in fetched(total, asked)] == list(range(total, 0, -1))
     assert set(asked) == {exports.PIECE}
 
 
@@ -46,7 +46,7 @@ def test_limit_is_kept(limit: int) -> None:
 
     def fetch(before: int | None, wanted: int) -> list[Numbered]:
         found = [Numbered((before or 10_000) - number - 1) for number in range(wanted)]
-        read.extend(one.id for one in found)
+        read.extend(item.id for item in found)
         return found
 
     assert len(list(exports.everything(fetch, limit))) == len(read) == limit
@@ -84,5 +84,5 @@ def test_failure_at_the_first_record_is_no_file() -> None:
 
     with pytest.raises(LookupError):
         exports.answer(
-            ({"id": one.id} for one in exports.everything(fail, None)), COLUMNS, "csv", "x"
+            ({"id": item.id} for item in exports.everything(fail, None)), COLUMNS, "csv", "x"
         )

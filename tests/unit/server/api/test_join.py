@@ -152,7 +152,7 @@ def test_robot_is_sent_to_the_emptiest_cell_first(
     for answer in (joined, registered):
         first, *others = answer["ssh"]["cells"]
         assert first == {"host": "b.example", "ports": [2222, 443]}
-        assert {one["host"] for one in others} == {"a.example", "c.example"}
+        assert {item["host"] for item in others} == {"a.example", "c.example"}
     with database.transaction() as tx:
         robots.set_settings(tx, robots.get(tx, waiting["robot"]).id, {"region": "eu"})
     joined = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json
@@ -160,7 +160,7 @@ def test_robot_is_sent_to_the_emptiest_cell_first(
         "PUT", f"/api/v1/robots/{waiting['robot']}", json=body, headers=admin
     ).json
     for answer in (joined, registered):
-        hosts = [one["host"] for one in answer["ssh"]["cells"]]
+        hosts = [item["host"] for item in answer["ssh"]["cells"]]
         assert hosts == ["a.example", "c.example", "b.example"]
 
 
@@ -210,7 +210,7 @@ def test_refused_joins_of_one_network_push_out_its_own_alone(
         presented = PresentedKey(f"02:00:00:00:00:{end}", robot.key, report)
         with database.transaction() as tx:
             pending.record_refusal(tx, presented, "token_invalid", "why")
-    macs = [one.mac for one in refused(database)]
+    macs = [item.mac for item in refused(database)]
     assert len(macs) == 1 + robots.MAX_REFUSED_OF_NETWORK
     assert (macs[0], macs[-1]) == ("02:00:00:00:00:0f", "02:00:00:00:00:aa")
 
@@ -229,10 +229,10 @@ def test_a_robot_that_refuses_the_host_key_is_shown_as_such(
         ({}, [], None),
     ):
         assert program.ask("POST", "/api/v1/join", json=robot.join(MAC, **said)).status_code == 200
-        assert [one.code for one in refused(database)] == code
+        assert [item.code for item in refused(database)] == code
         with relay_database.transaction() as tx:
             snapshot = fleet.load(tx)
-        (seen,) = [one for one in snapshot.robots.values() if one.name == name]
+        (seen,) = [item for item in snapshot.robots.values() if item.name == name]
         assert seen.other_key == other_key
         versions.append(snapshot.rights)
     assert versions[0] == versions[2] != versions[1]

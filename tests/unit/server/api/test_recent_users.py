@@ -31,4 +31,4 @@ def test_users_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second, third = (("login", text) for text in ("01", "02", "03"))
     for credential in (first, second, first, third):
         users.note(credential, ANN)
-    assert [users.find(one) for one in (first, second, third)] == [ANN, None, ANN]
+    assert [users.find(item) for item in (first, second, third)] == [ANN, None, ANN]

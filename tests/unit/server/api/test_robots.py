@@ -38,8 +38,8 @@ def test_driver_and_stop_are_told_to_whoever_may_see_the_robot(
     assert (robot["driver"], robot["stopped"]) == (driver, stopped)
     assert ann.get("/robots")["robots"] == [robot]
     seen = root.get("/robots")["robots"]
-    assert [one["driver"] for one in seen] == [driver, driver]
-    assert [one["stopped"] for one in seen] == [stopped, None]
+    assert [item["driver"] for item in seen] == [driver, driver]
+    assert [item["stopped"] for item in seen] == [stopped, None]
 
 
 def test_state_may_be_what_it_is(root: Program) -> None:

@@ -14,7 +14,7 @@ from web_visitor import Browser, audit_kinds
 
 
 def names(program: Program) -> list[tuple[str, str]]:
-    return [(one["user"], one["name"]) for one in program.get("/tokens")["tokens"]]
+    return [(token["user"], token["name"]) for token in program.get("/tokens")["tokens"]]
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_users_see_and_delete_only_their_own(ann: Program, root: Program) -> Non
     """Another's looks like one that does not exist; an admin may delete any."""
     assert names(ann) == [("ann", "test")]
     assert names(root) == [("ann", "test"), ("root", "test")]
-    ids = {one["user"]: one["id"] for one in root.get("/tokens")["tokens"]}
+    ids = {token["user"]: token["id"] for token in root.get("/tokens")["tokens"]}
     assert ann.refused("DELETE", f"/tokens/{ids['root']}") == (404, "record_missing")
     assert ann.refused("DELETE", "/tokens/999999999999999999999") == (404, "record_missing")
     assert root.ask("DELETE", f"/tokens/{ids['ann']}").status_code == 204

@@ -16,6 +16,6 @@ def test_log_is_shown_newest_last(run: Run) -> None:
     assert 'user_added   -      user="ann" role="user"' in first
     assert "robot_added" in second
     for question in (("--robot", "sim1"), ("--kind", "robot_added"), ("--limit", "1")):
-        [one] = json.loads(run("audit", *question, "--json").out)
-        assert (one["kind"], one["actor"], one["robot"]) == ("robot_added", "cli", "sim1")
+        [row] = json.loads(run("audit", *question, "--json").out)
+        assert (row["kind"], row["actor"], row["robot"]) == ("robot_added", "cli", "sim1")
     assert json.loads(run("audit", "--actor", "nobody", "--json").out) == []

@@ -40,7 +40,9 @@ def test_cells_are_listed(run: Run) -> None:
         ["c", "-", "-", "0", __version__, "down"],
     ]
     shown = json.loads(run("cell", "list", "--json").out)
-    assert [(one["name"], one["robots"], one["draining"], one["is_alive"]) for one in shown] == [
+    assert [
+        (item["name"], item["robots"], item["draining"], item["is_alive"]) for item in shown
+    ] == [
         ("a", 2, False, True),
         ("b", 0, True, True),
         ("c", 0, False, False),

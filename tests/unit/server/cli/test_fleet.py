@@ -48,7 +48,7 @@ def test_list_tells_how_robots_are_reached(run_fleet: Run, network: ShellNetwork
     assert heads.split() == ["ROBOT", "USER", "PORT", "THROUGH"]
     assert row.split() == ["sim1", network.user, str(network.robots["sim1"].port), jump]
     done = run_fleet("list", "--on", "sim2", "--ssh-config", network.config, "--json")
-    assert [one["robot"] for one in json.loads(done.out)] == ["sim2"]
+    assert [item["robot"] for item in json.loads(done.out)] == ["sim2"]
 
 
 def test_run_prints_lines_and_a_table(run_fleet: Run, network: ShellNetwork) -> None:
@@ -75,9 +75,9 @@ def test_run_prints_json(run_fleet: Run, network: ShellNetwork) -> None:
     arguments = ("echo hi; exit 4", "--on", "sim1", "--json", "--ssh-config", network.config)
     done = run_fleet("run", *arguments)
     assert (done.status, done.err) == (1, "")
-    [one] = json.loads(done.out)
-    assert 0 < one.pop("seconds") < 20
-    assert one == {
+    [row] = json.loads(done.out)
+    assert 0 < row.pop("seconds") < 20
+    assert row == {
         "robot": "sim1",
         "ok": False,
         "status": 4,
@@ -146,7 +146,7 @@ def test_defect_is_one_robots_outcome(
         return real(name, network.config)
 
     monkeypatch.setattr(fleet_ssh, "resolve", resolve)
-    outcomes = {one.robot: one for one in make(network, "true", "sim1", "sim2").run()}
+    outcomes = {outcome.robot: outcome for outcome in make(network, "true", "sim1", "sim2").run()}
     assert outcomes["sim1"].problem == "failed: no reason is known (see the log)"
     assert outcomes["sim2"].ok
     assert "Traceback" in caplog.text
@@ -176,12 +176,12 @@ def test_ctrl_c_ends_the_command_everywhere(network: ShellNetwork) -> None:
     finally:
         signal.signal(signal.SIGINT, before)
     assert running.interrupted
-    assert sorted((one.robot, one.status) for one in outcomes) == [
+    assert sorted((outcome.robot, outcome.status) for outcome in outcomes) == [
         ("sim1", None),
         ("sim2", None),
         ("sim3", None),
     ]
-    assert {one.problem for one in outcomes} == {"interrupted"}
+    assert {outcome.problem for outcome in outcomes} == {"interrupted"}
     wait_until(lambda: not any(map(is_alive, written())), lambda: "the commands have ended")
 
 
@@ -402,10 +402,10 @@ def test_lines_are_passed_on_whole() -> None:
 def test_two_robots_lines_never_mix() -> None:
     """One that is not whole yet waits."""
     to, lock = StringIO(), Lock()
-    one, two = Lines("1 ", to, lock), Lines("2 ", to, lock)
-    one.write("a")
-    two.write("b\n")
-    one.write("c\n")
+    first, second = Lines("1 ", to, lock), Lines("2 ", to, lock)
+    first.write("a")
+    second.write("b\n")
+    first.write("c\n")
     assert to.getvalue() == "2 b\n1 ac\n"
 
 

@@ -176,7 +176,7 @@ def test_unknown_host_key(network: ShellNetwork, connections: SshConnections, wh
     """Is refused, or taken once and for all with --accept-new."""
     name = network.jump_address if which == "jump" else "robotether-sim1"
     lines = network.known_hosts.read_text().splitlines(keepends=True)
-    network.known_hosts.write_text("".join(one for one in lines if not one.startswith(name)))
+    network.known_hosts.write_text("".join(item for item in lines if not item.startswith(name)))
     assert UNKNOWN in refused(network, connections).detail
     willing = SshConnections(accept_new=True)
     assert willing.open(target_of(network)).is_connected

@@ -42,8 +42,8 @@ def test_what_waits_is_listed(run: Run, database: Database) -> None:
         robots.set_key(tx, robots.get(tx, "sim2").id, THIRD_KEY, robots.Report("two", "1", "::1"))
     _, *rows = run("robot", "pending").out.splitlines()
     assert sorted(row.split()[0] for row in rows) == ["sim1", "sim2"]
-    found = {one["robot"]: one for one in json.loads(run("robot", "pending", "--json").out)}
-    assert {name: one["reason"] for name, one in found.items()} == {
+    found = {item["robot"]: item for item in json.loads(run("robot", "pending", "--json").out)}
+    assert {name: item["reason"] for name, item in found.items()} == {
         "sim1": "mac_in_use",
         "sim2": "approval_pending",
     }
@@ -190,10 +190,14 @@ def test_rejected_key_may_ask_again(run: Run, database: Database) -> None:
     run(*ADD)
     show_key(database)
     run("robot", "reject", "sim1", "--fingerprint", "SHA256:abc")
-    [one] = json.loads(run("rejected", "list", "--json").out)
-    assert (one["robot"], one["fingerprint"], one["rejected_by"]) == ("sim1", "SHA256:abc", "cli")
+    [item] = json.loads(run("rejected", "list", "--json").out)
+    assert (item["robot"], item["fingerprint"], item["rejected_by"]) == (
+        "sim1",
+        "SHA256:abc",
+        "cli",
+    )
     row = run("rejected", "list").out.splitlines()[1].split()
-    assert (row[0], row[-1]) == (str(one["id"]), "SHA256:abc")
-    assert run("rejected", "forgive", one["id"]).out == "key SHA256:abc may ask again\n"
+    assert (row[0], row[-1]) == (str(item["id"]), "SHA256:abc")
+    assert run("rejected", "forgive", item["id"]).out == "key SHA256:abc may ask again\n"
     assert json.loads(run("rejected", "list", "--json").out) == []
     assert kinds(database)[-1] == "key_forgiven"

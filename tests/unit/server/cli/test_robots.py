@@ -61,8 +61,8 @@ def test_show_tells_all_of_one_robot(
         assert text in shown
     whole = json.loads(run("robot", "show", "sim1", "--json").out)
     assert (whole["address"], whole["agent_version"]) == ("198.51.100.7", "0.2.0")
-    assert [one["reason"] for one in whole["waiting"]] == ["mac_in_use"]
-    assert [one["ended_at"] for one in whole["sessions"]] == [None]
+    assert [item["reason"] for item in whole["waiting"]] == ["mac_in_use"]
+    assert [session["ended_at"] for session in whole["sessions"]] == [None]
 
 
 def test_removed_robot_is_gone(run: Run, database: Database) -> None:
@@ -131,7 +131,7 @@ def test_unknown_robot_is_said(run: Run) -> None:
         "approve disable enable move-ports reject rekey remove rotate-key settings show wait-online"
     )
     for name, *more in (
-        *([one] for one in plain.split()),
+        *([word] for word in plain.split()),
         ["rename", "x"],
         ["set", "--shell-user", "pi"],
         ["set-mac", "00:1b:44:11:3a:b7"],

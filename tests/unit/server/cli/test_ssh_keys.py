@@ -28,7 +28,7 @@ def test_key_is_added_listed_and_deleted(run: Run, database: Database, tmp_path:
     listed = run("ssh-key", "list", *ANN).out.splitlines()[1:]
     assert sorted(row.split()[0] for row in listed) == ["ann@desk", "laptop"]
     keys = json.loads(run("ssh-key", "list", *ANN, "--json").out)
-    assert line in [one["public_key"] for one in keys]
+    assert line in [key["public_key"] for key in keys]
     assert run("ssh-key", "delete", *ANN, "laptop").status == 0
     assert "has none of that name" in run("ssh-key", "delete", *ANN, "laptop").err
     assert kinds(database)[1:] == ["ssh_key_added", "ssh_key_added", "ssh_key_deleted"]

@@ -17,7 +17,7 @@ def test_user_with_a_password_from_stdin(run: Run, database: Database) -> None:
         user, found = users.get(tx, "ann"), audit.find(tx)
     assert user.role == "user"
     assert passwords.matches("a long enough password", user.password_hash)
-    assert [(one.actor, one.kind) for one in found] == [("cli", "user_added")]
+    assert [(item.actor, item.kind) for item in found] == [("cli", "user_added")]
 
 
 def test_user_with_a_generated_password(run: Run, database: Database) -> None:

@@ -18,7 +18,7 @@ def event(kind: str, robot: str | None = None, **details: object) -> AuditEvent:
 
 
 @pytest.mark.parametrize(
-    ("one", "words"),
+    ("event", "words"),
     [
         (
             event("robot_settings_set", "sim1", was={}, settings={"region": "north"}),
@@ -54,9 +54,9 @@ def event(kind: str, robot: str | None = None, **details: object) -> AuditEvent:
         (event("user_added", user="{robot.id}", role="user"), "added user {robot.id}"),
     ],
 )
-def test_line_is_said_in_words(one: AuditEvent, words: str) -> None:
+def test_line_is_said_in_words(event: AuditEvent, words: str) -> None:
     """A detail that is missing is a question mark; what somebody chose as a name is no template."""
-    assert sentence(one) == words
+    assert sentence(event) == words
 
 
 def test_every_event_has_words() -> None:

@@ -41,7 +41,7 @@ def test_recent_events_are_of_kinds_network_and_time(database: Database) -> None
         record(tx, "login_failed", "ann", None)
         kinds = ("login_failed", "login")
         recent = audit.recent_from(tx, kinds, network, now - minute)
-        assert [(one.kind, one.actor) for one in recent] == [
+        assert [(item.kind, item.actor) for item in recent] == [
             ("login_failed", "ann"),
             ("login_failed", "bob"),
             ("login", "ann"),

@@ -43,7 +43,7 @@ def age(admin_database: Database, seconds: int) -> None:
 def hosts(
     robot_id: int, known: list[Cell], first: str | None = None, region: str | None = None
 ) -> list[str]:
-    return [one.host for one in sort_for(robot_id, known, first, region=region)]
+    return [cell.host for cell in sort_for(robot_id, known, first, region=region)]
 
 
 def test_a_heartbeat_makes_the_row_and_keeps_it_new(relay_database, database):
@@ -107,7 +107,7 @@ def test_a_cell_that_takes_no_robots_is_not_listed(change):
     """A cell that takes no robots is not listed, not even as the first."""
     out = replace(A, **change)
     assert hosts(7, [out, B], "a") == ["b.example"]
-    assert [one.host for one in sort_for_join(7, [out, replace(B, robots=9)])] == ["b.example"]
+    assert [cell.host for cell in sort_for_join(7, [out, replace(B, robots=9)])] == ["b.example"]
     assert sort_for_join(7, [out]) == sort_for(7, [out]) == []
 
 
@@ -117,8 +117,8 @@ def test_a_cell_that_is_drained_is_last():
     for robot_id in range(20):
         assert hosts(robot_id, [out, B, C], "a", "eu") == [*hosts(robot_id, [B, C]), "a.example"]
         joins = sort_for_join(robot_id, [out, replace(B, robots=9)], region="eu")
-        assert [one.host for one in joins] == ["b.example", "a.example"]
-    assert [one.host for one in sort_for_join(7, [out])] == hosts(7, [out]) == ["a.example"]
+        assert [join.host for join in joins] == ["b.example", "a.example"]
+    assert [cell.host for cell in sort_for_join(7, [out])] == hosts(7, [out]) == ["a.example"]
 
 
 def test_who_joins_goes_where_the_fewest_robots_are():
@@ -159,7 +159,7 @@ def test_a_robot_whose_region_has_no_cell_goes_where_all_go(change):
 def test_who_joins_goes_where_the_fewest_robots_of_its_region_are():
     """Though another region's cell has fewer."""
     known = [replace(EU_A, robots=5), replace(EU_B, robots=4), US_C]
-    joins = [one.host for one in sort_for_join(7, known, region="eu")]
+    joins = [cell.host for cell in sort_for_join(7, known, region="eu")]
     assert joins == ["b.example", "a.example", "c.example"]
 
 
@@ -184,7 +184,7 @@ def test_a_robot_is_where_its_newest_session_is(relay_database, database):
 def test_addresses_have_the_ports_of_their_cell():
     """Each machine may publish others."""
     other = replace(B, ssh_ports=(22,))
-    found = {one.host: one.ports for one in sort_for(7, [A, other])}
+    found = {cell.host: cell.ports for cell in sort_for(7, [A, other])}
     assert found == {"a.example": (2222, 443), "b.example": (22,)}
 
 

@@ -35,7 +35,7 @@ def seen_by(
     """Robot and driver of what a user is shown."""
     with database.transaction() as tx:
         found = drives.find(tx, users.get(tx, name), search)
-    return [(one.robot, one.user) for one in found]
+    return [(item.robot, item.user) for item in found]
 
 
 def test_own_drives_and_those_of_managed_robots_are_shown(
@@ -117,9 +117,9 @@ def test_list_goes_on_before_a_drive(database: Database, admin_database: Databas
     first, second = (add_drive(admin_database, "a", "ben", fence=fence) for fence in (1, 2))
     with database.transaction() as tx:
         root = users.get(tx, "root")
-        assert [one.id for one in drives.find(tx, root, DriveSearch(), limit=1)] == [second]
-        (one,) = drives.find(tx, root, DriveSearch(), before=second)
-    assert (one.id, one.refused, one.distance_m, one.started_at) == (
+        assert [item.id for item in drives.find(tx, root, DriveSearch(), limit=1)] == [second]
+        (item,) = drives.find(tx, root, DriveSearch(), before=second)
+    assert (item.id, item.refused, item.distance_m, item.started_at) == (
         first,
         {"topic": 3},
         12.34,
@@ -136,7 +136,7 @@ def test_frame_rate_is_that_of_the_time_with_a_video(
     add_drive(admin_database, "a", "ben", fence=3, pictures=30, viewed_s=2)
     with database.transaction() as tx:
         found = drives.find(tx, users.get(tx, "root"), DriveSearch())
-    assert [one.frames_per_s for one in found] == [15, None, None]
+    assert [item.frames_per_s for item in found] == [15, None, None]
 
 
 def test_one_drive_is_for_who_may_see_it(database: Database, admin_database: Database) -> None:

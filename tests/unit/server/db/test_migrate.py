@@ -102,8 +102,8 @@ def test_rows_of_an_older_release_are_kept(
             changed = robots.get(tx, "still-odd")
             give(tx, users.get(tx, "ann").id, announced.id, "manage")
             assert ("ann", "announced", "manage") in rights(tx)
-        assert {(one.user, one.robot, one.level) for one in found} == old
-        assert all(one.ends_at is None and not one.is_for_all for one in found)
+        assert {(item.user, item.robot, item.level) for item in found} == old
+        assert all(item.ends_at is None and not item.is_for_all for item in found)
         assert (odd.had_key, odd.fingerprint, odd.shell_port) == (True, "f", None)
         assert (announced.had_key, announced.shell, announced.ros_port) == (False, False, 20000)
         # A robot that exists does not become slower by an upgrade.

@@ -355,7 +355,7 @@ def test_rejected_claim_waits_no_more(database: Database, robot: RobotRow) -> No
             robots.get_rejected_key(tx, claim.id)
         robots.reject_claim(tx, claim.id, "sim1", "root")
         assert robots.list_claims(tx) == []
-        assert [one.key for one in robots.list_rejected_keys(tx)] == [OTHER_KEY]
+        assert [item.key for item in robots.list_rejected_keys(tx)] == [OTHER_KEY]
         robots.remove_claim(tx, claim.id)
         assert robots.find_claim(tx, OTHER_KEY.fingerprint) is None
 

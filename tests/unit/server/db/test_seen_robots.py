@@ -60,8 +60,8 @@ def test_presence_is_the_newest_session(database: Database, admin_database: Data
     with database.transaction() as tx:
         seen += seen_robots.list_all(tx)
     never, online, offline = seen
-    assert [one.online for one in seen] == [False, True, False]
-    assert [one.offline_reason for one in seen] == [
+    assert [item.online for item in seen] == [False, True, False]
+    assert [item.offline_reason for item in seen] == [
         "This robot awaits approval.",
         None,
         "This robot awaits approval.",
@@ -162,7 +162,7 @@ def test_sessions_are_told_newest_first(database: Database, admin_database: Data
     with database.transaction() as tx:
         found = seen_robots.sessions_of(tx, robot_id, 2)
         assert seen_robots.is_online(tx, robot_id)
-    assert [one.address for one in found] == ["192.0.2.3", "192.0.2.2"]
+    assert [item.address for item in found] == ["192.0.2.3", "192.0.2.2"]
     older = found[1]
     assert older.ended_at is not None
     assert older.started_at <= older.ended_at
@@ -175,25 +175,25 @@ NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 def test_driver_and_stop_are_shown(database: Database, admin_database: Database) -> None:
     """A lease that has ended has no driver, and a robot without either is in no list."""
     with admin_database.transaction() as tx:
-        one, two, three = (robots.add(tx, f"02:00:00:00:00:0{n}", f"r{n}") for n in (1, 2, 3))
+        first, second, third = (robots.add(tx, f"02:00:00:00:00:0{n}", f"r{n}") for n in (1, 2, 3))
         tx.change(
             "INSERT INTO control_leases (robot_id, fence, user_name, since, ended_at) "
             "VALUES (%s, 3, 'ann', %s, NULL), (%s, 4, 'ben', %s, CURRENT_TIMESTAMP(6))",
-            (one, NOON, two, NOON),
+            (first, NOON, second, NOON),
         )
         tx.change(
             "INSERT INTO robot_stops (robot_id, by_name, stopped_at) VALUES (%s, 'zoe', %s)",
-            (two, NOON),
+            (second, NOON),
         )
     driven, stopped = (
         ControlState(driver=DrivenBy("ann", NOON)),
         ControlState(stopped=Stopped("zoe", NOON)),
     )
     with database.transaction() as tx:
-        assert seen_robots.control_of(tx, one) == driven
-        assert seen_robots.control_of(tx, two) == stopped
-        assert seen_robots.control_of(tx, three) == FREE
-        assert seen_robots.control_of_all(tx) == {one: driven, two: stopped}
+        assert seen_robots.control_of(tx, first) == driven
+        assert seen_robots.control_of(tx, second) == stopped
+        assert seen_robots.control_of(tx, third) == FREE
+        assert seen_robots.control_of_all(tx) == {first: driven, second: stopped}
 
 
 def test_another_key_shows_on_web_and_at_the_relay(

@@ -18,7 +18,7 @@ def test_user_is_found_by_name(database: Database) -> None:
         assert (user.id, user.name, user.is_admin, user.disabled) == (user_id, "ann", True, False)
         assert "hash-of-ann" not in repr(user)
         assert users.find(tx, "bob") is None
-        assert [one.name for one in users.list_all(tx)] == ["ann"]
+        assert [item.name for item in users.list_all(tx)] == ["ann"]
 
 
 def test_new_password_and_disabling_end_logins(database: Database) -> None:

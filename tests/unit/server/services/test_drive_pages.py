@@ -17,7 +17,7 @@ WAVE = {"name": "Wave", "kind": "call", "service": "/arm/wave"}
 
 def kinds(database: Database) -> list[str]:
     with database.transaction() as tx:
-        return [one.kind for one in reversed(audit.find(tx, audit.AuditSearch()))]
+        return [item.kind for item in reversed(audit.find(tx, audit.AuditSearch()))]
 
 
 def test_a_button_needs_its_right_and_allow_gives_it(site: Site, database: Database) -> None:

@@ -308,7 +308,7 @@ def test_token_puts_a_robot_in_its_place(site: Site) -> None:
     with site.database.transaction() as tx:
         placed = {name: robots.get(tx, name).site for name in ("robot-006101", "sim2")}
         settings = {name: robots.get(tx, name).settings for name in placed}
-        given = {(one.robot, one.group, one.level) for one in db_grants.list_all(tx)}
+        given = {(item.robot, item.group, item.level) for item in db_grants.list_all(tx)}
     assert placed == {"robot-006101": "lab", "sim2": "yard"}
     assert settings == {
         "robot-006101": {"region": "eu"},

@@ -23,11 +23,11 @@ def test_waiting_keys_of_both_kinds_stand_oldest_first(site: Site) -> None:
     name = site.ask(OTHER_MAC, THIRD_KEY).robot
     with site.database.transaction() as tx:
         found = pending.waiting(tx)
-    assert [(one.robot, one.mac, one.fingerprint, one.reason) for one in found] == [
+    assert [(item.robot, item.mac, item.fingerprint, item.reason) for item in found] == [
         ("sim1", MAC, "SHA256:b", "mac_in_use"),
         (name, OTHER_MAC, "SHA256:c", "approval_pending"),
     ]
-    assert {(one.hostname, one.address, one.agent_version) for one in found} == {
+    assert {(item.hostname, item.address, item.agent_version) for item in found} == {
         ("turtle", "192.0.2.1", "0.1.0")
     }
 

@@ -215,7 +215,7 @@ def test_settings_are_changed_from_what_they_are(site: Site) -> None:
     with pytest.raises(FieldInvalidError, match=r"cannot use guard\.deadman_ms: "):
         do(site, robot_service.change_settings, "sim1", lambda _: {"guard": {"deadman_ms": 1}})
     assert site.robot("sim1").settings == changed.settings
-    assert [one.details for one in site.events("robot_settings_set")] == [
+    assert [event.details for event in site.events("robot_settings_set")] == [
         {"was": {}, "settings": {"shell_user": "pi"}},
         {"was": {"shell_user": "pi"}, "settings": changed.settings},
     ]

@@ -33,7 +33,7 @@ def test_token_works_until_it_is_deleted(site: Site) -> None:
         assert text.startswith("rt_")
         assert text not in str(tx.rows("SELECT * FROM api_tokens"))
         assert credentials.get_token_user(tx, text) == ann
-        assert [one.user for one in credentials.list_tokens(tx)] == ["ann", "root"]
+        assert [item.user for item in credentials.list_tokens(tx)] == ["ann", "root"]
         assert tokens.delete(tx, ANN, token.id).name == "ci"
         with pytest.raises(TokenInvalidError):
             credentials.get_token_user(tx, text)
@@ -57,8 +57,8 @@ def test_what_a_token_made_goes_with_it(site: Site) -> None:
             ssh_keys.add(tx, source, ann, name, new_public_key())
         (token,) = credentials.list_tokens_of(tx, ann)
         tokens.delete(tx, ANN, token.id)
-        assert [one.name for one in join_tokens.list_all(tx)] == ["by hand"]
-        assert [one.name for one in users.list_ssh_keys(tx, ann)] == ["by hand"]
+        assert [item.name for item in join_tokens.list_all(tx)] == ["by hand"]
+        assert [key.name for key in users.list_ssh_keys(tx, ann)] == ["by hand"]
     for kind in ("join_token_deleted", "ssh_key_deleted", "token_deleted"):
         assert len(site.events(kind)) == 1
 

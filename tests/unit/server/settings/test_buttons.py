@@ -28,9 +28,9 @@ def test_a_button_sends_nothing_in_particular_unless_told():
 
 def test_buttons_can_be_compared_and_be_keys():
     """True is no 1, and the order of members means nothing."""
-    one, same = ({**LIGHTS, "msg": msg} for msg in ({"a": 1, "b": 2}, {"b": 2, "a": 1}))
-    assert hash(parse_one(one)) == hash(parse_one(same))
-    assert parse_one(one) == parse_one(same)
+    first, same = ({**LIGHTS, "msg": msg} for msg in ({"a": 1, "b": 2}, {"b": 2, "a": 1}))
+    assert hash(parse_one(first)) == hash(parse_one(same))
+    assert parse_one(first) == parse_one(same)
     assert parse_one(LIGHTS) != parse_one({**LIGHTS, "msg": {"data": 1}})
 
 

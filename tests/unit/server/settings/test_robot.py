@@ -59,7 +59,7 @@ def test_documented_buttons_can_be_set() -> None:
     """As they are; one that does not ask first need not say so."""
     shown = documented("buttons")
     given = {"policy": BUTTONS_POLICY, "buttons": shown}
-    assert parse(given).as_given()["buttons"] == [{"confirm": False, **one} for one in shown]
+    assert parse(given).as_given()["buttons"] == [{"confirm": False, **item} for item in shown]
 
 
 def test_settings_name_only_what_differs():
@@ -84,10 +84,10 @@ def test_what_equals_the_default_is_not_kept():
 
 def test_settings_can_be_compared_and_be_keys():
     """The relay sees by it whether anything changed."""
-    one, other = parse({"guard": {"deadman_ms": 400}}), parse({"guard": {"deadman_ms": 400.0}})
-    assert one == other
-    assert hash(one) == hash(other)
-    assert one != DEFAULTS
+    first, other = parse({"guard": {"deadman_ms": 400}}), parse({"guard": {"deadman_ms": 400.0}})
+    assert first == other
+    assert hash(first) == hash(other)
+    assert first != DEFAULTS
 
 
 def test_only_drivers_have_the_drive_topics():

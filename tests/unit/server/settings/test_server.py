@@ -96,10 +96,10 @@ def test_range_must_hold_a_pair() -> None:
 )
 def test_shell_ports_are_a_range_of_their_own(first: str, last: str, why: str) -> None:
     """One port may be enough; no port is of both ranges."""
-    one = load(
+    item = load(
         MigrateSettings, DATABASE | {"SHELL_PORT_FIRST": "24000", "SHELL_PORT_LAST": "24000"}
     )
-    assert one.shell_port_last == 24000
+    assert item.shell_port_last == 24000
     with pytest.raises(SettingsError, match=why):
         load(MigrateSettings, DATABASE | {"SHELL_PORT_FIRST": first, "SHELL_PORT_LAST": last})
 
@@ -243,7 +243,7 @@ def test_only_secrets_come_from_files() -> None:
     assert VARIABLES["LOG_LEVEL"].read({"LOG_LEVEL_FILE": "/etc/passwd"}) == "info"
 
 
-@pytest.mark.parametrize("name", [one.name for one in VARIABLES.values() if one.secret])
+@pytest.mark.parametrize("name", [item.name for item in VARIABLES.values() if item.secret])
 @pytest.mark.parametrize("is_in_file", [False, True])
 def test_wrong_secret_is_not_shown(name: str, is_in_file: bool, tmp_path: Path) -> None:
     """The sentence has the name and what is allowed; not even a traceback has the value."""

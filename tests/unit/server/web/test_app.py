@@ -137,10 +137,10 @@ def test_a_page_of_an_allowed_site_may_ask(
     headers = {"Origin": LAB} | bearer(database, "ann")
     answer = lab.ask(method, path, headers=headers, **body)
     assert answer.status_code in (200, 201)
-    for one in (before, answer):
-        assert one.headers["Access-Control-Allow-Origin"] == LAB
-        assert "Origin" in one.headers["Vary"]
-        assert "Access-Control-Allow-Credentials" not in one.headers
+    for item in (before, answer):
+        assert item.headers["Access-Control-Allow-Origin"] == LAB
+        assert "Origin" in item.headers["Vary"]
+        assert "Access-Control-Allow-Credentials" not in item.headers
 
 
 def test_a_page_reads_why_it_was_refused(lab: Browser) -> None:
@@ -157,9 +157,9 @@ def test_a_page_of_another_site_may_not(lab: Browser, database: Database, origin
     assert (before.status_code, before.json["code"]) == (403, "origin_refused")
     headers = {"Origin": origin} | bearer(database, "ann")
     answer = lab.ask("GET", "/api/v1/robots", headers=headers)
-    for one in (before, answer):
-        assert "Access-Control-Allow-Origin" not in one.headers
-        assert "Origin" in one.headers["Vary"]
+    for item in (before, answer):
+        assert "Access-Control-Allow-Origin" not in item.headers
+        assert "Origin" in item.headers["Vary"]
 
 
 def test_nobody_may_unless_a_site_is_named(program: Browser) -> None:

@@ -77,9 +77,9 @@ async def test_strangers_have_one_question_at_a_time():
     ann = credential_of("token", database.add_credential("token", ANN))
     # Of five addresses, as one has fewer places.
     asking = [
-        asyncio.create_task(credentials.user_of(one, address))
+        asyncio.create_task(credentials.user_of(item, address))
         for address in "abcde"
-        for one in unknown(40, address)
+        for item in unknown(40, address)
     ]
     await asyncio.sleep(0)
     stop = asyncio.create_task(credentials.user_of(ann, "a", stops=True))
@@ -97,7 +97,7 @@ async def test_an_address_has_few_places_and_takes_nobody_elses(monkeypatch):
     monkeypatch.setattr(module, "MAX_WAITING_OF_ADDRESS", 3)
     database = BusyDatabase()
     credentials = Credentials(database)
-    asking = [asyncio.create_task(credentials.user_of(one, "x")) for one in unknown(3)]
+    asking = [asyncio.create_task(credentials.user_of(item, "x")) for item in unknown(3)]
     await asyncio.sleep(0)
     with pytest.raises(ThrottledError) as refused:
         await credentials.user_of(credential_of("token", "one more"), "x")
@@ -122,8 +122,8 @@ async def test_all_addresses_together_have_a_bound(monkeypatch):
     database = BusyDatabase()
     credentials = Credentials(database)
     asking = [
-        asyncio.create_task(credentials.user_of(one, str(number)))
-        for number, one in enumerate(unknown(3))
+        asyncio.create_task(credentials.user_of(item, str(number)))
+        for number, item in enumerate(unknown(3))
     ]
     await asyncio.sleep(0)
     with pytest.raises(ThrottledError):

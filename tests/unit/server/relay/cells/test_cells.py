@@ -47,7 +47,7 @@ async def test_it_writes_its_own_and_knows_the_others(cells, memory_database):
     await cells.poll()
     assert (memory_database.cells["a"].robots, cells.name) == (2, "a")
     assert cells.peers() == [OTHER]
-    assert [one.host for one in cells.addresses(7)] == ["a.example", "b.example"]
+    assert [address.host for address in cells.addresses(7)] == ["a.example", "b.example"]
 
 
 async def test_a_robot_that_is_sent_elsewhere_comes_back_if_it_cannot_get_there(
@@ -56,7 +56,7 @@ async def test_a_robot_that_is_sent_elsewhere_comes_back_if_it_cannot_get_there(
     """A third cell would send it on to the one that it cannot reach, and so to and fro."""
     memory_database.cells["c"] = replace(OTHER, name="c", host="c.example")
     await cells.poll()
-    found = {tuple(one.host for one in cells.addresses(each, "b")) for each in range(20)}
+    found = {tuple(address.host for address in cells.addresses(each, "b")) for each in range(20)}
     assert found == {("b.example", "a.example", "c.example")}
 
 
@@ -65,12 +65,12 @@ async def test_robots_of_another_region_go_there_next(memory_database):
     settings = cell_settings("a", "a.example", region="eu")
     cells = Cells(settings, memory_database, lambda: 2, region_of={7: "eu", 8: "us"}.get)
     await cells.poll()
-    found = {each: [one.host for one in cells.addresses(each)] for each in (7, 8, 9)}
+    found = {each: [address.host for address in cells.addresses(each)] for each in (7, 8, 9)}
     here = ["a.example", "b.example"]
     assert found == {7: here, 8: ["b.example", "a.example"], 9: here}
     memory_database.cells["b"] = replace(OTHER, region="us", is_alive=False)
     await cells.poll()
-    assert [one.host for one in cells.addresses(8)] == ["a.example"]
+    assert [address.host for address in cells.addresses(8)] == ["a.example"]
 
 
 async def test_a_dead_peer_is_still_one_and_one_without_an_address_is_none(cells, memory_database):
@@ -78,8 +78,8 @@ async def test_a_dead_peer_is_still_one_and_one_without_an_address_is_none(cells
     memory_database.cells["b"] = replace(OTHER, is_alive=False)
     memory_database.cells["c"] = replace(OTHER, name="c", peer_address=None)
     await cells.poll()
-    assert [one.name for one in cells.peers()] == ["b"]
-    assert [one.host for one in cells.addresses(7)] == ["a.example", "b.example"]
+    assert [peer.name for peer in cells.peers()] == ["b"]
+    assert [address.host for address in cells.addresses(7)] == ["a.example", "b.example"]
 
 
 async def test_listeners_hear_of_changes_but_not_of_counts(cells, memory_database, count):
@@ -102,7 +102,7 @@ async def test_without_the_database_all_stays_as_it_was(cells, memory_database, 
     memory_database.down = False
     memory_database.cells["b"] = replace(OTHER, is_alive=False)
     await cells.poll()
-    assert [one.host for one in cells.addresses(7)] == ["a.example", "b.example"]
+    assert [address.host for address in cells.addresses(7)] == ["a.example", "b.example"]
     assert count.times == 1
 
 
@@ -116,7 +116,7 @@ async def test_a_cell_that_does_not_come_back_with_the_database_is_dead(
     memory_database.down = False
     memory_database.cells["b"] = replace(OTHER, is_alive=False)
     await cells.poll()
-    assert [one.host for one in cells.addresses(7)] == ["a.example"]
+    assert [address.host for address in cells.addresses(7)] == ["a.example"]
 
 
 class Taken(MemoryDatabase):

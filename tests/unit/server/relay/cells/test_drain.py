@@ -44,13 +44,13 @@ async def test_robots_are_told_where_to_go_and_leave(memory_database, sim1):
     async with running_relay(memory_database, timing(), CELL) as relay:
         robot = FakeRobot(sim1.id, SESSION_KEY)
         await robot.start(relay.relay.session_port)
-        assert [one["host"] for one in robot.session.configs[-1]["cells"]] == [
+        assert [cell["host"] for cell in robot.session.configs[-1]["cells"]] == [
             "a.example",
             "b.example",
         ]
         set_draining(memory_database, on=True)
         assert await ended(robot.session) == await ended(robot.media) == "cell_draining"
-        assert [one["host"] for one in robot.session.configs[-1]["cells"]] == [
+        assert [cell["host"] for cell in robot.session.configs[-1]["cells"]] == [
             "b.example",
             "a.example",
         ]

@@ -33,7 +33,7 @@ async def stay(*sessions: RobotSession) -> None:
     """Let more time pass than robots must have been there."""
     seen = [session.pings for session in sessions]
     await until(
-        lambda: all(one.pings > 1 + pings for one, pings in zip(sessions, seen, strict=True)),
+        lambda: all(item.pings > 1 + pings for item, pings in zip(sessions, seen, strict=True)),
         "time passes",
     )
     assert [session.bye for session in sessions] == [None] * len(sessions)
@@ -43,15 +43,15 @@ async def test_robots_go_until_cells_are_about_even(memory_database, sim1):
     """Each to the cell with the fewest, which it is told before its bye."""
     async with running_relay(memory_database, timing(robots=1), CELL) as relay:
         sessions = [await session_of(relay, each) for each in (sim1.id, 8, 9)]
-        await until(lambda: sum(one.bye is not None for one in sessions) == 2, "two have gone")
-        gone = [one for one in sessions if one.bye is not None]
-        assert [await ended(one) for one in gone] == ["rebalanced", "rebalanced"]
+        await until(lambda: sum(item.bye is not None for item in sessions) == 2, "two have gone")
+        gone = [item for item in sessions if item.bye is not None]
+        assert [await ended(item) for item in gone] == ["rebalanced", "rebalanced"]
         for session in gone:
             assert [cell["host"] for cell in session.configs[-1]["cells"]] == [
                 "b.example",
                 "a.example",
             ]
-        await stay(*(one for one in sessions if one not in gone))
+        await stay(*(item for item in sessions if item not in gone))
         for session in sessions:
             await session.close()
 

@@ -84,11 +84,11 @@ class Bare:
         return [end.code for end in self.ends]
 
     def audit(self) -> list[tuple[str, str, object]]:
-        lines = [one for one in self.written if isinstance(one, AuditEntry)]
+        lines = [entry for entry in self.written if isinstance(entry, AuditEntry)]
         return [(line.kind, line.actor, dict(line.details)) for line in lines]
 
     def ended(self) -> list[tuple[int, int]]:
-        ends = [one for one in self.written if isinstance(one, LeaseEnd)]
+        ends = [entry for entry in self.written if isinstance(entry, LeaseEnd)]
         return [(end.robot_id, end.fence) for end in ends]
 
 

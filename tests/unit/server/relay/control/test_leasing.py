@@ -143,7 +143,9 @@ async def test_what_a_drive_was_like_stands_in_its_record(
 
     def record() -> DriveEntry | None:
         observer.write_drives()
-        return next((one for one in memory_database.written if isinstance(one, DriveEntry)), None)
+        return next(
+            (entry for entry in memory_database.written if isinstance(entry, DriveEntry)), None
+        )
 
     viewer_stats.count(ANN.id, 5000)
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
@@ -157,7 +159,7 @@ async def test_what_a_drive_was_like_stands_in_its_record(
                 await asyncio.sleep(0.05)
         viewer_stats.count(ANN.id, 700)
         viewer_stats.count(BEN.id, 90)
-        await until(lambda: (one := record()) and one.latency_p50_ms, "a round trip is measured")
+        await until(lambda: (item := record()) and item.latency_p50_ms, "a round trip is measured")
         await socket.close()
         await reading
     await until(lambda: record().ended_at, "the drive is over")
@@ -273,7 +275,9 @@ async def test_without_a_database_nobody_drives_a_robot_without_a_guard(
 
 def leases_written(memory_database) -> list[tuple[type, int]]:
     kinds = LeaseStart | LeaseEnd
-    return [(type(one), one.fence) for one in memory_database.written if isinstance(one, kinds)]
+    return [
+        (type(entry), entry.fence) for entry in memory_database.written if isinstance(entry, kinds)
+    ]
 
 
 @pytest.mark.parametrize("has_older", [False, True])

@@ -157,7 +157,7 @@ async def test_a_port_whose_holder_is_slow_is_not_released():
     with socket.create_server((HOST, 0), backlog=0) as holder, ExitStack() as waiting:
         # The kernel drops what comes when so many wait to be accepted.
         for _ in range(4):
-            one = waiting.enter_context(socket.socket())
-            one.setblocking(False)
-            one.connect_ex(holder.getsockname())
+            item = waiting.enter_context(socket.socket())
+            item.setblocking(False)
+            item.connect_ex(holder.getsockname())
         assert not await wait_released(HOST, holder.getsockname()[1], within_s=0.5)

@@ -40,14 +40,14 @@ def all_grants(database: Database) -> set[tuple[str, str, str]]:
     """Every grant: who, what, level."""
     with database.transaction() as tx:
         found = list_all(tx)
-    return {(one.holder_words, one.scope_words, one.level) for one in found}
+    return {(item.holder_words, item.scope_words, item.level) for item in found}
 
 
 def number_of(database: Database, who: str, what: str) -> int:
     """The number of a grant."""
     with database.transaction() as tx:
         found = [
-            one.id for one in list_all(tx) if (one.holder_words, one.scope_words) == (who, what)
+            item.id for item in list_all(tx) if (item.holder_words, item.scope_words) == (who, what)
         ]
     return found[0]
 
@@ -72,7 +72,7 @@ def test_page_shows_all_that_reach_its_subject(database: Database) -> None:
             "crew": grant_pages.of_group(tx, "crew"),
         }
     found = {
-        name: {(one.holder_words, one.scope_words) for one in given}
+        name: {(item.holder_words, item.scope_words) for item in given}
         for name, given in lists.items()
     }
     everything = ("user olga", "all robots")
@@ -120,7 +120,7 @@ def test_groups_sites_and_all_can_be_chosen(
 ) -> None:
     """In the one form that all pages share; each page offers what it can."""
     page = admin.ask("GET", "/admin/users/ann").text
-    assert all(f'value="{one}"' in page for one in ("robot:sim1", "site:lab", "all"))
+    assert all(f'value="{item}"' in page for item in ("robot:sim1", "site:lab", "all"))
     assert 'value="group:crew"' in admin.ask("GET", "/admin/sites/lab").text
     form = FORM | {"holder": holder, "scope": scope}
     assert send(admin, "/admin/users/ann/grants", **form).status_code == 303

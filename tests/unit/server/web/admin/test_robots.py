@@ -51,16 +51,16 @@ def test_list_shows_who_drives_and_what_is_stopped(
 ) -> None:
     """And finds the robots by it; the robot's own page says it too."""
     with admin_database.transaction() as tx:
-        one, two = (robots.get(tx, name).id for name in ("sim1", "sim2"))
+        first, second = (robots.get(tx, name).id for name in ("sim1", "sim2"))
         tx.change(
             "INSERT INTO control_leases (robot_id, fence, user_name, since) "
             "VALUES (%s, 1, 'ben', '2026-01-31 12:03')",
-            (one,),
+            (first,),
         )
         tx.change(
             "INSERT INTO robot_stops (robot_id, by_name, stopped_at) "
             "VALUES (%s, 'zoe', '2026-01-31 12:04')",
-            (two,),
+            (second,),
         )
     page = admin.ask("GET", "/admin/robots").text
     driven, stopped = (f">2026-01-31 {at}:00 UTC</time>" for at in ("12:03", "12:04"))
@@ -69,9 +69,9 @@ def test_list_shows_who_drives_and_what_is_stopped(
     for state, name in (("driven", "sim1"), ("stopped", "sim2")):
         page = admin.ask("GET", f"/admin/robots?state={state}").text
         assert (page.count('data-testid="row-'), f'data-testid="row-{name}"' in page) == (1, True)
-    one, two = (admin.ask("GET", f"/admin/robots/{name}").text for name in ("sim1", "sim2"))
-    assert re.search(rf"ben is driving \(since <time [^>]*{driven}", one)
-    assert re.search(rf"Stopped by zoe \(<time [^>]*{stopped}", two)
+    first, second = (admin.ask("GET", f"/admin/robots/{name}").text for name in ("sim1", "sim2"))
+    assert re.search(rf"ben is driving \(since <time [^>]*{driven}", first)
+    assert re.search(rf"Stopped by zoe \(<time [^>]*{stopped}", second)
 
 
 def test_list_shows_what_the_search_finds(admin: Browser) -> None:

@@ -67,7 +67,9 @@ def test_guesses_sent_at_once_are_counted_before_they_are_checked(
     """Of twelve no more than five are checked, as when they come one after the other."""
     together = threading.Barrier(12)
     visitors = [Browser(app.test_client()) for _ in range(12)]
-    forms = [{"csrf_token": one.csrf(), "name": "ann", "password": "wrong"} for one in visitors]
+    forms = [
+        {"csrf_token": visitor.csrf(), "name": "ann", "password": "wrong"} for visitor in visitors
+    ]
 
     def guess(number: int) -> int:
         together.wait(20)
@@ -84,9 +86,9 @@ def test_guess_that_was_right_is_given_back(app: Flask, browser: Browser) -> Non
     together = threading.Barrier(4)
     visitors = [Browser(app.test_client()) for _ in range(4)]
 
-    def log_in(one: Browser) -> int:
+    def log_in(item: Browser) -> int:
         together.wait(20)
-        return one.log_in("ann").status_code
+        return item.log_in("ann").status_code
 
     for _ in range(4):
         assert browser.log_in("ann", "wrong").status_code == 401
@@ -94,8 +96,8 @@ def test_guess_that_was_right_is_given_back(app: Flask, browser: Browser) -> Non
     for _ in range(2):
         with ThreadPoolExecutor(4) as threads:
             assert set(threads.map(log_in, visitors)) == {303}
-        for one in visitors:
-            one.client.delete_cookie("__Host-robotether_login", domain="robots.example")
+        for visitor in visitors:
+            visitor.client.delete_cookie("__Host-robotether_login", domain="robots.example")
     assert browser.log_in("ann", "wrong").status_code == 401
 
 

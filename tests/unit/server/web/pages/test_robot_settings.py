@@ -79,7 +79,7 @@ def test_admin_has_every_tab(admin: Browser, path: str, title: str) -> None:
     """Each at its address, of which the tabs say which it is."""
     found = tabs(admin.ask("GET", path).text)
     titles = ("Safety", "Cameras", "Driving", "Buttons", "Permissions")
-    assert found == [(one, one == title) for one in titles]
+    assert found == [(item, item == title) for item in titles]
 
 
 def test_manager_has_the_tabs_of_managers(manager: Browser, database: Database) -> None:
@@ -95,7 +95,7 @@ def test_manager_has_the_tabs_of_managers(manager: Browser, database: Database) 
 
 
 @pytest.mark.parametrize(
-    "path", [*FORMS, *(f"{SETTINGS}/buttons{one}" for one in ("", "/new", "/1", "/1/remove"))]
+    "path", [*FORMS, *(f"{SETTINGS}/buttons{item}" for item in ("", "/new", "/1", "/1/remove"))]
 )
 def test_only_managers_have_the_forms(browser: Browser, manager: Browser, path: str) -> None:
     """Ann may drive sim1 and not see sim2; nobody is sent to log in; may manages sim1."""

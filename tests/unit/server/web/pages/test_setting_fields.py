@@ -58,7 +58,7 @@ def test_field_is_of_the_kind_of_its_default(field: SettingField) -> None:
     assert not field.hint or field.hint.endswith(".")
 
 
-@pytest.mark.parametrize("field", [one for one in FIELDS if one.kind == "choice"])
+@pytest.mark.parametrize("field", [item for item in FIELDS if item.kind == "choice"])
 def test_choices_are_all_there(field: SettingField) -> None:
     """Each with its words, and one for no value if there may be none."""
     values = schemas.member(GivenSettings, field.path).kind.values

@@ -311,11 +311,11 @@ async def test_the_slowest_observer_goes_when_all_have_too_much_to_read(
     monkeypatch.setattr(bridge, "MAX_OBSERVERS_BYTES", int(1.5 * MESSAGE_LIMIT))
     async with (
         http.ws_connect(relay.ros_url(sim1)) as ann,
-        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as one,
-        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as other,
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as first,
+        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as second,
     ):
         await robot.connections(3)
-        transports = [socket._response.connection.transport for socket in (ann, one, other)]
+        transports = [socket._response.connection.transport for socket in (ann, first, second)]
         for transport in transports:
             transport.pause_reading()
         sending = asyncio.create_task(robot.send_to_clients(b"x" * MESSAGE_LIMIT))

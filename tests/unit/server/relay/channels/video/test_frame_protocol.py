@@ -122,16 +122,19 @@ WANTS = st.builds(
 
 
 @given(WANTS, WANTS)
-def test_what_two_want_together_serves_both(one, other):
+def test_what_two_want_together_serves_both(request, other):
     """The best and the quickest that either wants, whoever comes first."""
-    both = combined(one, other)
-    assert both == combined(other, one)
-    assert both.quality_max == max(one.quality_max, other.quality_max)
-    assert both.quality_min == min(one.quality_min, other.quality_min)
-    assert both.fps == max(one.fps, other.fps)
-    assert both.latency_ms == min(one.latency_ms, other.latency_ms)
-    assert pixels(both) == max(pixels(one), pixels(other))
-    assert (both.width, both.height) in {(one.width, one.height), (other.width, other.height)}
+    both = combined(request, other)
+    assert both == combined(other, request)
+    assert both.quality_max == max(request.quality_max, other.quality_max)
+    assert both.quality_min == min(request.quality_min, other.quality_min)
+    assert both.fps == max(request.fps, other.fps)
+    assert both.latency_ms == min(request.latency_ms, other.latency_ms)
+    assert pixels(both) == max(pixels(request), pixels(other))
+    assert (both.width, both.height) in {
+        (request.width, request.height),
+        (other.width, other.height),
+    }
 
 
 def test_the_cameras_own_size_is_the_largest():
