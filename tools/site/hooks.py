@@ -279,12 +279,13 @@ def _kind(schema: dict[str, Any]) -> str:
     if "$ref" in schema:
         name = schema["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
+    if "contentSchema" in schema:
+        kinds = [kind["properties"] for kind in schema["contentSchema"]["items"]["oneOf"]]
+        return "; ".join(f"{_kind(kind['event'])} with {_kind(kind['data'])}" for kind in kinds)
     if "anyOf" in schema:
         return " or ".join(_kind(option) for option in schema["anyOf"])
-    if "enum" in schema:
-        return " or ".join(f"`{json.dumps(option)}`" for option in schema["enum"])
-    if "const" in schema:
-        return f"`{json.dumps(schema['const'])}`"
+    if options := schema.get("enum") or [schema[key] for key in schema if key == "const"]:
+        return " or ".join(f"`{json.dumps(option)}`" for option in options)
     if schema.get("type") == "array":
         return f"list of {_kind(schema.get('items', {}))}"
     bounds = ", ".join(f"{word} {schema[key]}" for key, word in BOUNDS.items() if key in schema)

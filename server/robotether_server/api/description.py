@@ -46,6 +46,7 @@ PATH_TYPES: dict[str, Any] = {
     "service": RosPath,
 }
 Object = dict[str, Any]
+EVENT_STREAM = "text/event-stream"
 # Where it is not an API token or a login.
 SECURITY: dict[Who, list[Object]] = {
     "anybody": [],
@@ -157,6 +158,8 @@ def document() -> Object:
     )
     for component in components.values():
         _without_defaults(component)
+    # A cell may leave members out, the stream does not.
+    components["RobotObject"]["required"] = sorted(components["RobotObject"]["properties"])
     of_types = dict(zip(types, type_schemas, strict=True))
     paths: Object = {}
     for api_operation in operations:
@@ -185,6 +188,7 @@ def _without_defaults(component: Object) -> None:
 
 def _types(operation: ApiOperation) -> Iterator[Any]:
     yield from (kind for kind in (operation.body, *operation.answers.values()) if kind is not None)
+    yield from operation.events.values()
     if operation.query is not None:
         yield from _members(operation.query).values()
 
@@ -225,6 +229,8 @@ def _query_parameters(query: Any, schemas: dict[int, Object]) -> Iterator[Object
 def _responses(operation: ApiOperation, schemas: dict[int, Object]) -> Iterator[tuple[str, Object]]:
     for status, kind in operation.answers.items():
         content = {name: {"schema": {"type": "string"}} for name in operation.texts}
+        if operation.events:
+            content[EVENT_STREAM] = {"schema": _stream(operation.events, schemas)}
         if kind is not None:
             content["application/json"] = {"schema": schemas[id(kind)]}
         description = HTTPStatus(status).phrase
@@ -234,6 +240,20 @@ def _responses(operation: ApiOperation, schemas: dict[int, Object]) -> Iterator[
         )
     for status in sorted(_problems(operation)):
         yield str(int(status)), _ref("responses", PROBLEMS[status][0])
+
+
+def _stream(events: Mapping[str, Any], schemas: dict[int, Object]) -> Object:
+    """Describe a stream of server-sent events: a text, which has these events; the data of each is JSON."""
+    kinds = [
+        {
+            "type": "object",
+            "required": ["event", "data"],
+            "properties": {"event": {"const": name}, "data": schemas[id(kind)]},
+        }
+        for name, kind in events.items()
+    ]
+    items = {"type": "array", "items": {"oneOf": kinds}}
+    return {"type": "string", "contentMediaType": EVENT_STREAM, "contentSchema": items}
 
 
 def _problems(operation: ApiOperation) -> set[int]:

@@ -10,7 +10,7 @@ import datetime as dt
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from http import HTTPStatus
 from inspect import getdoc
 from types import NoneType, UnionType
@@ -43,7 +43,8 @@ Created = tuple[T, Literal[201]]
 class ApiOperation:
     """One operation of the API: a method of a path.
 
-    `texts`: content types of plain answers. `problems`: statuses that `who`, `path`, `body` and `query` do not imply.
+    `texts`: content types of plain answers. `events`: what each server-sent event carries, of a stream of them.
+    `problems`: statuses that `who`, `path`, `body` and `query` do not imply.
     """
 
     method: Method
@@ -58,6 +59,7 @@ class ApiOperation:
     query: Any = None
     answers: Mapping[int, Any]
     texts: tuple[str, ...] = ()
+    events: Mapping[str, Any] = field(default_factory=dict)
     problems: tuple[int, ...] = ()
 
     @property

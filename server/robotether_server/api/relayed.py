@@ -14,6 +14,7 @@ from robotether_server.contract.control import (
     StoppedRobotList,
     StopReason,
 )
+from robotether_server.contract.robots import EVENTS
 from robotether_server.contract.ros import (
     ServiceAnswer,
     ServiceArgs,
@@ -31,10 +32,12 @@ RELAYED = (
         path="/events",
         name="events",
         summary="Follow the fleet, live",
-        details="Server-sent events `fleet`, `robot` and `removed`, without an end.",
+        details="Server-sent events without an end, of the robots that the caller may see: `fleet` with all of them, "
+        "then `robot` at each change of one, and `removed`. After 10 s without an event a comment. A user may have 32 "
+        "at once.",
         who="user",
         answers={200: None},
-        texts=("text/event-stream",),
+        events=EVENTS,
     ),
     ApiOperation(
         method="GET",

@@ -1,25 +1,28 @@
 """The robot object of the event stream: a row of the database, and what the robot's cell knows of it."""
 
-from msgspec import Struct
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from msgspec import Meta, Struct
 from robotether_common.session import Battery
 
 from robotether_server.contract.control import NO_CONTROL, ControlObject, TimestampText
 
+# A cell of a newer version may send other ones.
+ServiceText = Annotated[str, Meta(extra_json_schema={"enum": ["down", "ok", "unknown"]})]
+StateText = Annotated[str, Meta(extra_json_schema={"enum": ["active", "disabled", "pending"]})]
+
 
 class LiveState(Struct, frozen=True, kw_only=True):
-    """What the cell that has a robot knows of it.
-
-    `since`: the last change of `online`; None: it was never seen. `end_code`: why its last session ended; None:
-    unknown. `ros`, `video`: ok, down or unknown. Of a robot that left a cell, its report says nothing.
-    """
+    """What the cell that has a robot knows of it. Of a robot that left a cell, its report says nothing."""
 
     online: bool = False
     since: TimestampText | None = None
     end_code: str | None = None
     address: str | None = None
     rtt_ms: float | None = None
-    ros: str = "unknown"
-    video: str = "unknown"
+    ros: ServiceText = "unknown"
+    video: ServiceText = "unknown"
     drivers: list[str] = []
     observers: int = 0
     agent_version: str | None = None
@@ -28,10 +31,15 @@ class LiveState(Struct, frozen=True, kw_only=True):
 
 
 class RobotObject(LiveState, frozen=True, kw_only=True):
-    """A robot as the clients of the event stream get it; `offline_reason` None: it is online."""
+    """A robot, live. Null is unknown, but for what follows.
+
+    `since`: the last change of `online`; null: it was never seen. `end_code`: why its last session ended; null also if
+    it is online. `offline_reason`: the same for people; null: it is online. `site`: null: none. `rtt_ms`: of the line
+    between server and robot. `drivers`: at most one user. `battery`: null also if it reports none.
+    """
 
     name: str
-    state: str
+    state: StateText
     site: str | None
     offline_reason: str | None
 
@@ -40,3 +48,11 @@ class RemovedRobot(Struct, frozen=True):
     """A robot that a client may no longer see, or that has another name now."""
 
     name: str
+
+
+# What each event of the stream carries.
+EVENTS: Mapping[str, Any] = {
+    "fleet": list[RobotObject],
+    "robot": RobotObject,
+    "removed": RemovedRobot,
+}

@@ -4,16 +4,16 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-# A camera or a topic of which the robot sends one copy for all; what passes from the robot's own video server as it
-# is; what the connections of people and programs to rosbridge bring besides topics.
 UplinkKind = Literal["camera", "topic", "video", "rosbridge"]
 
 
 class UplinkStream(Struct, frozen=True):
     """One stream: bytes a second over the last 1 to 5 s (None: not measured), and who causes it.
 
-    `name`: the topic, empty for `video` and `rosbridge`. `people`: users, each counted once. `yours`: the caller is
-    one of them.
+    Of a `camera`, and of a `topic` with the same settings, the robot sends one copy for all; copies of a topic are
+    added up. `video`: what its web_video_server answers directly. `rosbridge`: what clients' connections carry besides
+    topics, such as answers of services. `name`: the topic, empty for `video` and `rosbridge`. `people`: users, each
+    counted once. `yours`: the caller is one of them. A message counts while it arrives.
     """
 
     kind: UplinkKind

@@ -49,7 +49,7 @@ class Reader:
     def _inner(self, found: Schema) -> Schema:
         if "properties" in found:
             found["properties"] = {k: self.schema(v) for k, v in found["properties"].items()}
-        for key in ("items", "additionalProperties"):
+        for key in ("items", "additionalProperties", "contentSchema"):
             if isinstance(found.get(key), dict):
                 found[key] = self.schema(found[key])
         return found

@@ -9,7 +9,9 @@ from dataclasses import replace
 
 import pytest
 from fake_robot import WAIT_S, FakeRobot
+from jsonschema import Draft202012Validator
 from relay_server import SESSION_KEY, MemoryDatabase, until, utc
+from robotether_server.api.description import document
 from robotether_server.contract.control import NO_CONTROL, ControlObject
 from robotether_server.db.fleet import RelayUser, Snapshot
 from robotether_server.relay.auth.connections import Caps, Connections
@@ -115,8 +117,20 @@ def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots
     assert fleet_events.describe(row).agent_version == "0.2.0"
 
 
+def validators() -> dict[str, Draft202012Validator]:
+    """What the description of the API says of the data of each event."""
+    api = document()
+    [content] = api["paths"]["/api/v1/events"]["get"]["responses"]["200"]["content"].values()
+    kinds = [kind["properties"] for kind in content["schema"]["contentSchema"]["items"]["oneOf"]]
+    shared = {"components": api["components"], "unevaluatedProperties": False}
+    return {kind["event"]["const"]: Draft202012Validator(kind["data"] | shared) for kind in kinds}
+
+
+VALIDATORS = validators()
+
+
 class Events:
-    """A client's view of the stream."""
+    """A client's view of the stream, which is as the API describes it."""
 
     def __init__(self, answer) -> None:
         self._content = answer.content
@@ -130,8 +144,10 @@ class Events:
                     continue
                 head, data = block.strip().split("\n")
                 event = head.removeprefix("event: ")
+                sent = json.loads(data.removeprefix("data: "))
+                VALIDATORS[event].validate(sent)
                 if name in {None, event}:
-                    return event, json.loads(data.removeprefix("data: "))
+                    return event, sent
 
     async def ended(self) -> None:
         """Read until the relay ends the stream."""
