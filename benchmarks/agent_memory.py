@@ -21,6 +21,7 @@ import pandas as pd
 from demo import ROOT
 from fake_cloud import FakeCloud, agent_environ, eventually
 from openssh_server import command_line, descendants
+from recording_server import running_agent
 from report import Row, Section
 from robotether_agent.status import read_status
 
@@ -87,23 +88,16 @@ async def measured() -> list[Row]:
         await cloud.start()
         urls = {"rosbridge_url": f"ws://127.0.0.1:{port}", "log_level": "warning"}
         packages = installed(place / "packages")
-        process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            *("-m", "robotether_agent", "run"),
-            env={**os.environ, **agent_environ(cloud, place, **urls), "PYTHONPATH": str(packages)},
-        )
-        try:
+        environ = {**agent_environ(cloud, place, **urls), "PYTHONPATH": str(packages)}
+        agent = await stack.enter_async_context(running_agent(environ))
 
-            def is_connected() -> bool:
-                status = read_status(place / "run")
-                return status is not None and status.video_tunnel == "open"
+        def is_connected() -> bool:
+            status = read_status(place / "run")
+            return status is not None and status.video_tunnel == "open"
 
-            await eventually(is_connected, lambda: "the agent is connected", 60)
-            await asyncio.sleep(SETTLED_AFTER_S)
-            return [memory_of(pid) for pid in (process.pid, *descendants(process.pid))]
-        finally:
-            process.terminate()
-            await process.wait()
+        await eventually(is_connected, lambda: "the agent is connected", 60)
+        await asyncio.sleep(SETTLED_AFTER_S)
+        return [memory_of(pid) for pid in (agent, *descendants(agent))]
 
 
 def rows_of(memories: Sequence[Row]) -> pd.DataFrame:

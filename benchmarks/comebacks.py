@@ -11,18 +11,19 @@ from __future__ import annotations
 import asyncio
 import math
 import os
-import re
 import signal
 import sys
 import time
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from http.client import HTTPException
 
-import aiohttp
 import processes
 from demo import Demo
-from local_network import insecure_tls
+from logins import Login
+from paper.client import FAILURES, Client, new_http
+from programs import open_echo
 from report import NONE, Row, Section
 
 DRIVEN, LOGS_IN = "sim1", "sim2"
@@ -33,7 +34,7 @@ GIVE_UP_S = 180.0
 CALM_S = 12.0
 ATTEMPT_S = 10.0
 PAUSE_S = 1.0
-CSRF = re.compile(r'name="csrf_token" value="([^"]+)"')
+BROKEN_ANSWERS = (AssertionError, HTTPException, KeyError, TypeError, ValueError)
 # As the agent logs in, but for its session, which the relay would put in place of the agent's own.
 SSH_LOG_IN = (
     "cd /var/lib/robotether-agent && rm -f /tmp/{port}.ctl && "
@@ -90,9 +91,7 @@ class Sign:
             began = time.monotonic()
             succeeded = False
             # An attempt fails in whatever way the stack does.
-            with suppress(
-                OSError, TimeoutError, aiohttp.ClientError, ValueError, KeyError, TypeError
-            ):
+            with suppress(*FAILURES, *BROKEN_ANSWERS):
                 succeeded = await asyncio.wait_for(self.attempt(), ATTEMPT_S)
             self.tries.append((began, time.monotonic(), succeeded))
             await asyncio.sleep(PAUSE_S)
@@ -119,8 +118,8 @@ class Attempts:
 
     def __init__(self, demo: Demo) -> None:
         # Asked for while all is well: they start programs.
-        self._url, self._password = demo.url, demo.admin_password
-        self._token = {"Authorization": f"Bearer {demo.token}"}
+        self._address, self._url = demo.address, demo.url
+        self._password, self._token = demo.admin_password, demo.token
         self._open_url = ""
         if demo.runs("direct"):
             port = demo.compose("port", "direct", "20000").strip().rpartition(":")[2]
@@ -142,56 +141,25 @@ class Attempts:
             *([Sign("open port dead", self._answers_at_open_port)] if self._open_url else []),
         ]
 
-    def _http(self) -> aiohttp.ClientSession:
-        """A client without connections of before, which might be better or worse off than new ones."""
-        return aiohttp.ClientSession(
-            connector=aiohttp.TCPConnector(ssl=insecure_tls()),
-            cookie_jar=aiohttp.CookieJar(unsafe=True),
-        )
-
     async def _is_healthy(self) -> bool:
-        async with self._http() as http, http.get(f"{self._url}/healthz") as answer:
+        async with new_http() as http, http.get(f"{self._url}/healthz") as answer:
             return answer.status == 200
 
     async def _logs_in(self) -> bool:
-        door = f"{self._url}/login"
-        async with self._http() as http:
-            async with http.get(door) as answer:
-                form = CSRF.search(await answer.text())
-            if form is None:
-                return False
-            fields = {
-                "csrf_token": form[1],
-                "name": "admin",
-                "password": self._password,
-                "next": "",
-            }
-            async with http.post(
-                door, data=fields, headers={"Referer": door}, allow_redirects=False
-            ) as answer:
-                return answer.status == 303
+        login = await asyncio.to_thread(Login, self._url, "admin", self._password)
+        return login.is_in
 
     async def _drives(self) -> bool:
         """A new drive connection passes a message to the robot and back."""
-        async with self._http() as http:
-            wanted = {"robot": DRIVEN, "mode": "drive"}
-            async with http.post(
-                f"{self._url}/api/v1/tickets", json=wanted, headers=self._token
-            ) as answer:
-                ticket = (await answer.json())["ticket"]
-            url = f"{self._url}/robots/{DRIVEN}/ros?ticket={ticket}"
-            async with http.ws_connect(url) as socket:
-                topic = {"topic": "/comebacks", "type": "std_msgs/String"}
-                await socket.send_json({"op": "subscribe", **topic})
-                await socket.send_json({"op": "advertise", **topic})
-                await socket.send_json({"op": "publish", **topic, "msg": {"data": "there"}})
-                while (await socket.receive_json()).get("topic") != topic["topic"]:
-                    pass
+        async with new_http() as http:
+            client = Client(http, self._address, self._token, ATTEMPT_S)
+            async with await client.connect(DRIVEN) as socket:
+                await open_echo(socket, "/comebacks")
                 return True
 
     async def _answers_at_open_port(self) -> bool:
         """The first robot's rosbridge answers at its published port."""
-        async with self._http() as http, http.ws_connect(self._open_url):
+        async with new_http() as http, http.ws_connect(self._open_url):
             return True
 
     async def _ssh_logs_in(self, port: str) -> bool:

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 import aiohttp
 from demo import Demo
 from paper.robots import ROSBRIDGE_PORT
-from relay_server import until
 from report import Row, Section
-from video import RELAY_PORT, ROBOT, Usage
+from video import RELAY_PORT, ROBOT, Usage, going_on
 
 SENSORS = ("/scan", "/odom", "/map")
 SENSOR_COUNTS = (1, 20)
@@ -27,8 +26,6 @@ FAST, FAST_TYPE, FAST_HZ = "/fan_out", "std_msgs/String", 1000
 FAST_COUNTS = (1, 5, 9)
 FAST_BYTES = 100
 SECONDS = 20.0
-# Time limit for each observer's first message of each topic: the media connection may have to log in.
-STARTS_WITHIN_S = 30.0
 # Time after which no subscription of the run before is left: the robot keeps the last one's for 0.5 s.
 SETTLE_S = 2.0
 AIM_TIMES, AIM_PERCENT = 1.05, 15
@@ -70,30 +67,16 @@ class Observer:
 async def observing(
     urls: Sequence[str], topics: Sequence[str]
 ) -> AsyncIterator[Sequence[Observer]]:
-    """Observers, one a URL; each has had all topics when this begins, and none may end before its end."""
+    """Observers, one a URL; each has had all topics when this begins."""
     observers = [Observer(topics) for _ in urls]
+    what = f"each of {len(urls)} observers has {', '.join(topics)}"
     async with aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0)) as http:
-        tasks = [
-            asyncio.create_task(observer.observe(http, url, topics))
+        works = [
+            observer.observe(http, url, topics)
             for observer, url in zip(observers, urls, strict=True)
         ]
-        try:
-            await until(
-                lambda: (
-                    not any(item.missing for item in observers)
-                    or any(task.done() for task in tasks)
-                ),
-                f"each of {len(urls)} observers has {', '.join(topics)}",
-                STARTS_WITHIN_S,
-            )
+        async with going_on(works, lambda: not any(item.missing for item in observers), what):
             yield observers
-            for task in tasks:
-                if task.done():
-                    task.result()
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def publish_fast(url: str) -> None:

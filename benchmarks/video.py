@@ -13,7 +13,7 @@ import asyncio
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,26 +107,36 @@ async def view_stream(http: aiohttp.ClientSession, url: str, on_frame: OnFrame, 
 
 
 @asynccontextmanager
+async def going_on(
+    works: Iterable[Awaitable[None]],
+    have_begun: Callable[[], bool],
+    what: str,
+    within_s: float = STARTS_WITHIN_S,
+) -> AsyncIterator[None]:
+    """Works beside the block, which begins when all have begun; none may end before its end."""
+    tasks = [asyncio.ensure_future(work) for work in works]
+    try:
+        await until(lambda: have_begun() or any(task.done() for task in tasks), what, within_s)
+        yield
+        for task in tasks:
+            if task.done():
+                task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+@asynccontextmanager
 async def looking(
     views: Sequence[View], what: str, within_s: float = STARTS_WITHIN_S
 ) -> AsyncIterator[list[list[Frame]]]:
-    """Viewers, each with its own frames; all have one when this begins, and none may end before its end."""
+    """Viewers, each with its own frames; all have one when this begins."""
     seen: list[list[Frame]] = [[] for _ in views]
     async with aiohttp.ClientSession() as http:
-        tasks = [
-            asyncio.ensure_future(view(http, own.append))
-            for view, own in zip(views, seen, strict=True)
-        ]
-        try:
-            await until(lambda: all(seen) or any(task.done() for task in tasks), what, within_s)
+        works = [view(http, own.append) for view, own in zip(views, seen, strict=True)]
+        async with going_on(works, lambda: all(seen), what, within_s):
             yield seen
-            for task in tasks:
-                if task.done():
-                    task.result()
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def viewed(where: str, transport: str, view: View, seconds: float) -> Row:

@@ -10,27 +10,26 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import json
 import os
 import shutil
 import signal
 import ssl
 import tempfile
 import threading
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from http import HTTPStatus
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 import docker
 from docker.models.containers import Container
+from docker_engine import machine_address
 from inside import run_inside
-from local_network import insecure_tls
+from local_network import request_json
 from robotether_agent import settings as agent_settings
 from robotether_agent.enrolment.enroller import Enroller
 from stack import Stack
@@ -70,16 +69,13 @@ class World:
 
     @cached_property
     def machine(self) -> str:
-        """This machine's address at which published ports answer as they do to the network, also from uplinks.
-
-        Not localhost, which Docker serves by a proxy process of its own: from outside no such process is in the way.
-        """
-        bridge = docker.from_env().networks.get("bridge")
-        return str(bridge.attrs["IPAM"]["Config"][0]["Gateway"])
+        """This machine's address for published ports, also from uplinks."""
+        return machine_address(docker.from_env())
 
     @cached_property
     def https_port(self) -> int:
-        return self._published("nginx", HTTPS)
+        ports = self.container("nginx").attrs["NetworkSettings"]["Ports"]
+        return int(ports[HTTPS][0]["HostPort"])
 
     @property
     def address(self) -> str:
@@ -109,24 +105,13 @@ class World:
         return done.stdout
 
     def api(self, method: str, path: str, body: Mapping[str, object] | None = None) -> Any:
-        """One request to /api/v1 + `path` as an admin; the parsed answer, None when it is empty."""
-        request = urllib.request.Request(
-            f"https://{self.address}/api/v1{path}",
-            method=method,
-            data=None if body is None else json.dumps(body).encode(),
-            headers={"Content-Type": "application/json", "Authorization": f"Bearer {self.token}"},
-        )
-        try:
-            with urllib.request.urlopen(
-                request, context=self._tls, timeout=ANSWERS_WITHIN_S
-            ) as answer:
-                return json.loads(answer.read() or b"null")
-        except urllib.error.HTTPError as error:
-            with error:
-                words = error.read().decode(errors="replace")
-            raise RuntimeError(
-                f"cannot {method} {path}: status {error.code}: {words[:500]}"
-            ) from error
+        """One request to /api/v1 + `path` as an admin; the parsed answer."""
+        headers = {"Authorization": f"Bearer {self.token}"}
+        url = f"https://{self.address}/api/v1{path}"
+        status, answer = request_json(method, url, body, headers, ANSWERS_WITHIN_S)
+        if status >= HTTPStatus.BAD_REQUEST:
+            raise RuntimeError(f"cannot {method} {path}: status {status}: {answer!s:.500}")
+        return answer
 
     def ticket(self, robot: str, mode: str) -> str:
         """Permission to open one connection: "observe" or "drive"."""
@@ -157,14 +142,6 @@ class World:
     @cached_property
     def token(self) -> str:
         return self.exec("web", "robotether", "token", "create", *TOKEN).split()[-1]
-
-    @cached_property
-    def _tls(self) -> ssl.SSLContext:
-        return insecure_tls()
-
-    def _published(self, service: str, port: str) -> int:
-        ports = self.container(service).attrs["NetworkSettings"]["Ports"]
-        return int(ports[port][0]["HostPort"])
 
     def _robot(self, name: str) -> Enrolled:
         number = next(_numbers)

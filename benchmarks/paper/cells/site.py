@@ -13,8 +13,6 @@ import socket
 import struct
 import subprocess
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
@@ -26,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from cells import first_cell, second_cell
 from inside import run_inside
-from local_network import insecure_tls
+from local_network import request_json
 
 from paper.world import Enrolled, World
 
@@ -142,13 +140,7 @@ class Cell:
 
     def _status(self, path: str) -> int:
         try:
-            with urllib.request.urlopen(
-                f"https://{self.address}{path}", context=insecure_tls(), timeout=2
-            ) as answer:
-                return int(answer.status)
-        except urllib.error.HTTPError as error:
-            with error:
-                return error.code
+            return request_json("GET", f"https://{self.address}{path}", timeout_s=2)[0]
         except OSError:
             return 0
 

@@ -6,16 +6,15 @@ again; sim1's cameras freeze, it is stopped and released, and sim3 is switched o
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from http import HTTPStatus
 
 from demo import ROOT, Demo
-from local_network import insecure_tls
+from local_network import request_json
 from pages import (
     Site,
     answer,
@@ -271,13 +270,8 @@ def shoot_admin_pages(camera: Camera) -> None:
 @contextmanager
 def a_stranger(site: Site, browser: Browser) -> Iterator[None]:
     """A machine that waits for approval, until the pictures are taken."""
-    body = RobotSigner(1).join(STRANGERS_MAC)
-    request = urllib.request.Request(
-        f"{site.url}/api/v1/join",
-        data=json.dumps(body).encode(),
-        headers={"Content-Type": "application/json"},
-    )
-    urllib.request.urlopen(request, timeout=10, context=insecure_tls()).close()
+    status, _ = request_json("POST", f"{site.url}/api/v1/join", RobotSigner(1).join(STRANGERS_MAC))
+    assert status in (HTTPStatus.OK, HTTPStatus.ACCEPTED)
     try:
         yield
     finally:

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import aiohttp
 from docker.models.containers import Container
+from docker_engine import address_of
 from loop_thread import LoopThread
 
 
@@ -41,8 +42,7 @@ class SimWatch(LoopThread):
     topics = ("/cmd_vel", "/pose")
 
     def __init__(self, stack: Containers, sim: str) -> None:
-        networks = stack.container(sim).attrs["NetworkSettings"]["Networks"]
-        self._url = f"ws://{next(iter(networks.values()))['IPAddress']}:9090/"
+        self._url = f"ws://{address_of(stack.container(sim))}:9090/"
         super().__init__(f"{self.topics[-1]} from {self._url}")
         self._seen: dict[str, deque[Seen]] = {topic: deque(maxlen=4000) for topic in self.topics}
 

@@ -1,11 +1,16 @@
-"""What every test that talks to this machine itself needs: a free port, and TLS with a self-signed certificate."""
+"""What every test that talks to this machine itself needs: a free port, and requests to a self-signed certificate."""
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import socket
 import ssl
+import urllib.error
+import urllib.request
+from collections.abc import Mapping
+from typing import Any
 
 # Below the ports that the kernel gives to clients and to servers on port 0: one of those would otherwise take a port
 # that a test has only noted down so far. Above those of robots, which test_direct publishes, and those that are kept
@@ -55,3 +60,32 @@ def insecure_tls() -> ssl.SSLContext:
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
     return context
+
+
+def request_json(
+    method: str,
+    url: str,
+    body: Mapping[str, object] | None = None,
+    headers: Mapping[str, str] | None = None,
+    timeout_s: float = 10,
+) -> tuple[int, Any]:
+    """One HTTPS request; status and the parsed JSON (or text)."""
+    request = urllib.request.Request(
+        url,
+        method=method,
+        data=None if body is None else json.dumps(body).encode(),
+        headers={"Content-Type": "application/json", **(headers or {})},
+    )
+    try:
+        with urllib.request.urlopen(request, timeout=timeout_s, context=insecure_tls()) as answer:
+            return answer.status, _parsed(answer.read())
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, _parsed(error.read())
+
+
+def _parsed(body: bytes) -> Any:
+    try:
+        return json.loads(body)
+    except ValueError:
+        return body.decode(errors="replace")

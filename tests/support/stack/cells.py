@@ -10,18 +10,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import docker
+from docker_engine import machine_address
 from local_network import free_port
+from mariadb_server import engine
 from stack import PROJECT, Stack
-
-
-def _gateway() -> str:
-    """This machine as all containers and the tests reach it."""
-    client = docker.from_env()
-    try:
-        return str(client.networks.get("bridge").attrs["IPAM"]["Config"][0]["Gateway"])
-    finally:
-        client.close()
 
 
 def _settings(name: str, compose_file: str, host: str) -> dict[str, object]:
@@ -40,7 +32,8 @@ def _settings(name: str, compose_file: str, host: str) -> dict[str, object]:
 def first_cell(folder: Path, name: str = "a") -> Stack:
     """Cell a, or another, which has a database; not yet started."""
     port = free_port()
-    settings = _settings(name, "database.yaml", _gateway())
+    with engine() as docker_engine:
+        settings = _settings(name, "database.yaml", machine_address(docker_engine))
     published = {"DB_PORT": port, "DB_PUBLISH": f"{settings['DB_HOST']}:{port}"}
     return Stack(folder, project=f"{PROJECT}-{name}", settings=settings | published)
 

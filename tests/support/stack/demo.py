@@ -8,14 +8,15 @@ from __future__ import annotations
 import json
 import subprocess
 import time
-import urllib.request
 from functools import cached_property
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
 import docker
 from docker.models.containers import Container
-from local_network import insecure_tls
+from docker_engine import address_of, container_of, machine_address
+from local_network import request_json
 
 ROOT = Path(__file__).resolve().parents[3]
 TOKEN_NAME = "bench"
@@ -51,26 +52,16 @@ class Demo:
 
     def container(self, service: str) -> Container:
         """The container of a service."""
-        labels = [
-            f"com.docker.compose.project={self.project}",
-            f"com.docker.compose.service={service}",
-        ]
-        [found] = self.engine.containers.list(all=True, filters={"label": labels})
-        return found
+        return container_of(self.engine, self.project, service)
 
     def address_of(self, service: str) -> str:
-        """The address of a container in one of its networks, which this machine reaches and nobody else does."""
-        networks = self.container(service).attrs["NetworkSettings"]["Networks"]
-        return str(next(iter(networks.values()))["IPAddress"])
+        """The address of a service's container, which this machine reaches and nobody else does."""
+        return address_of(self.container(service))
 
     @cached_property
     def address(self) -> str:
-        """HOST:PORT of https at which the published ports answer as they do to the network.
-
-        Not localhost, which Docker serves by a proxy process of its own: from outside no such process is in the way.
-        """
-        bridge = self.engine.networks.get("bridge").attrs["IPAM"]["Config"][0]["Gateway"]
-        return f"{bridge}:{self.https_port}"
+        """HOST:PORT of https at which the published ports answer as they do to the network."""
+        return f"{machine_address(self.engine)}:{self.https_port}"
 
     @cached_property
     def https_port(self) -> int:
@@ -97,15 +88,12 @@ class Demo:
         ).split()[-1]
 
     def ask(self, method: str, path: str, body: dict[str, object] | None = None) -> Any:
-        """One request to the server's API; the parsed answer."""
-        request = urllib.request.Request(
-            f"{self.url}{path}",
-            method=method,
-            data=None if body is None else json.dumps(body).encode(),
-            headers={"Content-Type": "application/json", "Authorization": f"Bearer {self.token}"},
-        )
-        with urllib.request.urlopen(request, context=insecure_tls(), timeout=10) as answer:
-            return json.load(answer)
+        """One request to the server's API; the parsed answer. Raises ConnectionError for an error's."""
+        headers = {"Authorization": f"Bearer {self.token}"}
+        status, answer = request_json(method, f"{self.url}{path}", body, headers)
+        if status >= HTTPStatus.BAD_REQUEST:
+            raise ConnectionError(f"cannot {method} {path}: {status} {answer}")
+        return answer
 
     def ticket(self, robot: str, mode: str) -> str:
         """A ticket for one connection."""

@@ -65,8 +65,8 @@ class RecordingServer(FakeCloud):
 
 
 @asynccontextmanager
-async def running_agent(environ: dict[str, str]) -> AsyncIterator[None]:
-    """Run the agent as its boot service does."""
+async def running_agent(environ: dict[str, str]) -> AsyncIterator[int]:
+    """Run the agent as its boot service does; its process' number."""
     environ = {
         "PATH": os.environ["PATH"],
         "PYTHONPATH": f"{ROOT / 'agent'}:{ROOT / 'common'}",
@@ -76,7 +76,7 @@ async def running_agent(environ: dict[str, str]) -> AsyncIterator[None]:
         sys.executable, "-m", "robotether_agent", "run", env=environ
     )
     try:
-        yield
+        yield agent.pid
     finally:
         agent.terminate()
         await agent.wait()

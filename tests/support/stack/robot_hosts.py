@@ -26,6 +26,7 @@ from typing import Any, Self, TypeVar
 
 import docker
 from docker.models.containers import Container
+from docker_engine import machine_address
 from inside import run_inside
 from local_network import free_port
 from openssh_server import make_key, wait_until
@@ -218,10 +219,7 @@ class RobotHosts:
     @property
     def server_host(self) -> str:
         """The address of this machine that both its own programs and the hosts reach."""
-        return str(
-            self.engine.networks.get("bridge").attrs["IPAM"]["Config"][0].get("Gateway")
-            or "172.17.0.1"
-        )
+        return machine_address(self.engine)
 
     def boot(
         self, name: str, *, image: str = IMAGE, mac: str | None = None, **options: Any

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import aiohttp
+from docker_engine import address_of
 from sim_watch import Containers
 
 ANSWER_S = 10
@@ -17,8 +18,7 @@ ANSWER_S = 10
 
 def call_sim(stack: Containers, sim: str, service: str, **args: Any) -> dict[str, Any]:
     """Call a service and return its values; fail when the simulator says that it failed."""
-    networks = stack.container(sim).attrs["NetworkSettings"]["Networks"]
-    url = f"ws://{next(iter(networks.values()))['IPAddress']}:9090/"
+    url = f"ws://{address_of(stack.container(sim))}:9090/"
     # A thread of its own, as Playwright keeps a loop running in this one.
     with ThreadPoolExecutor(1) as pool:
         answer = pool.submit(asyncio.run, _call(url, service, args)).result()

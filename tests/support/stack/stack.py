@@ -6,12 +6,10 @@ ask the daemons through `exec`, and hurt single containers through the engine's 
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import time
 import urllib.error
-import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -23,8 +21,9 @@ from typing import Any, TypeVar
 import docker
 import image_names
 from docker.models.containers import Container
+from docker_engine import container_of
 from inside import run_inside
-from local_network import free_port, insecure_tls
+from local_network import free_port, request_json
 from logins import Login
 from openssh_server import wait_until
 from stack_admin import Admin
@@ -161,13 +160,7 @@ class Stack:
 
     def container(self, service: str) -> Container:
         """The container of a service, to stop, pause or kill."""
-        labels = [
-            f"com.docker.compose.project={self.project}",
-            f"com.docker.compose.service={service}",
-        ]
-        found = self.engine.containers.list(all=True, filters={"label": labels})
-        assert len(found) == 1, f"{len(found)} containers of service {service}"
-        return found[0]
+        return container_of(self.engine, self.project, service)
 
     def logs(self, *services: str, lines: int = 40) -> str:
         """The end of the services' logs, for a test that fails."""
@@ -242,18 +235,7 @@ class Stack:
         headers: dict[str, str] | None = None,
     ) -> tuple[int, Any]:
         """One HTTPS request; status and the parsed JSON (or text). The certificate is self-signed."""
-        request = urllib.request.Request(
-            self.url + path,
-            method=method,
-            data=None if body is None else json.dumps(body).encode(),
-            headers={"Content-Type": "application/json", **(headers or {})},
-        )
-        try:
-            with urllib.request.urlopen(request, timeout=10, context=insecure_tls()) as answer:
-                return answer.status, _parsed(answer.read())
-        except urllib.error.HTTPError as error:
-            with error:
-                return error.code, _parsed(error.read())
+        return request_json(method, self.url + path, body, headers)
 
     def token(self, name: str, user: str = "admin") -> str:
         """A new API token, which a login of admin makes: no token may make another."""
@@ -318,10 +300,3 @@ def database_away(stack: Stack) -> Iterator[None]:
         stack.wait_healthy("mysql")
         # A relay that is still trying to reach the one that is gone hears of changes seconds late.
         stack.wait_for_changes("sim1")
-
-
-def _parsed(body: bytes) -> Any:
-    try:
-        return json.loads(body)
-    except ValueError:
-        return body.decode(errors="replace")

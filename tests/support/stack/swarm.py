@@ -17,6 +17,7 @@ from typing import Self, TypeVar
 import docker
 from docker.models.containers import Container
 from docker.types import Mount
+from docker_engine import address_of
 from image_names import BUILD, image
 from inside import run_inside
 from openssh_server import wait_until
@@ -36,8 +37,7 @@ class Node:
     def address(self) -> str:
         """Where the other nodes and this machine reach it."""
         self.container.reload()
-        (network,) = self.container.attrs["NetworkSettings"]["Networks"].values()
-        return str(network["IPAddress"])
+        return address_of(self.container)
 
     def run(self, command: str, **environment: str) -> str:
         """Run a shell command on the machine and return what it printed."""
